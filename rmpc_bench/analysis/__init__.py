@@ -1,0 +1,1 @@
+"""Numbers from the table of trials, nothing else."""

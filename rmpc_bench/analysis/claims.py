@@ -1,0 +1,250 @@
+"""What a paper says, judged on the stored trials.
+
+A statement is judged as we read it on the experiment as we read it; nothing here scores a paper.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rmpc_bench.analysis.claim_comparison import Compared, compared
+from rmpc_bench.analysis.claim_evaluation import EvaluationError, Evaluator
+from rmpc_bench.analysis.claim_grammar import ClaimError, parse, parse_expression
+from rmpc_bench.analysis.statistics import decimals
+from rmpc_bench.analysis.trials import Trials
+
+
+@dataclass(frozen=True)
+class Stated:
+    """The size that a paper gives: the expression `of` is `value` +- `tolerance` (absolute); `text` as printed."""
+
+    of: str
+    value: float
+    tolerance: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement of a paper.
+
+    Parameters
+    ----------
+    says : the statement, in one sentence
+    source : where it stands
+    check : comparisons, see `claim_grammar`; empty when nothing here can test it
+    finding : the recorded finding
+    stated : what the paper gives, as a text or as a size that is checked when all comparisons hold
+    chosen : what we had to choose, and why
+    """
+
+    says: str
+    source: str
+    check: tuple[str, ...]
+    finding: str | None = None
+    stated: str | Stated | None = None
+    chosen: str | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The computed finding of a claim, with its numbers.
+
+    Parameters
+    ----------
+    claim : what was judged
+    finding : found, found-smaller, found-larger, partly, undecided, not found or not testable
+    numbers : one record per comparison that could be evaluated
+    seed, n_runs : of the experiment
+    reason : why a comparison could not be evaluated; else empty
+    size : value of the stated expression, None where none is stated
+    """
+
+    claim: Claim
+    finding: str
+    numbers: tuple[Compared, ...]
+    seed: int
+    n_runs: int
+    reason: str = ""
+    size: float | None = None
+
+
+def judge(claim: Claim, trials: Trials) -> Verdict:
+    """Compute the finding of a claim.
+
+    Parameters
+    ----------
+    claim : the claim
+    trials : the table of trials
+
+    Returns
+    -------
+    the verdict; a claim that cannot be evaluated is undecided, with the reason
+    """
+    numbers, reasons, size = [], [], None
+    for check in claim.check:
+        try:
+            chain = parse(check)
+        except ClaimError as error:
+            reasons.append(f"{check}: {error}")
+            continue
+        for statement in (chain,) if chain.everywhere else chain.links:
+            try:
+                numbers.append(compared(statement, trials))
+            except EvaluationError as error:
+                reasons.append(f"{statement.text}: {error}")
+    if isinstance(claim.stated, Stated):
+        try:
+            node = parse_expression(claim.stated.of)
+            size = Evaluator(trials, node).number(node)
+        except (ClaimError, EvaluationError) as error:
+            reasons.append(f"{claim.stated.of}: {error}")
+    finding = _finding(claim, numbers, size, bool(reasons))
+    return Verdict(claim, finding, tuple(numbers), trials.seed, len(trials.runs), "; ".join(reasons), size)
+
+
+def _finding(claim: Claim, numbers: Sequence[Compared], size: float | None, incomplete: bool) -> str:
+    if not claim.check:
+        return "not testable"
+    if incomplete:
+        return "undecided"
+    held = [number.holds for number in numbers]
+    if all(held):
+        return "found" + _size_suffix(claim.stated, size)
+    if False not in held:
+        return "undecided"
+    return "partly" if True in held else "not found"
+
+
+def _size_suffix(stated: str | Stated | None, size: float | None) -> str:
+    if not isinstance(stated, Stated) or size is None or abs(size - stated.value) <= stated.tolerance:
+        return ""
+    # A reduction of -8 % is smaller than one of -10 %.
+    grows = size > stated.value if stated.value >= 0 else size < stated.value
+    return "-larger" if grows else "-smaller"
+
+
+def claims_table(verdicts: Iterable[Verdict]) -> list[dict[str, Any]]:
+    """Turn verdicts into what claims.json holds.
+
+    Parameters
+    ----------
+    verdicts : the verdicts
+
+    Returns
+    -------
+    one dictionary per claim, of JSON types and finite numbers; inf is "never", an open end of an interval None
+    """
+    return [
+        {
+            "says": verdict.claim.says,
+            "source": verdict.claim.source,
+            "check": list(verdict.claim.check),
+            "recorded": verdict.claim.finding,
+            "finding": verdict.finding,
+            "reason": verdict.reason or None,
+            "numbers": [_number_row(number) for number in verdict.numbers],
+            "n_runs": verdict.n_runs,
+            "seed": verdict.seed,
+            "stated": _stated_row(verdict.claim.stated),
+            "size": None if verdict.size is None else _plain(verdict.size),
+            "chosen": verdict.claim.chosen,
+        }
+        for verdict in verdicts
+    ]
+
+
+def _number_row(number: Compared) -> dict[str, Any]:
+    ends = None if number.interval is None else [end if math.isfinite(end) else None for end in number.interval]
+    return {
+        "text": number.text,
+        "left": _plain(number.left),
+        "right": _plain(number.right),
+        "holds": number.holds,
+        "interval": ends,
+        "n": number.n,
+        "left_out": number.left_out,
+    }
+
+
+def _stated_row(stated: str | Stated | None) -> Any:
+    if not isinstance(stated, Stated):
+        return stated
+    row = {"of": stated.of, "value": _plain(stated.value), "tolerance": _plain(stated.tolerance)}
+    return {**row, "text": stated.text}
+
+
+def _plain(value: float) -> float | str:
+    if math.isinf(value):
+        return "never" if value > 0 else "-never"
+    return value
+
+
+def claims_markdown(verdicts: Iterable[Verdict], *, informational: bool) -> str:
+    """Write claims.md.
+
+    Parameters
+    ----------
+    verdicts : the verdicts
+    informational : True when the configuration was modified or not at full size
+
+    Returns
+    -------
+    Markdown, ending with a newline
+    """
+    lines = ["# What the paper says", ""]
+    if informational:
+        lines += ["For information only: the configuration was modified or did not run at full size.", ""]
+    for position, verdict in enumerate(verdicts, 1):
+        lines += [f"## {position}. {_line(verdict.claim.says)}", "", *_items(verdict), ""]
+    return "\n".join(lines)
+
+
+def _items(verdict: Verdict) -> list[str]:
+    claim = verdict.claim
+    items = [f"- source: {_line(claim.source)}", f"- finding: **{verdict.finding}**"]
+    if claim.finding:
+        items[-1] += f" (recorded: {claim.finding})"
+    if verdict.reason:
+        items.append(f"- not evaluated: {_line(verdict.reason)}")
+    items += [_number_item(number) for number in verdict.numbers]
+    items.append(f"- {verdict.n_runs} runs, seed {verdict.seed}")
+    if isinstance(claim.stated, Stated):
+        items.append(f"- stated: {_line(claim.stated.text)}; here `{claim.stated.of}` is {shown(verdict.size)}")
+    elif claim.stated:
+        items.append(f"- stated: {_line(claim.stated)}")
+    if claim.chosen:
+        items.append(f"- chosen: {_line(claim.chosen)}")
+    return items
+
+
+def _number_item(number: Compared) -> str:
+    word = {True: "holds", False: "does not hold", None: "not separated"}[number.holds]
+    reach = math.nan if number.interval is None else (number.interval[1] - number.interval[0]) / 2
+    details = [f"{shown(number.left, reach)} and {shown(number.right, reach)}"]
+    if number.interval is not None:
+        ends = ["open" if math.isinf(end) else shown(end, reach) for end in number.interval]
+        details.append(f"difference in [{ends[0]}, {ends[1]}]")
+    if number.n:
+        details.append(f"n = {number.n}")
+    if number.left_out:
+        details.append(f"{number.left_out} left out because a run failed")
+    return f"- `{_line(number.text)}`: {word}; {', '.join(details)}"
+
+
+def shown(value: float | None, uncertainty: float = math.nan) -> str:
+    """Write a number with the digits its uncertainty supports, four where there is none; inf is never."""
+    if value is None or math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return str(_plain(value))
+    if not (math.isfinite(uncertainty) and uncertainty > 0 and 1e-4 <= abs(value) < 1e6):
+        return f"{value:.4g}"
+    return f"{value:.{decimals(uncertainty)}f}"
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())

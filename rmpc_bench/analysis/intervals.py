@@ -1,0 +1,162 @@
+"""Intervals and tests for one sample of numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats  # type: ignore[import-untyped, unused-ignore]
+
+from rmpc_bench.types import Array
+
+Interval = tuple[float, float]
+NONE: Interval = (math.nan, math.nan)
+
+
+def standard_error(values: Array) -> float:
+    """Compute the standard error of the mean; NaN below two values or where one is never."""
+    if len(values) < 2 or not np.isfinite(values).all():
+        return math.nan
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.std(values, ddof=1) / math.sqrt(len(values)))
+
+
+def student(values: Array, confidence: float) -> Interval:
+    """Student t interval of the mean.
+
+    Parameters
+    ----------
+    values : (n,) sample
+    confidence : level, such as 0.95
+
+    Returns
+    -------
+    low, high; NaN below two values or where one is never
+    """
+    se = standard_error(values)
+    if math.isnan(se):
+        return NONE
+    with np.errstate(over="ignore"):
+        mean = float(np.mean(values))
+    reach = float(stats.t.ppf((1 + confidence) / 2, len(values) - 1)) * se
+    return mean - reach, mean + reach
+
+
+def geometric(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
+    """Geometric mean of the ratios a/b and its interval, Student t on the logs.
+
+    Parameters
+    ----------
+    a, b : (n,) positive, finite samples, paired
+    confidence : level, such as 0.95
+
+    Returns
+    -------
+    mean, (low, high); all NaN for empty samples, the interval NaN below two pairs
+    """
+    if not len(a):
+        return math.nan, NONE
+    logs = np.log(a) - np.log(b)
+    low, high = student(logs, confidence)
+    with np.errstate(over="ignore"):
+        return float(np.exp(np.mean(logs))), (float(np.exp(low)), float(np.exp(high)))
+
+
+def wilson(k: int, n: int, confidence: float) -> Interval:
+    """Wilson interval of a share.
+
+    Parameters
+    ----------
+    k : how many of the runs
+    n : number of runs
+    confidence : level, such as 0.95
+
+    Returns
+    -------
+    low, high; NaN when n is 0
+    """
+    if n == 0:
+        return NONE
+    interval = stats.binomtest(k, n).proportion_ci(confidence_level=confidence, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def median_interval(values: Array, confidence: float) -> Interval:
+    """Order-statistic interval of the median, the inverse of the two-sided sign test.
+
+    Parameters
+    ----------
+    values : (n,) sample, infinite entries allowed
+    confidence : level that the interval reaches at least, such as 0.95
+
+    Returns
+    -------
+    low, high; (-inf, inf) when the sample is too small for the level
+    """
+    n = len(values)
+    below = stats.binom.cdf(np.arange(n // 2 + 1), n, 0.5)
+    # Guard of rounding: at n = 8 and level 1 - 2/2**8, the last bit would decide.
+    rank = int(np.count_nonzero(below <= (1 - confidence) / 2 * (1 + 1e-12)))
+    if rank == 0:
+        return -math.inf, math.inf
+    ordered = np.sort(values)
+    return float(ordered[rank - 1]), float(ordered[n - rank])
+
+
+def quantile(values: Array, q: float) -> Array:
+    """Quantile along axis 0, linear between order statistics.
+
+    Unlike ``numpy.quantile`` it leaves inf between two infs as it is.
+
+    Parameters
+    ----------
+    values : (n, ...) sample, NaN-free
+    q : probability in [0, 1]
+
+    Returns
+    -------
+    the quantile, of the shape of one entry; NaN for an empty sample
+    """
+    if not len(values):
+        return np.full(values.shape[1:], np.nan)
+    ordered = np.sort(values, axis=0)
+    place = q * (len(values) - 1)
+    low, high = ordered[math.floor(place)], ordered[math.ceil(place)]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(low == high, low, low + (high - low) * (place - math.floor(place))))
+
+
+def difference(a: Array, b: Array) -> Array:
+    """Subtract entry by entry, where never against never is 0."""
+    with np.errstate(invalid="ignore"):
+        return np.where(a == b, 0.0, a - b)
+
+
+def signed_rank_p(differences: Array) -> float:
+    """Two-sided Wilcoxon signed-rank p of paired differences; 1 when all are 0, NaN when there are none."""
+    if not len(differences):
+        return math.nan
+    if not differences.any():
+        return 1.0
+    with np.errstate(invalid="ignore"):
+        return float(stats.wilcoxon(differences).pvalue)
+
+
+def holm(p: Sequence[float]) -> list[float]:
+    """Adjust p values of one family after Holm.
+
+    Parameters
+    ----------
+    p : p values; NaN for a test that could not be made, which does not count into the family
+
+    Returns
+    -------
+    adjusted values in the same order, NaN where `p` is
+    """
+    tests = [i for i in np.argsort(p, kind="stable") if not math.isnan(p[i])]
+    adjusted, largest = [math.nan] * len(p), 0.0
+    for done, i in enumerate(tests):
+        largest = max(largest, min(1.0, (len(tests) - done) * p[i]))
+        adjusted[i] = largest
+    return adjusted

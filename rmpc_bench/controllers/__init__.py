@@ -1,0 +1,1 @@
+"""Control laws: from an estimate and the coming reference to an input."""

@@ -1,0 +1,152 @@
+"""Model predictive control without constraints in the optimisation: a linear law computed once.
+
+Model   minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)|^2_R  over the input increments
+        du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu; predictions start at x_hat(k), the reference is known ahead.
+        Law: u(k) = u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k) - K_u u(k-1), u(k-1) the applied input, u(-1) = 0.
+Source  zenere2018, cost (2).  The printed solution (4) minimises |u|^2 instead of |du|^2 and is not used here.
+Chosen  `Q`, `R` weigh scaled signals y / scale.y and u / scale.u; an input beyond `limits` is clipped.
+Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly.
+Cost    three small matrix-vector products per run and step.
+Fails   design error where the moves are not determined (R = 0 and an input without effect).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.controllers.prediction import predict_moves
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
+from rmpc_bench.types import Array, Command, Count, DesignError, Estimate, Matrix, Positive, Status
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Spans that make the weighted signals dimensionless.
+
+    Parameters
+    ----------
+    u : span of the input, a number or one per input
+    y : span of the output, a number or one per output
+    """
+
+    u: Positive | list[Positive] = 1.0
+    y: Positive | list[Positive] = 1.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of the input.
+
+    Parameters
+    ----------
+    u : [low, high], in the input's unit, for every input
+    enforce : `clip` cuts the optimal unconstrained input off at the bounds
+    """
+
+    u: tuple[float, float]
+    enforce: Literal["clip"] = "clip"
+
+
+class MpcState(NamedTuple):
+    """What the next step needs."""
+
+    u_previous: Float[Array, "runs nu"]
+
+
+@dataclass(frozen=True, eq=False)
+class Mpc:
+    """The receding-horizon law; build it with `design`."""
+
+    K_x: Float[Array, "nu nx"]
+    K_u: Float[Array, "nu nu"]
+    K_r: Float[Array, "nu Hp*ny"]
+    low: float
+    high: float
+    preview: int
+
+    def init(self, n_runs: int) -> MpcState:
+        """Start from the input 0."""
+        return MpcState(np.zeros((n_runs, len(self.K_x))))
+
+    def control(
+        self,
+        k: int,
+        state: MpcState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[MpcState, Command]:
+        """Apply the first move of the minimiser of (2)."""
+        u_previous = state.u_previous
+        ahead = mv(self.K_r, r[1:].reshape(1, -1))  # the same for all runs
+        u = u_previous + ahead - mv(self.K_x, estimate.x_hat) - mv(self.K_u, u_previous)
+        u = np.clip(u, self.low, self.high)
+        return MpcState(u), Command(u, np.full(len(u), Status.OK, dtype=np.int8), {})
+
+
+def design(
+    model: LinearModel,
+    *,
+    Hp: Count,
+    Hu: Count,
+    Q: Matrix,
+    R: Matrix,
+    scale: Scale = Scale(),  # noqa: B008 - frozen, so it cannot be shared by mistake
+    limits: Limits | None = None,
+) -> Mpc:
+    """Model predictive controller in closed form.
+
+    Parameters
+    ----------
+    model : prediction model
+    Hp : prediction horizon [samples]
+    Hu : control horizon [samples], at most Hp
+    Q : weight of the scaled output error: a number, a diagonal or a matrix
+    R : weight of the scaled input increment: a number, a diagonal or a matrix
+    scale : spans `u` and `y` that the signals are divided by before they are weighed
+    limits : bounds of the input, `{u: [low, high]}`
+
+    Raises
+    ------
+    DesignError
+        If Hu > Hp, a weight is not positive semidefinite, the bounds are crossed or the moves are not determined.
+    """
+    if Hu > Hp:
+        raise DesignError(f"must be at most Hp = {Hp} (got {Hu})", "Hu")
+    low, high = (-np.inf, np.inf) if limits is None else limits.u
+    if not low < high:
+        raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", "limits.u")
+    root_Q = _scaled_root(Q, scale.y, model.ny, "Q")
+    root_R = _scaled_root(R, scale.u, model.nu, "R")
+    Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
+    root_Q, root_R = np.kron(np.eye(Hp), root_Q), np.kron(np.eye(Hu), root_R)
+    first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # du(k) = first (r - Psi x - Upsilon u(k-1))
+    return Mpc(first @ Psi, first @ Upsilon, first, float(low), float(high), preview=Hp + 1)
+
+
+def _scaled_root(weight: Matrix, span: float | list[float], n: int, name: str) -> Float[Array, "n n"]:
+    """Root of a weight, over the span of its signal."""
+    try:
+        return psd_sqrt(as_covariance(weight, n)) / as_vector(span, n)
+    except ValueError as error:
+        raise DesignError(str(error), name) from None
+
+
+def _first_move(
+    weighted: Float[Array, "rows moves"], root_R: Float[Array, "moves moves"], nu: int
+) -> Float[Array, "nu rows"]:
+    """Rows of the pseudo-inverse that give the first move of min |weighted dU - b|^2 + |root_R dU|^2.
+
+    Solved by QR of the stacked matrix: the normal equations would square its condition number.
+    """
+    stacked = np.vstack([weighted, root_R])
+    orthogonal, upper = np.linalg.qr(stacked)
+    pivots = np.abs(np.diag(upper))
+    if pivots.min() <= 1e-13 * pivots.max():  # rounding of the factorisation
+        raise DesignError("the cost does not determine the input moves; choose R > 0 or a smaller Hu", "R")
+    return np.linalg.solve(upper, orthogonal.T)[:nu, : len(weighted)]

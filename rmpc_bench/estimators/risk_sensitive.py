@@ -1,0 +1,97 @@
+"""Risk-sensitive filter: the robust Kalman filter with its multiplier held constant.
+
+Model   as in robust_kalman.py, but the divergence is a penalty of weight 1/theta instead of a constraint.
+        V, theta, P_pred and P as there.
+Source  zenere2018, Theorem 2, (17), (18).
+Limit   theta -> 0 gives the Kalman filter; theta = the robust filter's steady multiplier gives its steady gains.
+Cost    as every gain schedule.
+Fails   design error at the first step where theta * lambda_max(P_pred) >= 1: V is then undefined (Remark 2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxtyping import Float
+
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.numerics.kl_ball import Inflation, inflate, inflate_to_radius
+from rmpc_bench.numerics.riccati import filter_step
+from rmpc_bench.types import Array, DesignError, Positive
+
+_STEADY = 1e-13  # relative change of theta per step; its last three digits are rounding
+_MAX_STEPS = 100_000
+
+
+@dataclass(frozen=True)
+class Radius:
+    """Take theta from the robust filter with this radius, run to convergence.
+
+    Parameters
+    ----------
+    c : radius of the Kullback-Leibler ball
+    """
+
+    c: Positive
+
+
+def design(
+    model: LinearModel,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    theta: Positive | None = None,
+    theta_from: Radius | None = None,
+) -> GainScheduleFilter:
+    """Risk-sensitive filter; give either theta or theta_from.
+
+    Parameters
+    ----------
+    model : nominal model
+    n_steps : number of control periods N; gains are made for k = 0..N
+    x0 : (nx,) mean of the initial state
+    P0 : (nx, nx) its covariance
+    theta : risk sensitivity [1 / unit of P_pred]
+    theta_from : `{c: 0.1}` takes the steady theta of the robust Kalman filter with radius c
+
+    Raises
+    ------
+    DesignError
+        If both or none are given, or V is undefined at some step.
+    """
+    if (theta is None) == (theta_from is None):
+        raise DesignError("give either theta or theta_from: {c: ...}")
+    chosen = steady_theta(model, P0, theta_from.c) if theta_from is not None else theta
+    assert chosen is not None
+
+    def inflate_at(k: int, P_pred: Array) -> Inflation:
+        try:
+            return Inflation(inflate(P_pred, chosen), chosen)  # (18), first line
+        except ValueError as error:
+            raise DesignError(
+                f"V is undefined from step k = {k} on: {error} (theta = {chosen:.9g}); "
+                "choose a smaller theta or a smaller initial P"
+            ) from None
+
+    return riccati_schedule(model, n_steps, x0, P0, inflate_at)
+
+
+def steady_theta(model: LinearModel, P0: Float[Array, "nx nx"], c: float) -> float:
+    """Multiplier of the robust Kalman filter of radius ``c`` after convergence.
+
+    Raises
+    ------
+    DesignError
+        If theta still moves after 100,000 steps.
+    """
+    P_pred, last, quiet = P0, 0.0, 0
+    for _ in range(_MAX_STEPS):
+        V, theta = inflate_to_radius(P_pred, c)  # (13), (16)
+        P_pred = filter_step(model.A, model.C, model.Q_w, model.R_v, V).P_next  # (14), (15)
+        quiet = quiet + 1 if abs(theta - last) <= _STEADY * theta else 0
+        if quiet == 10:  # one small change may be a turning point
+            return theta
+        last = theta
+    raise DesignError(f"the robust filter with c = {c:g} has no steady theta after {_MAX_STEPS} steps; give theta")

@@ -1,0 +1,203 @@
+"""Trees of YAML data that know their places: merging, finding, setting.
+
+``yaml`` reads the trees and offers all names of this file too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, NoReturn
+
+from rmpc_bench.types import ConfigError, Problem
+
+MAX_DEPTH = 50
+MAX_DIGITS = 1000
+_CONSTANTS: dict[str, bool | None] = dict.fromkeys(("", "~", "null", "Null", "NULL"))
+_CONSTANTS |= dict.fromkeys(("true", "True", "TRUE"), True) | dict.fromkeys(("false", "False", "FALSE"), False)
+_INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_SPECIAL = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
+_STEP = re.compile(r'(?:"([^"]*)"|([^."][^.]*))(?:\.(?!$)|$)')
+
+
+class Mark(NamedTuple):
+    """A place a text editor can open; line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+
+
+class Map(dict[str, Any]):
+    """A mapping with the places of itself, its keys and its values."""
+
+    def __init__(
+        self,
+        values: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+        *,
+        mark: Mark,
+        key_marks: Mapping[str, Mark] | None = None,
+        value_marks: Mapping[str, Mark] | None = None,
+    ) -> None:
+        super().__init__(values)
+        self.mark = mark
+        self.key_marks = dict(key_marks or {})
+        self.value_marks = dict(value_marks or {})
+
+    def copy(self) -> Map:
+        """Copy without copying the values."""
+        return Map(self, mark=self.mark, key_marks=self.key_marks, value_marks=self.value_marks)
+
+    __copy__ = copy
+
+    def put(self, key: str, value: Any, key_mark: Mark, value_mark: Mark) -> None:
+        """Set a value together with its places."""
+        self[key], self.key_marks[key], self.value_marks[key] = value, key_mark, value_mark
+
+
+class Items(list[Any]):
+    """A sequence with the places of itself and its values."""
+
+    def __init__(self, values: Iterable[Any] = (), *, mark: Mark, value_marks: Iterable[Mark] = ()) -> None:
+        super().__init__(values)
+        self.mark = mark
+        self.value_marks = list(value_marks)
+
+    def copy(self) -> Items:
+        """Copy without copying the values."""
+        return Items(self, mark=self.mark, value_marks=self.value_marks)
+
+    __copy__ = copy
+
+
+def scalar(text: str) -> Any:
+    """Read an unquoted scalar by the YAML 1.2 core schema; what is nothing else stays text.
+
+    Raises ValueError for an integer of more digits than anybody means.
+    """
+    if text in _CONSTANTS:
+        return _CONSTANTS[text]
+    if _INT.fullmatch(text):
+        if len(text) > MAX_DIGITS:
+            raise ValueError(f"an integer has at most {MAX_DIGITS} digits")
+        return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
+    if _FLOAT.fullmatch(text):
+        return float(text)
+    return float(text.replace(".", "")) if _SPECIAL.fullmatch(text) else text
+
+
+def join(path: Sequence[str | int]) -> str:
+    """Write a path with dots, the way ``assign`` reads it."""
+    return ".".join(f'"{step}"' if "." in str(step) else str(step) for step in path)
+
+
+def _fail(mark: Mark, path: Sequence[str | int], message: str) -> NoReturn:
+    raise ConfigError([Problem(*mark, join(path), message)])
+
+
+def split(path: str, mark: Mark) -> list[str]:
+    """Take a dotted path apart; an element that contains a dot stands in double quotes."""
+    steps, end = [], 0
+    while (step := _STEP.match(path, end)) and end < len(path):
+        steps.append(step[1] if step[2] is None else step[2])
+        end = step.end()
+    if end < len(path) or not steps or len(steps) > MAX_DEPTH:
+        _fail(mark, [], f'{path!r} is not a path such as plant.kind or methods."v1.2".label')
+    return steps
+
+
+def plain(value: Any) -> Any:
+    """Copy into ordinary dicts and lists, deep."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list) else value
+
+
+def merge(base: Map, override: Map) -> Map:
+    """Lay one mapping over another, deep; neither is changed.
+
+    Mappings that both name a ``kind``, and not the same one, are not mixed: the override replaces the base whole.
+    Marks follow each value's origin (of a mixed mapping: the override); what only one side has is shared with it.
+    """
+    if "kind" in base and "kind" in override and base["kind"] != override["kind"]:
+        return override.copy()
+    result = base.copy()
+    result.mark = override.mark
+    for key, value in override.items():
+        if isinstance(value, Map) and isinstance(base.get(key), Map):
+            value = merge(base[key], value)
+        result.put(key, value, override.key_marks.get(key, override.mark), override.value_marks.get(key, override.mark))
+    return result
+
+
+def _child(node: Any, step: str | int) -> tuple[Any, Mark, Mark]:
+    """Value, place of the key, place of the value; KeyError when there is no such child."""
+    if isinstance(node, Map):
+        key = str(step)
+        return node[key], node.key_marks.get(key, node.mark), node.value_marks.get(key, node.mark)
+    if isinstance(node, Items) and re.fullmatch("[0-9]{1,9}", str(step)) and int(step) < len(node):
+        mark = node.value_marks[int(step)] if int(step) < len(node.value_marks) else node.mark
+        return node[int(step)], mark, mark
+    raise KeyError(step)
+
+
+def _follow(tree: Map | Items, path: Sequence[str | int]) -> tuple[Mark, Mark]:
+    key_mark = value_mark = tree.mark
+    node: Any = tree
+    for step in path:
+        try:
+            node, key_mark, value_mark = _child(node, step)
+        except KeyError:
+            return value_mark, value_mark
+    return key_mark, value_mark
+
+
+def locate(tree: Map | Items, path: Sequence[str | int]) -> Mark:
+    """Place of the value at a path, or of the deepest thing on the way that exists."""
+    return _follow(tree, path)[1]
+
+
+def locate_key(tree: Map | Items, path: Sequence[str | int]) -> Mark:
+    """Place of the last key of a path, or of the deepest value on the way that exists."""
+    return _follow(tree, path)[0]
+
+
+def assign(tree: Map, path: str, value: Any, mark: Mark) -> Map:
+    """Make a tree in which the value at a path is another one.
+
+    Parameters
+    ----------
+    tree : stays as it is
+    path : steps with dots between them; mappings on the way are made, a step into a list is an index that exists
+    value : the new value
+    mark : the place of the value, which its key and new mappings get too
+
+    Returns
+    -------
+    The new tree, which shares what did not change.
+    """
+    result: Map = _assigned(tree, split(path, mark), 0, value, mark)
+    return result
+
+
+def _assigned(node: Any, steps: list[str], done: int, value: Any, mark: Mark) -> Any:
+    if done == len(steps):
+        return value
+    step, last = steps[done], done + 1 == len(steps)
+    if not isinstance(node, Map | Items):
+        _fail(mark, steps[:done], f"is {node!r}, neither a mapping nor a list; {join(steps)} cannot be set")
+    try:
+        child, key_mark, value_mark = _child(node, step)
+    except KeyError:
+        if isinstance(node, Items):
+            _fail(mark, steps[: done + 1], f"no such entry in a list of {len(node)} (they count from 0)")
+        child, key_mark, value_mark = Map(mark=mark), mark, mark
+    new, child = node.copy(), _assigned(child, steps, done + 1, value, mark)
+    if isinstance(new, Map):
+        new.put(step, child, mark if last else key_mark, mark if last else value_mark)
+    else:
+        new[int(step)] = child
+        if last:
+            new.value_marks[int(step)] = mark
+    return new

@@ -1,0 +1,1 @@
+"""What an estimator or a controller believes of the plant."""

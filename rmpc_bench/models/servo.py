@@ -1,0 +1,108 @@
+"""Servomechanism: DC motor, gear box, elastic shaft and load; its parameters and its linear model.
+
+Model   J_l th_l'' = rho T_s - beta_l th_l' - T_fl,   J_m th_m'' = K_t I - T_s - beta_m th_m' - T_fm,
+        L I' = V - R I - K_t th_m',   T_s = (k_theta / rho) (th_m / rho - th_l); the linear model drops the frictions
+        T_fl, T_fm and the inductance L.
+        State x = [th_l, w_l, th_m, w_m] (load and motor angle [rad] and velocity [rad/s]), input V [V], output th_l.
+Source  zenere2018, sections 4.1 and 4.2, Tables 1 and 2 (SI units).
+Chosen  noise on all four states with intensity `process` each (the paper's G-bar, D-bar are not stated), sampled by
+        Van Loan's integral; R_v = measurement^2, not divided by Ts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.numerics.linalg import as_matrix, discretise, van_loan
+from rmpc_bench.types import Array, Matrix, NonNegative, Positive
+
+TABLE_1: Mapping[str, float] = {
+    "J_m": 0.5,
+    "beta_m": 0.1,
+    "R": 20.0,
+    "K_t": 10.0,
+    "rho": 20.0,
+    "k_theta": 1280.2,
+    "J_l": 25.0,
+    "beta_l": 25.0,
+}
+"""Nominal parameters: inertias [kg m^2], viscous frictions [N m s], resistance [Ohm], motor constant [N m/A],
+gear ratio, torsional rigidity [N m/rad]."""
+
+MUST_BE_POSITIVE = ("J_m", "R", "rho", "J_l")
+"""The parameters the equations of motion divide by."""
+
+
+@dataclass(frozen=True)
+class ServoNoise:
+    """Intensities of the noise that the linear model assumes.
+
+    Parameters
+    ----------
+    process : factor G-bar of the continuous noise on the four states: a number (times the identity), four numbers
+        (the diagonal) or a matrix
+    measurement : standard deviation of the measured angle [rad]
+    """
+
+    process: Matrix
+    measurement: NonNegative
+
+
+def continuous(p: Mapping[str, float]) -> tuple[Float[Array, "4 4"], Float[Array, "4 1"]]:
+    """Continuous-time A and B of the linear servomechanism (no inductance, no dry friction)."""
+    stiffness = p["k_theta"] / p["rho"]
+    A = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [-p["rho"] * stiffness / p["J_l"], -p["beta_l"] / p["J_l"], stiffness / p["J_l"], 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [stiffness / p["J_m"], 0.0, -stiffness / p["rho"] / p["J_m"], -_damping(p) / p["J_m"]],
+        ]
+    )
+    return A, np.array([[0.0], [0.0], [0.0], [p["K_t"] / (p["R"] * p["J_m"])]])
+
+
+def _damping(p: Mapping[str, float]) -> float:
+    # Without inductance the current follows at once, I = (V - K_t w_m) / R: the back e.m.f. acts like friction.
+    return p["beta_m"] + p["K_t"] ** 2 / p["R"]
+
+
+def design(
+    Ts: float,
+    *,
+    noise: ServoNoise,
+    J_m: Positive = TABLE_1["J_m"],
+    beta_m: NonNegative = TABLE_1["beta_m"],
+    R: Positive = TABLE_1["R"],
+    K_t: Positive = TABLE_1["K_t"],
+    rho: Positive = TABLE_1["rho"],
+    k_theta: Positive = TABLE_1["k_theta"],
+    J_l: Positive = TABLE_1["J_l"],
+    beta_l: NonNegative = TABLE_1["beta_l"],
+) -> LinearModel:
+    """Linear servomechanism with the parameters of Table 1, sampled with the voltage held.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    noise : assumed noise, `process` on the four states and `measurement` on the load angle
+    J_m : motor inertia [kg m^2]
+    beta_m : viscous friction of the motor [N m s]
+    R : armature resistance [Ohm]
+    K_t : motor constant [N m/A]
+    rho : gear ratio
+    k_theta : torsional rigidity [N m/rad]
+    J_l : load inertia [kg m^2]
+    beta_l : viscous friction of the load [N m s]
+    """
+    p = dict(J_m=J_m, beta_m=beta_m, R=R, K_t=K_t, rho=rho, k_theta=k_theta, J_l=J_l, beta_l=beta_l)
+    A_bar, B_bar = continuous(p)
+    G_bar = as_matrix(noise.process, 4)
+    A, B = discretise(A_bar, B_bar, Ts)
+    C = np.array([[1.0, 0.0, 0.0, 0.0]])
+    return LinearModel(A, B, C, van_loan(A_bar, G_bar @ G_bar.T, Ts), np.array([[noise.measurement**2]]))

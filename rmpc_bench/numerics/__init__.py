@@ -1,0 +1,1 @@
+"""Mathematics without control: arrays in, arrays out."""

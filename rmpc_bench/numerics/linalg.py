@@ -1,0 +1,113 @@
+"""Matrices: products over runs, expansion of short forms, discretisation."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types import Array, Matrix
+
+
+def symmetrise(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Return the symmetric part of P, which rounding has moved off the diagonal's mirror."""
+    return 0.5 * (P + P.T)
+
+
+def mv(A: Float[Array, "n m"] | Float[Array, "runs n m"], x: Float[Array, "runs m"]) -> Float[Array, "runs n"]:
+    """Multiply every row of ``x`` by a shared or a per-run matrix.
+
+    The sum goes by einsum and not by BLAS, whose blocking lets the last bits depend on the number of rows.
+    """
+    if A.ndim == 2:
+        return np.einsum("ij,rj->ri", A, x)
+    return np.einsum("rij,rj->ri", A, x)
+
+
+def as_matrix(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
+    """Expand a number (times the identity), a list (the diagonal) or a matrix to ``(n, n)``.
+
+    Raises
+    ------
+    ValueError
+        If the shape does not fit, with both shapes.
+    """
+    M = np.asarray(value, dtype=float)
+    if M.ndim == 0:
+        return float(M) * np.eye(n)
+    if M.shape == (n,):
+        return np.diag(M)
+    if M.shape == (n, n):
+        return M
+    raise ValueError(f"shape {M.shape} does not fit: a number, {n} numbers or {n} x {n} numbers are wanted")
+
+
+def as_covariance(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
+    """Expand as `as_matrix` does and insist on a symmetric positive semidefinite result.
+
+    Raises
+    ------
+    ValueError
+        If the shape does not fit, the matrix is not symmetric or an eigenvalue is negative.
+    """
+    M = as_matrix(value, n)
+    if not np.array_equal(M, M.T):
+        raise ValueError("must be symmetric")
+    smallest, scale = np.linalg.eigvalsh(M)[0], np.abs(M).max()
+    if smallest < -1e-12 * scale:  # rounding of eigvalsh is about n * 1e-16 * scale
+        raise ValueError(f"must be positive semidefinite (smallest eigenvalue {smallest:.6g})")
+    return M
+
+
+def as_vector(value: float | list[float] | Array, n: int) -> Float[Array, " n"]:
+    """Expand a number (in every entry) or a list to ``(n,)``.
+
+    Raises
+    ------
+    ValueError
+        If the length does not fit, with both lengths.
+    """
+    v = np.asarray(value, dtype=float)
+    if v.ndim == 0:
+        return np.full(n, float(v))
+    if v.shape == (n,):
+        return v
+    raise ValueError(f"shape {v.shape} does not fit: a number or {n} numbers are wanted")
+
+
+def psd_sqrt(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Return the symmetric root S of a positive semidefinite P: S S = P."""
+    lam, U = np.linalg.eigh(symmetrise(P))
+    return (U * np.sqrt(np.maximum(lam, 0.0))) @ U.T
+
+
+def discretise(
+    A: Float[Array, "n n"], B: Float[Array, "n m"], Ts: float
+) -> tuple[Float[Array, "n n"], Float[Array, "n m"]]:
+    """Sample x' = A x + B u with u held over ``Ts`` seconds, by one exponential of the block matrix [[A, B], [0, 0]].
+
+    Returns
+    -------
+    tuple
+        e^(A Ts) and the integral of e^(A s) B over s in [0, Ts].
+    """
+    from scipy.linalg import expm
+
+    n, m = B.shape
+    block = np.zeros((n + m, n + m))
+    block[:n, :n], block[:n, n:] = A, B
+    E = expm(block * Ts)
+    return E[:n, :n], E[:n, n:]
+
+
+def van_loan(A: Float[Array, "n n"], S: Float[Array, "n n"], Ts: float) -> Float[Array, "n n"]:
+    """Covariance that white noise of intensity ``S`` builds up over ``Ts`` seconds.
+
+    The integral of e^(A s) S e^(A' s) over s in [0, Ts], from one exponential (Van Loan 1978).
+    """
+    from scipy.linalg import expm
+
+    n = len(A)
+    block = np.zeros((2 * n, 2 * n))
+    block[:n, :n], block[:n, n:], block[n:, n:] = -A, S, A.T
+    E = expm(block * Ts)
+    return symmetrise(E[n:, n:].T @ E[:n, n:])

@@ -1,0 +1,117 @@
+"""Names of the parts a configuration may use, each with the place of its design function.
+
+Nothing is imported before it is asked for.  Installed packages add parts through entry points of the groups
+``rmpc_bench.plants``, ``rmpc_bench.estimators`` and so on; a program adds its own with `register`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+Design = Callable[..., Any]
+
+BUILT_IN: dict[str, dict[str, str]] = {
+    "plants": {
+        "servo": "rmpc_bench.plants.servo:design",
+        "servo-linear": "rmpc_bench.plants.servo:design_linear",
+    },
+    "models": {
+        "servo-linear": "rmpc_bench.models.servo:design",
+    },
+    "estimators": {
+        "kalman": "rmpc_bench.estimators.kalman:design",
+        "robust-kalman": "rmpc_bench.estimators.robust_kalman:design",
+        "risk-sensitive": "rmpc_bench.estimators.risk_sensitive:design",
+    },
+    "controllers": {
+        "mpc": "rmpc_bench.controllers.mpc:design",
+    },
+    "references": {
+        "constant": "rmpc_bench.simulation.reference:constant",
+    },
+    "noises": {
+        "gaussian": "rmpc_bench.simulation.noise:gaussian",
+    },
+    "metrics": {
+        "mse": "rmpc_bench.simulation.metrics:mse",
+        "mae": "rmpc_bench.simulation.metrics:mae",
+        "rmse": "rmpc_bench.simulation.metrics:rmse",
+        "input_power": "rmpc_bench.simulation.metrics:input_power",
+        "settling_time": "rmpc_bench.simulation.metrics:settling_time",
+        "steady_state_error": "rmpc_bench.simulation.metrics:steady_state_error",
+    },
+    "figures": {
+        "boxplot": "rmpc_bench.report.figures:boxplot",
+    },
+}
+
+_REGISTERED: dict[str, dict[str, Design]] = {group: {} for group in BUILT_IN}
+
+
+def singular(group: str) -> str:
+    """Name one member of a group: ``estimators`` -> ``estimator``."""
+    return group.removesuffix("s")
+
+
+def register(group: str, name: str, design: Design) -> None:
+    """Make a part known under a name.
+
+    Parameters
+    ----------
+    group : ``"estimator"``, ``"controller"``, ``"plant"`` and so on (the plural will do, too)
+    name : what a configuration writes after ``kind:``
+    design : the part's design function; its keywords become keys of the configuration
+
+    Raises
+    ------
+    ValueError
+        If the group is not one, or the name is taken by another design.
+    """
+    group = group if group in BUILT_IN else group + "s"
+    if group not in BUILT_IN:
+        raise ValueError(f"{group!r} is not a group of parts; there are {', '.join(BUILT_IN)}")
+    if name in BUILT_IN[group] or _REGISTERED[group].get(name, design) is not design:
+        raise ValueError(f"{name!r} is taken by another {singular(group)}")
+    _REGISTERED[group][name] = design
+
+
+def names(group: str) -> list[str]:
+    """All names of a group, sorted."""
+    return sorted({*BUILT_IN[group], *_entry_points(group), *_REGISTERED[group]})
+
+
+def get(group: str, name: str) -> Design:
+    """Import and return a design function.
+
+    Raises
+    ------
+    KeyError
+        If the name is not known, with the nearest known one in the message.
+    """
+    if name in _REGISTERED[group]:
+        return _REGISTERED[group][name]
+    if name in BUILT_IN[group]:
+        module, attribute = BUILT_IN[group][name].split(":")
+        return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
+    if name in _entry_points(group):
+        return _entry_points(group)[name].load()  # type: ignore[no-any-return]
+    raise KeyError(unknown(name, names(group), singular(group), f"rmpc-bench list {group}"))
+
+
+def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
+    """Say that a name is not known, which one may be meant and where the choices are."""
+    known = list(known)
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
+    return f"{name!r} is not a known {noun}{hint}" + (f" ({way_out})" if way_out else "")
+
+
+@cache
+def _entry_points(group: str) -> dict[str, Any]:
+    from importlib.metadata import entry_points
+
+    return {point.name: point for point in entry_points(group=f"rmpc_bench.{group}")}

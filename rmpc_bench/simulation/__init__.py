@@ -1,0 +1,1 @@
+"""One block of runs, one process, no files."""

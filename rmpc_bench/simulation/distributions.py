@@ -1,0 +1,68 @@
+"""Laws of the uncertain quantities, sampled by inverse transform.
+
+One uniform number per run and quantity goes through the inverse of the distribution function, so that two experiments
+that differ only in a bound see the same runs, stretched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Protocol
+
+
+class Distribution(Protocol):
+    """A law of one number."""
+
+    def quantile(self, p: float) -> float:
+        """Value below which a share p in [0, 1) lies."""
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Uniform between ``low`` and ``high``."""
+
+    low: float
+    high: float
+
+    def quantile(self, p: float) -> float:
+        """Value below which a share p lies."""
+        return self.low + (self.high - self.low) * p
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal about ``mean``, optionally cut off at ``truncate`` standard deviations on both sides."""
+
+    mean: float
+    std: float
+    truncate: float | None = None
+
+    def quantile(self, p: float) -> float:
+        """Value below which a share p lies."""
+        tail = 0.0 if self.truncate is None else NormalDist().cdf(-self.truncate)
+        inside = tail + (1.0 - 2.0 * tail) * p
+        # p = 0 is one draw in 2^53; its quantile -infinity is replaced by that of half a draw.
+        return self.mean + self.std * NormalDist().inv_cdf(max(inside, 2.0**-54))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of ``values``, each equally likely."""
+
+    values: tuple[float, ...]
+
+    def quantile(self, p: float) -> float:
+        """Value below which a share p lies."""
+        return self.values[min(int(p * len(self.values)), len(self.values) - 1)]
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Always ``value``."""
+
+    value: float
+
+    def quantile(self, p: float) -> float:
+        """Return the value, whatever p is."""
+        return self.value

@@ -1,0 +1,64 @@
+"""Noise laws: what disturbs a run over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative
+
+
+class Noise(Protocol):
+    """A law of n-dimensional noise, white over time."""
+
+    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run; a longer draw begins with the shorter one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """Normal noise mean + root z with z ~ N(0, I)."""
+
+    mean: Float[Array, " n"]
+    root: Float[Array, "n n"]
+
+    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run."""
+        z = rng.standard_normal((n_samples, len(self.mean)))
+        return self.mean + np.einsum("ij,kj->ki", self.root, z)
+
+
+def gaussian(
+    n: int,
+    *,
+    mean: float | list[float] = 0.0,
+    std: NonNegative | list[NonNegative] | None = None,
+    cov: Matrix | None = None,
+    scale: NonNegative = 1.0,
+) -> Gaussian:
+    """Normal noise; give either std or cov.
+
+    Parameters
+    ----------
+    n : dimension
+    mean : a number (in every coordinate) or one per coordinate
+    std : standard deviation, a number or one per coordinate
+    cov : covariance: a number (times the identity), a diagonal or a matrix
+    scale : factor on the standard deviation
+
+    Raises
+    ------
+    DesignError
+        If both or none of std and cov are given, or a size does not fit.
+    """
+    if (std is None) == (cov is None):
+        raise DesignError("give either std or cov")
+    try:
+        root = np.diag(as_vector(std, n)) if std is not None else psd_sqrt(as_covariance(cov or 0.0, n))
+        return Gaussian(as_vector(mean, n), scale * root)
+    except ValueError as error:
+        raise DesignError(str(error)) from None

@@ -1,0 +1,199 @@
+"""Every finding, its intervals and what is written of it."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rmpc_bench.analysis.claims import Claim, Stated, claims_markdown, claims_table, judge
+from rmpc_bench.analysis.intervals import median_interval
+
+INF = math.inf
+RNG = np.random.default_rng(11)
+BASE = RNG.uniform(1, 2, 60)
+NOISE = RNG.normal(0, 0.02, 60)
+NOISE -= NOISE.mean()
+COLUMNS = {
+    "low": BASE - 0.3 + NOISE,
+    "tie": BASE + 0.001 + NOISE,
+    "tie2": BASE - 0.001 - NOISE,
+    "high": BASE + 0.3 - NOISE,
+    "base": BASE,
+}
+
+
+@pytest.fixture
+def trials(make_trials):
+    """Methods far below, close to and far above a baseline."""
+    return make_trials({"mse": COLUMNS})
+
+
+def claim(*check, stated=None):
+    """Return a claim with recorded finding."""
+    return Claim("A is more accurate", "Fig. 7", check, finding="found", stated=stated, chosen="the horizon")
+
+
+def mean(method):
+    """Return the text of a mean."""
+    return f"mean(mse[{method}])"
+
+
+@pytest.mark.parametrize(
+    ("checks", "finding", "holds"),
+    [
+        ([f"{mean('low')} < {mean('base')} < {mean('high')}"], "found", [True, True]),
+        ([f"{mean('base')} > {mean('low')}"], "found", [True]),
+        ([f"{mean('low')} > {mean('base')}", f"{mean('base')} >= {mean('high')}"], "not found", [False, False]),
+        ([f"{mean('low')} < {mean('base')}", f"{mean('high')} < {mean('base')}"], "partly", [True, False]),
+        ([f"{mean('tie')} < {mean('base')}"], "undecided", [None]),
+        ([f"{mean('tie2')} < {mean('base')}"], "undecided", [None]),
+        ([f"{mean('low')} < {mean('tie')} < {mean('base')}"], "undecided", [True, None]),
+        ([f"{mean('tie')} < {mean('base')}", f"{mean('high')} < {mean('base')}"], "not found", [None, False]),
+        ([f"{mean('tie')} == {mean('base')}"], "undecided", [None]),
+        ([f"{mean('low')} == {mean('base')}"], "not found", [False]),
+        ([f"{mean('tie')} ~ {mean('base')} +- 1%"], "found", [True]),
+        ([f"{mean('tie')} ~ {mean('base')} +- 0.0001"], "undecided", [None]),
+        (["median(mse[low]) < median(mse[base])"], "found", [True]),
+        (["median(mse[tie]) < median(mse[base])"], "undecided", [None]),
+        ([f"{mean('base')} <= {mean('base')}"], "found", [True]),
+        ([f"{mean('base')} < {mean('base')}"], "not found", [False]),
+        (["share(mse[low] < mse[base]) >= 90%"], "found", [True]),
+        (["90% <= share(mse[low] < mse[base])"], "found", [True]),
+        (["share(mse[low] < mse[base]) >= 99%"], "undecided", [None]),
+        (["share(mse[low] < mse[base]) == 1"], "found", [True]),
+        (["share(mse[high] < mse[base]) > 50%"], "not found", [False]),
+        (["ratio(mse[low], mse[base]) < 0.9"], "found", [True]),
+        (["1 < ratio(mse[tie], mse[base])"], "undecided", [None]),
+        (["all(mse[low] < mse[base])"], "found", [True]),
+        ([], "not testable", []),
+    ],
+)
+def test_findings(trials, checks, finding, holds):
+    """All hold, some, none, or the interval contains 0."""
+    verdict = judge(claim(*checks), trials)
+    assert (verdict.finding, [number.holds for number in verdict.numbers]) == (finding, holds)
+    assert (verdict.seed, verdict.n_runs, verdict.reason) == (7, 60, "")
+
+
+def test_paired_intervals_are_scipys(trials):
+    """Mean, median, share and ratio by direct calls."""
+    low, base = COLUMNS["low"], COLUMNS["base"]
+
+    def interval(check):
+        return judge(claim(check), trials).numbers[0].interval
+
+    expected = stats.ttest_rel(low, base).confidence_interval(0.95)
+    assert interval(f"{mean('low')} < {mean('base')}") == pytest.approx((expected.low, expected.high), rel=1e-9)
+    assert interval("median(mse[low]) < median(mse[base])") == median_interval(low - base, 0.95)
+    expected = stats.binomtest(60, 60).proportion_ci(0.95, method="wilson")
+    assert interval("share(mse[low] < mse[base]) >= 0.5") == pytest.approx((expected.low - 0.5, 0.5))
+    assert interval("0.5 <= share(mse[low] < mse[base])") == pytest.approx((-0.5, 0.5 - expected.low))
+    expected = np.exp(stats.ttest_1samp(np.log(low / base), 0).confidence_interval(0.95))
+    assert interval("ratio(mse[low], mse[base]) < 1") == pytest.approx(tuple(expected - 1), rel=1e-9)
+    for check in (f"{mean('low')} < median(mse[base])", "mean(mse[low]) < 5", "2 * mean(mse[low]) < mean(mse[base])"):
+        assert interval(check) is None
+
+
+def test_sizes(trials):
+    """Size as stated, smaller, larger; a reduction counts by its amount."""
+    change = "mean(mse[low]) - mean(mse[base])"
+    for value, finding in ((-0.3, "found"), (-0.5, "found-smaller"), (-0.1, "found-larger")):
+        verdict = judge(claim("mean(mse[low]) < 10", stated=Stated(change, value, 0.01, "30 %")), trials)
+        assert verdict.finding == finding
+        assert verdict.size == pytest.approx(-0.3)
+    gain = "mean(mse[high]) - mean(mse[base])"
+    for value, finding in ((0.5, "found-smaller"), (0.1, "found-larger")):
+        assert judge(claim("1 < 2", stated=Stated(gain, value, 0.01, "")), trials).finding == finding
+    assert judge(claim("2 < 1", stated=Stated(gain, 9.0, 0.01, "")), trials).finding == "not found"
+    missing = judge(claim("1 < 2", stated=Stated("last(P[low])", 9.0, 0.01, "")), trials)
+    assert (missing.finding, "P[low]" in missing.reason) == ("undecided", True)
+
+
+def test_what_cannot_be_evaluated_is_undecided_with_a_reason(trials):
+    """Absent series, unreadable checks; the other numbers are still shown."""
+    verdict = judge(claim("last(P[low]) < 1", "1 <", f"{mean('low')} < {mean('base')}"), trials)
+    assert verdict.finding == "undecided"
+    assert "neither a metric nor a stored series" in verdict.reason
+    assert "column 4" in verdict.reason
+    assert [number.holds for number in verdict.numbers] == [True]
+
+
+def test_one_run_has_no_interval(make_trials):
+    """The two numbers decide."""
+    trials = make_trials({"mse": {"A": [1.0], "B": [2.0]}})
+    for check in ("mean(mse[A]) < mean(mse[B])", "median(mse[A]) < median(mse[B])", "share(mse[A] < mse[B]) > 0.5"):
+        verdict = judge(claim(check), trials)
+        assert (verdict.finding, verdict.numbers[0].interval) == ("found", None)
+
+
+def test_never(make_trials):
+    """Infinite columns: no interval of the mean, one of the median, and JSON says never."""
+    trials = make_trials({"t": {"A": [1.0, 2.0, INF, 3.0, 2.0, 1.0, 1.0, 1.5], "B": [INF] * 8}})
+    verdicts = [
+        judge(claim(check), trials)
+        for check in ("median(t[A]) < median(t[B])", "mean(t[A]) <= mean(t[B])", "max(t[B]) == never", "-never < 0")
+    ]
+    assert [verdict.finding for verdict in verdicts] == ["undecided", "found", "found", "found"]
+    assert verdicts[0].numbers[0].interval == (-INF, 0)
+    table = claims_table(verdicts)
+    assert table[0]["numbers"][0] == {
+        "text": "median(t[A]) < median(t[B])",
+        "left": 1.75,
+        "right": "never",
+        "holds": None,
+        "interval": [None, 0.0],
+        "n": 8,
+        "left_out": 0,
+    }
+    assert table[3]["numbers"][0]["left"] == "-never"
+
+
+def test_median_of_few_runs_is_open(make_trials):
+    """Five pairs cannot reach 95 per cent; the ends are open."""
+    trials = make_trials({"mse": {"A": [1.0, 2, 3, 4, 5], "B": [2.0, 3, 4, 5, 6]}})
+    verdict = judge(claim("median(mse[A]) < median(mse[B])"), trials)
+    assert (verdict.finding, verdict.numbers[0].interval) == ("undecided", (-INF, INF))
+    assert "difference in [open, open]" in claims_markdown([verdict], informational=False)
+
+
+def test_table_is_plain_json(trials):
+    """Strict JSON, with what was recorded beside what was computed."""
+    stated = Stated("ratio(mse[low], mse[base])", 0.9, 0.01, "about 10 %")
+    verdict = judge(claim(f"{mean('low')} < {mean('base')}", stated=stated), trials)
+    (row,) = json.loads(json.dumps(claims_table([verdict]), allow_nan=False))
+    assert (row["recorded"], row["finding"], row["n_runs"], row["seed"]) == ("found", "found-smaller", 60, 7)
+    assert row["stated"] == {"of": stated.of, "value": 0.9, "tolerance": 0.01, "text": "about 10 %"}
+    assert row["size"] == pytest.approx(stats.gmean(COLUMNS["low"] / BASE))
+    assert row["numbers"][0]["holds"] is True
+
+
+def test_markdown(make_trials):
+    """Sentence, source, findings, numbers with interval, n, seed, stated, chosen; digits the runs support."""
+    trials = make_trials({"mse": {"A": [1.0, 1.1, 1.2, None], "B": [2.0, 2.14, 2.19, 3.0]}})
+    verdicts = [
+        judge(claim("mean(mse[A]) < mean(mse[B])", stated="half"), trials),
+        judge(Claim("second\nline", "p. 3", ("last(P[A]) < 1",), stated=Stated("1 / 3", 0.3, 0.1, "a third")), trials),
+    ]
+    text = claims_markdown(verdicts, informational=False)
+    assert text == (
+        "# What the paper says\n\n"
+        "## 1. A is more accurate\n\n"
+        "- source: Fig. 7\n"
+        "- finding: **found** (recorded: found)\n"
+        "- `mean(mse[A]) < mean(mse[B])`: holds; 1.100 and 2.110, difference in [-1.076, -0.944], n = 3, "
+        "1 left out because a run failed\n"
+        "- 4 runs, seed 7\n"
+        "- stated: half\n"
+        "- chosen: the horizon\n\n"
+        "## 2. second line\n\n"
+        "- source: p. 3\n"
+        "- finding: **undecided**\n"
+        "- not evaluated: last(P[A]) < 1: P[A] is neither a metric nor a stored series\n"
+        "- 4 runs, seed 7\n"
+        "- stated: a third; here `1 / 3` is 0.3333\n"
+    )
+    informational = claims_markdown(verdicts, informational=True)
+    assert "the configuration was modified or did not run at full size" in informational
+    assert not any(word in informational.lower() for word in ("wrong", "refuted", "significant", "score"))

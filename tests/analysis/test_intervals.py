@@ -1,0 +1,110 @@
+"""Intervals against definitions and direct calls."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from rmpc_bench.analysis.intervals import (
+    difference,
+    geometric,
+    holm,
+    median_interval,
+    quantile,
+    signed_rank_p,
+    student,
+    wilson,
+)
+
+ROUND = 1e-12
+FINITE = st.floats(-1e6, 1e6)
+
+
+def test_student_by_hand():
+    """1, 2, 3: mean 2, se 1/sqrt(3), and with two degrees of freedom t = p sqrt(2 / (1 - p^2)) for level p."""
+    low, high = student(np.array([1.0, 2.0, 3.0]), 0.95)
+    reach = 0.95 * math.sqrt(2 / (1 - 0.95**2)) / math.sqrt(3)
+    assert (low, high) == pytest.approx((2 - reach, 2 + reach), rel=1e-10)
+    assert all(math.isnan(end) for end in student(np.array([1.0]), 0.95))
+    assert all(math.isnan(end) for end in student(np.array([1.0, np.inf]), 0.95))
+
+
+def test_geometric_by_hand():
+    """Ratios 1/2, 1/8: geometric mean 1/4; tiny samples may have ends beyond the floats."""
+    mean, (low, high) = geometric(np.array([1.0, 1.0]), np.array([2.0, 8.0]), 0.95)
+    assert mean == pytest.approx(0.25, rel=ROUND)
+    assert low * high == pytest.approx(1 / 16, rel=1e-9)
+    assert geometric(np.array([1e-300, 1.0]), np.array([1e300, 1e-300]), 0.95)[1][1] == math.inf
+
+
+@given(st.integers(0, 40), st.integers(1, 40), st.sampled_from([0.9, 0.95]))
+def test_wilson_by_its_formula(k, n, confidence):
+    """The closed form of the score interval."""
+    k = min(k, n)
+    z = stats.norm.ppf((1 + confidence) / 2)
+    centre = (k + z**2 / 2) / (n + z**2)
+    reach = z / (n + z**2) * math.sqrt(k * (n - k) / n + z**2 / 4)
+    assert wilson(k, n, confidence) == pytest.approx((centre - reach, centre + reach), abs=1e-9)
+
+
+@given(st.lists(FINITE, min_size=1, max_size=25, unique=True), st.sampled_from([0.8, 0.95, 0.99]))
+def test_median_interval_is_the_inverted_sign_test(values, confidence):
+    """Keep the order statistics that a two-sided sign test, coin by coin, does not reject."""
+    x = np.array(sorted(values))
+    n = len(x)
+
+    def tail(count):
+        return 2 * sum(math.comb(n, i) for i in range(count + 1)) / 2**n
+
+    # A median just above x[i] has i + 1 values below it; just below x[i] it has i.
+    rejected = [tail(count) <= 1 - confidence + 1e-12 for count in range((n + 1) // 2)]
+    rank = rejected.index(False) if False in rejected else len(rejected)
+    expected = (-math.inf, math.inf) if rank == 0 else (x[rank - 1], x[n - rank])
+    assert median_interval(np.array(values), confidence) == expected
+
+
+def test_median_interval_as_scipy_has_it():
+    """Where scipy.stats.quantile_test gives ends, they are ours."""
+    values = np.random.default_rng(3).normal(size=57)
+    interval = stats.quantile_test(values, p=0.5).confidence_interval(0.95)
+    assert median_interval(values, 0.95) == (interval.low, interval.high)
+
+
+@given(st.lists(FINITE, min_size=1, max_size=30), st.floats(0, 1))
+def test_quantile_of_finite_values_is_numpys(values, q):
+    """Linear interpolation between order statistics."""
+    assert float(quantile(np.array(values), q)) == pytest.approx(float(np.quantile(values, q)), rel=1e-9, abs=1e-9)
+
+
+def test_quantile_with_never():
+    """Between two infs there is inf, not NaN."""
+    values = np.array([1.0, np.inf, np.inf, 2.0])
+    assert [float(quantile(values, q)) for q in (0.0, 1 / 3, 0.5, 0.9)] == [1, 2, math.inf, math.inf]
+    assert math.isnan(quantile(np.array([]), 0.5))
+
+
+def test_difference_of_nevers_is_0():
+    """A run that neither method settles is a tie."""
+    a, b = np.array([np.inf, 1.0, np.inf]), np.array([np.inf, np.inf, 2.0])
+    assert difference(a, b).tolist() == [0, -math.inf, math.inf]
+
+
+def test_signed_rank_p():
+    """Direct calls, and the two samples that have no test."""
+    x = np.array([1.0, -2.0, 3.0, 4.0, 5.5])
+    assert signed_rank_p(x) == stats.wilcoxon(x).pvalue
+    assert signed_rank_p(np.zeros(5)) == 1.0
+    assert math.isnan(signed_rank_p(np.zeros(0)))
+    assert 0 < signed_rank_p(np.array([np.inf, -1.0, -np.inf, 0.0])) <= 1
+
+
+def test_holm_known_example():
+    """The worked example of R's p.adjust; a missing test is not in the family."""
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02], rel=ROUND)
+    assert holm([0.6, 0.7]) == [1.0, 1.0]
+    adjusted = holm([0.04, math.nan, 0.01])
+    assert [adjusted[0], adjusted[2]] == pytest.approx([0.04, 0.02], rel=ROUND)
+    assert math.isnan(adjusted[1])

@@ -1,0 +1,54 @@
+"""The table of trials."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+
+def test_failed_and_absent_runs_are_nan(make_trials):
+    """Columns cover all runs of the table, whatever a method has."""
+    trials = make_trials({"mse": {"A": [1.0, None, 3.0], "B": [4.0, 5.0, 6.0]}})
+    np.testing.assert_array_equal(trials.column("mse", "A"), [1, np.nan, 3])
+    trials = replace(trials, frame=trials.frame.iloc[:-1])
+    np.testing.assert_array_equal(trials.column("mse", "B"), [4, 5, np.nan])
+
+
+def test_a_status_counts_even_where_a_number_was_left(make_trials):
+    """A value of a failed run is never used."""
+    trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [4.0, 5.0]}})
+    trials.frame.loc[0, "status"] = "out-of-range"
+    np.testing.assert_array_equal(trials.column("mse", "A"), [np.nan, 2])
+    assert (trials.n_failed("A"), trials.n_failed("B")) == (1, 0)
+
+
+def test_pairs_need_both(make_trials):
+    """A failed run loses its pair."""
+    trials = make_trials({"mse": {"A": [1.0, None, 3.0, 4.0], "B": [5.0, 6.0, None, 8.0]}})
+    a, b = trials.pairs("mse", "A", "B")
+    assert (a.tolist(), b.tolist()) == ([1, 4], [5, 8])
+
+
+def test_series_are_assembled_with_axis_0_k(make_trials):
+    """Scalars, vectors and matrices, rows in any order."""
+    values = np.arange(12.0).reshape(3, 2, 2)
+    rows = [("A", "P", f"{i},{j}", k, 0, values[k, i, j]) for k in (2, 0, 1) for j in (1, 0) for i in (0, 1)]
+    rows += [("A", "b", str(i), k, 0, 10 * k + i) for k in range(2) for i in range(3)]
+    rows += [("A", "theta", "", k, 0, k / 4) for k in range(4)]
+    trials = make_trials({"mse": {"A": [1.0]}}, rows)
+    np.testing.assert_array_equal(trials.matrix_series("P", "A"), values)
+    np.testing.assert_array_equal(trials.matrix_series("b", "A"), [[0, 1, 2], [10, 11, 12]])
+    np.testing.assert_array_equal(trials.matrix_series("theta", "A"), [0, 0.25, 0.5, 0.75])
+
+
+def test_the_exact_series_counts(make_trials):
+    """Where n = 0 exists, estimates from runs are left aside."""
+    rows = [("A", "v", "", k, n, value) for k in range(2) for n, value in ((500, 9.0), (0, 1.0))]
+    trials = make_trials({"mse": {"A": [1.0]}}, rows)
+    assert trials.matrix_series("v", "A").tolist() == [1, 1]
+
+
+def test_an_absent_series_is_a_key_error(make_trials):
+    """The message names method and quantity."""
+    with pytest.raises(KeyError, match="A has no series M"):
+        make_trials({"mse": {"A": [1.0]}}).matrix_series("M", "A")
