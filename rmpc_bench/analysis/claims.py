@@ -10,43 +10,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rmpc_bench.analysis.claim import Claim, Stated
 from rmpc_bench.analysis.claim_comparison import Compared, compared
 from rmpc_bench.analysis.claim_evaluation import EvaluationError, Evaluator
 from rmpc_bench.analysis.claim_grammar import ClaimError, parse, parse_expression
 from rmpc_bench.analysis.statistics import decimals
 from rmpc_bench.analysis.trials import Trials
-
-
-@dataclass(frozen=True)
-class Stated:
-    """The size that a paper gives: the expression `of` is `value` +- `tolerance` (absolute); `text` as printed."""
-
-    of: str
-    value: float
-    tolerance: float
-    text: str
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One statement of a paper.
-
-    Parameters
-    ----------
-    says : the statement, in one sentence
-    source : where it stands
-    check : comparisons, see `claim_grammar`; empty when nothing here can test it
-    finding : the recorded finding
-    stated : what the paper gives, as a text or as a size that is checked when all comparisons hold
-    chosen : what we had to choose, and why
-    """
-
-    says: str
-    source: str
-    check: tuple[str, ...]
-    finding: str | None = None
-    stated: str | Stated | None = None
-    chosen: str | None = None
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Protocol
 
+from rmpc_bench.types import NonNegative, Positive
+
 
 class Distribution(Protocol):
     """A law of one number."""
@@ -25,6 +27,11 @@ class Uniform:
     low: float
     high: float
 
+    def __post_init__(self) -> None:
+        """Refuse bounds in the wrong order."""
+        if self.low > self.high:
+            raise ValueError(f"low ({self.low:g}) must not exceed high ({self.high:g})")
+
     def quantile(self, p: float) -> float:
         """Value below which a share p lies."""
         return self.low + (self.high - self.low) * p
@@ -34,9 +41,9 @@ class Uniform:
 class Normal:
     """Normal about ``mean``, optionally cut off at ``truncate`` standard deviations on both sides."""
 
-    mean: float
-    std: float
-    truncate: float | None = None
+    std: NonNegative
+    mean: float = 0.0
+    truncate: Positive | None = None
 
     def quantile(self, p: float) -> float:
         """Value below which a share p lies."""
@@ -51,6 +58,11 @@ class Choice:
     """One of ``values``, each equally likely."""
 
     values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse an empty choice."""
+        if not self.values:
+            raise ValueError("values must not be empty")
 
     def quantile(self, p: float) -> float:
         """Value below which a share p lies."""

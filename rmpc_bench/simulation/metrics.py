@@ -38,6 +38,8 @@ class Units(NamedTuple):
     """Length of one sample in the unit that `from` and `to` are given in: Ts with seconds, 1 with samples."""
     y: str
     u: str
+    cut: bool = False
+    """Whether a window that reaches beyond the last sample ends there (a smoke run is short)."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,8 @@ def _window(units: Units, start: Bound, end: Bound, default_last: int, limit: in
         limit if bound == "N" else default if bound is None else round(float(bound) / units.tick)
         for bound, default in ((start, 0), (end, default_last))
     )
+    if units.cut:
+        first, last = min(first, limit), min(last, limit)
     if not 0 <= first <= last <= limit:
         raise DesignError(
             f"the window from {first} to {last} (samples) must lie in 0..{limit} and hold at least one sample"

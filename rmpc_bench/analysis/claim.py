@@ -1,0 +1,48 @@
+"""A statement of a paper, as a configuration records it.  Light: plain `check` imports it without pandas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FINDINGS = (
+    "found",
+    "found-smaller",
+    "found-larger",
+    "partly",
+    "undecided",
+    "depends on what is not stated",
+    "not found",
+    "not testable",
+)
+
+
+@dataclass(frozen=True)
+class Stated:
+    """The size that a paper gives: the expression `of` is `value` +- `tolerance` (absolute); `text` as printed."""
+
+    of: str
+    value: float
+    tolerance: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement of a paper.
+
+    Parameters
+    ----------
+    says : the statement, in one sentence
+    source : where it stands
+    check : comparisons, see `claim_grammar`; empty when nothing here can test it
+    finding : the recorded finding
+    stated : what the paper gives, as a text or as a size that is checked when all comparisons hold
+    chosen : what we had to choose, and why
+    """
+
+    says: str
+    source: str
+    check: tuple[str, ...]
+    finding: str | None = None
+    stated: str | Stated | None = None
+    chosen: str | None = None

@@ -1,0 +1,178 @@
+"""From validated parts to an Experiment: every design is made here, once, before any run.
+
+What a design refuses is noted at the place of the parameter to blame; the other designs are made all the same, so that
+a user sees every mistake at once.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.experiment.parts import Part
+from rmpc_bench.experiment.quantities import Expression
+from rmpc_bench.experiment.reader import Law, MethodParts, Sheet
+from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
+from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.metrics import Units
+from rmpc_bench.simulation.noise import Gaussian, Noise
+from rmpc_bench.simulation.reference import Reference
+from rmpc_bench.simulation.scenario import Experiment, Scenario
+from rmpc_bench.types import Array, Method, Metric, Plant, Problem
+
+
+@dataclass(frozen=True)
+class Changed:
+    """A plant parameter as a function of the named uncertain values of a run."""
+
+    expression: Expression
+    factor: float
+
+    def __call__(self, values: Mapping[str, float]) -> float:
+        """Value of the parameter."""
+        return self.factor * self.expression(values)
+
+
+class _Builder:
+    """Builds what can be built from a sheet and notes what cannot."""
+
+    def __init__(self, sheet: Sheet, *, smoke: bool) -> None:
+        self.sheet, self.smoke = sheet, smoke
+        self.time = sheet.values["time"]
+        self.n_steps: int = self.time.n_steps
+        self.models: dict[str, Any] = {}
+
+    def plant(self) -> Plant | None:
+        """Build the plant and check the names of what is changed in it."""
+        if self.sheet.plant is None:
+            return None
+        plant: Plant | None = self.sheet.plant.build(self.sheet.problems, Ts=self.time.step)
+        if plant is not None:
+            for name, change in self.sheet.changes.items():
+                if name not in plant.nominal:
+                    message = unknown(name, plant.nominal, f"parameter of {self.sheet.plant.kind}")
+                    key = "perturb" if change.relative else "set"
+                    self.sheet.problems.append(Problem(*change.problem_at, f"plant.{key}.{name}", message))
+        return plant
+
+    def model(self, part: Part | None) -> Any:
+        """Build a model; methods that believe the same share one."""
+        if part is None:
+            return None
+        key = json.dumps(part.resolved(), sort_keys=True)
+        if key not in self.models:
+            self.models[key] = part.build(self.sheet.problems, Ts=self.time.step)
+        return self.models[key]
+
+    def start(self, model: Any) -> tuple[Array, Array] | None:
+        """Return x_hat and P at the start, for the size of a model."""
+        given, P = self.sheet.initial, self.sheet.initial["P"]
+        if given["x_hat"] is None or P is None:
+            return None
+        x0 = self.sized("x_hat", lambda: as_vector(given["x_hat"], model.nx))
+        P0 = model.Q_w if isinstance(P, str) else self.sized("P", lambda: as_covariance(P, model.nx))
+        return None if x0 is None or P0 is None else (x0, P0)
+
+    def sized(self, key: str, expand: Any) -> Any:
+        """Expand a short form under `initial`; a size that does not fit is noted there."""
+        try:
+            return expand()
+        except ValueError as error:
+            self.sheet.note(["initial", key], str(error))
+            return None
+
+    def method(self, name: str, parts: MethodParts) -> Method | None:
+        """Build one estimator-controller pair."""
+        problems, model = self.sheet.problems, self.model(parts.model)
+        if model is None:
+            return None
+        start = self.start(model)
+        estimator = None
+        if parts.estimator is not None and start is not None:
+            provided = {"model": model, "n_steps": self.n_steps, "x0": start[0], "P0": start[1]}
+            estimator = parts.estimator.build(problems, **provided)
+        controller = None
+        if parts.controller is not None:
+            provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
+            controller = parts.controller.build(problems, **provided)
+        return None if estimator is None or controller is None else Method(name, estimator, controller)
+
+    def noise(self, law: Law | None, n: int, channel: str) -> tuple[Noise, ...]:
+        """Build the terms of one channel's noise."""
+        if law is None:
+            return ()
+        if law.part is not None:
+            made = law.part.build(self.sheet.problems, n=n)
+            return (made,) if made is not None else ()
+        model = self.model(self.sheet.model)
+        if model is None:
+            return ()
+        cov = model.R_v if channel == "measurement" else model.Q_w
+        if len(cov) != n:
+            self.sheet.note(["noise"], f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
+            return ()
+        return (Gaussian(np.zeros(n), (law.same or 0.0) * psd_sqrt(cov)),)
+
+    def scenario(self, plant: Plant, reference: Reference) -> Scenario | None:
+        """Gather what befalls every run."""
+        sheet = self.sheet
+        x0 = None if sheet.initial["x"] is None else self.sized("x", lambda: as_vector(sheet.initial["x"], plant.nx))
+        x0_noise = self.noise(sheet.initial["law"], plant.nx, "initial")
+        process = self.noise(sheet.noise.get("process"), plant.nw, "process")
+        measurement = self.noise(sheet.noise.get("measurement"), plant.nv, "measurement")
+        if x0 is None or sheet.values["seed"] is None or not set(sheet.changes) <= set(plant.nominal):
+            return None
+        return Scenario(
+            seed=sheet.values["seed"],
+            uncertainty=sheet.uncertainty,
+            parameters={
+                name: Changed(change.expression, plant.nominal[name] if change.relative else 1.0)
+                for name, change in sheet.changes.items()
+            },
+            x0=x0,
+            x0_noise=x0_noise[0] if x0_noise else None,
+            process=process,
+            measurement=measurement,
+            reference=reference,
+        )
+
+    def metrics(self, plant: Plant) -> tuple[Metric, ...]:
+        """Build the metrics; two of the same name are refused."""
+        units = Units(self.n_steps, self.time.tick, plant.y_unit, plant.u_unit, cut=self.smoke)
+        made = [part.build(self.sheet.problems, units=units) for part in self.sheet.metrics if part is not None]
+        names: set[str] = set()
+        for number, metric in enumerate(made):
+            if metric is not None and metric.info.name in names:
+                self.sheet.note(["metrics", number], f"{metric.info.name!r} is given twice; give one a `name`")
+            names |= {metric.info.name} if metric is not None else set()
+        return tuple(metric for metric in made if metric is not None)
+
+
+def build(sheet: Sheet, *, smoke: bool = False) -> Experiment | None:
+    """Make every design; None when something is missing, with the reasons in ``sheet.problems``.
+
+    Parameters
+    ----------
+    sheet : what the configuration says
+    smoke : cut windows of metrics to a run that is too short for them
+    """
+    if sheet.values["time"] is None:
+        return None
+    builder = _Builder(sheet, smoke=smoke)
+    plant = builder.plant()
+    methods = [builder.method(name, parts) for name, parts in sheet.methods.items()]
+    if plant is None or sheet.reference is None:
+        return None
+    reference = sheet.reference.build(sheet.problems, ny=plant.ny)
+    metrics = builder.metrics(plant)
+    scenario = builder.scenario(plant, reference)
+    if scenario is None or sheet.problems or any(method is None for method in methods):
+        return None
+    pairs = tuple(method for method in methods if method is not None)
+    return Experiment(plant, pairs, scenario, metrics, sheet.values["runs"], builder.n_steps)
+
+

@@ -1,0 +1,90 @@
+"""Ways to work through tasks: in this process, or in worker processes of joblib.
+
+Results come back in any order; nothing in them depends on the way.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Generator, Sequence
+from contextlib import AbstractContextManager
+from typing import NamedTuple
+
+from rmpc_bench.simulation.closed_loop import Block, simulate_block
+from rmpc_bench.simulation.scenario import Experiment
+
+
+class Task(NamedTuple):
+    """One method over a range of runs."""
+
+    method: str
+    first: int
+    stop: int
+
+    @property
+    def runs(self) -> range:
+        """Indices of the runs."""
+        return range(self.first, self.stop)
+
+
+class Done(NamedTuple):
+    """A finished task."""
+
+    task: Task
+    block: Block
+    uncertainty: list[dict[str, float]]
+
+
+def single_thread() -> AbstractContextManager[object]:
+    """Hold BLAS to one thread: more of them change last bits and slow small matrices down."""
+    import scipy.linalg  # noqa: F401 - SciPy brings a BLAS of its own, which must be loaded to be limited
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(limits=1)  # type: ignore[no-any-return]
+
+
+def work(experiment: Experiment, task: Task) -> Done:
+    """Do one task."""
+    with single_thread():
+        block = simulate_block(experiment, experiment.method(task.method), task.runs)
+    return Done(task, block, [experiment.scenario.named_values(run) for run in task.runs])
+
+
+def serial(experiment: Experiment, tasks: Sequence[Task]) -> Generator[Done]:
+    """Do the tasks in this process, one after the other."""
+    for task in tasks:
+        yield work(experiment, task)
+
+
+def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Generator[Done]:
+    """Do the tasks in worker processes; closing the generator ends them."""
+    from joblib import Parallel, delayed
+    from joblib.externals.loky import get_reusable_executor
+
+    parallel = Parallel(
+        n_jobs=workers,
+        backend="loky",
+        return_as="generator_unordered",
+        batch_size=1,
+        inner_max_num_threads=1,
+        initializer=_start_worker,
+        initargs=(experiment,),
+    )
+    try:
+        yield from parallel(delayed(_work_here)(task) for task in tasks)
+    finally:
+        get_reusable_executor().shutdown(wait=True, kill_workers=True)
+
+
+_here: list[Experiment] = []
+"""The experiment of this worker process, sent once when it started."""
+
+
+def _start_worker(experiment: Experiment) -> None:
+    # Ctrl-C in a terminal reaches every process of the group; the parent alone decides what happens then.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _here[:] = [experiment]
+
+
+def _work_here(task: Task) -> Done:
+    return work(_here[0], task)

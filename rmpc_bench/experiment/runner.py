@@ -1,0 +1,133 @@
+"""From a configuration to stored trials: find what is missing, compute it, store every block as it arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench.experiment import engines
+from rmpc_bench.experiment.config import ExperimentConfig, digest
+from rmpc_bench.experiment.engines import Done, Task
+from rmpc_bench.experiment.manifest import Session
+from rmpc_bench.experiment.progress import Progress, Silent, said_if_slow
+from rmpc_bench.experiment.store import Store
+from rmpc_bench.simulation.scenario import Experiment
+
+
+def method_key(config: ExperimentConfig, name: str) -> str:
+    """Hash under which the trials of a method are stored."""
+    return digest(config.methods[name])
+
+
+def metric_keys(config: ExperimentConfig) -> dict[str, str]:
+    """Hashes under which metrics are stored; a new name alone makes no new metric."""
+    return {name: digest({**keys, "name": None}) for name, keys in config.metrics.items()}
+
+
+def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) -> list[Task]:
+    """Tasks that are not stored yet, block by block.
+
+    Parameters
+    ----------
+    config : the experiment
+    store : what is there
+    methods : names of the methods to compute
+    """
+    tasks = []
+    for method in config.experiment.methods:
+        if method.name in methods:
+            done = store.finished(method_key(config, method.name), metric_keys(config).values())
+            missing = [run for run in range(config.experiment.n_runs) if run not in done]
+            tasks += [Task(method.name, *bounds) for bounds in _ranges(missing, config.execution.block)]
+    # All methods of a block of runs come together, so that what an interrupted run leaves is comparable.
+    return sorted(tasks, key=lambda task: task.first // config.execution.block)
+
+
+def _ranges(runs: list[int], block: int) -> Iterator[tuple[int, int]]:
+    """Consecutive runs that lie in the same block of run indices, as (first, stop)."""
+    start = 0
+    for i in range(1, len(runs) + 1):
+        if i == len(runs) or runs[i] != runs[i - 1] + 1 or runs[i] // block != runs[start] // block:
+            yield runs[start], runs[i - 1] + 1
+            start = i
+
+
+def compute(
+    config: ExperimentConfig,
+    directory: Path,
+    *,
+    workers: int | None = None,
+    only: Collection[str] | None = None,
+    progress: Progress | None = None,
+    modified: Collection[str] = (),
+) -> None:
+    """Compute and store what is missing; the same call continues an interrupted one.
+
+    Parameters
+    ----------
+    config : the experiment
+    directory : where its trials.sqlite lies or will lie
+    workers : worker processes, 1 for none; the configuration's `execution.workers` unless given
+    only : names of the methods to compute; all unless given
+    progress : display
+    modified : what was changed against the file, noted for the report
+
+    Raises
+    ------
+    StoreError
+        If the directory holds another experiment or is being written to.
+    WriteError
+        If a block cannot be written.
+    """
+    progress = progress or Silent()
+    names = [method.name for method in config.experiment.methods]
+    methods = names if only is None else [name for name in names if name in only]
+    with Store(directory) as store:
+        store.claim(config.hash, config.shared)
+        tasks = pending(config, store, methods)
+        with Session(directory, config, modified, progress.say):
+            if tasks:
+                total = len(methods) * config.experiment.n_runs
+                left = sum(len(task.runs) for task in tasks)
+                _compute(config, store, tasks, workers or config.execution.workers, progress, (total, total - left))
+
+
+def _compute(
+    config: ExperimentConfig,
+    store: Store,
+    tasks: list[Task],
+    workers: int,
+    progress: Progress,
+    counts: tuple[int, int],
+) -> None:
+    _warm_up(config.experiment, progress)
+    keys = metric_keys(config)
+    progress.start(config.name, *counts)
+    try:
+        with closing(_engine(config.experiment, tasks, workers)) as results:
+            for done in results:
+                _store(store, method_key(config, done.task.method), keys, done, config.experiment)
+                progress.advance(len(done.task.runs))
+    finally:
+        progress.stop()
+
+
+def _engine(experiment: Experiment, tasks: list[Task], workers: int) -> Any:
+    workers = min(workers, len(tasks))
+    return engines.serial(experiment, tasks) if workers == 1 else engines.processes(experiment, tasks, workers)
+
+
+def _warm_up(experiment: Experiment, progress: Progress) -> None:
+    """Compile in this process, once, what every worker then loads from the cache."""
+    warm_up = getattr(experiment.plant, "warm_up", None)
+    if warm_up is not None:
+        with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
+            warm_up()
+
+
+def _store(store: Store, method: str, keys: Mapping[str, str], done: Done, experiment: Experiment) -> None:
+    names = [metric.info.name for metric in experiment.metrics]
+    columns = {keys[name]: column for name, column in zip(names, done.block.metrics, strict=True)}
+    store.add_block(method, done.task.runs, done.block.status, columns, done.uncertainty)

@@ -1,0 +1,257 @@
+"""From the signature of a design function to the keys of a configuration, validated by pydantic.
+
+A keyword of `design` is a key of the YAML, its annotation the check, its default the default.  What the bench itself
+provides (the model, the number of steps and so on) is no key; `PROVIDED` lists it.  Numbers may be written as
+quantities (``2*pi``, ``5%``).
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+)
+
+from rmpc_bench import registry
+from rmpc_bench.experiment import quantities
+from rmpc_bench.experiment.yaml import Items, Map, join, locate, locate_key
+from rmpc_bench.types import Problem
+
+PROVIDED: dict[str, frozenset[str]] = {
+    "plants": frozenset({"Ts"}),
+    "models": frozenset({"Ts"}),
+    "estimators": frozenset({"model", "n_steps", "x0", "P0"}),
+    "controllers": frozenset({"model", "n_steps", "estimator"}),
+    "references": frozenset({"ny"}),
+    "noises": frozenset({"n"}),
+    "metrics": frozenset({"units"}),
+    "figures": frozenset({"trials"}),
+}
+"""Parameters of a design that the bench fills in, by group."""
+
+
+def _number(value: Any) -> float:
+    return quantities.number(value)
+
+
+def _integer(value: Any) -> Any:
+    number = quantities.number(value)
+    return int(number) if number == int(number) else number  # pydantic says what is wrong with 2.5
+
+
+def with_quantities(annotation: Any) -> Any:
+    """Let every number inside an annotation be written as a quantity, and choose between the members of a union."""
+    if annotation is float:
+        return Annotated[float, BeforeValidator(_number)]
+    if annotation is int:
+        return Annotated[int, BeforeValidator(_integer)]
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        inner, *constraints = arguments
+        return Annotated[(with_quantities(inner), *constraints)]  # type: ignore[return-value]
+    if origin in (list, tuple, dict):
+        return origin[tuple(argument if argument is ... else with_quantities(argument) for argument in arguments)]
+    if origin in (Union, UnionType):
+        return _union(arguments)
+    if inspect.isclass(annotation) and hasattr(annotation, "__dataclass_fields__"):
+        return _record(annotation)
+    return annotation
+
+
+def _record(kind: type) -> Any:
+    """Check the fields of a dataclass as keys of a mapping and make the dataclass."""
+    model = create_model(kind.__name__, __config__=_CONFIG, **_fields(kind, frozenset()))
+
+    def make(value: BaseModel) -> Any:
+        return kind(**{name: getattr(value, name) for name in type(value).model_fields})
+
+    return Annotated[model, AfterValidator(make)]
+
+
+def _shape(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict) or hasattr(value, "__dataclass_fields__"):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return "a matrix" if value and isinstance(value[0], list | tuple) else "a list"
+    return "a number"
+
+
+def _union(members: Sequence[Any]) -> Any:
+    """Choose the member by the shape of the value, so that an error speaks of one member only."""
+    tagged: dict[str, Any] = {}
+    words: tuple[Any, ...] = ()
+    for member in members:
+        core = get_args(member)[0] if get_origin(member) is Annotated else member
+        if get_origin(core) is Literal:
+            words = get_args(core)
+            tagged["a word"] = member
+        elif core is NoneType:
+            tagged["nothing"] = member
+        elif get_origin(core) in (list, tuple):
+            inner = get_args(core)[0]
+            tagged["a matrix" if get_origin(inner) in (list, tuple) else "a list"] = with_quantities(member)
+        elif core in (float, int):
+            tagged["a number"] = with_quantities(member)
+        elif core is str:
+            tagged["text"] = member
+        else:
+            tagged["a mapping"] = with_quantities(member)
+
+    def choose(value: Any) -> str:
+        if isinstance(value, str) and (value in words or "text" in tagged):
+            return "a word" if value in words else "text"
+        shape = _shape(value)
+        return "a list" if shape == "a matrix" and "a matrix" not in tagged else shape
+
+    choices = Union[tuple(Annotated[member, Tag(tag)] for tag, member in tagged.items())]  # noqa: UP007
+    expected = " or ".join(tag for tag in tagged if tag != "nothing")
+    return Annotated[
+        choices,
+        Discriminator(
+            choose, custom_error_type="shape", custom_error_message=f"expected {expected}", custom_error_context={}
+        ),
+    ]
+
+
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False, frozen=True, protected_namespaces=())
+
+
+def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str, Any]:
+    keys = {name: key for name, key in inspect.signature(function).parameters.items() if name not in provided}
+    hints = _hints(function, {name: key.annotation for name, key in keys.items()})
+    fields: dict[str, Any] = {}
+    for name, parameter in keys.items():
+        default = ... if parameter.default is inspect.Parameter.empty else parameter.default
+        alias = name.rstrip("_")
+        field = Field(default, alias=alias) if alias != name else Field(default)
+        fields[name] = (with_quantities(hints.get(name, Any)), field)
+    return fields
+
+
+def _hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:
+    """Evaluate the annotations of keys only: what is provided may be annotated with names imported for mypy alone."""
+    annotations = {name: Any if text is inspect.Parameter.empty else text for name, text in annotations.items()}
+    inner = inspect.unwrap(function)
+    scope = vars(sys.modules[inner.__module__])
+    return get_type_hints(type("Keys", (), {"__annotations__": annotations}), scope, include_extras=True)
+
+
+@cache
+def model_of(group: str, kind: str) -> type[BaseModel]:
+    """Pydantic model of the keys of a registered part."""
+    return create_model(kind, __config__=_CONFIG, **_fields(registry.get(group, kind), PROVIDED[group]))
+
+
+def validate(kind: Any, tree: Any, path: Sequence[str | int], problems: list[Problem]) -> Any:
+    """Check a tree against a pydantic model or any annotation; what is wrong goes to ``problems``.
+
+    Parameters
+    ----------
+    kind : pydantic model or annotation
+    tree : what to check, with its marks
+    path : where it stands, for the messages
+    problems : gets one entry per mistake
+
+    Returns
+    -------
+    The validated value, or None.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(tree)
+    except ValidationError as error:
+        problems += [_problem(entry, tree, path, kind) for entry in error.errors()]
+        return None
+
+
+def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any) -> Problem:
+    steps, node = [], tree
+    for step in entry["loc"]:  # pydantic puts the members of unions into its paths, too
+        if isinstance(node, dict) and step in node or isinstance(node, list) and step in range(len(node)):
+            steps.append(step)
+            node = node[step]
+    if entry["type"] == "extra_forbidden":
+        mark = locate_key(tree, steps)
+    elif entry["type"] == "missing":
+        mark = locate(tree, steps)
+        what = f"{entry['loc'][-1]!r} is missing" if isinstance(entry["loc"][-1], str) else "has too few entries"
+        return Problem(*mark, join([*path, *steps]), what)
+    else:
+        mark = locate(tree, steps) if isinstance(tree, Map | Items) else _mark_of(tree)
+    return Problem(*mark, join([*path, *steps]), _message(entry, kind, steps))
+
+
+def _mark_of(tree: Any) -> tuple[str, int, int]:
+    return getattr(tree, "mark", ("", 1, 1))
+
+
+_WORDS: dict[str, str] = {
+    "greater_than": "must be > {gt:g}",
+    "greater_than_equal": "must be >= {ge:g}",
+    "less_than": "must be < {lt:g}",
+    "less_than_equal": "must be <= {le:g}",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text",
+    "string_too_short": "must not be empty",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "dict_type": "must be a mapping",
+    "model_type": "must be a mapping",
+    "model_attributes_type": "must be a mapping",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "shape": "{message}",
+    "literal_error": "must be {expected}",
+    "value_error": "{error}",
+}
+
+
+def _message(entry: Any, kind: Any, steps: Sequence[str | int]) -> str:
+    context = {**entry.get("ctx", {}), "message": entry["msg"]}
+    if entry["type"] == "extra_forbidden":
+        known = _keys_at(kind, steps[:-1])
+        return registry.unknown(str(steps[-1]), known, "key")
+    text = _WORDS.get(entry["type"], entry["msg"]).format(**context)
+    return text if entry["type"] == "value_error" else f"{text} (got {shown(entry['input'])})"
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it."""
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    return "nothing" if value is None else repr(value)
+
+
+def _keys_at(kind: Any, steps: Sequence[str | int]) -> list[str]:
+    """Keys that are known at a path inside a model."""
+    if get_origin(kind) is Annotated:
+        return _keys_at(get_args(kind)[0], steps)
+    if get_origin(kind) in (Union, UnionType):
+        return [key for member in get_args(kind) for key in _keys_at(member, steps)]
+    if get_origin(kind) in (list, tuple) and steps:
+        return _keys_at(get_args(kind)[0], steps[1:])
+    if get_origin(kind) is dict and steps:
+        return _keys_at(get_args(kind)[1], steps[1:])
+    if not (inspect.isclass(kind) and issubclass(kind, BaseModel)):
+        return []
+    fields = {field.alias or name: field.annotation for name, field in kind.model_fields.items()}
+    return _keys_at(fields.get(str(steps[0])), steps[1:]) if steps else list(fields)

@@ -1,0 +1,215 @@
+"""The truth of an experiment: trials.sqlite.
+
+One transaction per finished block, one writer with an exclusive lock, a rollback journal: this works on network file
+systems, too, and a process that is killed loses the blocks in flight and nothing else.  Trials are filed under the
+hash of what their method is and metrics under the hash of what they measure, so a method or a metric that changes its
+definition never meets numbers of the old one.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.types import Array, Status
+
+FILE = "trials.sqlite"
+_SCHEMA = """
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE trials (method TEXT, run INTEGER, status TEXT NOT NULL, PRIMARY KEY (method, run)) WITHOUT ROWID;
+CREATE TABLE metrics (method TEXT, metric TEXT, run INTEGER, value REAL, PRIMARY KEY (method, metric, run))
+    WITHOUT ROWID;
+CREATE TABLE uncertainty (run INTEGER, name TEXT, value REAL NOT NULL, PRIMARY KEY (run, name)) WITHOUT ROWID;
+"""
+
+
+class StoreError(Exception):
+    """A directory that cannot take this experiment: another one is in it, or somebody writes to it."""
+
+
+class WriteError(Exception):
+    """Results could not be written; everything stored before is intact."""
+
+
+class Store:
+    """An open trials.sqlite; use it as a context manager.
+
+    Parameters
+    ----------
+    directory : directory of the experiment, made if it is not there
+    writable : whether to take the lock and create what is missing
+
+    Raises
+    ------
+    StoreError
+        If another process writes to the file, or it is not a store.
+    WriteError
+        If the directory or the file cannot be made.
+    """
+
+    def __init__(self, directory: Path, *, writable: bool = True) -> None:
+        self.directory = directory
+        path = directory / FILE
+        try:
+            if writable:
+                directory.mkdir(parents=True, exist_ok=True)
+                self._connection = sqlite3.connect(path, timeout=0.0, isolation_level=None)
+            else:
+                self._connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=5.0)
+        except (OSError, sqlite3.OperationalError) as error:
+            raise WriteError(f"{path}: {error}") from None
+        try:
+            if writable:
+                self._prepare()
+            self.meta("experiment")
+        except sqlite3.DatabaseError as error:
+            self._connection.close()
+            raise _translated(error, path) from None
+
+    def _prepare(self) -> None:
+        execute = self._connection.execute
+        execute("PRAGMA locking_mode = EXCLUSIVE")
+        execute("PRAGMA journal_mode = DELETE")
+        execute("BEGIN EXCLUSIVE")
+        if not execute("SELECT 1 FROM sqlite_master WHERE name = 'meta'").fetchone():
+            for statement in filter(str.strip, _SCHEMA.split(";")):
+                execute(statement)
+        execute("COMMIT")
+
+    def __enter__(self) -> Store:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the file and give the lock back."""
+        self._connection.close()
+
+    def meta(self, key: str) -> str | None:
+        """Read a value that was set with `set_meta`."""
+        row = self._connection.execute("SELECT value FROM meta WHERE key = ?", (key,)).fetchone()
+        return None if row is None else str(row[0])
+
+    def set_meta(self, key: str, value: str) -> None:
+        """Set a value for good."""
+        self._write([("INSERT OR REPLACE INTO meta VALUES (?, ?)", [(key, value)])])
+
+    def claim(self, experiment: str, shared: Mapping[str, Any]) -> None:
+        """Make the directory one experiment's, or check that it is already.
+
+        Raises
+        ------
+        StoreError
+            If the directory belongs to another experiment, with the differences.
+        """
+        holder = self.meta("experiment")
+        if holder is None:
+            self.set_meta("shared", json.dumps(shared))
+            self.set_meta("experiment", experiment)
+        elif holder != experiment:
+            lines = differences(json.loads(self.meta("shared") or "{}"), json.loads(json.dumps(shared)))
+            raise StoreError(f"{self.directory} holds another experiment:\n" + "\n".join(f"  {line}" for line in lines))
+
+    def finished(self, method: str, metrics: Iterable[str]) -> set[int]:
+        """Runs of a method that are stored with all the given metrics."""
+        execute = self._connection.execute
+        runs = {run for (run,) in execute("SELECT run FROM trials WHERE method = ?", (method,))}
+        for metric in metrics:
+            rows = execute("SELECT run FROM metrics WHERE method = ? AND metric = ?", (method, metric))
+            runs &= {run for (run,) in rows}
+        return runs
+
+    def add_block(
+        self,
+        method: str,
+        runs: Sequence[int],
+        status: Array,
+        metrics: Mapping[str, Array],
+        uncertainty: Sequence[Mapping[str, float]],
+    ) -> None:
+        """Store a finished block in one transaction.
+
+        Parameters
+        ----------
+        method : hash of the method
+        runs : indices of the runs
+        status : (runs,) statuses
+        metrics : hash of the metric -> (runs,) values, NaN where there is none
+        uncertainty : the named uncertain values of every run
+        """
+        trials = [(method, run, Status(code).word) for run, code in zip(runs, status.tolist(), strict=True)]
+        values = [
+            (method, metric, run, None if math.isnan(value) else value)
+            for metric, column in metrics.items()
+            for run, value in zip(runs, column.tolist(), strict=True)
+        ]
+        named = [(run, name, value) for run, row in zip(runs, uncertainty, strict=True) for name, value in row.items()]
+        self._write(
+            [
+                ("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", trials),
+                ("INSERT OR REPLACE INTO metrics VALUES (?, ?, ?, ?)", values),
+                ("INSERT OR REPLACE INTO uncertainty VALUES (?, ?, ?)", named),
+            ]
+        )
+
+    def column(self, method: str, n_runs: int) -> tuple[list[int], list[str]]:
+        """Run indices and status words of a method, in the order of the runs."""
+        query = "SELECT run, status FROM trials WHERE method = ? AND run < ? ORDER BY run"
+        rows = self._connection.execute(query, (method, n_runs)).fetchall()
+        return [run for run, _ in rows], [status for _, status in rows]
+
+    def values(self, method: str, metric: str, runs: Sequence[int]) -> Array:
+        """Values of a metric for the given runs; NaN where there is none."""
+        query = "SELECT run, value FROM metrics WHERE method = ? AND metric = ?"
+        stored = dict(self._connection.execute(query, (method, metric)).fetchall())
+        return np.array([math.nan if stored.get(run) is None else stored[run] for run in runs], dtype=float)
+
+    def uncertainty(self, n_runs: int) -> list[tuple[int, str, float]]:
+        """All (run, name, value) of the named uncertain quantities, sorted."""
+        query = "SELECT run, name, value FROM uncertainty WHERE run < ? ORDER BY run, name"
+        return self._connection.execute(query, (n_runs,)).fetchall()
+
+    def _write(self, statements: Sequence[tuple[str, Sequence[tuple[Any, ...]]]]) -> None:
+        try:
+            with closing(self._connection.cursor()) as cursor:
+                cursor.execute("BEGIN IMMEDIATE")
+                try:
+                    for statement, rows in statements:
+                        cursor.executemany(statement, rows)
+                    cursor.execute("COMMIT")
+                except BaseException:
+                    if self._connection.in_transaction:
+                        cursor.execute("ROLLBACK")
+                    raise
+        except sqlite3.DatabaseError as error:
+            raise _translated(error, self.directory / FILE) from None
+
+
+def _translated(error: sqlite3.DatabaseError, path: Path) -> Exception:
+    text = str(error)
+    if "locked" in text:
+        return StoreError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
+    if "not a database" in text or "no such table" in text or "malformed" in text:
+        return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR")
+    return WriteError(f"{path}: {text}")
+
+
+def differences(before: Any, after: Any, path: str = "") -> list[str]:
+    """Say where two trees of plain data differ, a line each."""
+    if isinstance(before, dict) and isinstance(after, dict):
+        keys = [*before, *(key for key in after if key not in before)]
+        return [
+            line
+            for key in keys
+            for line in differences(before.get(key), after.get(key), f"{path}.{key}" if path else str(key))
+        ]
+    return [] if before == after else [f"{path}: there {json.dumps(before)}, here {json.dumps(after)}"]

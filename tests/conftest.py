@@ -1,0 +1,85 @@
+"""Shapes checked at run time, the four words for tolerances, a seed and small models.
+
+House rule: a tolerance is one of the four words below, or the line that holds it says why it is another.
+"""
+
+import sys
+
+from jaxtyping import install_import_hook
+
+# First of all, before any test imports the package.  `rmpc_bench.plants.servo` does not cover `servo_kernel`, whose
+# numba functions cannot be wrapped (jaxtyping matches whole dotted names; test_hook.py asserts it).
+CHECKED = [f"rmpc_bench.{part}" for part in ("numerics", "models", "estimators", "controllers", "simulation")]
+install_import_hook([*CHECKED, "rmpc_bench.plants.servo"], "beartype.beartype")
+sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+
+EXACT = {"rtol": 0.0, "atol": 0.0}
+"""Bit for bit, as np.testing.assert_array_equal."""
+ROUND = {"rtol": 1e-12}
+"""Two ways to write the same arithmetic."""
+SOLVER = {"rtol": 1e-6}
+"""Two iterative methods that stop by themselves."""
+STAT = 5.0
+"""How many standard errors a Monte Carlo mean may be off: once in 1.7 million tests by chance."""
+
+
+def within_stat(samples, expected):
+    """Whether the means over axis 0 lie within STAT standard errors of what is expected."""
+    samples = np.asarray(samples)
+    se = samples.std(axis=0, ddof=1) / np.sqrt(len(samples))
+    return bool((np.abs(samples.mean(axis=0) - expected) <= STAT * se).all())
+
+
+def random_psd(rng, n, condition=10.0, rank=None):
+    """Random symmetric positive semidefinite matrix with the given ratio of its largest to its smallest eigenvalue."""
+    U = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    lam = np.geomspace(1.0, 1.0 / condition, n)
+    lam[rank if rank is not None else n :] = 0.0
+    P = (U * lam) @ U.T
+    return 0.5 * (P + P.T)
+
+
+def random_model(rng, nx=3, nu=1, ny=1, radius=0.95):
+    """Random stable linear model with spectral radius ``radius`` and full noise."""
+    from rmpc_bench.models.linear import LinearModel
+
+    A = rng.standard_normal((nx, nx))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    B, C = rng.standard_normal((nx, nu)), rng.standard_normal((ny, nx))
+    return LinearModel(A, B, C, random_psd(rng, nx), random_psd(rng, ny))
+
+
+def servo_model():
+    """The linear servomechanism of servo.md section 1: g = d = 1, T = 0.1 s."""
+    from rmpc_bench.models.servo import ServoNoise, design
+
+    return design(0.1, noise=ServoNoise(process=1.0, measurement=1.0))
+
+
+@pytest.fixture
+def rng():
+    """Return a generator with the same seed in every test."""
+    return np.random.default_rng(20180418)
+
+
+@pytest.fixture
+def scalar_model():
+    """Return the random walk in noise, the smallest model there is."""
+    from rmpc_bench.models.linear import LinearModel
+
+    return LinearModel([[1.0]], [[1.0]], [[1.0]], [[0.5]], [[2.0]])
+
+
+@pytest.fixture
+def small_model():
+    """Return a stable model with three states, two inputs and two outputs."""
+    return random_model(np.random.default_rng(3), 3, 2, 2)
+
+
+@pytest.fixture(scope="session")
+def servo():
+    """Return the linear servomechanism of servo.md section 1."""
+    return servo_model()
