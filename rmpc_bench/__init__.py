@@ -11,6 +11,20 @@ __version__ = "0.1.0"
 
 _PUBLIC: dict[str, str] = {
     "LinearModel": "rmpc_bench.models.linear",
+    "Scenario": "rmpc_bench.simulation.scenario",
+    "Experiment": "rmpc_bench.simulation.scenario",
+    "Method": "rmpc_bench.types",
+    "Status": "rmpc_bench.types",
+    "Trials": "rmpc_bench.analysis.trials",
+    "simulate": "rmpc_bench.simulation.closed_loop",
+    "run": "rmpc_bench.experiment.results",
+    "load_config": "rmpc_bench.experiment.config",
+    "load_trials": "rmpc_bench.experiment.results",
+    "summarise": "rmpc_bench.report.tables",
+    "register": "rmpc_bench.registry",
+    "plant": "rmpc_bench.registry",
+    "estimator": "rmpc_bench.registry",
+    "controller": "rmpc_bench.registry",
 }
 
 

@@ -102,6 +102,21 @@ def get(group: str, name: str) -> Design:
     raise KeyError(unknown(name, names(group), singular(group), f"rmpc-bench list {group}"))
 
 
+def plant(kind: str, *args: Any, **parameters: Any) -> Any:
+    """Design a plant by its name."""
+    return get("plants", kind)(*args, **parameters)
+
+
+def estimator(kind: str, *args: Any, **parameters: Any) -> Any:
+    """Design an estimator by its name: ``estimator("kalman", model, n_steps=200, x0=x0, P0=P0)``."""
+    return get("estimators", kind)(*args, **parameters)
+
+
+def controller(kind: str, *args: Any, **parameters: Any) -> Any:
+    """Design a controller by its name."""
+    return get("controllers", kind)(*args, **parameters)
+
+
 def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
     """Say that a name is not known, which one may be meant and where the choices are."""
     known = list(known)

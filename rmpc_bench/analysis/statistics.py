@@ -221,7 +221,7 @@ def format_with_error(value: float, se: float) -> str:
         return "-"
     if math.isinf(value):
         return "never" if value > 0 else "-inf"
-    if not (math.isfinite(se) and se > 0):
+    if not (math.isfinite(se) and se > 1e-12 * abs(value)):  # an error below rounding is none
         return f"{value:.4g}"
     size = math.floor(math.log10(max(abs(value), se)))
     if not -4 <= size < 6:

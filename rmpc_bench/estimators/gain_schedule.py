@@ -74,7 +74,8 @@ class GainScheduleFilter:
 
 def _at(A: Array, k: int) -> Array:
     """Entry k of a schedule; a constant one has length 1."""
-    return A[k] if len(A) > 1 else A[0]
+    entry: Array = A[k] if len(A) > 1 else A[0]
+    return entry
 
 
 def riccati_schedule(

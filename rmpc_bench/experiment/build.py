@@ -174,5 +174,3 @@ def build(sheet: Sheet, *, smoke: bool = False) -> Experiment | None:
         return None
     pairs = tuple(method for method in methods if method is not None)
     return Experiment(plant, pairs, scenario, metrics, sheet.values["runs"], builder.n_steps)
-
-

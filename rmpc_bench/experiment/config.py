@@ -167,7 +167,7 @@ def _metric_names(sheet: Sheet) -> list[str]:
 def _claims(sheet: Sheet, experiment: Experiment | None) -> tuple[Claim, ...]:
     quantities = [*_metric_names(sheet), *COUNTS]
     for method in experiment.methods if experiment is not None else ():
-        series = getattr(method.estimator, "series", dict)()
+        series: dict[str, Any] = getattr(method.estimator, "series", dict)()
         quantities += [name for name in series if name not in quantities]
     claims = []
     for number, keys in enumerate(sheet.claims):
@@ -221,16 +221,16 @@ def _shared(sheet: Sheet) -> dict[str, Any]:
 
 
 def _uncertainty(sheet: Sheet) -> dict[str, Any]:
-    return {
-        name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in sheet.uncertainty.items()
-    }
+    return {name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in sheet.uncertainty.items()}
 
 
 def _plant(sheet: Sheet) -> dict[str, Any]:
     assert sheet.plant is not None
     plant = sheet.plant.resolved()
     for key, relative in (("perturb", True), ("set", False)):
-        changes = {name: change.expression.text for name, change in sheet.changes.items() if change.relative == relative}
+        changes = {
+            name: change.expression.text for name, change in sheet.changes.items() if change.relative == relative
+        }
         if changes:
             plant[key] = changes
     return plant
@@ -267,7 +267,9 @@ def _without_nothing(part: Part) -> dict[str, Any]:
 def _resolved(sheet: Sheet) -> dict[str, Any]:
     values, time = sheet.values, sheet.values["time"]
     length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
-    head = {key: values[key] for key in ("version", "name", "paper", "title", "seed", "runs") if values[key] is not None}
+    head = {
+        key: values[key] for key in ("version", "name", "paper", "title", "seed", "runs") if values[key] is not None
+    }
     methods = {}
     for name, parts in sheet.methods.items():
         belief = _belief(sheet, parts)

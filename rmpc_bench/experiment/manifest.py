@@ -45,7 +45,7 @@ class Session:
         if changed:
             there = ", ".join(f"{name} {text}" for name, text in changed.items())
             self._say(f"part of this was computed with {there}; last digits may differ (--fresh computes all again)")
-        self._data = {
+        self._data: dict[str, Any] = {
             "name": self._config.name,
             "experiment": self._config.hash,
             "seed": self._config.experiment.scenario.seed,
@@ -103,5 +103,3 @@ def _git(directory: Path) -> dict[str, Any] | None:
         return {"commit": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
     except (OSError, subprocess.SubprocessError):
         return None
-
-

@@ -76,7 +76,12 @@ class Bar:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Rich
 
-        columns: list[Any] = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()]
+        columns: list[Any] = [
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        ]
         self._rich = Rich(*columns, console=Console(stderr=True), transient=True)
 
     def start(self, title: str, total: int, done: int) -> None:
@@ -101,7 +106,8 @@ def choose(how: str) -> Progress:
     """Return the display for ``auto``, ``bar``, ``plain`` or ``none``."""
     if how == "auto":
         how = "bar" if sys.stderr.isatty() else "plain"
-    return {"bar": Bar, "plain": Plain, "none": Silent}[how]()
+    kinds: dict[str, Callable[[], Progress]] = {"bar": Bar, "plain": Plain, "none": Silent}
+    return kinds[how]()
 
 
 @contextmanager

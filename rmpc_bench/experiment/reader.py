@@ -219,9 +219,7 @@ def _law(sheet: Sheet, law: Any, path: list[str | int]) -> Law | None:
         return None
     kind, value = next(iter(law.items()))
     if kind == "same":
-        scale = validate(
-            with_quantities(dict[str, NonNegative]), value, [*path, kind], sheet.problems
-        )
+        scale = validate(with_quantities(dict[str, NonNegative]), value, [*path, kind], sheet.problems)
         if scale is not None and set(scale) - {"scale"}:
             sheet.note([*path, kind], "the only key is 'scale'")
         return None if scale is None else Law(None, scale.get("scale", 1.0))

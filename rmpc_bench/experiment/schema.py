@@ -29,7 +29,7 @@ from pydantic import (
 
 from rmpc_bench import registry
 from rmpc_bench.experiment import quantities
-from rmpc_bench.experiment.yaml import Items, Map, join, locate, locate_key
+from rmpc_bench.experiment.yaml import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.types import Problem
 
 PROVIDED: dict[str, frozenset[str]] = {
@@ -63,7 +63,7 @@ def with_quantities(annotation: Any) -> Any:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         inner, *constraints = arguments
-        return Annotated[(with_quantities(inner), *constraints)]  # type: ignore[return-value]
+        return Annotated[(with_quantities(inner), *constraints)]
     if origin in (list, tuple, dict):
         return origin[tuple(argument if argument is ... else with_quantities(argument) for argument in arguments)]
     if origin in (Union, UnionType):
@@ -120,7 +120,7 @@ def _union(members: Sequence[Any]) -> Any:
         shape = _shape(value)
         return "a list" if shape == "a matrix" and "a matrix" not in tagged else shape
 
-    choices = Union[tuple(Annotated[member, Tag(tag)] for tag, member in tagged.items())]  # noqa: UP007
+    choices: Any = Union.__getitem__(tuple(Annotated[member, Tag(tag)] for tag, member in tagged.items()))
     expected = " or ".join(tag for tag in tagged if tag != "nothing")
     return Annotated[
         choices,
@@ -197,8 +197,9 @@ def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any) -> Pro
     return Problem(*mark, join([*path, *steps]), _message(entry, kind, steps))
 
 
-def _mark_of(tree: Any) -> tuple[str, int, int]:
-    return getattr(tree, "mark", ("", 1, 1))
+def _mark_of(tree: Any) -> Mark:
+    """A scalar has no place of its own: whoever validates one puts in the place it stands at."""
+    return getattr(tree, "mark", Mark("", 1, 1))
 
 
 _WORDS: dict[str, str] = {

@@ -31,6 +31,9 @@ CREATE TABLE uncertainty (run INTEGER, name TEXT, value REAL NOT NULL, PRIMARY K
 """
 
 
+_WORDS = {int(status): status.word for status in Status}
+
+
 class StoreError(Exception):
     """A directory that cannot take this experiment: another one is in it, or somebody writes to it."""
 
@@ -146,7 +149,7 @@ class Store:
         metrics : hash of the metric -> (runs,) values, NaN where there is none
         uncertainty : the named uncertain values of every run
         """
-        trials = [(method, run, Status(code).word) for run, code in zip(runs, status.tolist(), strict=True)]
+        trials = [(method, run, _WORDS[code]) for run, code in zip(runs, status.tolist(), strict=True)]
         values = [
             (method, metric, run, None if math.isnan(value) else value)
             for metric, column in metrics.items()

@@ -78,7 +78,7 @@ def _newton(mu: list[float], c: float) -> float:
 
 
 def inflate(P: Float[Array, "n n"], theta: float) -> Float[Array, "n n"]:
-    """V = (P^-1 - theta I)^-1 by eigenvalues, so that a singular P is no obstacle.  (13)
+    """V = (P^-1 - theta I)^-1 by eigenvalues, so that a singular P is no obstacle, (13).
 
     Raises
     ------

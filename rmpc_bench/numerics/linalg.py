@@ -18,9 +18,8 @@ def mv(A: Float[Array, "n m"] | Float[Array, "runs n m"], x: Float[Array, "runs 
 
     The sum goes by einsum and not by BLAS, whose blocking lets the last bits depend on the number of rows.
     """
-    if A.ndim == 2:
-        return np.einsum("ij,rj->ri", A, x)
-    return np.einsum("rij,rj->ri", A, x)
+    product: Array = np.einsum("ij,rj->ri" if A.ndim == 2 else "rij,rj->ri", A, x)
+    return product
 
 
 def as_matrix(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
@@ -77,7 +76,8 @@ def as_vector(value: float | list[float] | Array, n: int) -> Float[Array, " n"]:
 def psd_sqrt(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """Return the symmetric root S of a positive semidefinite P: S S = P."""
     lam, U = np.linalg.eigh(symmetrise(P))
-    return (U * np.sqrt(np.maximum(lam, 0.0))) @ U.T
+    root: Array = (U * np.sqrt(np.maximum(lam, 0.0))) @ U.T
+    return root
 
 
 def discretise(

@@ -16,6 +16,9 @@ from rmpc_bench.types import MetricInfo, Status
 GAPS = {"mean": 4, "median": 3, "change": 4, "won": 5, "n": 3, "word": 2}
 """Blanks before each column of the screen."""
 
+NOISE = 1e-12
+"""Relative errors below this one come from rounding: all runs are equal."""
+
 
 def write_csv(frame: pd.DataFrame, path: Path) -> None:
     """Write a table so that equal tables give equal bytes and every float reads back as itself.
@@ -203,7 +206,8 @@ def _mean(line: _Line, table: _Table) -> str:
     """Mean with its error, or the share of never where the metric has any."""
     row = line.described
     if not table.with_never:
-        return format_with_error(float(row["mean"]), float(row["se"]))
+        mean, se = float(row["mean"]), float(row["se"])
+        return format_with_error(mean, se if se > NOISE * abs(mean) else math.nan)
     return f"{row['never']}/{row['n']} ({100 * row['never'] / row['n']:.3g} %)" if row["n"] else "-"
 
 
@@ -224,7 +228,7 @@ def _rounded(value: float, error: float, scale: float) -> str:
     """Round a value; beyond 1e-4 and 1e6 with the exponent of `scale`."""
     if math.isinf(value):
         return "never" if value > 0 else "-inf"
-    if not (math.isfinite(error) and error > 0 and math.isfinite(scale)):
+    if not (math.isfinite(scale) and NOISE * scale < error < math.inf):
         return f"{value:.4g}"
     size = math.floor(math.log10(max(scale, error)))
     exponent = 0 if -4 <= size < 6 else size
@@ -239,7 +243,7 @@ def _change(line: _Line) -> str:
     change, low, high = (float(line.compared[name]) for name in ("change_pct", "ci_low", "ci_high"))
     if math.isnan(low):
         return f"{change:+.3g} %"
-    places = decimals((high - low) / 2)
+    places = min(3, decimals((high - low) / 2))
     return f"{change:+z.{places}f} % [{low:+z.{places}f}, {high:+z.{places}f}]"
 
 

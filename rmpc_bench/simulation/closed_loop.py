@@ -80,7 +80,7 @@ def simulate(
 
 
 def _finite(values: Float[Array, "runs n"]) -> Bool[Array, " runs"]:
-    return np.isfinite(values).all(axis=1)
+    return np.asarray(np.isfinite(values).all(axis=1))
 
 
 def _first(status: Statuses, reported: Statuses, finite: Bool[Array, " runs"]) -> Statuses:

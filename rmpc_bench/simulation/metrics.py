@@ -67,7 +67,7 @@ class Settling:
         step = np.abs(record.r[window.last] - record.y[:, window.first])
         outside = (np.abs(error) > self.band * step[:, None, :]).any(axis=2)
         last_outside = np.where(outside.any(axis=1), outside.shape[1] - 1 - outside[:, ::-1].argmax(axis=1), -1)
-        time = record.Ts * (last_outside + 1)
+        time = np.round(record.Ts * (last_outside + 1), 12)  # 34 * 0.1 is 3.4000000000000004 in doubles
         return np.where(last_outside == outside.shape[1] - 1, np.inf, time)
 
 
@@ -90,7 +90,8 @@ def _error(record: Record, window: Window) -> Float[Array, "runs window ny"]:
 
 def _time_mean(values: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
     """Mean over time and coordinates, row by row on contiguous memory: the bits do not depend on the other rows."""
-    return np.ascontiguousarray(values.reshape(len(values), -1)).mean(axis=1)
+    means: Array = np.ascontiguousarray(values.reshape(len(values), -1)).mean(axis=1)
+    return means
 
 
 def _mean_square_error(record: Record, window: Window) -> Float[Array, " runs"]:

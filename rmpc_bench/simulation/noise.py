@@ -29,7 +29,8 @@ class Gaussian:
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run."""
         z = rng.standard_normal((n_samples, len(self.mean)))
-        return self.mean + np.einsum("ij,kj->ki", self.root, z)
+        noise: Array = self.mean + np.einsum("ij,kj->ki", self.root, z)
+        return noise
 
 
 def gaussian(

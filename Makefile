@@ -1,0 +1,43 @@
+VENV ?= .venv
+BIN := $(VENV)/bin
+PYTHON ?= python3
+
+.DEFAULT_GOAL := help
+.PHONY: help setup run test test-slow smoke lint type perf clean zenere2018 papers
+
+help:  ## show the targets
+	@grep -E '^[a-z0-9-]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 14
+
+setup: $(VENV)/.installed  ## make the virtual environment and install into it
+
+$(VENV)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV) && $(BIN)/python -m pip install --quiet --editable '.[dev]' && touch $@
+
+run: setup  ## run the quickstart and say where its figure is
+	$(BIN)/rmpc-bench run configs/quickstart.yaml
+
+test: setup  ## run the default tests
+	$(BIN)/python -m pytest
+
+test-slow: setup  ## run the tests that take minutes
+	$(BIN)/python -m pytest -m slow
+
+smoke: setup  ## run every configuration at its small size
+	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh || exit; done
+
+lint: setup  ## check style and format
+	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+
+type: setup  ## check types
+	$(BIN)/mypy
+
+perf: setup  ## measure speed
+	$(BIN)/python -m pytest -m perf --benchmark-columns=min,median,rounds --benchmark-sort=name
+
+clean:  ## remove what can be made again (results stay)
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage
+
+zenere2018: setup  ## reproduce zenere2018, with every claim compared with its record
+	$(BIN)/rmpc-bench run configs/zenere2018/fig7.yaml --strict
+
+papers: zenere2018  ## reproduce all papers

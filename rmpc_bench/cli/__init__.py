@@ -1,0 +1,48 @@
+"""The command line: parses, calls, prints.  Each verb is imported when it is called, so that help is instant."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import click
+
+from rmpc_bench import __version__
+
+_VERBS: dict[str, tuple[str, str]] = {
+    "run": ("rmpc_bench.cli.run:run", "Run an experiment, or continue it, and write its results."),
+    "check": ("rmpc_bench.cli.check:check", "Validate configurations and show what they compare."),
+    "list": ("rmpc_bench.cli.catalogue:list_", "List plants, models, estimators, controllers and so on."),
+    "describe": ("rmpc_bench.cli.catalogue:describe", "Show what a part is and which keys it takes."),
+    "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are called; their help lines are known beforehand."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of a day's work."""
+        return list(_VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a verb."""
+        if cmd_name not in _VERBS:
+            return None
+        module, attribute = _VERBS[cmd_name][0].split(":")
+        command = getattr(import_module(module), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the help lines without importing the verbs."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in _VERBS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="rmpc-bench")
+def main() -> None:
+    """Monte Carlo bench for robust estimation and model predictive control.
+
+    Start with: rmpc-bench run configs/quickstart.yaml
+    """

@@ -1,0 +1,93 @@
+"""rmpc-bench list and describe: the reference manual, read from the code."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import click
+
+from rmpc_bench import registry
+from rmpc_bench.cli import exits
+
+
+@click.command(name="list")
+@click.argument("group", required=False, type=click.Choice([*registry.BUILT_IN, "configs"]))
+@exits.guarded
+def list_(group: str | None) -> int:
+    """List the names a configuration may use, of one group or of all; `configs` lists the files under configs."""
+    for name in [group] if group else [*registry.BUILT_IN, "configs"]:
+        if not group:
+            click.echo(f"{name}:")
+        entries = _configs() if name == "configs" else registry.names(name)
+        for entry in entries:
+            click.echo(entry if group else f"  {entry}")
+    return 0
+
+
+def _configs() -> list[str]:
+    return sorted(str(path) for path in Path("configs").rglob("*.yaml"))
+
+
+@click.command()
+@click.argument("name", metavar="[GROUP/]NAME")
+@exits.guarded
+def describe(name: str) -> int:
+    """Show what a part is, where it comes from, and which keys it takes."""
+    found = _find(name)
+    for number, (group, kind) in enumerate(found):
+        if number:
+            click.echo()
+        _show(group, kind)
+    return 0
+
+
+def _find(name: str) -> list[tuple[str, str]]:
+    """Groups and kinds that a name may mean."""
+    group, slash, kind = name.rpartition("/")
+    if slash and group not in registry.BUILT_IN:
+        group += "s"
+    if slash and group not in registry.BUILT_IN:
+        raise click.BadParameter(registry.unknown(group, registry.BUILT_IN, "group"))
+    groups = [group] if slash else list(registry.BUILT_IN)
+    found = [(each, kind) for each in groups if kind in registry.names(each)]
+    if not found:
+        known = [each for group in groups for each in registry.names(group)]
+        raise click.BadParameter(registry.unknown(kind, known, "part", "rmpc-bench list"))
+    return found
+
+
+def _show(group: str, kind: str) -> None:
+    from rmpc_bench.experiment.schema import model_of
+
+    design = registry.get(group, kind)
+    click.echo(f"{group}/{kind}")
+    module = inspect.getmodule(inspect.unwrap(design))
+    for text in (inspect.getdoc(module), inspect.getdoc(design)):
+        if text:
+            click.echo(f"\n{text.split('Parameters' + chr(10) + '---')[0].rstrip()}")
+    meanings = _meanings(inspect.getdoc(design) or "")
+    fields = model_of(group, kind).model_fields
+    if fields:
+        click.echo("\nKeys")
+    for name, field in fields.items():
+        default = "required" if field.is_required() else f"default {field.default!r}"
+        click.echo(f"  {field.alias or name}  ({default})")
+        if meanings.get(name):
+            click.echo(f"      {meanings[name]}")
+
+
+def _meanings(doc: str) -> dict[str, str]:
+    """Meaning of every parameter in a numpydoc section."""
+    meanings: dict[str, str] = {}
+    last = ""
+    for line in doc.split("\n"):
+        head, colon, text = line.partition(" : ")
+        if colon and not line.startswith(" "):
+            last = head
+            meanings[last] = text
+        elif last and line.startswith("    "):
+            meanings[last] += " " + line.strip()
+        elif not line.strip():
+            last = ""
+    return meanings

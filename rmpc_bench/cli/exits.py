@@ -1,0 +1,74 @@
+"""Exit codes, and the way from an exception to one."""
+
+from __future__ import annotations
+
+import functools
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, ParamSpec
+
+import click
+
+FINDING_DIFFERS = 1
+USAGE = 2
+TOO_MANY_FAILURES = 3
+OCCUPIED = 5
+INTERNAL = 70
+CANNOT_WRITE = 74
+INTERRUPTED = 130
+TERMINATED = 143
+
+P = ParamSpec("P")
+
+
+class Terminated(BaseException):
+    """SIGTERM has arrived."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise Terminated
+
+
+def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
+    """Turn what a verb raises into a message on stderr and an exit code; its return value is the code otherwise."""
+
+    @functools.wraps(command)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
+        signal.signal(signal.SIGTERM, _terminate)
+        try:
+            code = command(*args, **kwargs) or 0
+        except (click.exceptions.Exit, click.ClickException):
+            raise
+        except BaseException as error:  # the last place where anything can be caught
+            code = _explain(error)
+        sys.exit(code)
+
+    return wrapper
+
+
+def _explain(error: BaseException) -> int:
+    from rmpc_bench.experiment.store import StoreError, WriteError
+    from rmpc_bench.types import ConfigError
+
+    if isinstance(error, ConfigError):
+        return _say(error, USAGE)
+    if isinstance(error, StoreError):
+        return _say(error, OCCUPIED)
+    if isinstance(error, WriteError):
+        return _say(f"results cannot be written: {error}; what was stored before is intact", CANNOT_WRITE)
+    if isinstance(error, OSError):
+        return _say(f"results cannot be written: {error}; stored trials are intact", CANNOT_WRITE)
+    if isinstance(error, KeyboardInterrupt):
+        return _say("interrupted; finished blocks are stored, the same command continues", INTERRUPTED)
+    if isinstance(error, Terminated):
+        return _say("terminated; finished blocks are stored, the same command continues", TERMINATED)
+    traceback.print_exception(error)
+    return _say("internal error; this is a bug, please report it with the lines above", INTERNAL)
+
+
+def _say(what: Any, code: int) -> int:
+    click.echo(str(what), err=True)
+    return code

@@ -1,0 +1,125 @@
+"""Everything that is derived from stored trials: tables, figures, claims, and the screen at the end."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from rmpc_bench import registry
+from rmpc_bench.analysis.claims import Verdict, claims_markdown, claims_table, judge
+from rmpc_bench.analysis.statistics import comparisons, summary
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.cli import exits
+from rmpc_bench.experiment import results, yaml
+from rmpc_bench.experiment.config import ExperimentConfig
+from rmpc_bench.report.figures import save
+from rmpc_bench.report.tables import screen, summary_markdown, trials_csv, write_csv
+
+
+class Outcome(NamedTuple):
+    """What a run has come to."""
+
+    screen: str
+    n_failed: int
+    max_failures: int
+    differing: int
+    """Claims whose finding differs from its record, on the unmodified configuration."""
+
+    def code(self, *, strict: bool) -> int:
+        """Exit code, the gravest first."""
+        if self.n_failed > self.max_failures:
+            return exits.TOO_MANY_FAILURES
+        return exits.FINDING_DIFFERS if strict and self.differing else 0
+
+
+def publish(
+    config: ExperimentConfig,
+    directory: Path,
+    modified: Sequence[str],
+    *,
+    source: Path | None = None,
+    seconds: float | None = None,
+) -> Outcome:
+    """Write all derived files of a directory and return the screen.
+
+    Parameters
+    ----------
+    config : the experiment
+    directory : where its trials are stored
+    modified : what was changed against the file; claims are then shown for information only
+    source : the configuration as given, to keep a copy of
+    seconds : how long the run took, for the screen
+    """
+    trials = results.stored_trials(config, directory)
+    if source is not None:
+        shutil.copyfile(source, directory / "config.yaml")
+        (directory / results.RESOLVED).write_text(yaml.dump(yaml.plain(config.resolved)), encoding="utf-8")
+    described, compared = summary(trials), comparisons(trials)
+    trials_csv(trials, directory / "trials.csv")
+    write_csv(results.uncertainty(config, directory), directory / "uncertainty.csv")
+    write_csv(trials.series, directory / "series.csv")
+    write_csv(described.drop(columns="never"), directory / "summary.csv")
+    write_csv(compared, directory / "comparisons.csv")
+    (directory / "tables").mkdir(exist_ok=True)
+    table = summary_markdown(trials, described, compared)
+    (directory / "tables" / "summary.md").write_text(table, encoding="utf-8")
+    verdicts = [judge(claim, trials) for claim in config.claims]
+    if verdicts:
+        (directory / "claims.json").write_text(json.dumps(claims_table(verdicts), indent=2) + "\n", encoding="utf-8")
+        text = claims_markdown(verdicts, informational=bool(modified))
+        (directory / "claims.md").write_text(text, encoding="utf-8")
+    figures = _figures(config, trials, directory)
+    head = _head(config, trials, directory, seconds)
+    block = screen(trials, described, compared, config.primary)
+    foot = _foot(verdicts, modified, directory, figures)
+    differing = [] if modified else [verdict for verdict in verdicts if _differs(verdict)]
+    return Outcome(
+        screen="\n".join([head, "", _indented(block), "", *foot]),
+        n_failed=results.n_failed(trials),
+        max_failures=config.execution.max_failures,
+        differing=len(differing),
+    )
+
+
+def _figures(config: ExperimentConfig, trials: Trials, directory: Path) -> list[Path]:
+    paths = []
+    for part in config.figures:
+        figure = registry.get("figures", part.kind)(trials, **part.parameters)
+        paths += save(figure, directory / "figures", part.kind)
+    return paths
+
+
+def _differs(verdict: Verdict) -> bool:
+    return verdict.claim.finding is not None and verdict.finding != verdict.claim.finding
+
+
+def _head(config: ExperimentConfig, trials: Trials, directory: Path, seconds: float | None) -> str:
+    n_runs, n_methods = config.experiment.n_runs, len(config.experiment.methods)
+    complete = trials.frame.groupby("run")["method"].count() == n_methods
+    failed = results.n_failed(trials)
+    done = f" done in {seconds:.1f} s" if seconds is not None else ""
+    return f"{config.name}{done}   {int(complete.sum())} of {n_runs} runs, {failed} failed   {directory}"
+
+
+def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path, figures: Sequence[Path]) -> list[str]:
+    lines = []
+    if verdicts and modified:
+        lines.append(f"paper       not judged: this is not the configuration as it stands ({', '.join(modified)})")
+    elif verdicts:
+        found = sum(verdict.finding == "found" for verdict in verdicts)
+        lines.append(f"paper       {found} of {len(verdicts)} statements found as written (claims.md)")
+        lines += [
+            f"            recorded {verdict.claim.finding}, now {verdict.finding}: {verdict.claim.says}"
+            for verdict in verdicts
+            if _differs(verdict)
+        ]
+    shown = [path for path in figures if path.suffix == ".png"]
+    lines += [f"{'open' if path is shown[0] else '':12}{path}" for path in shown]
+    return [_indented(line) for line in lines]
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}" if line else line for line in text.split("\n"))

@@ -1,0 +1,99 @@
+"""The robust Kalman filter: limits, the paper's recursion and the numbers of servo.md."""
+
+import mpmath
+import numpy as np
+import pytest
+from conftest import random_model, random_psd
+
+from rmpc_bench.estimators import kalman, robust_kalman
+
+
+def difference(m, c, n_steps=30, P0=None):
+    """Largest distance of the robust gains from the Kalman gains, relative to the latter."""
+    start = {"x0": np.zeros(m.nx), "P0": m.Q_w if P0 is None else P0}
+    L = kalman.design(m, n_steps, **start).L
+    return np.abs(robust_kalman.design(m, n_steps, c=c, **start).L - L).max() / np.abs(L).max()
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(1, 1), (3, 1), (4, 2)])
+def test_a_small_ball_is_the_kalman_filter(nx, ny, rng):
+    """Oracle: c -> 0 is Kalman; V - P is of order theta, and theta of order sqrt(c) by (16)."""
+    m = random_model(rng, nx, 1, ny)
+    at = {c: difference(m, c) for c in (1e-10, 1e-8, 1e-6)}
+    assert at[1e-10] < 1e-5 * 10.0  # sqrt(1e-10) = 1e-5 times the slope of the gains, below 10 in these models
+    for small, large in ((1e-10, 1e-8), (1e-8, 1e-6)):
+        np.testing.assert_allclose(at[large] / at[small], 10.0, rtol=0.02)  # next order: sqrt(c) = 1e-3
+
+
+def test_on_the_servo_a_ball_of_1e_10_is_the_kalman_filter(servo):
+    """Oracle: c -> 0 is Kalman, on the paper's model."""
+    assert difference(servo, 1e-10, 200) < 1e-3
+    assert difference(servo, 1e-10, 5) < 1e-5
+
+
+def solve_16(P, c):
+    """Multiplier by mpmath's bisection on (16) as printed, with determinant and inverse."""
+    exact = mpmath.matrix(P.tolist())
+    identity = mpmath.eye(len(P))
+
+    def left(theta):
+        rest = identity - theta * exact
+        inverse = rest**-1
+        return mpmath.log(mpmath.det(rest)) + sum(inverse[i, i] - 1 for i in range(len(P))) - c
+
+    pole = 1 / max(mpmath.eigsy(exact, eigvals_only=True))
+    return mpmath.findroot(left, (pole * mpmath.mpf("1e-12"), pole * (1 - mpmath.mpf("1e-12"))), solver="anderson")
+
+
+def test_the_recursion_is_theorem_1(rng):
+    """Oracle: (13)-(16) written out in 40 digits with explicit inverses."""
+    m, c, P0 = random_model(rng, 3, 1, 2), 0.2, random_psd(rng, 3)
+    ours = robust_kalman.design(m, 6, x0=np.zeros(3), P0=P0, c=c)
+    with mpmath.workdps(40):
+        A, C, Q, R, P = (mpmath.matrix(M.tolist()) for M in (m.A, m.C, m.Q_w, m.R_v, P0))
+        for k in range(7):
+            theta = solve_16(np.array(P.tolist(), dtype=object), c)
+            V = (P**-1 - theta * mpmath.eye(3)) ** -1  # (13)
+            S = C * V * C.T + R
+            L = V * C.T * S**-1  # (14)
+            np.testing.assert_allclose(ours.extra["theta"][k], float(theta), rtol=1e-11)
+            np.testing.assert_allclose(ours.extra["P_pred"][k], np.array(P.tolist(), dtype=float), rtol=1e-10)
+            np.testing.assert_allclose(ours.extra["V"][k], np.array(V.tolist(), dtype=float), rtol=1e-10)
+            np.testing.assert_allclose(ours.L[k], np.array(L.tolist(), dtype=float), rtol=1e-10)
+            np.testing.assert_allclose(ours.K[k], np.array((A * L).tolist(), dtype=float), rtol=1e-10)
+            P = A * V * A.T - A * L * S * L.T * A.T + Q  # (15)
+
+
+# servo.md section 1: c, theta_0 (digits as printed), theta_bar to 8 decimals, lam_max * theta_bar, L_bar
+PUBLISHED = [
+    (1e-3, 0.013385, 5e-7, 0.00148145, 0.0400, [0.2189, -0.2293, 0.3223, 1.4533]),
+    (1e-1, 0.10500, 5e-6, 0.00245384, 0.3369, [0.4752, 0.4658, 5.9037, 0.8408]),
+]
+
+
+@pytest.mark.parametrize(("c", "theta_0", "digits", "theta_bar", "x_max", "L_bar"), PUBLISHED)
+def test_on_the_servo_the_published_numbers_come_out(servo, c, theta_0, digits, theta_bar, x_max, L_bar):
+    """Oracle: the table of servo.md section 1, half a unit of its last digit (L: 1 % of a unit more)."""
+    filter_ = robust_kalman.design(servo, 1500, x0=np.zeros(4), P0=servo.Q_w, c=c)
+    theta = filter_.extra["theta"]
+    np.testing.assert_allclose(theta[0], theta_0, rtol=0, atol=digits)
+    np.testing.assert_allclose(theta[-1], theta_bar, rtol=0, atol=5e-9)
+    x = theta[-1] * np.linalg.eigvalsh(filter_.extra["P_pred"][-1])[-1]
+    np.testing.assert_allclose(x, x_max, rtol=0, atol=5e-5)
+    np.testing.assert_allclose(filter_.L[-1, :, 0], L_bar, rtol=0, atol=5.05e-5)
+
+
+@pytest.mark.parametrize(("c", "seconds"), [(1e-3, 29.0), (1e-1, 9.3)])
+def test_on_the_servo_the_gain_settles_when_published(servo, c, seconds):
+    """Oracle: servo.md section 1, "converged (1e-3) after", read as the gain's relative distance from its end."""
+    L = robust_kalman.design(servo, 1500, x0=np.zeros(4), P0=servo.Q_w, c=c).L[:, :, 0]
+    off = np.linalg.norm(L - L[-1], axis=1) / np.linalg.norm(L[-1]) > 1e-3
+    np.testing.assert_allclose(0.1 * (np.flatnonzero(off)[-1] + 1), seconds, atol=0.31)  # the norm is not stated
+
+
+def test_a_certain_start_is_allowed(rng):
+    """Oracle: P_0 = 0 gives V_0 = 0, L_0 = 0 and P_1 = Q_w."""
+    m = random_model(rng, 3)
+    filter_ = robust_kalman.design(m, 2, x0=np.zeros(3), P0=np.zeros((3, 3)), c=0.1)
+    np.testing.assert_array_equal(filter_.L[0], np.zeros((3, 1)))
+    np.testing.assert_allclose(filter_.extra["P_pred"][1], m.Q_w, atol=1e-15)

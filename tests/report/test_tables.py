@@ -1,0 +1,185 @@
+"""Screen, Markdown page and CSV files."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rmpc_bench.analysis.statistics import comparisons, summary
+from rmpc_bench.report.tables import screen, summary_markdown, trials_csv, write_csv
+from rmpc_bench.types import MetricInfo
+
+INF = math.inf
+SETTLING = MetricInfo("settling_time", "s", "lower")
+OFFSET = MetricInfo("offset", "", "zero")
+
+
+def on_screen(trials, metric="mse"):
+    return screen(trials, summary(trials), comparisons(trials), metric)
+
+
+def page(trials):
+    return summary_markdown(trials, summary(trials), comparisons(trials))
+
+
+def cells(text, start):
+    """Return the cells of the only line of a Markdown table that starts with `start`."""
+    (line,) = [line for line in text.splitlines() if line.startswith(f"| {start} |")]
+    return line.strip("| ").split(" | ")
+
+
+def test_screen_looks_like_the_specification(make_trials):
+    """The block of the product page, byte by byte, from tables with its numbers."""
+    trials = make_trials({"mse": {"S-MPC": [0.1] * 200, "R-MPC1": [0.1] * 200}})
+    described, compared = summary(trials), comparisons(trials)
+    names = ["mean", "se", "median", "q25", "q75"]
+    described[names] = [[0.11861, 0.0015, 0.1131, 0.1011, 0.1321], [0.10541, 0.0007, 0.1021, 0.0991, 0.1101]]
+    compared[["change_pct", "ci_low", "ci_high"]] = [[-10.2, -11.3, -9.0]]
+    compared[["won", "n_pairs"]] = [[195, 200]]
+    compared["word"] = "better"
+    assert screen(trials, described, compared, "mse").splitlines() == [
+        "mse [rad^2]     mean        median [quartiles]       change vs S-MPC          runs won",
+        "S-MPC          0.1186(15)   0.113 [0.101, 0.132]     -                        -",
+        "R-MPC1         0.1054(7)    0.102 [0.099, 0.110]    -10.2 % [-11.3, -9.0]     195/200   better",
+        "paired runs, 95 %; (15) = standard error of the last digits",
+    ]
+
+
+def test_screen_with_failed_runs_and_long_names(make_trials):
+    """The pair is lost, both counts are shown, columns stay below each other."""
+    trials = make_trials({"mse": {"a baseline with a name": [1.0, 2.0, 4.0], "B": [2.0, "diverged", 8.0]}})
+    head, first, second, legend = on_screen(trials).splitlines()
+    for text, row in (("mean", second), ("median", first), ("runs won", second), ("n/n_failed", first)):
+        assert row[head.index(text) - 2] == " "
+    assert first.split()[-1] == "3/0" and first[head.index("n/n_failed") :] == "3/0"
+    assert second[head.index("runs won") :].split() == ["0/2", "2/1", "worse"]
+    assert second[head.index("change") - 1 :].startswith("+100.000 % [+100.000, +100.000]  ")
+    assert legend == "paired runs, 95 %; (9) = standard error of the last digits"
+
+
+def test_screen_of_a_single_method_and_run(make_trials):
+    """Nothing to compare, no error, hence no legend."""
+    lines = on_screen(make_trials({"mse": {"A": [0.125]}})).splitlines()
+    assert [line.split() for line in lines] == [
+        ["mse", "[rad^2]", "mean", "median", "[quartiles]"],
+        ["A", "0.125", "0.125", "[0.125,", "0.125]"],
+    ]
+
+
+def test_never_shows_share_and_median_but_no_mean(make_trials):
+    """Also for a method that has a mean."""
+    values = {"A": [1.0, 2.0, 3.0, 4.0], "B": [1.0, INF, INF, INF], "C": ["diverged"] * 4}
+    trials = make_trials({"settling_time": values}, [SETTLING])
+    head, *rows, legend = on_screen(trials, "settling_time").splitlines()
+    assert head.split()[:3] == ["settling_time", "[s]", "never"] and "mean" not in head
+    assert rows[0].split()[1:4] == ["0/4", "(0", "%)"]
+    assert rows[1].split()[1:7] == ["3/4", "(75", "%)", "never", "[never,", "never]"]
+    assert rows[2].split() == ["C", "-", "-", "-", "0/0", "0/4", "not", "separated"]
+    assert legend == "paired runs, 95 %"
+    text = page(trials)
+    assert "| method | never | median [quartiles] |" in text
+    assert cells(text, "B")[1:4] == ["3/4 (75 %)", "never [never, never]", "-"]
+
+
+@pytest.mark.parametrize(
+    ("values", "shown"),
+    [
+        ([2.0] * 5, "2 [2, 2]"),
+        ([0.0] * 5, "0 [0, 0]"),
+        ([0.1, 0.1 + 2e-17, 0.1 - 2e-17, 0.1 - 2e-17], "0.1 [0.1, 0.1]"),
+        ([1.0, 2.0, 3.0, 4.0, 5.0], "3 [2, 4]"),
+        ([1e-9, 2e-9, 3e-9, 4e-9, 5e-9], "3e-09 [2e-09, 4e-09]"),
+        ([1e7, 2e7, 3e7, 4e7, 5e7], "3e+07 [2e+07, 4e+07]"),
+        ([1.0, 2.0, 3.0, INF, INF], "3 [2, never]"),
+        # One wild quartile does not take the digits of the median.
+        ([1.0, 1.1, 1.2, 1e6, 1e6], "1.2 [1.1, 1000000.0]"),
+        ([-0.01, -0.01, 0.0, 1.0, 1.0], "0.00 [-0.01, 1.00]"),
+        ([1e300, 1e308, 1.7e308], "1e+308 [1e+308, 1e+308]"),
+    ],
+)
+def test_digits_of_the_median(make_trials, values, shown):
+    """No more than its error supports, and never fewer than tell it from 0."""
+    assert cells(page(make_trials({"mse": {"A": values}})), "A")[2] == shown
+
+
+def test_markdown_page(make_trials):
+    """Every part, from 4 pairs that can be checked by hand."""
+    trials = make_trials(
+        {
+            "mse": {"A": [1.0, 2.0, 4.0, 8.0], "B|b": [1.1, 2.3, "out-of-range", 8.0]},
+            "offset": {"A": [-1.0, 1.0, 2.0, 3.0], "B|b": [0.5, 0.5, 1.0, 1.0]},
+        },
+        [MetricInfo("mse", "rad^2", "lower"), OFFSET],
+        {"B|b": "B, $c=1$"},
+    )
+    text = page(trials)
+    assert text.startswith(
+        "# tiny\n\n4 runs per method, seed 7, intervals at 95 %.\n\n## mse [rad^2], lower is better\n"
+    )
+    assert "\n## offset, best at 0\n" in text and "compared by distance from 0" in text
+    assert (
+        "- B|b is not separated from A in mse: +8 % [-9, +29] (paired, 95 %, 3 runs; better in 0, tied in 1)." in text
+    )
+    mse_part, offset_part = text.split("## offset")
+    assert cells(mse_part, "method") == (
+        ["method", "label", "mean", "median [quartiles]", "change vs A", "won/lost/tied"]
+        + ["superiority", "p", "word", "n/n_failed"]
+    )
+    # Student t on ln 1.1, ln 1.15 and ln 1: 0.0784 +- 4.303 x 0.0412.
+    row = cells(mse_part, r"B\|b")
+    assert row[1] == "B, $c=1$" and row[5] == "0/2/1" and row[9] == "3/1"
+    assert row[6] == "0 % [0, 56]"  # Wilson: 3.8415/(3 + 3.8415)
+    assert cells(mse_part, "A")[4:] == ["-", "-", "-", "-", "-", "4/0"]
+    assert cells(offset_part, r"B\|b")[5] == "3/0/0"
+    assert text.endswith(
+        "## Failed runs\n\n"
+        "- B|b: 1 run out-of-range: a drawn parameter lies where the model has no meaning "
+        "(a mass that is not positive, say)\n"
+    )
+
+
+def test_unknown_status_is_counted(make_trials):
+    """A table written by a later version."""
+    text = page(make_trials({"mse": {"A": ["eaten-by-dog", "eaten-by-dog", 1.0]}}))
+    assert text.endswith("## Failed runs\n\n- A: 2 runs eaten-by-dog\n")
+
+
+def test_trials_csv(make_trials, tmp_path):
+    """Missing is empty, never is inf, columns in order."""
+    trials = make_trials({"mse": {"A": [0.1, "diverged"], "B": [INF, 1e-7]}})
+    trials.frame.insert(0, "extra", 1)
+    trials_csv(trials, tmp_path / "trials.csv")
+    expected = b"method,run,status,mse\nA,0,ok,0.1\nA,1,diverged,\nB,0,ok,inf\nB,1,ok,1e-07\n"
+    assert (tmp_path / "trials.csv").read_bytes() == expected
+
+
+def test_csv_round_trip(tmp_path):
+    """Floats of every size come back bit for bit in their shortest form, ints stay ints."""
+    bits = np.random.default_rng(0).integers(0, 2**64, 5000, dtype=np.uint64)
+    value = bits.view(np.float64)
+    frame = pd.DataFrame({"method": "A, b", "component": "0,1", "k": np.arange(5000), "value": value})
+    frame.loc[7, "value"] = 5e-324
+    path = tmp_path / "series.csv"
+    write_csv(frame, path)
+    texts = [line.rsplit(",", 1)[1] for line in path.read_text().splitlines()[1:]]
+    assert texts == ["" if math.isnan(number) else repr(number) for number in frame["value"].tolist()]
+    # The default parser of pandas may miss the last bit, float() does not.
+    back = pd.read_csv(path, dtype={"value": str}).astype({"value": float})
+    pd.testing.assert_frame_equal(back, frame, check_exact=True)
+    assert back["k"].dtype == np.int64
+    write_csv(back, tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
+    assert b"\r" not in path.read_bytes()
+
+
+def test_csv_of_the_derived_tables(make_trials, tmp_path):
+    """Their columns, and no index."""
+    trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, "diverged"]}})
+    write_csv(summary(trials), tmp_path / "summary.csv")
+    write_csv(comparisons(trials), tmp_path / "comparisons.csv")
+    lines = (tmp_path / "summary.csv").read_text().splitlines()
+    assert lines[0].startswith("method,metric,n,n_failed,mean,se,") and lines[2].startswith("B,mse,1,1,2.0,,,,2.0,")
+    assert (tmp_path / "comparisons.csv").read_text().splitlines()[
+        1
+    ] == "B,A,mse,100.0,,,0,1,0,0.0,1.000,1,not separated"
