@@ -187,7 +187,7 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, *, confidence: float = 0.
         return f"{method} is {verdict} {baseline} in {name} {basis}."
     if math.isnan(low):
         return f"{method} changes {name} by {change:+.3g} % against {baseline}, without an interval {basis}."
-    places = decimals((high - low) / 2)
+    places = min(3, decimals((high - low) / 2))  # constant ratios have an interval of rounding
     if row["word"] == "not separated":
         interval = f"{change:+.{places}f} % [{low:+.{places}f}, {high:+.{places}f}]"
         return f"{method} is not separated from {baseline} in {name}: {interval} {basis}."

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import click
+
 from rmpc_bench import registry
 from rmpc_bench.analysis.claims import Verdict, claims_markdown, claims_table, judge
 from rmpc_bench.analysis.statistics import comparisons, summary
@@ -17,6 +19,7 @@ from rmpc_bench.experiment import results, yaml
 from rmpc_bench.experiment.config import ExperimentConfig
 from rmpc_bench.report.figures import save
 from rmpc_bench.report.tables import screen, summary_markdown, trials_csv, write_csv
+from rmpc_bench.types import DesignError
 
 
 class Outcome(NamedTuple):
@@ -87,8 +90,12 @@ def publish(
 def _figures(config: ExperimentConfig, trials: Trials, directory: Path) -> list[Path]:
     paths = []
     for part in config.figures:
-        figure = registry.get("figures", part.kind)(trials, **part.parameters)
-        paths += save(figure, directory / "figures", part.kind)
+        try:
+            figure = registry.get("figures", part.kind)(trials, **part.parameters)
+        except DesignError as error:  # a method it shows has not been computed yet
+            click.echo(f"figure {part.kind} left out: {error}", err=True)
+        else:
+            paths += save(figure, directory / "figures", part.kind)
     return paths
 
 

@@ -113,6 +113,7 @@ def load_config(
     experiment = build(sheet, smoke=smoke)
     claims = _claims(sheet, experiment)
     _statistics(sheet)
+    _figures(sheet)
     if sheet.problems or experiment is None:
         raise ConfigError(at_their_origin(sheet))
     values = sheet.values
@@ -158,6 +159,18 @@ def _statistics(sheet: Sheet) -> None:
         sheet.note(["statistics", "primary"], unknown(statistics.primary, names, "metric of this configuration"))
     if statistics.baseline is not None and statistics.baseline not in sheet.methods:
         sheet.note(["statistics", "baseline"], unknown(statistics.baseline, sheet.methods, "method"))
+
+
+def _figures(sheet: Sheet) -> None:
+    """Check what a figure can only be asked about once there are trials."""
+    for number, part in enumerate(sheet.figures):
+        keys = part.parameters if part is not None else {}
+        if keys.get("metric") is not None and keys["metric"] not in _metric_names(sheet):
+            message = unknown(keys["metric"], _metric_names(sheet), "metric of this configuration")
+            sheet.note(["figures", number, "metric"], message)
+        for name in keys.get("order") or []:
+            if name not in sheet.methods:
+                sheet.note(["figures", number, "order"], unknown(name, sheet.methods, "method"))
 
 
 def _metric_names(sheet: Sheet) -> list[str]:

@@ -15,6 +15,7 @@ from rmpc_bench.experiment.yaml import (
     Map,
     Mark,
     assign,
+    dump,
     load,
     locate,
     locate_key,
@@ -22,6 +23,7 @@ from rmpc_bench.experiment.yaml import (
     parse,
     parse_override,
     plain,
+    scalar,
 )
 from rmpc_bench.types import ConfigError
 
