@@ -15,7 +15,7 @@ import numpy as np
 
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.quantities import Expression
-from rmpc_bench.experiment.reader import Law, MethodParts, Sheet
+from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.metrics import Units

@@ -13,10 +13,12 @@ from rmpc_bench.analysis.claim import Claim, Stated
 from rmpc_bench.analysis.claim_grammar import COUNTS, ClaimError, parse, parse_expression, terms
 from rmpc_bench.experiment import yaml
 from rmpc_bench.experiment.build import build
-from rmpc_bench.experiment.parts import Part, plain_data
-from rmpc_bench.experiment.reader import Law, MethodParts, Sheet, at_their_origin, read
+from rmpc_bench.experiment.parts import Part
+from rmpc_bench.experiment.reader import at_their_origin, read
+from rmpc_bench.experiment.resolve import belief, resolved, shared
 from rmpc_bench.experiment.schema import shown
 from rmpc_bench.experiment.sections import ClaimKeys, Execution, Statistics
+from rmpc_bench.experiment.sheet import Sheet
 from rmpc_bench.experiment.yaml import Map
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.scenario import Experiment
@@ -128,14 +130,14 @@ def load_config(
         labels={name: parts.label for name, parts in sheet.methods.items()},
         figures=tuple(part for part in sheet.figures if part is not None),
         claims=claims,
-        shared=_shared(sheet),
-        methods={name: _belief(sheet, parts) for name, parts in sheet.methods.items()},
+        shared=shared(sheet),
+        methods={name: belief(sheet, parts) for name, parts in sheet.methods.items()},
         metrics={
             metric.info.name: part.resolved()
             for metric, part in zip(experiment.metrics, sheet.metrics, strict=True)
             if part is not None
         },
-        resolved=_resolved(sheet),
+        resolved=resolved(sheet),
     )
 
 
@@ -213,94 +215,3 @@ def _claim(keys: ClaimKeys) -> Claim:
     check = (keys.check,) if isinstance(keys.check, str) else tuple(keys.check or ())
     stated = keys.stated if isinstance(keys.stated, str) or keys.stated is None else Stated(**asdict(keys.stated))
     return Claim(keys.says, keys.source, check, keys.finding, stated, keys.chosen)
-
-
-def _shared(sheet: Sheet) -> dict[str, Any]:
-    """What all methods share: the truth, its size over time and its seed."""
-    time = sheet.values["time"]
-    shared = {
-        "seed": sheet.values["seed"],
-        "time": {"step": time.step, "steps": time.n_steps},
-        "uncertainty": _uncertainty(sheet),
-        "plant": _plant(sheet),
-        "noise": _noise(sheet),
-        "x": _initial_x(sheet),
-        "reference": sheet.reference.resolved() if sheet.reference else None,
-    }
-    laws = [*sheet.noise.values(), sheet.initial["law"]]
-    if sheet.model is not None and any(law is not None and law.same is not None for law in laws):
-        shared["model"] = sheet.model.resolved()
-    return shared
-
-
-def _uncertainty(sheet: Sheet) -> dict[str, Any]:
-    return {name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in sheet.uncertainty.items()}
-
-
-def _plant(sheet: Sheet) -> dict[str, Any]:
-    assert sheet.plant is not None
-    plant = sheet.plant.resolved()
-    for key, relative in (("perturb", True), ("set", False)):
-        changes = {
-            name: change.expression.text for name, change in sheet.changes.items() if change.relative == relative
-        }
-        if changes:
-            plant[key] = changes
-    return plant
-
-
-def _noise(sheet: Sheet) -> Any:
-    return {channel: _law(sheet.noise.get(channel)) for channel in ("process", "measurement")}
-
-
-def _law(law: Law | None) -> Any:
-    if law is None:
-        return "none"
-    if law.part is None:
-        return {"same": {"scale": law.same}}
-    keys = law.part.resolved()
-    return {keys.pop("kind"): {name: value for name, value in keys.items() if value is not None}}
-
-
-def _initial_x(sheet: Sheet) -> Any:
-    return _law(sheet.initial["law"]) if sheet.initial["law"] is not None else sheet.initial["x"]
-
-
-def _belief(sheet: Sheet, parts: MethodParts) -> dict[str, Any]:
-    """What identifies a method: its parts and where its estimator starts."""
-    named = {"model": parts.model, "estimator": parts.estimator, "controller": parts.controller}
-    resolved = {name: _without_nothing(part) for name, part in named.items() if part is not None}
-    return {**resolved, "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]}
-
-
-def _without_nothing(part: Part) -> dict[str, Any]:
-    return {name: value for name, value in part.resolved().items() if value is not None}
-
-
-def _resolved(sheet: Sheet) -> dict[str, Any]:
-    values, time = sheet.values, sheet.values["time"]
-    length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
-    head = {
-        key: values[key] for key in ("version", "name", "paper", "title", "seed", "runs") if values[key] is not None
-    }
-    methods = {}
-    for name, parts in sheet.methods.items():
-        belief = _belief(sheet, parts)
-        methods[name] = {"label": parts.label, **{key: belief[key] for key in ("model", "estimator", "controller")}}
-    return {
-        **head,
-        "time": {"step": time.step, **length},
-        "uncertainty": _uncertainty(sheet),
-        "plant": _plant(sheet),
-        "model": _without_nothing(sheet.model) if sheet.model else {},
-        "noise": _noise(sheet),
-        "initial": {"x": _initial_x(sheet), "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]},
-        "reference": sheet.reference.resolved() if sheet.reference else {},
-        "methods": methods,
-        "metrics": [_without_nothing(part) for part in sheet.metrics if part is not None],
-        "statistics": plain_data(values["statistics"]),
-        "figures": [_without_nothing(part) for part in sheet.figures if part is not None],
-        "claims": [plain_data(keys) for keys in sheet.claims if keys is not None],
-        "execution": plain_data(values["execution"]),
-        "smoke": plain_data(values["smoke"]),
-    }

@@ -3,91 +3,29 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.experiment import quantities
+from rmpc_bench.experiment.laws import read_initial, read_noise, read_uncertainty
 from rmpc_bench.experiment.parts import Part, read_part
-from rmpc_bench.experiment.schema import shown, validate, with_quantities
+from rmpc_bench.experiment.schema import shown
 from rmpc_bench.experiment.sections import SECTIONS, ClaimKeys
+from rmpc_bench.experiment.sheet import Change, MethodParts, Sheet
 from rmpc_bench.experiment.yaml import Items, Map, join, locate, locate_key, merge
-from rmpc_bench.simulation import distributions
-from rmpc_bench.types import Matrix, NonNegative, Problem
-
-_DISTRIBUTIONS: dict[str, type] = {
-    "uniform": distributions.Uniform,
-    "normal": distributions.Normal,
-    "choice": distributions.Choice,
-    "fixed": distributions.Fixed,
-}
-
-
-class Law(NamedTuple):
-    """A noise law as configured: a registered kind, or the model's own noise times a scale."""
-
-    part: Part | None
-    same: float | None
-
-
-class Change(NamedTuple):
-    """What becomes of a plant parameter: a factor on its nominal value, or a value."""
-
-    expression: quantities.Expression
-    relative: bool
-    problem_at: tuple[str, int, int]
-
-
-@dataclass
-class MethodParts:
-    """The three parts of a method after the defaults have been merged in."""
-
-    label: str
-    model: Part | None
-    estimator: Part | None
-    controller: Part | None
-
-
-@dataclass
-class Sheet:
-    """Everything a configuration says; None stands where it says something wrong."""
-
-    tree: Map
-    problems: list[Problem]
-    values: dict[str, Any] = field(default_factory=dict)
-    uncertainty: dict[str, distributions.Distribution] = field(default_factory=dict)
-    changes: dict[str, Change] = field(default_factory=dict)
-    plant: Part | None = None
-    model: Part | None = None
-    reference: Part | None = None
-    noise: dict[str, Law] = field(default_factory=dict)
-    initial: dict[str, Any] = field(default_factory=dict)
-    methods: dict[str, MethodParts] = field(default_factory=dict)
-    metrics: list[Part | None] = field(default_factory=list)
-    figures: list[Part | None] = field(default_factory=list)
-    claims: list[ClaimKeys | None] = field(default_factory=list)
-
-    def note(self, path: list[str | int], message: str, *, key: bool = False) -> None:
-        """Note a mistake at the value (or the key) of a path."""
-        mark = (locate_key if key else locate)(self.tree, path)
-        self.problems.append(Problem(*mark, join(path), message))
-
-    def section(self, name: str) -> Any:
-        """Part of the tree under a top-level key, or its default."""
-        return self.tree[name] if name in self.tree else SECTIONS[name].default
+from rmpc_bench.types import Problem
 
 
 def read(tree: Map) -> Sheet:
     """Read a whole configuration; mistakes are in ``problems`` of what is returned."""
     sheet = Sheet(tree, [])
     _top_level(sheet)
-    _uncertainty(sheet)
+    read_uncertainty(sheet)
     _plant(sheet)
     sheet.model = _part(sheet, "models", "model")
     sheet.reference = _part(sheet, "references", "reference")
-    _noise(sheet)
-    _initial(sheet)
+    read_noise(sheet)
+    read_initial(sheet)
     _methods(sheet)
     sheet.metrics = _named_parts(sheet, "metrics")
     sheet.figures = _named_parts(sheet, "figures")
@@ -101,59 +39,12 @@ def _top_level(sheet: Sheet) -> None:
             sheet.note([name], registry.unknown(name, SECTIONS, "key"), key=True)
     for name, (annotation, default) in SECTIONS.items():
         if name in sheet.tree:
-            sheet.values[name] = _checked(sheet, annotation, [name])
+            sheet.values[name] = sheet.checked(annotation, [name])
         elif default is ...:
             sheet.note([], f"{name!r} is missing")
             sheet.values[name] = None
         else:
             sheet.values[name] = default
-
-
-def _checked(sheet: Sheet, annotation: Any, path: list[str | int]) -> Any:
-    """Validate the value at a path; a scalar is wrapped so that messages find its place."""
-    parent: Any = sheet.tree
-    for step in path[:-1]:
-        parent = parent[step]
-    value, before = parent[path[-1]], len(sheet.problems)
-    result = validate(with_quantities(annotation), value, path, sheet.problems)
-    if not isinstance(value, Map | Items):
-        mark = locate(sheet.tree, path)
-        sheet.problems[before:] = [Problem(*mark, join(path), problem.message) for problem in sheet.problems[before:]]
-    return result
-
-
-def _uncertainty(sheet: Sheet) -> None:
-    for name, value in (sheet.values["uncertainty"] or {}).items():
-        path: list[str | int] = ["uncertainty", name]
-        if not re.fullmatch(r"[A-Za-z_]\w*", name):
-            sheet.note(path, "a name starts with a letter and goes on with letters, digits and _", key=True)
-        law = _distribution(sheet, value, path)
-        if law is not None:
-            sheet.uncertainty[name] = law
-
-
-def _distribution(sheet: Sheet, value: Any, path: list[str | int]) -> distributions.Distribution | None:
-    if isinstance(value, Map):
-        kind = value.get("dist")
-        if kind not in _DISTRIBUTIONS:
-            sheet.note([*path, "dist"], registry.unknown(str(kind), _DISTRIBUTIONS, "distribution"))
-            return None
-        own = value.copy()
-        del own["dist"]
-        law: distributions.Distribution | None = validate(
-            with_quantities(_DISTRIBUTIONS[kind]), own, path, sheet.problems
-        )
-        return law
-    try:
-        spread = quantities.spread(value) if isinstance(value, str) else None
-    except quantities.QuantityError as error:
-        sheet.note(path, str(error))
-        return None
-    if spread is None:
-        choices = ", ".join(_DISTRIBUTIONS)
-        sheet.note(path, f"expected a spread such as +-10% or {{dist: ..}} with one of {choices} (got {shown(value)})")
-        return None
-    return distributions.Uniform(-spread, spread)
 
 
 def _part(sheet: Sheet, group: str, name: str, ignore: tuple[str, ...] = ()) -> Part | None:
@@ -187,61 +78,6 @@ def _plant(sheet: Sheet) -> None:
                 sheet.note(path, str(error))
                 continue
             sheet.changes[name] = Change(expression, relative, locate_key(sheet.tree, path))
-
-
-def _noise(sheet: Sheet) -> None:
-    noise = sheet.section("noise")
-    if not isinstance(noise, Map):
-        noise = {"process": noise, "measurement": noise}
-        paths: dict[str, list[str | int]] = {name: ["noise"] for name in noise}
-    else:
-        paths = {name: ["noise", name] for name in noise}
-    for name, law in noise.items():
-        if name not in ("process", "measurement"):
-            sheet.note(paths[name], registry.unknown(name, ("process", "measurement"), "key"), key=True)
-        else:
-            read_law = _law(sheet, law, paths[name])
-            if read_law is not None:
-                sheet.noise[name] = read_law
-
-
-def _law(sheet: Sheet, law: Any, path: list[str | int]) -> Law | None:
-    """Read one noise law; None for `none` and for a law that is not one."""
-    if law == "none":
-        return None
-    if law == "same":
-        return Law(None, 1.0)
-    known = ("none", "same", *registry.names("noises"))
-    if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in known[1:]:
-        named = next(iter(law)) if isinstance(law, Map) and len(law) == 1 else law
-        text = named if isinstance(named, str) else shown(law)
-        sheet.note(path, registry.unknown(text, known, "noise law", "rmpc-bench list noises"))
-        return None
-    kind, value = next(iter(law.items()))
-    if kind == "same":
-        scale = validate(with_quantities(dict[str, NonNegative]), value, [*path, kind], sheet.problems)
-        if scale is not None and set(scale) - {"scale"}:
-            sheet.note([*path, kind], "the only key is 'scale'")
-        return None if scale is None else Law(None, scale.get("scale", 1.0))
-    part = read_part("noises", value, [*path, kind], sheet.problems, mark=locate(sheet.tree, path), kind=kind)
-    return None if part is None else Law(part, None)
-
-
-_Vector = float | list[float]
-_INITIAL: Mapping[str, Any] = {"x": _Vector, "x_hat": _Vector, "P": Matrix}
-
-
-def _initial(sheet: Sheet) -> None:
-    initial = sheet.values["initial"] or {}
-    sheet.initial = {"x": 0.0, "x_hat": 0.0, "P": "process", "law": None}
-    for name, value in initial.items():
-        path: list[str | int] = ["initial", name]
-        if name not in _INITIAL:
-            sheet.note(path, registry.unknown(name, _INITIAL, "key"), key=True)
-        elif name == "x" and isinstance(value, Map):
-            sheet.initial["law"] = _law(sheet, value, path)
-        elif name != "P" or value != "process":
-            sheet.initial[name] = _checked(sheet, _INITIAL[name], path)
 
 
 def _methods(sheet: Sheet) -> None:
@@ -306,7 +142,7 @@ def _named_parts(sheet: Sheet, group: str) -> list[Part | None]:
 
 def _claims(sheet: Sheet) -> None:
     for number, _ in enumerate(sheet.values["claims"] or []):
-        sheet.claims.append(_checked(sheet, ClaimKeys, ["claims", number]))
+        sheet.claims.append(sheet.checked(ClaimKeys, ["claims", number]))
 
 
 def at_their_origin(sheet: Sheet) -> list[Problem]:

@@ -1,0 +1,100 @@
+"""A configuration as plain data: with every default filled in, and the parts of it that identify trials."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rmpc_bench.experiment.parts import Part, plain_data
+from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
+
+
+def shared(sheet: Sheet) -> dict[str, Any]:
+    """What all methods share: the truth, its size over time and its seed."""
+    time = sheet.values["time"]
+    common = {
+        "seed": sheet.values["seed"],
+        "time": {"step": time.step, "steps": time.n_steps},
+        "uncertainty": _uncertainty(sheet),
+        "plant": _plant(sheet),
+        "noise": _noise(sheet),
+        "x": _initial_x(sheet),
+        "reference": sheet.reference.resolved() if sheet.reference else None,
+    }
+    laws = [*sheet.noise.values(), sheet.initial["law"]]
+    if sheet.model is not None and any(law is not None and law.same is not None for law in laws):
+        common["model"] = sheet.model.resolved()
+    return common
+
+
+def _uncertainty(sheet: Sheet) -> dict[str, Any]:
+    return {name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in sheet.uncertainty.items()}
+
+
+def _plant(sheet: Sheet) -> dict[str, Any]:
+    assert sheet.plant is not None
+    plant = sheet.plant.resolved()
+    for key, relative in (("perturb", True), ("set", False)):
+        changes = {
+            name: change.expression.text for name, change in sheet.changes.items() if change.relative == relative
+        }
+        if changes:
+            plant[key] = changes
+    return plant
+
+
+def _noise(sheet: Sheet) -> Any:
+    return {channel: _law(sheet.noise.get(channel)) for channel in ("process", "measurement")}
+
+
+def _law(law: Law | None) -> Any:
+    if law is None:
+        return "none"
+    if law.part is None:
+        return {"same": {"scale": law.same}}
+    keys = law.part.resolved()
+    return {keys.pop("kind"): {name: value for name, value in keys.items() if value is not None}}
+
+
+def _initial_x(sheet: Sheet) -> Any:
+    return _law(sheet.initial["law"]) if sheet.initial["law"] is not None else sheet.initial["x"]
+
+
+def belief(sheet: Sheet, parts: MethodParts) -> dict[str, Any]:
+    """What identifies a method: its parts and where its estimator starts."""
+    named = {"model": parts.model, "estimator": parts.estimator, "controller": parts.controller}
+    resolved = {name: _without_nothing(part) for name, part in named.items() if part is not None}
+    return {**resolved, "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]}
+
+
+def _without_nothing(part: Part) -> dict[str, Any]:
+    return {name: value for name, value in part.resolved().items() if value is not None}
+
+
+def resolved(sheet: Sheet) -> dict[str, Any]:
+    """Return the whole configuration with every default filled in; it loads to an equal one."""
+    values, time = sheet.values, sheet.values["time"]
+    length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
+    head = {
+        key: values[key] for key in ("version", "name", "paper", "title", "seed", "runs") if values[key] is not None
+    }
+    methods = {}
+    for name, parts in sheet.methods.items():
+        believed = belief(sheet, parts)
+        methods[name] = {"label": parts.label, **{key: believed[key] for key in ("model", "estimator", "controller")}}
+    return {
+        **head,
+        "time": {"step": time.step, **length},
+        "uncertainty": _uncertainty(sheet),
+        "plant": _plant(sheet),
+        "model": _without_nothing(sheet.model) if sheet.model else {},
+        "noise": _noise(sheet),
+        "initial": {"x": _initial_x(sheet), "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]},
+        "reference": sheet.reference.resolved() if sheet.reference else {},
+        "methods": methods,
+        "metrics": [_without_nothing(part) for part in sheet.metrics if part is not None],
+        "statistics": plain_data(values["statistics"]),
+        "figures": [_without_nothing(part) for part in sheet.figures if part is not None],
+        "claims": [plain_data(keys) for keys in sheet.claims if keys is not None],
+        "execution": plain_data(values["execution"]),
+        "smoke": plain_data(values["smoke"]),
+    }

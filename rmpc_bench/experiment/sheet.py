@@ -1,0 +1,80 @@
+"""What a configuration says, section by section, with None where it says something wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from rmpc_bench.experiment import quantities
+from rmpc_bench.experiment.parts import Part
+from rmpc_bench.experiment.schema import validate, with_quantities
+from rmpc_bench.experiment.sections import SECTIONS, ClaimKeys
+from rmpc_bench.experiment.yaml import Items, Map, join, locate, locate_key
+from rmpc_bench.simulation import distributions
+from rmpc_bench.types import Problem
+
+
+class Law(NamedTuple):
+    """A noise law as configured: a registered kind, or the model's own noise times a scale."""
+
+    part: Part | None
+    same: float | None
+
+
+class Change(NamedTuple):
+    """What becomes of a plant parameter: a factor on its nominal value, or a value."""
+
+    expression: quantities.Expression
+    relative: bool
+    problem_at: tuple[str, int, int]
+
+
+@dataclass
+class MethodParts:
+    """The three parts of a method after the defaults have been merged in."""
+
+    label: str
+    model: Part | None
+    estimator: Part | None
+    controller: Part | None
+
+
+@dataclass
+class Sheet:
+    """Everything a configuration says; None stands where it says something wrong."""
+
+    tree: Map
+    problems: list[Problem]
+    values: dict[str, Any] = field(default_factory=dict)
+    uncertainty: dict[str, distributions.Distribution] = field(default_factory=dict)
+    changes: dict[str, Change] = field(default_factory=dict)
+    plant: Part | None = None
+    model: Part | None = None
+    reference: Part | None = None
+    noise: dict[str, Law] = field(default_factory=dict)
+    initial: dict[str, Any] = field(default_factory=dict)
+    methods: dict[str, MethodParts] = field(default_factory=dict)
+    metrics: list[Part | None] = field(default_factory=list)
+    figures: list[Part | None] = field(default_factory=list)
+    claims: list[ClaimKeys | None] = field(default_factory=list)
+
+    def note(self, path: list[str | int], message: str, *, key: bool = False) -> None:
+        """Note a mistake at the value (or the key) of a path."""
+        mark = (locate_key if key else locate)(self.tree, path)
+        self.problems.append(Problem(*mark, join(path), message))
+
+    def section(self, name: str) -> Any:
+        """Part of the tree under a top-level key, or its default."""
+        return self.tree[name] if name in self.tree else SECTIONS[name].default
+
+    def checked(self, annotation: Any, path: list[str | int]) -> Any:
+        """Validate the value at a path; a scalar has no place of its own, so messages get the place it stands at."""
+        parent: Any = self.tree
+        for step in path[:-1]:
+            parent = parent[step]
+        value, before = parent[path[-1]], len(self.problems)
+        result = validate(with_quantities(annotation), value, path, self.problems)
+        if not isinstance(value, Map | Items):
+            mark = locate(self.tree, path)
+            self.problems[before:] = [Problem(*mark, join(path), problem.message) for problem in self.problems[before:]]
+        return result
