@@ -12,13 +12,12 @@ import click
 
 from rmpc_bench import registry
 from rmpc_bench.analysis.claims import Verdict, claims_markdown, claims_table, judge
-from rmpc_bench.analysis.statistics import comparisons, summary
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.cli import exits
 from rmpc_bench.experiment import results, yaml
 from rmpc_bench.experiment.config import ExperimentConfig
 from rmpc_bench.report.figures import save
-from rmpc_bench.report.tables import screen, summary_markdown, trials_csv, write_csv
+from rmpc_bench.report.tables import screen, summarise, trials_csv, write_csv
 from rmpc_bench.types import DesignError
 
 
@@ -60,15 +59,14 @@ def publish(
     if source is not None:
         shutil.copyfile(source, directory / "config.yaml")
         (directory / results.RESOLVED).write_text(yaml.dump(yaml.plain(config.resolved)), encoding="utf-8")
-    described, compared = summary(trials), comparisons(trials)
+    summary = summarise(trials)
     trials_csv(trials, directory / "trials.csv")
     write_csv(results.uncertainty(config, directory), directory / "uncertainty.csv")
     write_csv(trials.series, directory / "series.csv")
-    write_csv(described.drop(columns="never"), directory / "summary.csv")
-    write_csv(compared, directory / "comparisons.csv")
+    write_csv(summary.described.drop(columns="never"), directory / "summary.csv")
+    write_csv(summary.compared, directory / "comparisons.csv")
     (directory / "tables").mkdir(exist_ok=True)
-    table = summary_markdown(trials, described, compared)
-    (directory / "tables" / "summary.md").write_text(table, encoding="utf-8")
+    (directory / "tables" / "summary.md").write_text(summary.to_markdown(), encoding="utf-8")
     verdicts = [judge(claim, trials) for claim in config.claims]
     if verdicts:
         (directory / "claims.json").write_text(json.dumps(claims_table(verdicts), indent=2) + "\n", encoding="utf-8")
@@ -76,7 +74,7 @@ def publish(
         (directory / "claims.md").write_text(text, encoding="utf-8")
     figures = _figures(config, trials, directory)
     head = _head(config, trials, directory, seconds)
-    block = screen(trials, described, compared, config.primary)
+    block = screen(trials, summary.described, summary.compared, config.primary)
     foot = _foot(verdicts, modified, directory, figures)
     differing = [] if modified else [verdict for verdict in verdicts if _differs(verdict)]
     return Outcome(

@@ -5,7 +5,10 @@ Results come back in any order; nothing in them depends on the way.
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
+import time
 from collections.abc import Generator, Sequence
 from contextlib import AbstractContextManager
 from typing import NamedTuple
@@ -83,7 +86,15 @@ _here: list[Experiment] = []
 def _start_worker(experiment: Experiment) -> None:
     # Ctrl-C in a terminal reaches every process of the group; the parent alone decides what happens then.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
     _here[:] = [experiment]
+
+
+def _follow(parent: int) -> None:
+    """End this worker when its parent has been killed; loky alone would let it wait for minutes."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
 
 
 def _work_here(task: Task) -> Done:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.statistics import decimals, format_with_error, sentence, wilson
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo, Status
@@ -40,6 +41,30 @@ def trials_csv(trials: Trials, path: Path) -> None:
     path : the file, replaced
     """
     write_csv(trials.frame[["method", "run", "status", *(info.name for info in trials.metrics)]], path)
+
+
+class Summary(NamedTuple):
+    """A table of trials with its statistics."""
+
+    trials: Trials
+    described: pd.DataFrame
+    """One row per method and metric, see `statistics.summary`."""
+    compared: pd.DataFrame
+    """One row per comparison with the baseline, see `statistics.comparisons`."""
+
+    def to_markdown(self) -> str:
+        """Return the page of tables."""
+        return summary_markdown(self.trials, self.described, self.compared)
+
+
+def summarise(trials: Trials) -> Summary:
+    """Describe every method and compare it with the baseline.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    """
+    return Summary(trials, statistics.summary(trials), statistics.comparisons(trials))
 
 
 class _Line(NamedTuple):

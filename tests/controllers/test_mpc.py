@@ -70,7 +70,9 @@ def test_the_law_minimises_the_cost(nx, nu, ny, Hp, Hu, scaled, weights, rng):
     x_hat, u_previous = rng.standard_normal((3, nx)), rng.standard_normal((3, nu))
     r = rng.standard_normal((Hp + 1, ny))
     state, command = apply(controller, x_hat, u_previous, r)
-    expected = [brute_force(m, *pair, r[1:], Hp, Hu, Q, R, span_u, span_y) for pair in zip(x_hat, u_previous)]
+    expected = [
+        brute_force(m, *pair, r[1:], Hp, Hu, Q, R, span_u, span_y) for pair in zip(x_hat, u_previous, strict=True)
+    ]
     np.testing.assert_allclose(command.u, expected, rtol=1e-10, atol=1e-10)
     np.testing.assert_array_equal(state.u_previous, command.u)
 

@@ -1,0 +1,55 @@
+"""Every configuration that we publish: it loads, builds, runs, and is what its file name says."""
+
+from pathlib import Path
+
+import pytest
+
+from rmpc_bench import load_config, run
+from rmpc_bench.experiment.yaml import dump, plain
+
+ROOT = Path(__file__).parents[2] / "configs"
+CONFIGS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.yaml"))
+
+
+def test_there_are_configurations():
+    """Collecting none would pass everything below."""
+    assert CONFIGS
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_two_runs_of_a_few_steps(name, tmp_path):
+    """Every method gets through two short runs with a value for every metric."""
+    config = load_config(ROOT / name, runs=2, smoke=True)
+    trials = run(config, directory=tmp_path, jobs=1)
+    assert trials.methods == tuple(config.methods)
+    assert len(trials.frame) == 2 * len(config.methods)
+    assert set(trials.frame["status"]) == {"ok"}
+    assert not trials.frame.isna().any(axis=None)
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_full_size_is_valid_and_survives_being_written(name, tmp_path):
+    """All designs can be made, and what is written with every default filled in is the same experiment."""
+    config = load_config(ROOT / name)
+    copy = tmp_path / "config.resolved.yaml"
+    copy.write_text(dump(plain(config.resolved)), encoding="utf-8")
+    again = load_config(copy)
+    assert (again.hash, again.full_hash) == (config.hash, config.full_hash)
+    assert again.resolved == config.resolved
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_name_and_paper_say_where_the_file_lies(name):
+    """Results of configs/<paper>/<name>.yaml go to results/<paper>/<name>."""
+    config = load_config(ROOT / name)
+    folder, _, stem = name.removesuffix(".yaml").rpartition("/")
+    assert config.name == stem
+    assert folder in ("benchmarks", config.paper or "")
+    assert config.title
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_every_claim_is_judged_and_has_a_source(name):
+    """A statement has a recorded finding, and the place in the paper where it stands."""
+    for claim in load_config(ROOT / name).claims:
+        assert claim.finding and claim.source, claim.says

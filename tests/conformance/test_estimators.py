@@ -1,0 +1,142 @@
+"""Every registered estimator on three small models: the rules of the protocol, bit for bit."""
+
+import pickle
+
+import numpy as np
+import pytest
+from conftest import random_model
+
+from rmpc_bench import registry
+from rmpc_bench.estimators.risk_sensitive import Radius
+from rmpc_bench.types import Estimator, Status
+
+KINDS = registry.names("estimators")
+PARAMETERS = {
+    "kalman": [{}],
+    "robust-kalman": [{"c": 0.1}],
+    "risk-sensitive": [{"theta": 0.01}, {"theta_from": Radius(c=0.01)}],
+}
+"""Parameters beyond the start that make a design of each kind; a new kind gets a line here."""
+SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]
+CASES = [(kind, parameters, size) for kind in KINDS for parameters in PARAMETERS.get(kind, []) for size in SIZES]
+RUNS, STEPS = 9, 12
+
+
+def test_every_registered_kind_is_tested():
+    """Oracle: the registry."""
+    assert sorted(PARAMETERS) == KINDS
+
+
+@pytest.fixture(params=CASES, ids=lambda case: f"{case[0]}-{'-'.join(case[1])}-{case[2][0]}{case[2][1]}{case[2][2]}")
+def case(request):
+    """Return a design with measurements (runs, samples, ny) and inputs (runs, samples, nu)."""
+    kind, parameters, (nx, nu, ny) = request.param
+    rng = np.random.default_rng(11)
+    model = random_model(rng, nx, nu, ny, 0.9)
+    design = registry.get("estimators", kind)(model, STEPS, x0=rng.standard_normal(nx), P0=model.Q_w, **parameters)
+    return design, rng.standard_normal((RUNS, STEPS + 1, ny)), rng.standard_normal((RUNS, STEPS + 1, nu)), model
+
+
+def run(estimator, y, u):
+    """States and estimates of a block, over time."""
+    state, states, estimates = estimator.init(len(y)), [], []
+    for k in range(y.shape[1]):
+        state, estimate = estimator.correct(k, state, np.ascontiguousarray(y[:, k]))
+        estimates.append(estimate)
+        states.append(state)
+        state = estimator.predict(k, state, np.ascontiguousarray(u[:, k]))
+        states.append(state)
+    return states, estimates
+
+
+def x_hats(estimator, y, u):
+    """Estimates of a block, (runs, samples, nx)."""
+    return np.stack([estimate.x_hat for estimate in run(estimator, y, u)[1]], axis=1)
+
+
+def test_it_is_an_estimator(case):
+    """Oracle: the protocol of types.py; a design is frozen."""
+    design = case[0]
+    assert isinstance(design, Estimator)
+    with pytest.raises(AttributeError):
+        design.something_new = 1
+
+
+def test_shapes_and_statuses(case):
+    """Oracle: axis 0 is the run; P and M are shared, per run or None; status is int8."""
+    design, y, u, model = case
+    states, estimates = run(design, y, u)
+    for state in states:
+        assert all(len(part) == RUNS for part in state)
+    for estimate in estimates:
+        assert estimate.x_hat.shape == (RUNS, model.nx) and estimate.x_hat.dtype == np.float64
+        for matrix in (estimate.P, estimate.M):
+            assert matrix is None or matrix.shape in ((model.nx, model.nx), (RUNS, model.nx, model.nx))
+        np.testing.assert_array_equal(estimate.status, np.full(RUNS, Status.OK, dtype=np.int8))
+        assert estimate.status.dtype == np.int8
+        assert all(len(values) == RUNS for values in estimate.info.values())
+
+
+def test_arguments_are_left_alone(case):
+    """Oracle: copies of the measurement, the input and the state taken before the call."""
+    design, y, u, _ = case
+    state = design.init(RUNS)
+    for k in range(3):
+        before = [part.copy() for part in (*state, y, u)]
+        corrected, _ = design.correct(k, state, y[:, k])
+        for part, copy in zip((*state, y, u), before, strict=True):
+            np.testing.assert_array_equal(part, copy)
+        before = [part.copy() for part in (*corrected, y, u)]
+        state = design.predict(k, corrected, u[:, k])
+        for part, copy in zip((*corrected, y, u), before, strict=True):
+            np.testing.assert_array_equal(part, copy)
+
+
+def test_the_same_call_twice_gives_the_same_bits(case):
+    """Oracle: a step is pure, so an old state can be used again."""
+    design, y, u, _ = case
+    state = design.init(RUNS)
+    for k in range(3):
+        (a, first), (b, second) = design.correct(k, state, y[:, k]), design.correct(k, state, y[:, k])
+        np.testing.assert_array_equal(first.x_hat, second.x_hat)
+        for left, right in zip(design.predict(k, a, u[:, k]), design.predict(k, b, u[:, k]), strict=True):
+            np.testing.assert_array_equal(left, right)
+        state = design.predict(k, a, u[:, k])
+
+
+def test_a_row_equals_a_batch_of_one(case):
+    """Oracle: each run alone, bit for bit."""
+    design, y, u, _ = case
+    together = x_hats(design, y, u)
+    for i in range(RUNS):
+        np.testing.assert_array_equal(x_hats(design, y[i : i + 1], u[i : i + 1]), together[i : i + 1])
+
+
+def test_permuting_runs_permutes_results(case):
+    """Oracle: the runs in another order, bit for bit."""
+    design, y, u, _ = case
+    order = np.random.default_rng(5).permutation(RUNS)
+    np.testing.assert_array_equal(x_hats(design, y[order], u[order]), x_hats(design, y, u)[order])
+
+
+def test_a_pickle_gives_the_same_bits(case):
+    """Oracle: the design before its trip to a worker."""
+    design, y, u, _ = case
+    np.testing.assert_array_equal(x_hats(pickle.loads(pickle.dumps(design)), y, u), x_hats(design, y, u))
+
+
+def test_a_missing_measurement_leaves_the_other_runs_alone(case):
+    """Oracle: the block without it, bit for bit."""
+    design, y, u, _ = case
+    broken = y.copy()
+    broken[4, 3] = np.nan
+    ours, expected = x_hats(design, broken, u), x_hats(design, y, u)
+    np.testing.assert_array_equal(np.delete(ours, 4, axis=0), np.delete(expected, 4, axis=0))
+    np.testing.assert_array_equal(ours[4, :3], expected[4, :3])
+    assert np.isnan(ours[4, 3]).any()
+
+
+def test_series_have_the_time_as_axis_0(case):
+    """Oracle: one entry per sample k = 0..N, or a single constant one."""
+    series = getattr(case[0], "series", dict)()
+    assert all(len(values) in (1, STEPS + 1) for values in series.values())

@@ -1,0 +1,138 @@
+"""Who may import whom, and what no module may do; read from the sources, nothing is imported."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / "rmpc_bench"
+FILES = {path.relative_to(ROOT).as_posix(): path for path in sorted(ROOT.rglob("*.py"))}
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+DESIGNS = {"models", "numerics", "types"}
+MAY_IMPORT = {  # house.md, section 3; a room may always import itself
+    "types": set(),
+    "numerics": {"types"},
+    "models": {"numerics", "types"},
+    "plants": DESIGNS,
+    "estimators": DESIGNS,
+    "controllers": DESIGNS,
+    "simulation": {"numerics", "types"},
+    "registry": {"types"},
+    "analysis": {"types"},
+    "report": {"analysis", "types"},
+    "experiment": {"registry", "simulation", "analysis", "types", "rmpc_bench"},
+    "rmpc_bench": set(),
+}
+MAY_IMPORT["cli"] = set(MAY_IMPORT)
+SHARED_SIBLINGS = {"gain_schedule", "prediction", "state_feedback"}
+ONLY_IN = {  # a package of others -> where it may be imported
+    "matplotlib": "report/",
+    "joblib": "experiment/engines.py",
+    "distributed": "experiment/engines.py",
+    "dask": "experiment/engines.py",
+    "click": "cli/",
+    "highspy": "numerics/lp.py",
+    "cvxpy": "nowhere",
+}
+BELOW_EXPERIMENT = ("types.py", "numerics/", "models/", "plants/", "estimators/", "controllers/", "simulation/")
+OUTSIDE_WORLD = {"io", "os", "pathlib", "random", "shutil", "socket", "subprocess", "tempfile", "time", "datetime"}
+
+
+def room(file):
+    """Return the package or top-level module that a file belongs to."""
+    return file.split("/")[0].removesuffix(".py").replace("__init__", "rmpc_bench")
+
+
+def imports(tree):
+    """Dotted names of everything imported, inside functions too; `from a import b` gives `a.b`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def own_imports(tree):
+    """(room, module) of every import from the package itself."""
+    for name in imports(tree):
+        package, *rest = name.split(".")
+        if package == "rmpc_bench":
+            known = rest and (rest[0] in MAY_IMPORT)
+            yield (rest[0] if known else "rmpc_bench"), (rest[1] if known and len(rest) > 1 else "")
+
+
+def calls(tree):
+    """Text of everything called."""
+    return [(ast.unparse(node.func), node) for node in ast.walk(tree) if isinstance(node, ast.Call)]
+
+
+def test_imports_follow_the_arrows():
+    """A room imports itself and what house.md allows it."""
+    forbidden = {}
+    for file, tree in TREES.items():
+        here = room(file)
+        assert here in MAY_IMPORT, f"{file}: a new room; say in house.md what it may import"
+        found = {there for there, _ in own_imports(tree)} - MAY_IMPORT[here] - {here}
+        forbidden |= {file: sorted(found)} if found else {}
+    assert not forbidden
+
+
+def test_a_method_does_not_import_its_siblings():
+    """What two methods share lies in a shared file or in numerics."""
+    for file, tree in TREES.items():
+        here = room(file)
+        siblings = {module for there, module in own_imports(tree) if there == here}
+        assert here not in ("estimators", "controllers") or siblings <= SHARED_SIBLINGS, file
+
+
+@pytest.mark.parametrize("package", ONLY_IN)
+def test_package_stays_in_its_room(package):
+    """Matplotlib, joblib, click and the solvers are imported in one place only."""
+    importers = [file for file, tree in TREES.items() if package in {name.split(".")[0] for name in imports(tree)}]
+    assert [file for file in importers if not file.startswith(ONLY_IN[package])] == []
+
+
+@pytest.mark.parametrize("file", [file for file in FILES if file.startswith(BELOW_EXPERIMENT)])
+def test_below_experiment_nothing_touches_the_world(file):
+    """No files, environment, clock or global random state below `experiment`."""
+    tree = TREES[file]
+    allowed = {"time"} if file == "estimators/single_run.py" else set()
+    assert not {name.split(".")[0] for name in imports(tree)} & (OUTSIDE_WORLD - allowed)
+    named = {text for text, _ in calls(tree)}
+    assert "open" not in named
+    random = {text for text in named if text.startswith("np.random.")}
+    assert random <= {"np.random.Generator", "np.random.PCG64", "np.random.SeedSequence"}
+
+
+def test_only_cli_and_progress_print():
+    """Outside the command line, progress.py alone prints, and to stderr."""
+    for file, tree in TREES.items():
+        prints = [node for text, node in calls(tree) if text == "print"]
+        if file == "experiment/progress.py":
+            targets = [ast.unparse(key.value) for node in prints for key in node.keywords if key.arg == "file"]
+            assert targets == ["sys.stderr"] * len(prints)
+        elif not file.startswith("cli/"):
+            assert not prints, file
+            streams = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+            assert not streams & {"sys.stdout", "sys.stderr"}, file
+
+
+def test_no_file_is_too_long():
+    """400 lines at most; the message lists what is on the way there."""
+    lengths = {file: len(path.read_text(encoding="utf-8").splitlines()) for file, path in FILES.items()}
+    long = {file: length for file, length in lengths.items() if length > 300}
+    assert max(lengths.values()) <= 400, f"longer than 300 lines: {long}"
+
+
+def test_names_say_something():
+    """No module is a drawer for the rest, and file names are importable as they stand."""
+    stems = {path.stem for path in FILES.values()}
+    assert not stems & {"utils", "util", "helpers", "helper", "common", "misc", "manager"}
+    assert all(stem == stem.lower() and stem.isidentifier() for stem in stems)
+
+
+def test_the_check_sees_imports_inside_functions():
+    """The reading itself works: the lazy imports of the command line are found."""
+    assert ("experiment", "config") in set(own_imports(TREES["cli/run.py"]))

@@ -1,0 +1,118 @@
+"""Finding parts by name."""
+
+import inspect
+
+import pytest
+
+from rmpc_bench import registry
+from rmpc_bench.experiment.schema import PROVIDED
+
+PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
+
+
+@pytest.fixture
+def clean(monkeypatch):
+    """Forget afterwards what a test registers."""
+    monkeypatch.setattr(registry, "_REGISTERED", {group: {} for group in registry.BUILT_IN})
+
+
+def design(model, n_steps, *, x0, P0, gain: float = 0.5):
+    """Stand for a user's estimator."""
+
+
+@pytest.mark.parametrize(("group", "name"), PARTS)
+def test_every_name_leads_to_a_documented_design(group, name):
+    """A registered part is callable, has a docstring, and its keys are keywords with annotations."""
+    found = registry.get(group, name)
+    assert callable(found) and inspect.getdoc(found)
+    keys = [key for key in inspect.signature(found).parameters.values() if key.name not in PROVIDED[group]]
+    assert all(key.kind is inspect.Parameter.KEYWORD_ONLY for key in keys)
+    assert all(key.annotation is not inspect.Parameter.empty for key in keys)
+
+
+@pytest.mark.parametrize(("group", "name"), PARTS)
+def test_every_key_is_explained(group, name):
+    """The docstring of a design explains each of its parameters."""
+    found = registry.get(group, name)
+    lines = (inspect.getdoc(found) or "").splitlines()
+    heads = [line.split(" : ")[0] for line in lines if " : " in line and not line.startswith(" ")]
+    explained = {name for head in heads for name in head.split(", ")}
+    keys = {key for key in inspect.signature(found).parameters if key not in PROVIDED[group]}
+    assert keys <= explained
+
+
+@pytest.mark.parametrize(("group", "name"), PARTS)
+def test_kinds_follow_the_spelling_rule(group, name):
+    """Kinds are lower case with hyphens; metrics are words of claims and have underscores."""
+    separator = "_" if group == "metrics" else "-"
+    assert all(part.isalnum() and part == part.lower() for part in name.split(separator))
+
+
+def test_group_of_parts_built_by_name():
+    """`plant`, `estimator` and `controller` call the design with what they are given."""
+    plant = registry.plant("servo-linear", 0.1, J_l=20.0)
+    assert (plant.Ts, plant.nominal["J_l"]) == (0.1, 20.0)
+
+
+@pytest.mark.parametrize("group", ["estimator", "estimators"])
+def test_register_takes_singular_and_plural(clean, group):
+    """A registered part is found and listed, in order."""
+    registry.register(group, "half", design)
+    assert registry.get("estimators", "half") is design
+    assert registry.names("estimators") == sorted([*registry.BUILT_IN["estimators"], "half"])
+
+
+def test_register_the_same_design_twice(clean):
+    """Running a notebook cell again is no mistake."""
+    registry.register("estimator", "half", design)
+    registry.register("estimator", "half", design)
+
+
+@pytest.mark.parametrize("name", ["kalman", "half"])
+def test_register_refuses_a_taken_name(clean, name):
+    """Neither a built-in part nor another design is replaced in silence."""
+    registry.register("estimator", "half", design)
+    with pytest.raises(ValueError, match=f"'{name}' is taken by another estimator"):
+        registry.register("estimator", name, lambda: None)
+
+
+def test_register_refuses_an_unknown_group(clean):
+    """The message lists the groups."""
+    with pytest.raises(ValueError, match="'filter.*is not a group of parts; there are plants, models, estimators"):
+        registry.register("filter", "half", design)
+
+
+def test_an_unknown_name_has_a_way_out():
+    """The message names the nearest part and where the others are."""
+    with pytest.raises(KeyError, match="'kalmn' is not a known estimator; did you mean 'kalman'.*list estimators"):
+        registry.get("estimators", "kalmn")
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "message"),
+    [
+        ("mpx", ["mpc", "gpc"], "'mpx' is not a known thing; did you mean 'mpc'?"),
+        ("zzzz", ["mpc", "gpc"], "'zzzz' is not a known thing; known: mpc, gpc"),
+        ("zzzz", [], "'zzzz' is not a known thing; known: none"),
+    ],
+)
+def test_unknown_names_the_nearest_or_all(name, known, message):
+    """A near miss gets a suggestion, anything else the list."""
+    assert registry.unknown(name, known, "thing") == message
+
+
+def test_parts_of_installed_packages(monkeypatch):
+    """An entry point adds a part without an import until it is asked for."""
+
+    class Point:
+        name = "half"
+        loaded = 0
+
+        def load(self):
+            Point.loaded += 1
+            return design
+
+    monkeypatch.setattr(registry, "_entry_points", lambda group: {"half": Point()} if group == "estimators" else {})
+    assert "half" in registry.names("estimators") and "half" not in registry.names("plants")
+    assert Point.loaded == 0
+    assert registry.get("estimators", "half") is design
