@@ -13,10 +13,11 @@ from enum import IntEnum
 from typing import Annotated, Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
+import numpy.typing as npt
 from annotated_types import Ge, Gt
 from jaxtyping import Float, Int8
 
-Array: TypeAlias = np.ndarray[Any, Any]
+Array: TypeAlias = npt.NDArray[Any]
 Matrix: TypeAlias = float | list[float] | list[list[float]]
 """A number stands for that number times the identity, a list for its diagonal."""
 
@@ -38,7 +39,7 @@ class Status(IntEnum):
         return member
 
     OK = 0, "the run reached its last sample"
-    DIVERGED = 1, "a state, measurement or input stopped being finite"
+    DIVERGED = 1, "a state, an estimate or an input grew beyond 1e100 or stopped being a number"
     OUT_OF_RANGE = 2, "a drawn parameter lies where the model has no meaning (a mass that is not positive, say)"
 
     @property
@@ -228,6 +229,7 @@ class Record(NamedTuple):
     r: Float[Array, "samples ny"]
 
 
+@runtime_checkable
 class Metric(Protocol):
     """A number per run, made from its trajectories."""
 

@@ -8,7 +8,7 @@ import sys
 from jaxtyping import install_import_hook
 
 # First of all, before any test imports the package.  `rmpc_bench.plants.servo` does not cover `servo_kernel`, whose
-# numba functions cannot be wrapped (jaxtyping matches whole dotted names; test_hook.py asserts it).
+# numba functions cannot be wrapped (jaxtyping matches whole dotted names; plants/test_servo.py asserts it).
 CHECKED = [f"rmpc_bench.{part}" for part in ("numerics", "models", "estimators", "controllers", "simulation")]
 install_import_hook([*CHECKED, "rmpc_bench.plants.servo"], "beartype.beartype")
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again

@@ -64,7 +64,7 @@ class Mpc:
 
     K_x: Float[Array, "nu nx"]
     K_u: Float[Array, "nu nu"]
-    K_r: Float[Array, "nu Hp*ny"]
+    K_r: Float[Array, "nu rows"]
     low: float
     high: float
     preview: int
@@ -121,20 +121,23 @@ def design(
     low, high = (-np.inf, np.inf) if limits is None else limits.u
     if not low < high:
         raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", "limits.u")
-    root_Q = _scaled_root(Q, scale.y, model.ny, "Q")
-    root_R = _scaled_root(R, scale.u, model.nu, "R")
+    root_Q = _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y"))
+    root_R = _scaled_root(R, scale.u, model.nu, ("R", "scale.u"))
     Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
     root_Q, root_R = np.kron(np.eye(Hp), root_Q), np.kron(np.eye(Hu), root_R)
     first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # du(k) = first (r - Psi x - Upsilon u(k-1))
     return Mpc(first @ Psi, first @ Upsilon, first, float(low), float(high), preview=Hp + 1)
 
 
-def _scaled_root(weight: Matrix, span: float | list[float], n: int, name: str) -> Float[Array, "n n"]:
-    """Root of a weight, over the span of its signal."""
+def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple[str, str]) -> Float[Array, "n n"]:
+    """Root of a weight, over the span of its signal; ``names`` are the parameters to blame for either."""
+    blamed = names[0]
     try:
-        return psd_sqrt(as_covariance(weight, n)) / as_vector(span, n)
+        root = psd_sqrt(as_covariance(weight, n))
+        blamed = names[1]
+        return root / as_vector(span, n)
     except ValueError as error:
-        raise DesignError(str(error), name) from None
+        raise DesignError(str(error), blamed) from None
 
 
 def _first_move(

@@ -12,11 +12,11 @@ from rmpc_bench.types import Array
 
 
 class Prediction(NamedTuple):
-    """Y = Psi x + Upsilon u_previous + Theta dU for y(k+1)..y(k+Hp), stacked."""
+    """Y = Psi x + Upsilon u_previous + Theta dU for y(k+1)..y(k+Hp), stacked: Hp ny rows, Hu nu moves."""
 
-    Psi: Float[Array, "Hp*ny nx"]
-    Upsilon: Float[Array, "Hp*ny nu"]
-    Theta: Float[Array, "Hp*ny Hu*nu"]
+    Psi: Float[Array, "rows nx"]
+    Upsilon: Float[Array, "rows nu"]
+    Theta: Float[Array, "rows moves"]
 
 
 def predict_moves(model: LinearModel, Hp: int, Hu: int) -> Prediction:

@@ -8,10 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_covariance
-from rmpc_bench.types import Array, DesignError
+from rmpc_bench.types import Array, DesignError, Matrix
+
+Rows = Array | list[list[float]]
+Covariance = Array | Matrix
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class LinearModel:
     """A time-invariant linear model with independent white noises.
 
@@ -20,8 +23,8 @@ class LinearModel:
     A : (nx, nx) state matrix
     B : (nx, nu) input matrix
     C : (ny, nx) output matrix
-    Q_w : (nx, nx) covariance of the process noise w, positive semidefinite
-    R_v : (ny, ny) covariance of the measurement noise v, positive semidefinite
+    Q_w : (nx, nx) covariance of the process noise w, positive semidefinite; a number or a diagonal will do
+    R_v : (ny, ny) covariance of the measurement noise v, likewise
 
     Raises
     ------
@@ -35,19 +38,18 @@ class LinearModel:
     Q_w: Float[Array, "nx nx"]
     R_v: Float[Array, "ny ny"]
 
-    def __post_init__(self) -> None:
-        """Turn lists into arrays and check what a design would only trip over later."""
-        for name in ("A", "B", "C"):
-            object.__setattr__(self, name, np.atleast_2d(np.asarray(getattr(self, name), dtype=float)))
-        nx, ny = len(self.A), len(self.C)
-        for name, wanted in (("A", (nx, nx)), ("B", (nx, self.B.shape[1])), ("C", (ny, nx))):
-            if getattr(self, name).shape != wanted:
-                raise DesignError(f"{name} has shape {getattr(self, name).shape}; {wanted} fits the other matrices")
-        for name, n in (("Q_w", nx), ("R_v", ny)):
+    def __init__(self, A: Rows, B: Rows, C: Rows, Q_w: Covariance, R_v: Covariance) -> None:
+        A, B, C = (np.atleast_2d(np.asarray(matrix, dtype=float)) for matrix in (A, B, C))
+        nx, ny = len(A), len(C)
+        for name, matrix, wanted in (("A", A, (nx, nx)), ("B", B, (nx, B.shape[1])), ("C", C, (ny, nx))):
+            if matrix.shape != wanted:
+                raise DesignError(f"{name} has shape {matrix.shape}; {wanted} fits the other matrices", name)
+            object.__setattr__(self, name, matrix)
+        for name, cov, n in (("Q_w", Q_w, nx), ("R_v", R_v, ny)):
             try:
-                object.__setattr__(self, name, as_covariance(getattr(self, name), n))
+                object.__setattr__(self, name, as_covariance(np.asarray(cov, dtype=float), n))
             except ValueError as error:
-                raise DesignError(f"{name}: {error}") from None
+                raise DesignError(f"{name}: {error}", name) from None
 
     @property
     def nx(self) -> int:

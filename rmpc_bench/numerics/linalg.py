@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil, log2
+
 import numpy as np
 from jaxtyping import Float
 
@@ -16,8 +18,10 @@ def symmetrise(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
 def mv(A: Float[Array, "n m"] | Float[Array, "runs n m"], x: Float[Array, "runs m"]) -> Float[Array, "runs n"]:
     """Multiply every row of ``x`` by a shared or a per-run matrix.
 
-    The sum goes by einsum and not by BLAS, whose blocking lets the last bits depend on the number of rows.
+    The sum goes by einsum and not by BLAS, whose blocking lets the last bits depend on the number of rows; on
+    contiguous memory, because einsum adds up in an order that depends on the layout.
     """
+    A, x = np.ascontiguousarray(A), np.ascontiguousarray(x)
     product: Array = np.einsum("ij,rj->ri" if A.ndim == 2 else "rij,rj->ri", A, x)
     return product
 
@@ -102,12 +106,19 @@ def discretise(
 def van_loan(A: Float[Array, "n n"], S: Float[Array, "n n"], Ts: float) -> Float[Array, "n n"]:
     """Covariance that white noise of intensity ``S`` builds up over ``Ts`` seconds.
 
-    The integral of e^(A s) S e^(A' s) over s in [0, Ts], from one exponential (Van Loan 1978).
+    The integral of e^(A s) S e^(A' s) over s in [0, Ts], from one exponential (Van Loan 1978) over a time so short that
+    its e^(-A s) does not swamp the rest, and from there by doubling: Q(2 s) = Q(s) + e^(A s) Q(s) e^(A' s).
     """
     from scipy.linalg import expm
 
     n = len(A)
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n], block[:n, n:], block[n:, n:] = -A, S, A.T
-    E = expm(block * Ts)
-    return symmetrise(E[n:, n:].T @ E[:n, n:])
+    doublings = max(0, ceil(log2(max(float(np.linalg.norm(A, 1)) * Ts, 1.0))))
+    exponential = expm(block * (Ts / 2**doublings))
+    E = exponential[n:, n:].T
+    Q = symmetrise(E @ exponential[:n, n:])
+    for _ in range(doublings):
+        Q = symmetrise(Q + E @ Q @ E.T)
+        E = E @ E
+    return Q

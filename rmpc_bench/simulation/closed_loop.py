@@ -11,6 +11,10 @@ from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.types import Array, Method, Plant, Record, Status, Statuses
 
 
+LARGEST = 1e100
+"""Beyond this a run counts as diverged: its square must still be a number that can be summed."""
+
+
 class Block(NamedTuple):
     """What is kept of a block of runs."""
 
@@ -33,7 +37,8 @@ def simulate_block(experiment: Experiment, method: Method, runs: range) -> Block
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
     record, status = simulate(plant, method, draws, r, n_steps)
     ok = status == Status.OK
-    values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
+    with np.errstate(over="ignore", invalid="ignore"):  # of failed runs
+        values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
     return Block(status, np.array(values).reshape(len(values), len(ok)))
 
 
@@ -80,7 +85,8 @@ def simulate(
 
 
 def _finite(values: Float[Array, "runs n"]) -> Bool[Array, " runs"]:
-    return np.asarray(np.isfinite(values).all(axis=1))
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(values) < LARGEST).all(axis=1))
 
 
 def _first(status: Statuses, reported: Statuses, finite: Bool[Array, " runs"]) -> Statuses:

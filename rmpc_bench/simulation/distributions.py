@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from rmpc_bench.types import NonNegative, Positive
 
 
+@runtime_checkable
 class Distribution(Protocol):
     """A law of one number."""
 

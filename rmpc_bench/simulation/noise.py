@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +12,7 @@ from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative
 
 
+@runtime_checkable
 class Noise(Protocol):
     """A law of n-dimensional noise, white over time."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +12,7 @@ from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.types import Array, DesignError
 
 
+@runtime_checkable
 class Reference(Protocol):
     """A signal known ahead of time."""
 

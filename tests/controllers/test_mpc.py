@@ -3,7 +3,7 @@
 import cvxpy as cp
 import numpy as np
 import pytest
-from conftest import random_model, random_psd
+from conftest import SOLVER, random_model, random_psd
 
 from rmpc_bench.controllers.mpc import Limits, MpcState, Scale, design
 from rmpc_bench.models.linear import LinearModel
@@ -91,7 +91,7 @@ def test_the_law_minimises_the_cost_by_a_qp_solver(rng):
     cp.Problem(cp.Minimize(cost), rules).solve(solver=cp.CLARABEL)
     controller = design(m, Hp=Hp, Hu=Hu, Q=Q.tolist(), R=R.tolist())
     _, command = apply(controller, x_hat[None], u_previous[None], r)
-    np.testing.assert_allclose(command.u[0], u.value[0], atol=1e-6)  # Clarabel's tolerance is 1e-8 of the cost
+    np.testing.assert_allclose(command.u[0], u.value[0], **SOLVER)
 
 
 def test_without_a_cost_of_moves_one_step_reaches_the_reference(rng):
