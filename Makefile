@@ -32,7 +32,7 @@ type: setup  ## check types
 	$(BIN)/mypy
 
 perf: setup  ## measure speed
-	$(BIN)/python -m pytest -m perf --benchmark-columns=min,median,rounds --benchmark-sort=name
+	RMPC_BENCH_UNCHECKED=1 $(BIN)/python -m pytest tests/perf -m perf --benchmark-columns=min,median,rounds --benchmark-sort=name
 
 clean:  ## remove what can be made again (results stay)
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage

@@ -3,6 +3,7 @@
 House rule: a tolerance is one of the four words below, or the line that holds it says why it is another.
 """
 
+import os
 import sys
 
 from jaxtyping import install_import_hook
@@ -10,7 +11,8 @@ from jaxtyping import install_import_hook
 # First of all, before any test imports the package.  `rmpc_bench.plants.servo` does not cover `servo_kernel`, whose
 # numba functions cannot be wrapped (jaxtyping matches whole dotted names; plants/test_servo.py asserts it).
 CHECKED = [f"rmpc_bench.{part}" for part in ("numerics", "models", "estimators", "controllers", "simulation")]
-install_import_hook([*CHECKED, "rmpc_bench.plants.servo"], "beartype.beartype")
+if "RMPC_BENCH_UNCHECKED" not in os.environ:  # `make perf` measures the code as users run it
+    install_import_hook([*CHECKED, "rmpc_bench.plants.servo"], "beartype.beartype")
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again
 
 import numpy as np  # noqa: E402

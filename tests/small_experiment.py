@@ -51,8 +51,22 @@ def cli(*arguments):
         signal.signal(signal.SIGTERM, before)
 
 
-def ran(*arguments):
-    """Call `rmpc-bench run` with one process and no progress; anything but exit 0 fails the test."""
-    result = cli("run", *arguments, "-j", 1, "--progress", "none")
+def ran(path, directory, *options, jobs=1):
+    """Call `rmpc-bench run` into a directory and return its trials.csv; anything but exit 0 fails the test."""
+    result = cli("run", path, "-o", directory, "-j", jobs, "--progress", "none", *options)
     assert result.exit_code == 0, result.output
-    return result
+    return (directory / "trials.csv").read_bytes()
+
+
+def spied(monkeypatch):
+    """Return a list that gets (method, runs) of every block computed in this process from now on."""
+    from rmpc_bench.experiment import engines
+
+    blocks, simulate = [], engines.simulate_block
+
+    def spy(experiment, method, runs):
+        blocks.append((method.name, [*runs]))
+        return simulate(experiment, method, runs)
+
+    monkeypatch.setattr(engines, "simulate_block", spy)
+    return blocks

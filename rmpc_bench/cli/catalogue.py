@@ -15,7 +15,10 @@ from rmpc_bench.cli import exits
 @click.argument("group", required=False, type=click.Choice([*registry.BUILT_IN, "configs"]))
 @exits.guarded
 def list_(group: str | None) -> int:
-    """List the names a configuration may use, of one group or of all; `configs` lists the files under configs."""
+    """List the names a configuration may use.
+
+    Without GROUP all of them; `configs` lists the files under configs.
+    """
     for name in [group] if group else [*registry.BUILT_IN, "configs"]:
         if not group:
             click.echo(f"{name}:")
@@ -45,7 +48,7 @@ def describe(name: str) -> int:
 def _find(name: str) -> list[tuple[str, str]]:
     """Groups and kinds that a name may mean."""
     group, slash, kind = name.rpartition("/")
-    if slash and group not in registry.BUILT_IN:
+    if slash and f"{group}s" in registry.BUILT_IN:
         group += "s"
     if slash and group not in registry.BUILT_IN:
         raise click.BadParameter(registry.unknown(group, registry.BUILT_IN, "group"))
@@ -80,14 +83,14 @@ def _show(group: str, kind: str) -> None:
 def _meanings(doc: str) -> dict[str, str]:
     """Meaning of every parameter in a numpydoc section."""
     meanings: dict[str, str] = {}
-    last = ""
+    names: list[str] = []
     for line in doc.split("\n"):
         head, colon, text = line.partition(" : ")
         if colon and not line.startswith(" "):
-            last = head
-            meanings[last] = text
-        elif last and line.startswith("    "):
-            meanings[last] += " " + line.strip()
+            names = head.split(", ")
+            meanings |= dict.fromkeys(names, text)
+        elif names and line.startswith("    "):
+            meanings |= {name: f"{meanings[name]} {line.strip()}" for name in names}
         elif not line.strip():
-            last = ""
+            names = []
     return meanings

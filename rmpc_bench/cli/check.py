@@ -35,8 +35,9 @@ def check(configs: tuple[Path, ...]) -> int:
 def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     experiment = config.experiment
     lines = [f"{path}: valid", f"  {config.title or config.name}"]
-    lines += ["", f"  {'':14}{'truth':42}belief"]
-    lines += [f"  {name:14}{truth:42}{belief}" for name, truth, belief in _truth_and_belief(config)]
+    rows = [("", "truth", "belief"), *_truth_and_belief(config)]
+    widths = [2 + max(len(row[column]) for row in rows) for column in (0, 1)]
+    lines += ["", *(f"  {name:{widths[0]}}{truth:{widths[1]}}{belief}" for name, truth, belief in rows)]
     lines += ["", "  what differs between the methods"]
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     chosen = [claim.chosen for claim in config.claims if claim.chosen]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from rmpc_bench import registry
 from rmpc_bench.analysis.claims import Verdict, claims_markdown, claims_table, judge
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.cli import exits
-from rmpc_bench.experiment import results, yaml
+from rmpc_bench.experiment import results
 from rmpc_bench.experiment.config import ExperimentConfig
 from rmpc_bench.report.figures import save
 from rmpc_bench.report.tables import screen, summarise, trials_csv, write_csv
@@ -42,7 +41,6 @@ def publish(
     directory: Path,
     modified: Sequence[str],
     *,
-    source: Path | None = None,
     seconds: float | None = None,
 ) -> Outcome:
     """Write all derived files of a directory and return the screen.
@@ -52,13 +50,9 @@ def publish(
     config : the experiment
     directory : where its trials are stored
     modified : what was changed against the file; claims are then shown for information only
-    source : the configuration as given, to keep a copy of
     seconds : how long the run took, for the screen
     """
     trials = results.stored_trials(config, directory)
-    if source is not None:
-        shutil.copyfile(source, directory / "config.yaml")
-        (directory / results.RESOLVED).write_text(yaml.dump(yaml.plain(config.resolved)), encoding="utf-8")
     summary = summarise(trials)
     trials_csv(trials, directory / "trials.csv")
     write_csv(results.uncertainty(config, directory), directory / "uncertainty.csv")

@@ -17,7 +17,7 @@ def report(directories: tuple[Path, ...]) -> int:
     from rmpc_bench.cli.publish import publish
     from rmpc_bench.experiment import manifest
     from rmpc_bench.experiment.config import load_config
-    from rmpc_bench.experiment.results import RESOLVED
+    from rmpc_bench.experiment.runner import RESOLVED
     from rmpc_bench.experiment.store import FILE, StoreError
 
     code = 0

@@ -69,26 +69,24 @@ def run(
     started = time.monotonic()
     from rmpc_bench.cli.publish import publish
     from rmpc_bench.experiment.config import load_config
-    from rmpc_bench.experiment.engines import single_thread
     from rmpc_bench.experiment.progress import choose
     from rmpc_bench.experiment.runner import compute
     from rmpc_bench.experiment.store import StoreError
 
-    with single_thread():
-        loaded = load_config(config, overrides=overrides, runs=runs, smoke=smoke)
-        _check_names(only, loaded)
-        modified = _modifications(config, loaded, overrides, runs, only, smoke)
-        directory = output or _directory(config, loaded, overrides, smoke)
-        if dry_run:
-            return _show_plan(loaded, directory, only)
-        if fresh:
-            _set_aside(directory)
-        try:
-            compute(loaded, directory, workers=jobs, only=only or None, progress=choose(progress), modified=modified)
-        except StoreError as error:
-            click.echo(f"{error}\nfor a new directory: rmpc-bench run {config} -o {directory}-2", err=True)
-            return exits.OCCUPIED
-        outcome = publish(loaded, directory, modified, source=config, seconds=time.monotonic() - started)
+    loaded = load_config(config, overrides=overrides, runs=runs, smoke=smoke)
+    _check_names(only, loaded)
+    modified = _modifications(config, loaded, overrides, runs, only, smoke)
+    directory = output or _directory(config, loaded, overrides, smoke)
+    if dry_run:
+        return _show_plan(loaded, directory, only)
+    if fresh:
+        _set_aside(directory)
+    try:
+        compute(loaded, directory, workers=jobs, only=only or None, progress=choose(progress), modified=modified)
+    except StoreError as error:
+        click.echo(f"{error}\nfor a new directory: rmpc-bench run {config} -o {directory}-2", err=True)
+        return exits.OCCUPIED
+    outcome = publish(loaded, directory, modified, seconds=time.monotonic() - started)
     click.echo(outcome.screen)
     return outcome.code(strict=strict)
 

@@ -7,22 +7,21 @@ a user sees every mistake at once.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from rmpc_bench.experiment.parts import Part
-from rmpc_bench.experiment.quantities import Expression
+from rmpc_bench.experiment.quantities import Expression, QuantityError
 from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
-from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.metrics import Units
-from rmpc_bench.simulation.noise import Gaussian, Noise
+from rmpc_bench.simulation.noise import Noise, gaussian
 from rmpc_bench.simulation.reference import Reference
-from rmpc_bench.simulation.scenario import Experiment, Scenario
-from rmpc_bench.types import Array, Method, Metric, Plant, Problem
+from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
+from rmpc_bench.types import Array, DesignError, Method, Metric, Plant, Problem
 
 
 @dataclass(frozen=True)
@@ -33,8 +32,11 @@ class Changed:
     factor: float
 
     def __call__(self, values: Mapping[str, float]) -> float:
-        """Value of the parameter."""
-        return self.factor * self.expression(values)
+        """Value of the parameter; NaN where the arithmetic has none, which the plant takes for out of range."""
+        try:
+            return self.factor * self.expression(values)
+        except QuantityError:
+            return math.nan
 
 
 class _Builder:
@@ -73,15 +75,15 @@ class _Builder:
         given, P = self.sheet.initial, self.sheet.initial["P"]
         if given["x_hat"] is None or P is None:
             return None
-        x0 = self.sized("x_hat", lambda: as_vector(given["x_hat"], model.nx))
-        P0 = model.Q_w if isinstance(P, str) else self.sized("P", lambda: as_covariance(P, model.nx))
+        x0 = self.sized("x_hat", initial_state, given["x_hat"], model.nx)
+        P0 = model.Q_w if isinstance(P, str) else self.sized("P", initial_covariance, P, model.nx)
         return None if x0 is None or P0 is None else (x0, P0)
 
-    def sized(self, key: str, expand: Any) -> Any:
+    def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array | None:
         """Expand a short form under `initial`; a size that does not fit is noted there."""
         try:
-            return expand()
-        except ValueError as error:
+            return expand(value, n)
+        except DesignError as error:
             self.sheet.note(["initial", key], str(error))
             return None
 
@@ -115,12 +117,13 @@ class _Builder:
         if len(cov) != n:
             self.sheet.note(["noise"], f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
             return ()
-        return (Gaussian(np.zeros(n), (law.same or 0.0) * psd_sqrt(cov)),)
+        return (gaussian(n, cov=cov, scale=law.same or 0.0),)
 
     def scenario(self, plant: Plant, reference: Reference) -> Scenario | None:
         """Gather what befalls every run."""
         sheet = self.sheet
-        x0 = None if sheet.initial["x"] is None else self.sized("x", lambda: as_vector(sheet.initial["x"], plant.nx))
+        x = sheet.initial["x"]
+        x0 = None if x is None else self.sized("x", initial_state, x, plant.nx)
         x0_noise = self.noise(sheet.initial["law"], plant.nx, "initial")
         process = self.noise(sheet.noise.get("process"), plant.nw, "process")
         measurement = self.noise(sheet.noise.get("measurement"), plant.nv, "measurement")
@@ -146,9 +149,14 @@ class _Builder:
         made = [part.build(self.sheet.problems, units=units) for part in self.sheet.metrics if part is not None]
         names: set[str] = set()
         for number, metric in enumerate(made):
-            if metric is not None and metric.info.name in names:
-                self.sheet.note(["metrics", number], f"{metric.info.name!r} is given twice; give one a `name`")
-            names |= {metric.info.name} if metric is not None else set()
+            name = metric.info.name if metric is not None else ""
+            if name in names:
+                self.sheet.note(["metrics", number], f"{name!r} is given twice; give one a `name`")
+            elif name in ("method", "run", "status"):
+                self.sheet.note(["metrics", number], f"{name!r} is a column of the tables already; choose another name")
+            elif name and not re.fullmatch(r"[A-Za-z_]\w*", name):
+                self.sheet.note(["metrics", number], f"{name!r} is no name: letters, digits and _ (claims use it)")
+            names.add(name)
         return tuple(metric for metric in made if metric is not None)
 
 
@@ -169,6 +177,8 @@ def build(sheet: Sheet, *, smoke: bool = False) -> Experiment | None:
         return None
     reference = sheet.reference.build(sheet.problems, ny=plant.ny)
     metrics = builder.metrics(plant)
+    if reference is None:
+        return None
     scenario = builder.scenario(plant, reference)
     if scenario is None or sheet.problems or any(method is None for method in methods):
         return None

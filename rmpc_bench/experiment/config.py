@@ -13,9 +13,10 @@ from rmpc_bench.analysis.claim import Claim, Stated
 from rmpc_bench.analysis.claim_grammar import COUNTS, ClaimError, parse, parse_expression, terms
 from rmpc_bench.experiment import yaml
 from rmpc_bench.experiment.build import build
+from rmpc_bench.experiment.engines import single_thread
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.reader import at_their_origin, read
-from rmpc_bench.experiment.resolve import belief, resolved, shared
+from rmpc_bench.experiment.resolve import belief, measured, resolved, shared
 from rmpc_bench.experiment.schema import shown
 from rmpc_bench.experiment.sections import ClaimKeys, Execution, Statistics
 from rmpc_bench.experiment.sheet import Sheet
@@ -112,7 +113,8 @@ def load_config(
         sheet.values["runs"] = runs
     if smoke:
         _shrink(sheet)
-    experiment = build(sheet, smoke=smoke)
+    with single_thread():
+        experiment = build(sheet, smoke=smoke)
     claims = _claims(sheet, experiment)
     _statistics(sheet)
     _figures(sheet)
@@ -132,12 +134,8 @@ def load_config(
         claims=claims,
         shared=shared(sheet),
         methods={name: belief(sheet, parts) for name, parts in sheet.methods.items()},
-        metrics={
-            metric.info.name: part.resolved()
-            for metric, part in zip(experiment.metrics, sheet.metrics, strict=True)
-            if part is not None
-        },
-        resolved=resolved(sheet),
+        metrics=measured(sheet, experiment),
+        resolved=resolved(sheet, experiment, smoke=smoke),
     )
 
 
@@ -154,13 +152,13 @@ def _shrink(sheet: Sheet) -> None:
 
 
 def _statistics(sheet: Sheet) -> None:
-    statistics, names = sheet.values["statistics"], _metric_names(sheet)
-    if statistics is None:
+    given, names = sheet.tree.get("statistics"), _metric_names(sheet)
+    if not isinstance(given, Map):
         return
-    if statistics.primary is not None and statistics.primary not in names:
-        sheet.note(["statistics", "primary"], unknown(statistics.primary, names, "metric of this configuration"))
-    if statistics.baseline is not None and statistics.baseline not in sheet.methods:
-        sheet.note(["statistics", "baseline"], unknown(statistics.baseline, sheet.methods, "method"))
+    if isinstance(given.get("primary"), str) and given["primary"] not in names:
+        sheet.note(["statistics", "primary"], unknown(given["primary"], names, "metric of this configuration"))
+    if isinstance(given.get("baseline"), str) and sheet.methods and given["baseline"] not in sheet.methods:
+        sheet.note(["statistics", "baseline"], unknown(given["baseline"], sheet.methods, "method"))
 
 
 def _figures(sheet: Sheet) -> None:

@@ -23,12 +23,17 @@ _DISTRIBUTIONS: dict[str, type] = {
 }
 
 
+_TAKEN = ("run", "pi", "sqrt", "sin", "cos")
+
+
 def read_uncertainty(sheet: Sheet) -> None:
     """Read the laws of the named uncertain quantities."""
     for name, value in (sheet.values["uncertainty"] or {}).items():
         path: list[str | int] = ["uncertainty", name]
         if not re.fullmatch(r"[A-Za-z_]\w*", name):
             sheet.note(path, "a name starts with a letter and goes on with letters, digits and _", key=True)
+        elif name in _TAKEN:
+            sheet.note(path, f"{name!r} has a meaning already; choose another name", key=True)
         law = _distribution(sheet, value, path)
         if law is not None:
             sheet.uncertainty[name] = law
@@ -37,7 +42,7 @@ def read_uncertainty(sheet: Sheet) -> None:
 def _distribution(sheet: Sheet, value: Any, path: list[str | int]) -> distributions.Distribution | None:
     if isinstance(value, Map):
         kind = value.get("dist")
-        if kind not in _DISTRIBUTIONS:
+        if not isinstance(kind, str) or kind not in _DISTRIBUTIONS:
             sheet.note([*path, "dist"], registry.unknown(str(kind), _DISTRIBUTIONS, "distribution"))
             return None
         own = value.copy()
@@ -82,6 +87,9 @@ def _law(sheet: Sheet, law: Any, path: list[str | int]) -> Law | None:
     if law == "same":
         return Law(None, 1.0)
     known = ("none", "same", *registry.names("noises"))
+    if law in registry.names("noises"):
+        sheet.note(path, f"{law!r} needs its parameters: {{{law}: {{..}}}} (rmpc-bench describe noises/{law})")
+        return None
     if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in known[1:]:
         named = next(iter(law)) if isinstance(law, Map) and len(law) == 1 else law
         text = named if isinstance(named, str) else shown(law)
@@ -89,11 +97,13 @@ def _law(sheet: Sheet, law: Any, path: list[str | int]) -> Law | None:
         return None
     kind, value = next(iter(law.items()))
     if kind == "same":
-        scale = validate(with_quantities(dict[str, NonNegative]), value, [*path, kind], sheet.problems)
+        place = locate(law, [kind])
+        keys = with_quantities(dict[str, NonNegative])
+        scale = validate(keys, value, [*path, kind], sheet.problems, mark=place)
         if scale is not None and set(scale) - {"scale"}:
             sheet.note([*path, kind], "the only key is 'scale'")
         return None if scale is None else Law(None, scale.get("scale", 1.0))
-    part = read_part("noises", value, [*path, kind], sheet.problems, mark=locate(sheet.tree, path), kind=kind)
+    part = read_part("noises", value, [*path, kind], sheet.problems, mark=locate(law, [kind]), kind=kind)
     return None if part is None else Law(part, None)
 
 

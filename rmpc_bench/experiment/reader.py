@@ -78,6 +78,16 @@ def _plant(sheet: Sheet) -> None:
                 sheet.note(path, str(error))
                 continue
             sheet.changes[name] = Change(expression, relative, locate_key(sheet.tree, path))
+            if not expression.names:
+                _probe(sheet, expression, path)
+
+
+def _probe(sheet: Sheet, expression: quantities.Expression, path: list[str | int]) -> None:
+    """Evaluate what is the same in every run, so that it fails now if it fails at all."""
+    try:
+        expression()
+    except quantities.QuantityError as error:
+        sheet.note(path, str(error))
 
 
 def _methods(sheet: Sheet) -> None:
@@ -125,6 +135,8 @@ def _named_parts(sheet: Sheet, group: str) -> list[Part | None]:
     """Read a list whose entries are names or mappings with a `kind`."""
     parts: list[Part | None] = []
     entries = sheet.section(group)
+    if group == "metrics" and isinstance(entries, list) and not entries:
+        sheet.note([group], "there must be at least one metric")
     for number, entry in enumerate(entries if isinstance(entries, list) else []):
         path: list[str | int] = [group, number]
         mark = locate(sheet.tree, path)
@@ -147,21 +159,26 @@ def _claims(sheet: Sheet) -> None:
 
 def at_their_origin(sheet: Sheet) -> list[Problem]:
     """Let a mistake in a default speak of the default, and once, not of every method that inherits it."""
-    paths: dict[tuple[str, int, int], str] = {}
+    paths: dict[tuple[str, int, int], list[str]] = {}
 
-    def visit(node: Any, path: list[str | int]) -> None:
+    def visit(path: list[str | int], node: Any) -> None:
+        for mark in (locate(sheet.tree, path), locate_key(sheet.tree, path)):
+            paths.setdefault(mark, []).append(join(path))
         children = node.items() if isinstance(node, Map) else enumerate(node) if isinstance(node, Items) else ()
         for step, child in children:
-            paths.setdefault(locate(sheet.tree, [*path, step]), join([*path, step]))
-            visit(child, [*path, step])
+            visit([*path, step], child)
 
     for default in ("model", "estimator", "controller"):
         if default in sheet.tree:
-            paths[locate(sheet.tree, [default])] = default
-            visit(sheet.tree[default], [default])
-    moved = []
-    for problem in sheet.problems:
-        inherited = problem.path.startswith("methods.")
-        path = paths.get((problem.file, problem.line, problem.column), problem.path) if inherited else problem.path
-        moved.append(Problem(problem.file, problem.line, problem.column, path, problem.message))
-    return moved
+            visit([default], sheet.tree[default])
+    return [_moved(problem, paths) for problem in sheet.problems]
+
+
+def _moved(problem: Problem, paths: dict[tuple[str, int, int], list[str]]) -> Problem:
+    here = paths.get((problem.file, problem.line, problem.column), [])
+    if not problem.path.startswith("methods.") or not here:
+        return problem
+    # A block mapping begins where its first key does: the last step tells which of the two is meant.
+    last = problem.path.split(".")[-1]
+    path = next((path for path in here if path.split(".")[-1] == last), here[0])
+    return Problem(problem.file, problem.line, problem.column, path, problem.message)

@@ -6,6 +6,7 @@ from typing import Any
 
 from rmpc_bench.experiment.parts import Part, plain_data
 from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
+from rmpc_bench.simulation.scenario import Experiment
 
 
 def shared(sheet: Sheet) -> dict[str, Any]:
@@ -70,7 +71,33 @@ def _without_nothing(part: Part) -> dict[str, Any]:
     return {name: value for name, value in part.resolved().items() if value is not None}
 
 
-def resolved(sheet: Sheet) -> dict[str, Any]:
+def measured(sheet: Sheet, experiment: Experiment) -> dict[str, Any]:
+    """What every metric measures, by its name: its window counts in samples, so that no unit can be mistaken."""
+    table = {}
+    for metric, part in zip(experiment.metrics, sheet.metrics, strict=True):
+        keys = _without_nothing(part) if part is not None else {}
+        window = getattr(metric, "window", None)
+        if window is not None:
+            keys = {name: value for name, value in keys.items() if name not in ("from", "to")}
+            keys["window"] = list(window)
+        table[metric.info.name] = keys
+    return table
+
+
+def _metrics(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> list[dict[str, Any]]:
+    """Metrics as keys of a configuration; those of a smoke run with the windows it has cut."""
+    entries = []
+    for metric, part in zip(experiment.metrics, sheet.metrics, strict=True):
+        keys = _without_nothing(part) if part is not None else {}
+        if smoke and hasattr(metric, "window"):
+            tick = sheet.values["time"].tick
+            cut = {"from": metric.window.first * tick, "to": metric.window.last * tick}
+            keys |= {name: value for name, value in cut.items() if name in keys}
+        entries.append(keys)
+    return entries
+
+
+def resolved(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:
     """Return the whole configuration with every default filled in; it loads to an equal one."""
     values, time = sheet.values, sheet.values["time"]
     length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
@@ -91,7 +118,7 @@ def resolved(sheet: Sheet) -> dict[str, Any]:
         "initial": {"x": _initial_x(sheet), "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]},
         "reference": sheet.reference.resolved() if sheet.reference else {},
         "methods": methods,
-        "metrics": [_without_nothing(part) for part in sheet.metrics if part is not None],
+        "metrics": _metrics(sheet, experiment, smoke=smoke),
         "statistics": plain_data(values["statistics"]),
         "figures": [_without_nothing(part) for part in sheet.figures if part is not None],
         "claims": [plain_data(keys) for keys in sheet.claims if keys is not None],

@@ -11,11 +11,9 @@ import pandas as pd
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.experiment.config import ExperimentConfig, load_config
 from rmpc_bench.experiment.progress import Progress
-from rmpc_bench.experiment.runner import compute, method_key, metric_keys
+from rmpc_bench.experiment.runner import RESOLVED, compute, method_key, metric_keys
 from rmpc_bench.experiment.store import FILE, Store, StoreError
 from rmpc_bench.types import Array, Method, Status
-
-RESOLVED = "config.resolved.yaml"
 
 
 def run(
@@ -59,11 +57,13 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
     Raises
     ------
     StoreError
-        If there is no store, or nothing in it belongs to the configuration.
+        If there is no store, it is another experiment's, or nothing in it belongs to the configuration.
     """
     if not (directory / FILE).exists():
         raise StoreError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
     with Store(directory, writable=False) as store:
+        if store.meta("experiment") != config.hash:
+            raise StoreError(f"{directory} holds another experiment than {config.name}")
         frames = [_frame(config, store, method.name) for method in config.experiment.methods]
     filled = [frame for frame in frames if len(frame)]
     if not filled:

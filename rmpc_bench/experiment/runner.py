@@ -12,8 +12,11 @@ from rmpc_bench.experiment.config import ExperimentConfig, digest
 from rmpc_bench.experiment.engines import Done, Task
 from rmpc_bench.experiment.manifest import Session
 from rmpc_bench.experiment.progress import Progress, Silent, said_if_slow
-from rmpc_bench.experiment.store import Store
+from rmpc_bench.experiment.store import Store, WriteError
+from rmpc_bench.experiment.yaml import dump, plain
 from rmpc_bench.simulation.scenario import Experiment
+
+RESOLVED = "config.resolved.yaml"
 
 
 def method_key(config: ExperimentConfig, name: str) -> str:
@@ -86,12 +89,22 @@ def compute(
     methods = names if only is None else [name for name in names if name in only]
     with Store(directory) as store:
         store.claim(config.hash, config.shared)
+        _keep_configuration(config, directory)
         tasks = pending(config, store, methods)
         with Session(directory, config, modified, progress.say):
             if tasks:
                 total = len(methods) * config.experiment.n_runs
                 left = sum(len(task.runs) for task in tasks)
                 _compute(config, store, tasks, workers or config.execution.workers, progress, (total, total - left))
+
+
+def _keep_configuration(config: ExperimentConfig, directory: Path) -> None:
+    """Keep the file as given, and as it was understood, beside the trials."""
+    try:
+        (directory / RESOLVED).write_text(dump(plain(config.resolved)), encoding="utf-8")
+        (directory / "config.yaml").write_bytes(config.path.read_bytes())
+    except OSError as error:
+        raise WriteError(str(error)) from None
 
 
 def _compute(

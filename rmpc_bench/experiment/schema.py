@@ -50,6 +50,8 @@ def _number(value: Any) -> float:
 
 
 def _integer(value: Any) -> Any:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return value  # a float would lose digits of a long one
     number = quantities.number(value)
     return int(number) if number == int(number) else number  # pydantic says what is wrong with 2.5
 
@@ -115,8 +117,10 @@ def _union(members: Sequence[Any]) -> Any:
             tagged["a mapping"] = with_quantities(member)
 
     def choose(value: Any) -> str:
-        if isinstance(value, str) and (value in words or "text" in tagged):
-            return "a word" if value in words else "text"
+        if isinstance(value, str) and value in words:
+            return "a word"
+        if isinstance(value, str) and ("text" in tagged or "a number" not in tagged):
+            return "text" if "text" in tagged else "a word"
         shape = _shape(value)
         return "a list" if shape == "a matrix" and "a matrix" not in tagged else shape
 
@@ -159,7 +163,9 @@ def model_of(group: str, kind: str) -> type[BaseModel]:
     return create_model(kind, __config__=_CONFIG, **_fields(registry.get(group, kind), PROVIDED[group]))
 
 
-def validate(kind: Any, tree: Any, path: Sequence[str | int], problems: list[Problem]) -> Any:
+def validate(
+    kind: Any, tree: Any, path: Sequence[str | int], problems: list[Problem], *, mark: Mark | None = None
+) -> Any:
     """Check a tree against a pydantic model or any annotation; what is wrong goes to ``problems``.
 
     Parameters
@@ -168,6 +174,7 @@ def validate(kind: Any, tree: Any, path: Sequence[str | int], problems: list[Pro
     tree : what to check, with its marks
     path : where it stands, for the messages
     problems : gets one entry per mistake
+    mark : place of the tree, for a scalar, which has none of its own
 
     Returns
     -------
@@ -176,11 +183,11 @@ def validate(kind: Any, tree: Any, path: Sequence[str | int], problems: list[Pro
     try:
         return TypeAdapter(kind).validate_python(tree)
     except ValidationError as error:
-        problems += [_problem(entry, tree, path, kind) for entry in error.errors()]
+        problems += [_problem(entry, tree, path, kind, mark) for entry in error.errors()]
         return None
 
 
-def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any) -> Problem:
+def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:
     steps, node = [], tree
     for step in entry["loc"]:  # pydantic puts the members of unions into its paths, too
         if isinstance(node, dict) and step in node or isinstance(node, list) and step in range(len(node)):
@@ -188,18 +195,13 @@ def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any) -> Pro
             node = node[step]
     if entry["type"] == "extra_forbidden":
         mark = locate_key(tree, steps)
-    elif entry["type"] == "missing":
+    elif entry["type"] == "missing" and isinstance(tree, Map | Items):
         mark = locate(tree, steps)
         what = f"{entry['loc'][-1]!r} is missing" if isinstance(entry["loc"][-1], str) else "has too few entries"
         return Problem(*mark, join([*path, *steps]), what)
-    else:
-        mark = locate(tree, steps) if isinstance(tree, Map | Items) else _mark_of(tree)
-    return Problem(*mark, join([*path, *steps]), _message(entry, kind, steps))
-
-
-def _mark_of(tree: Any) -> Mark:
-    """A scalar has no place of its own: whoever validates one puts in the place it stands at."""
-    return getattr(tree, "mark", Mark("", 1, 1))
+    elif isinstance(tree, Map | Items):
+        mark = locate(tree, steps)
+    return Problem(*(mark or Mark("", 1, 1)), join([*path, *steps]), _message(entry, kind, steps))
 
 
 _WORDS: dict[str, str] = {
@@ -218,6 +220,8 @@ _WORDS: dict[str, str] = {
     "model_attributes_type": "must be a mapping",
     "list_type": "must be a list",
     "tuple_type": "must be a list",
+    "too_long": "has too many entries",
+    "too_short": "has too few entries",
     "shape": "{message}",
     "literal_error": "must be {expected}",
     "value_error": "{error}",

@@ -9,7 +9,7 @@ from rmpc_bench.experiment import quantities
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.schema import validate, with_quantities
 from rmpc_bench.experiment.sections import SECTIONS, ClaimKeys
-from rmpc_bench.experiment.yaml import Items, Map, join, locate, locate_key
+from rmpc_bench.experiment.yaml import Map, join, locate, locate_key
 from rmpc_bench.simulation import distributions
 from rmpc_bench.types import Problem
 
@@ -68,13 +68,9 @@ class Sheet:
         return self.tree[name] if name in self.tree else SECTIONS[name].default
 
     def checked(self, annotation: Any, path: list[str | int]) -> Any:
-        """Validate the value at a path; a scalar has no place of its own, so messages get the place it stands at."""
+        """Validate the value at a path."""
         parent: Any = self.tree
         for step in path[:-1]:
             parent = parent[step]
-        value, before = parent[path[-1]], len(self.problems)
-        result = validate(with_quantities(annotation), value, path, self.problems)
-        if not isinstance(value, Map | Items):
-            mark = locate(self.tree, path)
-            self.problems[before:] = [Problem(*mark, join(path), problem.message) for problem in self.problems[before:]]
-        return result
+        mark = locate(self.tree, path)
+        return validate(with_quantities(annotation), parent[path[-1]], path, self.problems, mark=mark)

@@ -39,7 +39,7 @@ class LinearModel:
     R_v: Float[Array, "ny ny"]
 
     def __init__(self, A: Rows, B: Rows, C: Rows, Q_w: Covariance, R_v: Covariance) -> None:
-        A, B, C = (np.atleast_2d(np.asarray(matrix, dtype=float)) for matrix in (A, B, C))
+        A, B, C = (np.atleast_2d(np.array(matrix, dtype=float)) for matrix in (A, B, C))
         nx, ny = len(A), len(C)
         for name, matrix, wanted in (("A", A, (nx, nx)), ("B", B, (nx, B.shape[1])), ("C", C, (ny, nx))):
             if matrix.shape != wanted:
@@ -47,7 +47,7 @@ class LinearModel:
             object.__setattr__(self, name, matrix)
         for name, cov, n in (("Q_w", Q_w, nx), ("R_v", R_v, ny)):
             try:
-                object.__setattr__(self, name, as_covariance(np.asarray(cov, dtype=float), n))
+                object.__setattr__(self, name, as_covariance(np.array(cov, dtype=float), n))
             except ValueError as error:
                 raise DesignError(f"{name}: {error}", name) from None
 

@@ -53,6 +53,8 @@ def as_covariance(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
         If the shape does not fit, the matrix is not symmetric or an eigenvalue is negative.
     """
     M = as_matrix(value, n)
+    if not np.isfinite(M).all():
+        raise ValueError("must be finite")
     if not np.array_equal(M, M.T):
         raise ValueError("must be symmetric")
     smallest, scale = np.linalg.eigvalsh(M)[0], np.abs(M).max()

@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.types import Array, Method, Plant, Record, Status, Statuses
 
-
 LARGEST = 1e100
 """Beyond this a run counts as diverged: its square must still be a number that can be summed."""
 
@@ -65,7 +64,7 @@ def simulate(
     with np.errstate(over="ignore", invalid="ignore"):  # a run that overflows is marked, not warned of
         for k in range(n_steps + 1):
             e, estimate = estimator.correct(k, e, plant.output(k, draws.delta, x, draws.v[:, k]))
-            status = _first(status, estimate.status, _finite(estimate.x_hat))
+            status = _first(status, estimate.status, _in_range(estimate.x_hat))
             xs.append(x)
             ys.append(plant.output(k, draws.delta, x, still))
             x_hats.append(estimate.x_hat)
@@ -73,9 +72,9 @@ def simulate(
                 break
             measured = plant.output(k, draws.delta, x, draws.v[:, k])
             c, command = controller.control(k, c, measured, estimate, r[k : k + controller.preview])
-            status = _first(status, command.status, _finite(command.u))
+            status = _first(status, command.status, _in_range(command.u))
             motion = plant.step(k, draws.delta, x, command.u, draws.w[:, k])
-            status = _first(status, motion.status, _finite(motion.x))
+            status = _first(status, motion.status, _in_range(motion.x))
             x = np.where((status == Status.OK)[:, None], motion.x, x)
             us.append(command.u)
             e = estimator.predict(k, e, command.u)
@@ -84,9 +83,8 @@ def simulate(
     return Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r[: n_steps + 1]), status
 
 
-def _finite(values: Float[Array, "runs n"]) -> Bool[Array, " runs"]:
-    with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(values) < LARGEST).all(axis=1))
+def _in_range(values: Float[Array, "runs n"]) -> Bool[Array, " runs"]:
+    return np.asarray((np.abs(values) < LARGEST).all(axis=1))  # False for NaN, too
 
 
 def _first(status: Statuses, reported: Statuses, finite: Bool[Array, " runs"]) -> Statuses:

@@ -116,7 +116,8 @@ def _window(units: Units, start: Bound, end: Bound, default_last: int, limit: in
         for bound, default in ((start, 0), (end, default_last))
     )
     if units.cut:
-        first, last = min(first, limit), min(last, limit)
+        first = min(first, limit)
+        last = max(first, min(last, limit))
     if not 0 <= first <= last <= limit:
         raise DesignError(
             f"the window from {first} to {last} (samples) must lie in 0..{limit} and hold at least one sample"

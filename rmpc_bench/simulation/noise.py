@@ -39,7 +39,7 @@ def gaussian(
     *,
     mean: float | list[float] = 0.0,
     std: NonNegative | list[NonNegative] | None = None,
-    cov: Matrix | None = None,
+    cov: Matrix | Array | None = None,
     scale: NonNegative = 1.0,
 ) -> Gaussian:
     """Normal noise; give either std or cov.
@@ -60,7 +60,9 @@ def gaussian(
     if (std is None) == (cov is None):
         raise DesignError("give either std or cov")
     try:
-        root = np.diag(as_vector(std, n)) if std is not None else psd_sqrt(as_covariance(cov or 0.0, n))
+        root = (
+            np.diag(as_vector(std, n)) if std is not None else psd_sqrt(as_covariance(0.0 if cov is None else cov, n))
+        )
         return Gaussian(as_vector(mean, n), scale * root)
     except ValueError as error:
         raise DesignError(str(error)) from None

@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.numerics.linalg import as_covariance, as_vector
 from rmpc_bench.simulation.distributions import Distribution
 from rmpc_bench.simulation.noise import Noise
 from rmpc_bench.simulation.reference import Reference
-from rmpc_bench.types import Array, Method, Metric, Plant
+from rmpc_bench.types import Array, DesignError, Matrix, Method, Metric, Plant
 
 
 class Draws(NamedTuple):
@@ -40,6 +41,34 @@ def stream(seed: int, run: int, name: str) -> np.random.Generator:
     """
     words = np.frombuffer(sha256(name.encode()).digest()[:8], dtype="<u4")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, *map(int, words)))))
+
+
+def initial_state(value: float | list[float], n: int) -> Float[Array, " n"]:
+    """Expand a number (in every coordinate) or one per coordinate.
+
+    Raises
+    ------
+    DesignError
+        If the length does not fit.
+    """
+    try:
+        return as_vector(value, n)
+    except ValueError as error:
+        raise DesignError(str(error)) from None
+
+
+def initial_covariance(value: Matrix, n: int) -> Float[Array, "n n"]:
+    """Expand a number (times the identity), a diagonal or a matrix.
+
+    Raises
+    ------
+    DesignError
+        If the size does not fit, or the result is not a covariance.
+    """
+    try:
+        return as_covariance(value, n)
+    except ValueError as error:
+        raise DesignError(str(error)) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +118,13 @@ class Scenario:
         }
         return Draws(
             delta=plant.draw(parameters, [stream(self.seed, run, "delta") for run in runs], n_steps),
-            x0=self.x0 + self._sum((self.x0_noise,) if self.x0_noise else (), "x0", runs, 1, plant.nx)[:, 0],
+            x0=np.array([self._initial_state(run) for run in runs]),
             w=self._sum(self.process, "w", runs, n_steps, plant.nw),
             v=self._sum(self.measurement, "v", runs, n_steps + 1, plant.nv),
         )
+
+    def _initial_state(self, run: int) -> Float[Array, " nx"]:
+        return self.x0 if self.x0_noise is None else self.x0 + self.x0_noise.draw(stream(self.seed, run, "x0"), 1)[0]
 
     def _sum(
         self, terms: tuple[Noise, ...], name: str, runs: range, n_samples: int, n: int

@@ -1,0 +1,121 @@
+"""check: what is wrong, or what would be compared."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from small_experiment import KEYS, cli, text, write
+
+BOMB = "a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
+    f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
+)
+WRONG = {
+    "unknown key": (text(metrix="[mse]"), "16:1: metrix: 'metrix' is not a known key; did you mean 'metrics'?"),
+    "wrong type": (text(title="[1]"), "16:8: title: must be text (got a list of 1)"),
+    "negative c": (
+        text(methods="{a: {estimator: {kind: robust-kalman, c: -1}}}"),
+        "13:51: methods.a.estimator.c: must be > 0 (got -1)",
+    ),
+    "Hu > Hp": (
+        text(controller="{kind: mpc, Hp: 3, Hu: 4, Q: 0.1, R: 0.1}"),
+        "12:36: controller.Hu: must be at most Hp = 3 (got 4)",
+    ),
+    "unknown plant": (
+        text(plant="{kind: sevro}"),
+        "7:15: plant.kind: 'sevro' is not a known plant; did you mean 'servo'? (rmpc-bench list plants)",
+    ),
+    "duplicate key": (text() + "seed: 8\n", "16:1: seed: the key is given twice; first on line 3, column 1"),
+    "empty file": ("# nothing\n", "1:1: the file is empty"),
+    "tag": (text(title="!!python/object/apply:os.system [ls]"), "16:8: title: tags are not allowed"),
+    "alias bomb": (BOMB, "more than 100000 values"),
+    "not a mapping": (text(time="[0.1, 10]"), "5:7: time: must be a mapping (got a list of 2)"),
+    "NaN": (text(time="{step: .nan, steps: 10}"), "5:14: time.step: nan is not a quantity; numbers here are finite"),
+    "wrong indentation": ("a:\n  b: 1\n c: 2\n", "3:2: "),
+}
+
+
+@pytest.mark.parametrize("verb", ["check", "run"])
+@pytest.mark.parametrize("mistake", WRONG)
+def test_a_wrong_configuration(tmp_path, verb, mistake):
+    """Exit 2, file:line:column, key and reason on stderr, no traceback, nothing on stdout, nothing written."""
+    content, message = WRONG[mistake]
+    path = tmp_path / "wrong.yaml"
+    path.write_text(content, encoding="utf-8")
+    result = cli(verb, path, *(["-o", tmp_path / "out"] if verb == "run" else []))
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    [line] = result.stderr.splitlines()
+    assert line.startswith(f"{path}:") and message in line
+    assert [each.name for each in tmp_path.iterdir()] == ["wrong.yaml"]
+
+
+def test_a_missing_file(tmp_path):
+    """The nearest name in the same directory is offered."""
+    path = write(tmp_path)
+    missing = tmp_path / "tinny.yaml"
+    result = cli("run", missing)
+    assert result.exit_code == 2
+    assert result.stderr == f"{missing}:1:1: there is no such file; did you mean '{path}'?\n"
+
+
+@pytest.mark.parametrize("mistake", ["negative c", "alias bomb", "tag"])
+def test_a_wrong_configuration_in_a_process(tmp_path, mistake):
+    """The installed program says the same."""
+    content, message = WRONG[mistake]
+    (tmp_path / "wrong.yaml").write_text(content, encoding="utf-8")
+    command = [Path(sys.executable).with_name("rmpc-bench"), "check", "wrong.yaml"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("wrong.yaml:") and message in done.stderr and "Traceback" not in done.stderr
+
+
+def test_all_mistakes_sorted_by_place(tmp_path):
+    """Of schema and of designs, one a line."""
+    controller, methods = "{kind: mpc, Hp: 3, Hu: 4, Q: 0.1, R: 0.1}", "{a: {estimator: {kind: robust-kalman, c: -1}}}"
+    path = write(tmp_path, seed=-1, controller=controller, methods=methods, figures="[boxplt]")
+    result = cli("check", path)
+    lines = [line.removeprefix(f"{path}:").split(": ")[:2] for line in result.stderr.splitlines()]
+    assert result.exit_code == 2
+    assert [key for _, key in lines if key != "controller.Hu"] == ["seed", "methods.a.estimator.c", "figures.0"]
+    assert [int(place.split(":")[0]) for place, _ in lines] == sorted(int(place.split(":")[0]) for place, _ in lines)
+
+
+def test_a_valid_configuration(tmp_path):
+    """Truth beside belief, what differs between the methods, size and cost."""
+    claims = "[{says: a, check: 'mean(mse[S-MPC]) < 1', chosen: the weights}]"
+    path = write(tmp_path, title="A title", claims=claims)
+    result = cli("check", path)
+    shown = " ".join(result.stdout.split())
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.startswith(f"{path}: valid\n  A title\n")
+    for words in (
+        "truth belief kind servo-linear servo-linear",
+        "J_l 25 x (1 + eps) 25",
+        "S-MPC estimator.kind = kalman",
+        "R-MPC estimator.kind = robust-kalman, estimator.c = 0.1",
+        "left open by the paper and chosen - the weights",
+        "6 runs x 2 methods x 10 steps",
+    ):
+        assert words in shown
+
+
+def test_columns_do_not_run_together(tmp_path):
+    """Whatever the length of what is believed to be true."""
+    shown = cli("check", write(tmp_path)).stdout
+    [line] = [line for line in shown.splitlines() if line.startswith("  noise ")]
+    assert "}process" not in line and "process: 1.0" in line
+
+
+def test_several_files(tmp_path):
+    """All are looked at, and one that is wrong spoils the exit code."""
+    right, wrong = write(tmp_path), write(tmp_path, file="wrong.yaml", runs=0)
+    result = cli("check", wrong, right, tmp_path / "none.yaml")
+    assert result.exit_code == 2
+    assert f"{right}: valid" in result.stdout
+    assert [line.split(":")[0] for line in result.stderr.splitlines()] == [str(wrong), str(tmp_path / "none.yaml")]
+
+
+def test_lines_of_the_small_experiment():
+    """The places above count on one line per key."""
+    assert text().splitlines()[12].startswith("methods:") and len(KEYS) == 15

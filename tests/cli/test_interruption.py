@@ -1,0 +1,117 @@
+"""A run that is interrupted for real: by Ctrl-C, by SIGTERM, by kill -9, by a full disk."""
+
+import os
+import resource
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from small_experiment import cli, ran, write
+
+COMMAND = Path(sys.executable).with_name("rmpc-bench")
+KEYS = {
+    "runs": "60",
+    "time": "{step: 0.1, steps: 100}",
+    "noise": "{process: {gaussian: {std: 0.01}}}",
+    "execution": "{block: 1}",
+}
+N_TRIALS = 120
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    """Return the trials.csv of a run that nobody disturbs."""
+    directory = tmp_path_factory.mktemp("uninterrupted")
+    return ran(write(directory, **KEYS), directory / "out", "-s", "execution.block=50")
+
+
+def start(path, *options, jobs=1, **keywords):
+    """Start a run in a process group of its own, as a shell does."""
+    command = [COMMAND, "run", path, "-o", path.parent / "out", "-j", str(jobs), "--progress", "none", *options]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, text=True, start_new_session=True, **pipes, **keywords)
+
+
+def wait_for_blocks(process, path, n=6):
+    """Wait until the store has been written to some times more than to set it up."""
+    store, times, deadline = path.parent / "out" / "trials.sqlite", set(), time.monotonic() + 60.0
+    while len(times) < n + 4 and process.poll() is None and time.monotonic() < deadline:
+        times |= {store.stat().st_mtime_ns} if store.exists() else set()
+        time.sleep(0.001)
+    assert process.poll() is None, process.communicate()
+
+
+def stored(path):
+    """Count the trials of a store that must be sound."""
+    connection = sqlite3.connect(path.parent / "out" / "trials.sqlite")
+    try:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        return connection.execute("SELECT count(*) FROM trials").fetchone()[0]
+    finally:
+        connection.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "jobs", "code", "message"),
+    [
+        (signal.SIGINT, 1, 130, "interrupted; finished blocks are stored, the same command continues"),
+        (signal.SIGINT, 2, 130, "interrupted; finished blocks are stored, the same command continues"),
+        (signal.SIGTERM, 2, 143, "terminated; finished blocks are stored, the same command continues"),
+        (signal.SIGKILL, 1, -9, ""),
+    ],
+)
+def test_a_signal_in_the_middle(tmp_path, uninterrupted, number, jobs, code, message):
+    """Finished blocks are stored, no process stays, and the same command ends in the same bytes."""
+    path = write(tmp_path, **KEYS)
+    process = start(path, jobs=jobs)
+    wait_for_blocks(process, path)
+    if number == signal.SIGINT:  # a terminal sends it to the whole group
+        os.killpg(process.pid, number)
+    else:
+        process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (code, "")
+    assert message in err and "Traceback" not in err
+    with pytest.raises(ProcessLookupError):
+        gone(process.pid)
+    assert 0 < stored(path) < N_TRIALS
+    assert ran(path, tmp_path / "out") == uninterrupted
+
+
+def gone(group, seconds=10.0):
+    """Raise ProcessLookupError as soon as a process group has no member left."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        os.killpg(group, 0)
+        time.sleep(0.05)
+
+
+def test_a_full_disk(tmp_path, uninterrupted):
+    """Exit 74 in one line, the store is sound and holds what was finished, and with room it goes on."""
+    path = write(tmp_path, **KEYS)
+
+    def small_disk():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (36_000, 36_000))
+
+    process = start(path, preexec_fn=small_disk)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (74, ""), err
+    assert "results cannot be written" in err and "Traceback" not in err
+    assert 0 < stored(path) < N_TRIALS
+    assert ran(path, tmp_path / "out") == uninterrupted
+
+
+def test_a_second_process(tmp_path, uninterrupted):
+    """It is refused with exit 5 while the first one works, and the first does not notice."""
+    path = write(tmp_path, **KEYS)
+    process = start(path)
+    wait_for_blocks(process, path, n=1)
+    second = cli("run", path, "-o", tmp_path / "out", "-j", 1)
+    out, err = process.communicate(timeout=60)
+    assert second.exit_code == 5 and "another process writes to it" in second.stderr
+    assert process.returncode == 0, err
+    assert (tmp_path / "out" / "trials.csv").read_bytes() == uninterrupted
