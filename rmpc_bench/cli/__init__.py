@@ -12,7 +12,10 @@ _VERBS: dict[str, tuple[str, str]] = {
     "run": ("rmpc_bench.cli.run:run", "Run an experiment, or continue it, and write its results."),
     "check": ("rmpc_bench.cli.check:check", "Validate configurations and show what they compare."),
     "list": ("rmpc_bench.cli.catalogue:list_", "List the names a configuration may use."),
-    "describe": ("rmpc_bench.cli.catalogue:describe", "Show what a part is, where it comes from, and which keys it takes."),
+    "describe": (
+        "rmpc_bench.cli.catalogue:describe",
+        "Show what a part is, where it comes from, and which keys it takes.",
+    ),
     "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
 }
 

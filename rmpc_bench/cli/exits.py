@@ -40,8 +40,8 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
         signal.signal(signal.SIGTERM, _terminate)
         try:
             code = command(*args, **kwargs) or 0
-        except (click.exceptions.Exit, click.ClickException):
-            raise
+        except (click.exceptions.Exit, click.ClickException, BrokenPipeError):
+            raise  # click ends these as every other program does
         except BaseException as error:  # the last place where anything can be caught
             code = _explain(error)
         sys.exit(code)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -80,14 +81,17 @@ def publish(
 
 
 def _figures(config: ExperimentConfig, trials: Trials, directory: Path) -> list[Path]:
-    paths = []
+    paths: list[Path] = []
+    kinds: Counter[str] = Counter()
     for part in config.figures:
+        kinds[part.kind] += 1
+        stem = part.kind if kinds[part.kind] == 1 else f"{part.kind}-{kinds[part.kind]}"
         try:
             figure = registry.get("figures", part.kind)(trials, **part.parameters)
         except DesignError as error:  # a method it shows has not been computed yet
             click.echo(f"figure {part.kind} left out: {error}", err=True)
         else:
-            paths += save(figure, directory / "figures", part.kind)
+            paths += save(figure, directory / "figures", stem)
     return paths
 
 

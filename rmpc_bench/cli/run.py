@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -35,6 +39,33 @@ class Workers(click.ParamType[int]):
         return number
 
 
+@dataclass(frozen=True)
+class Request:
+    """What the user has asked for, one field per option."""
+
+    config: Path
+    output: Path | None
+    jobs: int | None
+    overrides: tuple[str, ...]
+    runs: int | None
+    only: tuple[str, ...]
+    smoke: bool
+    strict: bool
+    fresh: bool
+    dry_run: bool
+    progress: str
+
+    def changes(self) -> list[str]:
+        """Options that change what is computed."""
+        texts = [f"-s {shlex.quote(text)}" for text in self.overrides if not text.startswith("execution.")]
+        texts += [f"--runs {self.runs}"] if self.runs is not None else []
+        return texts + [f"--only {shlex.quote(name)}" for name in self.only] + ["--smoke"] * self.smoke
+
+    def command(self, directory: Path) -> str:
+        """Return the same command for another directory."""
+        return " ".join(["rmpc-bench run", shlex.quote(str(self.config)), *self.changes(), f"-o {directory}"])
+
+
 @click.command()
 @click.argument("config", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Directory for the results.")
@@ -48,19 +79,7 @@ class Workers(click.ParamType[int]):
 @click.option("-n", "--dry-run", is_flag=True, help="Show what would be computed, and stop.")
 @click.option("--progress", type=click.Choice(["auto", "bar", "plain", "none"]), default="auto", show_default=True)
 @exits.guarded
-def run(
-    config: Path,
-    output: Path | None,
-    jobs: int | None,
-    overrides: tuple[str, ...],
-    runs: int | None,
-    only: tuple[str, ...],
-    smoke: bool,
-    strict: bool,
-    fresh: bool,
-    dry_run: bool,
-    progress: str,
-) -> int:
+def run(**options: Any) -> int:
     """Run an experiment, or continue it, and write its results.
 
     The same command continues what an interrupted one has left; finished runs are never computed again.  Results go to
@@ -73,74 +92,69 @@ def run(
     from rmpc_bench.experiment.runner import compute
     from rmpc_bench.experiment.store import StoreError
 
-    loaded = load_config(config, overrides=overrides, runs=runs, smoke=smoke)
-    _check_names(only, loaded)
-    modified = _modifications(config, loaded, overrides, runs, only, smoke)
-    directory = output or _directory(config, loaded, overrides, smoke)
-    if dry_run:
-        return _show_plan(loaded, directory, only)
-    if fresh:
-        _set_aside(directory)
+    asked = Request(**options)
+    config = load_config(asked.config, overrides=asked.overrides, runs=asked.runs, smoke=asked.smoke)
+    _check_names(asked.only, config)
+    directory = asked.output or _directory(asked, config)
+    modified = _modifications(asked, config)
     try:
-        compute(loaded, directory, workers=jobs, only=only or None, progress=choose(progress), modified=modified)
+        if asked.dry_run:
+            return _show_plan(config, directory, asked.only)
+        if asked.fresh:
+            _set_aside(directory)
+        display = choose(asked.progress)
+        compute(config, directory, workers=asked.jobs, only=asked.only or None, progress=display, modified=modified)
     except StoreError as error:
-        click.echo(f"{error}\nfor a new directory: rmpc-bench run {config} -o {directory}-2", err=True)
+        click.echo(f"{error}\nfor a new directory: {asked.command(_free(directory))}", err=True)
         return exits.OCCUPIED
-    outcome = publish(loaded, directory, modified, seconds=time.monotonic() - started)
+    outcome = publish(config, directory, modified, seconds=time.monotonic() - started)
     click.echo(outcome.screen)
-    return outcome.code(strict=strict)
+    return outcome.code(strict=asked.strict)
 
 
-def _check_names(only: tuple[str, ...], loaded: ExperimentConfig) -> None:
+def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
     from rmpc_bench.registry import unknown
 
     for name in only:
-        if name not in loaded.methods:
-            raise click.BadParameter(unknown(name, loaded.methods, "method"), param_hint="--only")
+        if name not in config.methods:
+            raise click.BadParameter(unknown(name, config.methods, "method"), param_hint="--only")
 
 
-def _modifications(
-    path: Path,
-    loaded: ExperimentConfig,
-    overrides: tuple[str, ...],
-    runs: int | None,
-    only: tuple[str, ...],
-    smoke: bool,
-) -> list[str]:
+def _modifications(asked: Request, config: ExperimentConfig) -> list[str]:
     """What differs from the file as it stands; claims are then shown for information only."""
-    said = [f"-s {text}" for text in overrides] + [f"--only {name}" for name in only] + ["--smoke"] * smoke
-    if runs is not None:
+    changes = asked.changes()
+    if asked.runs is not None and not asked.smoke:
         from rmpc_bench.experiment.yaml import load
 
-        if load(path)["runs"] != runs:
-            said.append(f"--runs {runs}")
-    return said
+        if load(asked.config)["runs"] == asked.runs:
+            changes.remove(f"--runs {asked.runs}")
+    return changes
 
 
-def _directory(path: Path, loaded: ExperimentConfig, overrides: tuple[str, ...], smoke: bool) -> Path:
+def _directory(asked: Request, config: ExperimentConfig) -> Path:
     """Default directory; an override that changes the experiment gets one of its own."""
     from rmpc_bench.experiment.config import load_config
 
-    name = loaded.name
-    if overrides and load_config(path, smoke=smoke).full_hash != loaded.full_hash:
-        name = f"{name}~{loaded.full_hash[:6]}"
-    parent = Path("results") / ("smoke" if smoke else "") / (loaded.paper or "")
-    if name != loaded.name:
+    name = config.name
+    if asked.overrides and load_config(asked.config, smoke=asked.smoke).full_hash != config.full_hash:
+        name = f"{name}~{config.full_hash[:6]}"
+    parent = Path("results") / ("smoke" if asked.smoke else "") / (config.paper or "")
+    if name != config.name:
         click.echo(f"the overrides change the experiment: results go to {parent / name}", err=True)
     return parent / name
 
 
-def _show_plan(loaded: ExperimentConfig, directory: Path, only: tuple[str, ...]) -> int:
+def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -> int:
     from rmpc_bench.experiment.runner import pending
     from rmpc_bench.experiment.store import FILE, Store
 
-    names = [method.name for method in loaded.experiment.methods if not only or method.name in only]
-    total = len(names) * loaded.experiment.n_runs
-    left = total
+    names = [method.name for method in config.experiment.methods if not only or method.name in only]
+    left = total = len(names) * config.experiment.n_runs
     if (directory / FILE).exists():
         with Store(directory, writable=False) as store:
-            left = sum(len(task.runs) for task in pending(loaded, store, names))
-    click.echo(f"{loaded.name}: {left} of {total} trials to compute ({', '.join(names)})")
+            store.check(config.hash, config.shared)
+            left = sum(len(task.runs) for task in pending(config, store, names))
+    click.echo(f"{config.name}: {left} of {total} trials to compute ({', '.join(names)})")
     click.echo(f"results go to {directory}; nothing was computed (--dry-run)")
     return 0
 
@@ -149,5 +163,12 @@ def _set_aside(directory: Path) -> None:
     """Rename a directory; nothing is ever deleted."""
     if directory.exists():
         old = directory.with_name(f"{directory.name}.{datetime.now():%Y%m%d-%H%M%S}")
+        old = _free(old) if old.exists() else old
         directory.rename(old)
         click.echo(f"the old results are in {old}", err=True)
+
+
+def _free(directory: Path) -> Path:
+    """Return a name that is not taken, made from a directory's by a number."""
+    names = (directory.with_name(f"{directory.name}-{number}") for number in count(2))
+    return next(name for name in names if not name.exists())

@@ -62,8 +62,7 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
     if not (directory / FILE).exists():
         raise StoreError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
     with Store(directory, writable=False) as store:
-        if store.meta("experiment") != config.hash:
-            raise StoreError(f"{directory} holds another experiment than {config.name}")
+        store.check(config.hash, config.shared)
         frames = [_frame(config, store, method.name) for method in config.experiment.methods]
     filled = [frame for frame in frames if len(frame)]
     if not filled:

@@ -114,11 +114,20 @@ class Store:
         StoreError
             If the directory belongs to another experiment, with the differences.
         """
-        holder = self.meta("experiment")
-        if holder is None:
+        if self.meta("experiment") is None:
             self.set_meta("shared", json.dumps(shared))
             self.set_meta("experiment", experiment)
-        elif holder != experiment:
+        self.check(experiment, shared)
+
+    def check(self, experiment: str, shared: Mapping[str, Any]) -> None:
+        """Check that the directory is this experiment's.
+
+        Raises
+        ------
+        StoreError
+            If it belongs to another one, with the differences.
+        """
+        if self.meta("experiment") != experiment:
             lines = differences(json.loads(self.meta("shared") or "{}"), json.loads(json.dumps(shared)))
             raise StoreError(f"{self.directory} holds another experiment:\n" + "\n".join(f"  {line}" for line in lines))
 

@@ -1,5 +1,9 @@
 """report: tables and figures again, from what is stored."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 from small_experiment import cli, ran, write
 
@@ -32,7 +36,7 @@ def tree(directory):
         [],
         ["--runs", "3"],
         ["--only", "R-MPC"],
-        ["-s", "seed=8", "-s", "metrics.0=settling_time"],
+        ["-s", "seed=8", "-s", "metrics.1=settling_time"],
         ["--smoke", "-s", "metrics.1={kind: mae, from: 0.5, to: 1}", "-s", "time={step: 0.1, duration: 1}"],
     ],
     ids=" ".join,
@@ -122,10 +126,6 @@ def test_two_figures_of_a_kind_are_two_files(here):
 
 def test_reader_that_stops_reading(here):
     """`rmpc-bench describe mpc | head -1` is no failure to write results."""
-    import subprocess
-    import sys
-    from pathlib import Path
-
     command = f"{Path(sys.executable).with_name('rmpc-bench')} describe mpc | head -1"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False, timeout=60)
     assert done.stdout == "controllers/mpc\n" and "cannot be written" not in done.stderr
