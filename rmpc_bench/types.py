@@ -214,6 +214,8 @@ class MetricInfo(NamedTuple):
     """In the plant's units, such as ``rad^2``; empty when it has none."""
     direction: str
     """Which value is better: ``lower``, ``higher`` or ``zero`` (signed, best at 0)."""
+    may_be_never: bool = False
+    """Whether a run may have no value at all (inf); such a metric has a share and a median, no mean."""
 
 
 class Record(NamedTuple):

@@ -9,8 +9,12 @@ import numpy as np
 
 from rmpc_bench.analysis import claim_tree as tree
 from rmpc_bench.analysis.claim_evaluation import Evaluator, compare
-from rmpc_bench.analysis.intervals import Interval, difference, geometric, median_interval, student, wilson
+from rmpc_bench.analysis.intervals import Interval, difference, geometric, quantile, student, wilson
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.types import Array
+
+_RESAMPLES = 1000
+_FEWEST = 10  # runs below which resampling says nothing
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Compared:
     holds : None when the interval of the difference contains 0, so that the runs do not tell
     interval : of left - right, None where there is none; its ends may be infinite
     n : runs that all methods of the comparison finished; 0 when it uses no runs
-    left_out : runs that one of them failed
+    left_out : runs that one of them failed or has not computed
     """
 
     text: str
@@ -91,44 +95,64 @@ def _decided(operator: str, held: bool, interval: Interval) -> bool | None:
 
 
 def _interval(link: tree.Link, evaluator: Evaluator) -> Interval | None:
-    """Interval of left - right, where the two sides have one; a single run has none, its two numbers decide."""
-    if evaluator.n < 2:
-        return None
-    found = _paired(link.left, link.right, evaluator) or _against_level(link.left, link.right, evaluator)
+    """Interval of left - right: by its formula where there is one, else by resampling the runs."""
+    if evaluator.n < 2 or _about_these_runs(link, evaluator):
+        return None  # a single run, or the runs at hand as they are: the two numbers decide
+    found = _of_means(link, evaluator) or _against_level(link.left, link.right, evaluator)
     if found is None:
         found = _against_level(link.right, link.left, evaluator)
-        found = found and (-found[1], -found[0])
+        found = (-found[1], -found[0]) if found is not None else _bootstrap(link, evaluator)
     return found
 
 
-def _paired(left: tree.Expression, right: tree.Expression, evaluator: Evaluator) -> Interval | None:
-    """Interval between the mean, or the median, of one metric of two methods."""
-    if not (isinstance(left, tree.Call) and isinstance(right, tree.Call) and left.function == right.function):
+def _about_these_runs(link: tree.Link, evaluator: Evaluator) -> bool:
+    """Whether nothing is estimated: no run enters, an extreme or a count does, or a share is every run or none."""
+    calls = tree.functions(link)
+    sides = [side for side in (link.left, link.right) if not tree.terms(side)]
+    every_or_none = "share" in calls and any(evaluator.number(side) in (0.0, 1.0) for side in sides)
+    return not evaluator.columns or every_or_none or bool(calls & {"min", "max", "n_failed"})
+
+
+def _of_means(link: tree.Link, evaluator: Evaluator) -> Interval | None:
+    """Student interval of the difference of two means of one metric, paired, or of a mean and a level."""
+    columns = [_mean_of(side, evaluator) for side in (link.left, link.right)]
+    if columns[0] is None or columns[1] is None:
         return None
-    (a, *_), (b, *_) = left.arguments, right.arguments
-    if not (isinstance(a, tree.Term) and isinstance(b, tree.Term) and a.quantity == b.quantity):
-        return None
-    first, second = evaluator.column(a), evaluator.column(b)
-    if first is None or second is None:
-        return None
-    confidence, gap = evaluator.trials.confidence, difference(first, second)
-    if left.function == "median":
-        return median_interval(gap, confidence)
-    if left.function == "mean" and np.isfinite(first).all() and np.isfinite(second).all():
-        return student(gap, confidence)
+    gap = difference(columns[0], columns[1])
+    return student(gap, evaluator.trials.confidence) if gap.ndim and np.isfinite(gap).all() else None
+
+
+def _mean_of(side: tree.Expression, evaluator: Evaluator) -> Array | None:
+    """The column whose mean a side is, or the number that it is."""
+    if not tree.terms(side):
+        return np.array(evaluator.number(side))
+    if isinstance(side, tree.Call) and side.function == "mean" and isinstance(side.arguments[0], tree.Term):
+        return evaluator.column(side.arguments[0])
     return None
 
 
+def _bootstrap(link: tree.Link, evaluator: Evaluator) -> Interval | None:
+    """Percentile interval of left - right over resampled runs, whole rows, so that pairs stay pairs."""
+    if evaluator.n < _FEWEST:
+        return -math.inf, math.inf
+    rng, confidence = np.random.default_rng(evaluator.trials.seed), evaluator.trials.confidence
+    gaps = []
+    for _ in range(_RESAMPLES):
+        left, right, *_ = evaluator.resampled(rng).sides(link)
+        gaps.append(float(difference(left, right)))
+    low, high = (float(quantile(np.array(gaps), p)) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
+    return low, high
+
+
 def _against_level(estimate: tree.Expression, level: tree.Expression, evaluator: Evaluator) -> Interval | None:
-    """Interval of a share, or of a ratio, minus a fixed level."""
+    """Interval of a share (Wilson), or of a ratio (Student on the logs), minus a fixed level."""
     if not isinstance(estimate, tree.Call) or tree.terms(level):
         return None
     fixed, confidence = evaluator.number(level), evaluator.trials.confidence
     (a, *_), low, high = estimate.arguments, math.nan, math.nan
     if isinstance(a, tree.Chain):
         holds = evaluator.holds(a.links)
-        # Against 0 or 1 the statement is about the runs at hand, every or none of them, and nothing is estimated.
-        if holds.axis == "runs" and 0 < fixed < 1:
+        if holds.axis == "runs":
             low, high = wilson(int(holds.array.sum()), len(holds.array), confidence)
     elif estimate.function == "ratio":
         b = estimate.arguments[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +62,12 @@ class Evaluator:
         self.left_out = len(self.shared) - self.n
         if missing and not self.n:
             raise EvaluationError("no run was finished by every method that is compared")
+
+    def resampled(self, rng: np.random.Generator) -> Evaluator:
+        """Return an evaluator on as many runs, drawn from the shared ones with replacement."""
+        other = copy(self)
+        other.shared = rng.choice(np.flatnonzero(self.shared), self.n)
+        return other
 
     def column(self, term: tree.Term) -> Array | None:
         """Values of a metric over the shared runs; None when the term is not a metric."""

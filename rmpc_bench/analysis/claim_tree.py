@@ -103,3 +103,14 @@ def terms(node: object) -> set[tuple[str, str]]:
     if is_dataclass(node):
         return {found for field in fields(node) for found in terms(getattr(node, field.name))}
     return set()
+
+
+def functions(node: object) -> set[str]:
+    """Collect the names of all functions in a tree, with the counted quantities among its terms."""
+    if isinstance(node, Term):
+        return {node.quantity} & {"n_failed"}
+    found = {node.function} if isinstance(node, Call) else set()
+    parts = node if isinstance(node, tuple) else ()
+    if is_dataclass(node):
+        parts = tuple(getattr(node, field.name) for field in fields(node))
+    return found.union(*(functions(part) for part in parts))

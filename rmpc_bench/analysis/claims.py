@@ -200,7 +200,7 @@ def _number_item(number: Compared) -> str:
     if number.n:
         details.append(f"n = {number.n}")
     if number.left_out:
-        details.append(f"{number.left_out} left out because a run failed")
+        details.append(f"{number.left_out} left out: failed, or not computed")
     return f"- `{_line(number.text)}`: {word}; {', '.join(details)}"
 
 

@@ -82,28 +82,6 @@ def wilson(k: int, n: int, confidence: float) -> Interval:
     return float(interval.low), float(interval.high)
 
 
-def median_interval(values: Array, confidence: float) -> Interval:
-    """Order-statistic interval of the median, the inverse of the two-sided sign test.
-
-    Parameters
-    ----------
-    values : (n,) sample, infinite entries allowed
-    confidence : level that the interval reaches at least, such as 0.95
-
-    Returns
-    -------
-    low, high; (-inf, inf) when the sample is too small for the level
-    """
-    n = len(values)
-    below = stats.binom.cdf(np.arange(n // 2 + 1), n, 0.5)
-    # Guard of rounding: at n = 8 and level 1 - 2/2**8, the last bit would decide.
-    rank = int(np.count_nonzero(below <= (1 - confidence) / 2 * (1 + 1e-12)))
-    if rank == 0:
-        return -math.inf, math.inf
-    ordered = np.sort(values)
-    return float(ordered[rank - 1]), float(ordered[n - rank])
-
-
 def quantile(values: Array, q: float) -> Array:
     """Quantile along axis 0, linear between order statistics.
 

@@ -43,24 +43,24 @@ def summary(trials: Trials) -> pd.DataFrame:
     Returns
     -------
     one row per method and metric with the columns `SUMMARY`; `n` counts the runs that have a value and `never` those
-    of them that are inf; where there is one, mean, se and interval (Student t) are NaN
+    of them that are inf; where there is one, or could be, mean, se and interval (Student t) are NaN
     """
-    rows = [_describe(trials, method, info.name) for method in trials.methods for info in trials.metrics]
+    rows = [_describe(trials, method, info) for method in trials.methods for info in trials.metrics]
     return pd.DataFrame(rows, columns=SUMMARY)
 
 
-def _describe(trials: Trials, method: str, metric: str) -> dict[str, Any]:
-    values = trials.column(metric, method)
+def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
+    values = trials.column(info.name, method)
     values = values[~np.isnan(values)]
-    low, high = student(values, trials.confidence)
-    with_mean = len(values) > 0 and bool(np.isfinite(values).all())
+    with_mean = len(values) > 0 and not info.may_be_never and bool(np.isfinite(values).all())
+    low, high = student(values, trials.confidence) if with_mean else NONE
     return {
         "method": method,
-        "metric": metric,
+        "metric": info.name,
         "n": len(values),
         "n_failed": trials.n_failed(method),
         "mean": float(np.mean(values)) if with_mean else math.nan,
-        "se": standard_error(values),
+        "se": standard_error(values) if with_mean else math.nan,
         "ci_low": low,
         "ci_high": high,
         "median": float(quantile(values, 0.5)),
@@ -83,7 +83,8 @@ def comparisons(trials: Trials) -> pd.DataFrame:
     Returns
     -------
     one row per metric and method but the baseline with the columns `COMPARISONS`; change and interval in per cent of
-    the baseline, NaN where a run of the pairs is never; `p_wilcoxon_holm` is a text, empty without pairs
+    the baseline, NaN where a run of the pairs is never; `superiority` is the share of better runs, a run that does
+    not differ counting half; `p_wilcoxon_holm` is a text, empty without pairs
     """
     rows: list[dict[str, Any]] = []
     for info in trials.metrics:
@@ -119,7 +120,7 @@ def _compare(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
         "won": won,
         "lost": lost,
         "tied": int(tied.sum()),
-        "superiority": float(better.mean()) if len(a) else math.nan,
+        "superiority": float((better + 0.5 * (gap == 0)).mean()) if len(a) else math.nan,
         "p_wilcoxon_holm": signed_rank_p(np.log(a) - np.log(b) if on_logs else gap),
         "n_pairs": len(a),
         "word": word,
@@ -231,4 +232,4 @@ def format_with_error(value: float, se: float) -> str:
     # The rule of the Particle Data Group: 1.0 to 3.54 two digits, to 9.49 one, above that "10" of the next decade.
     last = exponent - 1 if lead < 3.55 else exponent
     error = round(se / 10.0**last) * 10.0 ** max(last, 0)
-    return f"{round(value, -last):.{max(-last, 0)}f}({error:.0f})"
+    return f"{round(value, -last):z.{max(-last, 0)}f}({error:.0f})"

@@ -62,6 +62,7 @@ def publish(
     write_csv(summary.compared, directory / "comparisons.csv")
     (directory / "tables").mkdir(exist_ok=True)
     (directory / "tables" / "summary.md").write_text(summary.to_markdown(), encoding="utf-8")
+    modified = [*modified, *_incomplete(config, trials)]
     verdicts = [judge(claim, trials) for claim in config.claims]
     if verdicts:
         (directory / "claims.json").write_text(json.dumps(claims_table(verdicts), indent=2) + "\n", encoding="utf-8")
@@ -78,6 +79,14 @@ def publish(
         max_failures=config.execution.max_failures,
         differing=len(differing),
     )
+
+
+def _incomplete(config: ExperimentConfig, trials: Trials) -> list[str]:
+    """Say what is still missing: an interrupted experiment is not one at full size."""
+    n_runs = config.experiment.n_runs
+    names = [method.name for method in config.experiment.methods]
+    stored = trials.frame["method"].value_counts().to_dict()
+    return [f"{name}: {stored.get(name, 0)} of {n_runs} runs" for name in names if stored.get(name, 0) < n_runs]
 
 
 def _figures(config: ExperimentConfig, trials: Trials, directory: Path) -> list[Path]:
@@ -110,7 +119,7 @@ def _head(config: ExperimentConfig, trials: Trials, directory: Path, seconds: fl
 def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path, figures: Sequence[Path]) -> list[str]:
     lines = []
     if verdicts and modified:
-        lines.append(f"paper       not judged: this is not the configuration as it stands ({', '.join(modified)})")
+        lines.append(f"paper       not judged: not the configuration as it stands, in full ({', '.join(modified)})")
     elif verdicts:
         found = sum(verdict.finding == "found" for verdict in verdicts)
         lines.append(f"paper       {found} of {len(verdicts)} statements found as written (claims.md)")

@@ -20,7 +20,7 @@ from rmpc_bench.numerics.kl_ball import Inflation, inflate, inflate_to_radius
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.types import Array, DesignError, Positive
 
-_STEADY = 1e-13  # relative change of theta per step; its last three digits are rounding
+_STEADY = 1e-13  # relative change of theta per step; what is left is rounding, which grows with c
 _MAX_STEPS = 100_000
 
 
@@ -90,7 +90,7 @@ def steady_theta(model: LinearModel, P0: Float[Array, "nx nx"], c: float) -> flo
     for _ in range(_MAX_STEPS):
         V, theta = inflate_to_radius(P_pred, c)  # (13), (16)
         P_pred = filter_step(model.A, model.C, model.Q_w, model.R_v, V).P_next  # (14), (15)
-        quiet = quiet + 1 if abs(theta - last) <= _STEADY * theta else 0
+        quiet = quiet + 1 if abs(theta - last) <= _STEADY * max(1.0, c) * theta else 0
         if quiet == 10:  # one small change may be a turning point
             return theta
         last = theta

@@ -13,6 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.quantities import Expression, QuantityError
 from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
@@ -114,8 +116,11 @@ class _Builder:
         if model is None:
             return ()
         cov = model.R_v if channel == "measurement" else model.Q_w
+        if channel == "initial" and len(cov) < n:
+            cov = np.pad(cov, (0, n - len(cov)))  # states that the model does not know start at their mean
         if len(cov) != n:
-            self.sheet.note(["noise"], f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
+            path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
+            self.sheet.note(path, f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
             return ()
         return (gaussian(n, cov=cov, scale=law.same or 0.0),)
 

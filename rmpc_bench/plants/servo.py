@@ -8,8 +8,9 @@ Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
 Chosen  process noise kicks the first four states at the end of a sample; integration with `substep`: the linear part by
         its exact exponential, the friction as an impulse that is implicit in the end velocity (first order).
 Cost    about 0.1 us per run and substep (`make perf`).
-Fails   status `out-of-range` where a drawn inertia, resistance, inductance or gear ratio is not positive or another
-        parameter is negative.
+Fails   status `out-of-range` where a drawn inertia, resistance, inductance or gear ratio is not positive, another
+        parameter is negative, or the substep is too coarse for them; inductances below about 1e-12 H lose digits in the
+        matrix exponential.
 
 `servo-linear`, the model without dry friction and inductance, is a plant here too.
 """
@@ -22,11 +23,11 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from rmpc_bench.models.servo import MUST_BE_POSITIVE, TABLE_1, continuous
 from rmpc_bench.numerics.linalg import discretise, mv
-from rmpc_bench.types import Array, Motion, NonNegative, Positive, Status, Statuses
+from rmpc_bench.types import Array, DesignError, Motion, NonNegative, Positive, Status, Statuses
 
 FRICTION = ("alpha_l0", "alpha_l1", "alpha_l2", "alpha_m0", "alpha_m1", "alpha_m2")
 
@@ -80,6 +81,17 @@ def _rows(
     return rows, np.where(good == 1.0, Status.OK, Status.OUT_OF_RANGE).astype(np.int8)
 
 
+def _friction_brakes(G: Float[Array, "runs 5 3"]) -> Bool[Array, " runs"]:
+    """Whether friction lowers the velocities at the end of a substep: -G there must be a P-matrix.
+
+    A substep as long as a period of the shaft's oscillation lets a torque at its start push at its end, and the
+    implicit scheme then has no meaning.
+    """
+    W = -G[:, [1, 3]][:, :, 1:]
+    braking = (W[:, 0, 0] > 0.0) & (W[:, 1, 1] > 0.0) & (np.linalg.det(W) > 0.0)
+    return np.asarray(braking)
+
+
 @dataclass(frozen=True, eq=False)
 class Servo:
     """The nonlinear servomechanism; build it with `design`."""
@@ -101,11 +113,12 @@ class Servo:
         """Sample the linear part of every run over a substep."""
         rows, status = _rows(parameters, self.nominal)
         sampled = [discretise(*with_current(p), self.Ts / self.n_substeps) for p in rows]
+        G = np.stack([G for _, G in sampled])
         return ServoDelta(
             E=np.stack([E for E, _ in sampled]),
-            G=np.stack([G for _, G in sampled]),
+            G=G,
             alpha=np.array([[p[name] for name in FRICTION] for p in rows]),
-            status=status,
+            status=np.where(_friction_brakes(G), status, Status.OUT_OF_RANGE).astype(np.int8),
         )
 
     def step(
@@ -217,10 +230,18 @@ def design(
     alpha_m1 : additional friction of the motor near standstill [N m]
     alpha_m2 : its decay with the velocity [s/rad]
     substep : longest integration step [s]
+
+    Raises
+    ------
+    DesignError
+        If the substep is so long that the friction scheme has no meaning.
     """
     given = locals()
     nominal = {name: float(given[name]) for name in ("L", *TABLE_1, *FRICTION)}
-    return Servo(Ts, nominal, ceil(Ts / substep * (1.0 - 1e-12)))
+    plant = Servo(Ts, nominal, ceil(Ts / substep * (1.0 - 1e-12)))
+    if plant.draw({name: np.array([value]) for name, value in nominal.items()}, [], 1).status[0] != Status.OK:
+        raise DesignError("too coarse for these parameters: friction would push instead of brake", "substep")
+    return plant
 
 
 def design_linear(

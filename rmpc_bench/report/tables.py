@@ -91,7 +91,7 @@ def _table(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, inf
     return _Table(
         info,
         [_Line(method, described[method], compared.get(method)) for method in trials.methods],
-        any(row["never"] for row in described.values()),
+        info.may_be_never or any(row["never"] for row in described.values()),
         bool(compared),
         any(row["n_failed"] for row in described.values()),
     )
@@ -193,6 +193,8 @@ def _legend(trials: Trials, table: _Table) -> list[str]:
     bracket = next((text[text.index("(") : text.index(")") + 1] for text in means if "(" in text), "")
     if bracket and not table.with_never:
         parts.append(f"{bracket} = standard error of the last digits")
+    if any(line.compared["tied"] for line in table.lines if line.compared):
+        parts.append(f"within {100 * trials.relevant:g} % is tied, not won")
     return ["; ".join(parts)] if parts else []
 
 
@@ -200,9 +202,9 @@ def _explanation(trials: Trials) -> str:
     return (
         f"Runs are paired with those of {trials.baseline}; a failed run loses its pair. Change: geometric mean of the "
         "per-run ratios where all values are positive, else mean difference over mean. Tied: closer than "
-        f"{100 * trials.relevant:g} %. Superiority: share of the pairs in which the method is better, with its Wilson "
-        "interval. p: Wilcoxon signed-rank, after Holm. Better or worse: the interval of the change lies beyond "
-        f"{100 * trials.relevant:g} %."
+        f"{100 * trials.relevant:g} %. Superiority: share of the pairs in which the method is better, equal ones half, "
+        "with its Wilson interval. p: Wilcoxon signed-rank, after Holm. Better or worse: the interval of the change "
+        f"lies beyond {100 * trials.relevant:g} %."
     )
 
 

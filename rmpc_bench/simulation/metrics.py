@@ -196,7 +196,7 @@ def settling_time(
     to : last sample, included; N, the last one of the experiment, unless given
     """
     window = _window(units, from_, to, units.n_steps, units.n_steps)
-    return SampleMetric(MetricInfo(name, "s", "lower"), window, Settling(band))
+    return SampleMetric(MetricInfo(name, "s", "lower", may_be_never=True), window, Settling(band))
 
 
 def steady_state_error(

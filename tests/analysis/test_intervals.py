@@ -12,7 +12,6 @@ from rmpc_bench.analysis.intervals import (
     difference,
     geometric,
     holm,
-    median_interval,
     quantile,
     signed_rank_p,
     student,
@@ -48,29 +47,6 @@ def test_wilson_by_its_formula(k, n, confidence):
     centre = (k + z**2 / 2) / (n + z**2)
     reach = z / (n + z**2) * math.sqrt(k * (n - k) / n + z**2 / 4)
     assert wilson(k, n, confidence) == pytest.approx((centre - reach, centre + reach), abs=1e-9)
-
-
-@given(st.lists(FINITE, min_size=1, max_size=25, unique=True), st.sampled_from([0.8, 0.95, 0.99]))
-def test_median_interval_is_the_inverted_sign_test(values, confidence):
-    """Keep the order statistics that a two-sided sign test, coin by coin, does not reject."""
-    x = np.array(sorted(values))
-    n = len(x)
-
-    def tail(count):
-        return 2 * sum(math.comb(n, i) for i in range(count + 1)) / 2**n
-
-    # A median just above x[i] has i + 1 values below it; just below x[i] it has i.
-    rejected = [tail(count) <= 1 - confidence + 1e-12 for count in range((n + 1) // 2)]
-    rank = rejected.index(False) if False in rejected else len(rejected)
-    expected = (-math.inf, math.inf) if rank == 0 else (x[rank - 1], x[n - rank])
-    assert median_interval(np.array(values), confidence) == expected
-
-
-def test_median_interval_as_scipy_has_it():
-    """Where scipy.stats.quantile_test gives ends, they are ours."""
-    values = np.random.default_rng(3).normal(size=57)
-    interval = stats.quantile_test(values, p=0.5).confidence_interval(0.95)
-    assert median_interval(values, 0.95) == (interval.low, interval.high)
 
 
 @given(st.lists(FINITE, min_size=1, max_size=30), st.floats(0, 1))

@@ -36,7 +36,7 @@ def test_screen_looks_like_the_specification(make_trials):
     names = ["mean", "se", "median", "q25", "q75"]
     described[names] = [[0.11861, 0.0015, 0.1131, 0.1011, 0.1321], [0.10541, 0.0007, 0.1021, 0.0991, 0.1101]]
     compared[["change_pct", "ci_low", "ci_high"]] = [[-10.2, -11.3, -9.0]]
-    compared[["won", "n_pairs"]] = [[195, 200]]
+    compared[["won", "tied", "n_pairs"]] = [[195, 0, 200]]
     compared["word"] = "better"
     assert screen(trials, described, compared, "mse").splitlines() == [
         "mse [rad^2]     mean        median [quartiles]       change vs S-MPC          runs won",
@@ -76,7 +76,7 @@ def test_never_shows_share_and_median_but_no_mean(make_trials):
     assert rows[0].split()[1:4] == ["0/4", "(0", "%)"]
     assert rows[1].split()[1:7] == ["3/4", "(75", "%)", "never", "[never,", "never]"]
     assert rows[2].split() == ["C", "-", "-", "-", "0/0", "0/4", "not", "separated"]
-    assert legend == "paired runs, 95 %"
+    assert legend == "paired runs, 95 %; within 1 % is tied, not won"
     text = page(trials)
     assert "| method | never | median [quartiles] |" in text
     assert cells(text, "B")[1:4] == ["3/4 (75 %)", "never [never, never]", "-"]
@@ -129,7 +129,7 @@ def test_markdown_page(make_trials):
     # Student t on ln 1.1, ln 1.15 and ln 1: 0.0784 +- 4.303 x 0.0412.
     row = cells(mse_part, r"B\|b")
     assert row[1] == "B, $c=1$" and row[5] == "0/2/1" and row[9] == "3/1"
-    assert row[6] == "0 % [0, 56]"  # Wilson: 3.8415/(3 + 3.8415)
+    assert row[6] == "17 % [0, 56]"  # half of the tie; Wilson of none: 3.8415/(3 + 3.8415)
     assert cells(mse_part, "A")[4:] == ["-", "-", "-", "-", "-", "4/0"]
     assert cells(offset_part, r"B\|b")[5] == "3/0/0"
     assert text.endswith(
