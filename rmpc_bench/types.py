@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple, Protocol, TypeAlias, runtime_chec
 
 import numpy as np
 import numpy.typing as npt
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Le
 from jaxtyping import Float, Int8
 
 Array: TypeAlias = npt.NDArray[Any]
@@ -24,6 +24,8 @@ Matrix: TypeAlias = float | list[float] | list[list[float]]
 Positive: TypeAlias = Annotated[float, Gt(0)]
 NonNegative: TypeAlias = Annotated[float, Ge(0)]
 Count: TypeAlias = Annotated[int, Ge(1)]
+Horizon: TypeAlias = Annotated[int, Ge(1), Le(1000)]
+"""Samples ahead; the matrices of a prediction grow with its square."""
 
 
 class Status(IntEnum):

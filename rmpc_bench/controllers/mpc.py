@@ -21,7 +21,7 @@ from jaxtyping import Float
 from rmpc_bench.controllers.prediction import predict_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
-from rmpc_bench.types import Array, Command, Count, DesignError, Estimate, Matrix, Positive, Status
+from rmpc_bench.types import Array, Command, DesignError, Estimate, Horizon, Matrix, Positive, Status
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ class Mpc:
 def design(
     model: LinearModel,
     *,
-    Hp: Count,
-    Hu: Count,
+    Hp: Horizon,
+    Hu: Horizon,
     Q: Matrix,
     R: Matrix,
     scale: Scale = Scale(),  # noqa: B008 - frozen, so it cannot be shared by mistake

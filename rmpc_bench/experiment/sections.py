@@ -11,6 +11,10 @@ from pydantic import Field
 from rmpc_bench.analysis.claim import FINDINGS
 from rmpc_bench.types import Count, NonNegative, Positive
 
+MOST_STEPS = 1_000_000
+MOST_RUNS = 10_000_000
+"""Beyond these a number is a slip of the pen, and its arrays would not fit."""
+
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 Text = Annotated[str, Len(1)]
 
@@ -27,10 +31,12 @@ class Time:
         """Refuse a length that is given twice, not at all, or not in whole steps."""
         if (self.duration is None) == (self.steps is None):
             raise ValueError("give either duration (seconds) or steps")
+        if self.duration is not None and self.duration > MOST_STEPS * self.step:
+            raise ValueError(f"there must be 1 to {MOST_STEPS:,} steps")
         if self.duration is not None and abs(self.duration / self.step - round(self.duration / self.step)) > 1e-9:
             raise ValueError(f"duration {self.duration:g} is not a whole number of steps of {self.step:g}")
-        if self.n_steps < 1:
-            raise ValueError("there must be at least one step")
+        if not 1 <= self.n_steps <= MOST_STEPS:
+            raise ValueError(f"there must be 1 to {MOST_STEPS:,} steps (got {self.n_steps:,})")
 
     @property
     def n_steps(self) -> int:
@@ -105,7 +111,7 @@ SECTIONS: dict[str, Section] = {
     "paper": Section(Name | None, None),
     "title": Section(str, ""),
     "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0),
-    "runs": Section(Count, ...),
+    "runs": Section(Annotated[int, Ge(1), Le(MOST_RUNS)], ...),
     "time": Section(Time, ...),
     "uncertainty": Section(dict[str, Any], {}),
     "plant": Section(dict[str, Any], ...),
