@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from rmpc_bench import registry
 from rmpc_bench.experiment.schema import model_of, shown, validate
 from rmpc_bench.experiment.yaml import Map, join, locate
@@ -44,10 +46,13 @@ class Part:
         asked = inspect.signature(design).parameters
         wanted = {name: value for name, value in provided.items() if name in asked}
         try:
-            return design(**wanted, **self.parameters)
+            with np.errstate(all="ignore"):  # what overflows is refused below, or shows as a failed run
+                return design(**wanted, **self.parameters)
         except DesignError as error:
             problems.append(self.problem(str(error), error.parameter))
-            return None
+        except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
+            problems.append(self.problem(f"cannot be computed from these numbers ({error})"))
+        return None
 
     def problem(self, message: str, parameter: str = "") -> Problem:
         """Something wrong with this part, at the parameter to blame."""

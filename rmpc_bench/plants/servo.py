@@ -29,6 +29,7 @@ from rmpc_bench.models.servo import MUST_BE_POSITIVE, TABLE_1, continuous
 from rmpc_bench.numerics.linalg import discretise, mv
 from rmpc_bench.types import Array, DesignError, Motion, NonNegative, Positive, Status, Statuses
 
+MOST_SUBSTEPS = 100_000
 FRICTION = ("alpha_l0", "alpha_l1", "alpha_l2", "alpha_m0", "alpha_m1", "alpha_m2")
 
 
@@ -238,6 +239,8 @@ def design(
     """
     given = locals()
     nominal = {name: float(given[name]) for name in ("L", *TABLE_1, *FRICTION)}
+    if Ts / substep > MOST_SUBSTEPS:
+        raise DesignError(f"must be at least Ts / {MOST_SUBSTEPS:,}", "substep")
     plant = Servo(Ts, nominal, ceil(Ts / substep * (1.0 - 1e-12)))
     if plant.draw({name: np.array([value]) for name, value in nominal.items()}, [], 1).status[0] != Status.OK:
         raise DesignError("too coarse for these parameters: friction would push instead of brake", "substep")

@@ -8,9 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Ge, Le
 
 from rmpc_bench.types import DesignError, MetricInfo
+
+Inches = Annotated[float, Ge(1), Le(100)]
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,8 +26,8 @@ def boxplot(
     trials: Trials,
     *,
     metric: str | None = None,
-    width: float = 3.5,
-    height: float = 2.4,
+    width: Inches = 3.5,
+    height: Inches = 2.4,
     log: bool = False,
     order: list[str] | None = None,
 ) -> Figure:

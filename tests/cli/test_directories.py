@@ -103,6 +103,12 @@ def test_fresh_checks_the_configuration_first(here):
     assert {each.name for each in here.iterdir()} == {"out", "tiny.yaml"}
 
 
+def test_fresh_of_the_directory_one_stands_in(here):
+    """It cannot be renamed by its name; that is no internal error."""
+    result = go(write(here), "-o", ".", "--fresh")
+    assert result.exit_code != 70, result.stderr
+
+
 def test_only_some_methods(here):
     """The others are absent, until they are asked for; an unknown one is an error."""
     path = write(here)

@@ -14,12 +14,12 @@ from small_experiment import cli, ran, write
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
 KEYS = {
-    "runs": "30",
+    "runs": "20",
     "time": "{step: 0.1, steps: 100}",
     "noise": "{process: {gaussian: {std: 0.01}}}",
     "execution": "{block: 1}",
 }
-N_TRIALS = 60
+N_TRIALS = 40
 
 
 @pytest.fixture(scope="module")

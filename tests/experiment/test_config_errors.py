@@ -120,6 +120,7 @@ def test_one_mistake_is_reported_once_at_its_place(mistakes, key, value, text, p
         ({"metrics": "[]"}, "metrics"),
         ({"metrics": "[mse, {kind: mae, name: run}]"}, "metrics.1"),
         ({"metrics": "[mse, {kind: mae, name: status}]"}, "metrics.1"),
+        ({"metrics": "[mse, {kind: mae, name: ''}]"}, "metrics.1"),
         ({"uncertainty": "{eps: +-1%, run: +-1%}"}, "uncertainty.run"),
         ({"uncertainty": "{pi: +-1%}", "plant": "{kind: servo-linear}"}, "uncertainty.pi"),
         ({"plant": "{kind: servo-linear, perturb: {R: 1/0}}"}, "plant.perturb.R"),
