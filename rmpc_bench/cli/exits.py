@@ -50,6 +50,11 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
 
 
 def _explain(error: BaseException) -> int:
+    if isinstance(error, KeyboardInterrupt):
+        return _say("interrupted; finished blocks are stored, the same command continues", INTERRUPTED)
+    if isinstance(error, Terminated):
+        return _say("terminated; finished blocks are stored, the same command continues", TERMINATED)
+    # Only now: an import that was interrupted must not be begun again.
     from rmpc_bench.experiment.store import StoreError, WriteError
     from rmpc_bench.types import ConfigError
 
@@ -61,10 +66,6 @@ def _explain(error: BaseException) -> int:
         return _say(f"results cannot be written: {error}; what was stored before is intact", CANNOT_WRITE)
     if isinstance(error, OSError):
         return _say(f"results cannot be written: {error}; stored trials are intact", CANNOT_WRITE)
-    if isinstance(error, KeyboardInterrupt):
-        return _say("interrupted; finished blocks are stored, the same command continues", INTERRUPTED)
-    if isinstance(error, Terminated):
-        return _say("terminated; finished blocks are stored, the same command continues", TERMINATED)
     traceback.print_exception(error)
     return _say("internal error; this is a bug, please report it with the lines above", INTERNAL)
 

@@ -162,6 +162,8 @@ def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -
 def _set_aside(directory: Path) -> None:
     """Rename a directory; nothing is ever deleted."""
     if directory.exists():
+        if directory.resolve() in (Path.cwd(), *Path.cwd().parents):
+            raise click.BadParameter("cannot rename the directory it stands in", param_hint="--fresh")
         old = directory.with_name(f"{directory.name}.{datetime.now():%Y%m%d-%H%M%S}")
         old = _free(old) if old.exists() else old
         directory.rename(old)

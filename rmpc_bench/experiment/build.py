@@ -154,12 +154,14 @@ class _Builder:
         made = [part.build(self.sheet.problems, units=units) for part in self.sheet.metrics if part is not None]
         names: set[str] = set()
         for number, metric in enumerate(made):
-            name = metric.info.name if metric is not None else ""
+            if metric is None:
+                continue
+            name = metric.info.name
             if name in names:
                 self.sheet.note(["metrics", number], f"{name!r} is given twice; give one a `name`")
             elif name in ("method", "run", "status"):
                 self.sheet.note(["metrics", number], f"{name!r} is a column of the tables already; choose another name")
-            elif name and not re.fullmatch(r"[A-Za-z_]\w*", name):
+            elif not re.fullmatch(r"[A-Za-z_]\w*", name):
                 self.sheet.note(["metrics", number], f"{name!r} is no name: letters, digits and _ (claims use it)")
             names.add(name)
         return tuple(metric for metric in made if metric is not None)

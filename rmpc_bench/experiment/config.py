@@ -106,8 +106,7 @@ def load_config(
     tree = yaml.load(path)
     if not isinstance(tree, Map):
         raise ConfigError([Problem(str(path), 1, 1, "", f"must be a mapping (got {shown(tree)})")])
-    for text in overrides:
-        tree = yaml.assign(tree, *yaml.parse_override(text))
+    tree = _overridden(tree, overrides)
     sheet = read(tree)
     if runs is not None:
         sheet.values["runs"] = runs
@@ -137,6 +136,19 @@ def load_config(
         metrics=measured(sheet, experiment),
         resolved=resolved(sheet, experiment, smoke=smoke),
     )
+
+
+def _overridden(tree: Map, overrides: Sequence[str]) -> Map:
+    """Replace single values; what is wrong with any of them is raised together."""
+    problems: list[Problem] = []
+    for text in overrides:
+        try:
+            tree = yaml.assign(tree, *yaml.parse_override(text))
+        except ConfigError as error:
+            problems += error.problems
+    if problems:
+        raise ConfigError(problems)
+    return tree
 
 
 def _shrink(sheet: Sheet) -> None:

@@ -9,6 +9,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Generator, Sequence
 from contextlib import AbstractContextManager
 from typing import NamedTuple
@@ -73,9 +74,14 @@ def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Ge
         initializer=_start_worker,
         initargs=(experiment,),
     )
+    results = parallel(delayed(_work_here)(task) for task in tasks)
     try:
-        yield from parallel(delayed(_work_here)(task) for task in tasks)
+        for done in results:  # not `yield from`, which would close the results before the warnings are off
+            yield done
     finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that finished tasks were not used is what an interruption means
+            results.close()
         get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 

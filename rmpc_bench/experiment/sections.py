@@ -64,7 +64,7 @@ class Execution:
     """How the work is done; nothing here changes a result."""
 
     workers: Count = 2
-    block: Count = 50
+    block: Annotated[int, Ge(1), Le(MOST_RUNS)] = 50
     max_failures: Annotated[int, Ge(0)] = 0
 
 

@@ -43,13 +43,13 @@ class LinearModel:
         nx, ny = len(A), len(C)
         for name, matrix, wanted in (("A", A, (nx, nx)), ("B", B, (nx, B.shape[1])), ("C", C, (ny, nx))):
             if matrix.shape != wanted:
-                raise DesignError(f"{name} has shape {matrix.shape}; {wanted} fits the other matrices", name)
+                raise DesignError(f"{name} has shape {matrix.shape}; {wanted} fits the other matrices")
             object.__setattr__(self, name, matrix)
         for name, cov, n in (("Q_w", Q_w, nx), ("R_v", R_v, ny)):
             try:
                 object.__setattr__(self, name, as_covariance(np.array(cov, dtype=float), n))
             except ValueError as error:
-                raise DesignError(f"{name}: {error}", name) from None
+                raise DesignError(f"{name}: {error}") from None
 
     @property
     def nx(self) -> int:
