@@ -76,7 +76,7 @@ def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Ge
     )
     results = parallel(delayed(_work_here)(task) for task in tasks)
     try:
-        for done in results:  # not `yield from`, which would close the results before the warnings are off
+        for done in results:  # noqa: UP028 - `yield from` would close the results before the warnings are off
             yield done
     finally:
         with warnings.catch_warnings():
