@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,7 +43,7 @@ def publish(
     directory: Path,
     modified: Sequence[str],
     *,
-    seconds: float | None = None,
+    started: float | None = None,
 ) -> Outcome:
     """Write all derived files of a directory and return the screen.
 
@@ -51,7 +52,7 @@ def publish(
     config : the experiment
     directory : where its trials are stored
     modified : what was changed against the file; claims are then shown for information only
-    seconds : how long the run took, for the screen
+    started : monotonic time at which the command began, for the screen
     """
     trials = results.stored_trials(config, directory)
     summary = summarise(trials)
@@ -69,7 +70,7 @@ def publish(
         text = claims_markdown(verdicts, informational=bool(modified))
         (directory / "claims.md").write_text(text, encoding="utf-8")
     figures = _figures(config, trials, directory)
-    head = _head(config, trials, directory, seconds)
+    head = _head(config, trials, directory, started)
     block = screen(trials, summary.described, summary.compared, config.primary)
     foot = _foot(verdicts, modified, directory, figures)
     differing = [] if modified else [verdict for verdict in verdicts if _differs(verdict)]
@@ -108,11 +109,11 @@ def _differs(verdict: Verdict) -> bool:
     return verdict.claim.finding is not None and verdict.finding != verdict.claim.finding
 
 
-def _head(config: ExperimentConfig, trials: Trials, directory: Path, seconds: float | None) -> str:
+def _head(config: ExperimentConfig, trials: Trials, directory: Path, started: float | None) -> str:
     n_runs, n_methods = config.experiment.n_runs, len(config.experiment.methods)
     complete = trials.frame.groupby("run")["method"].count() == n_methods
     failed = results.n_failed(trials)
-    done = f" done in {seconds:.1f} s" if seconds is not None else ""
+    done = f" done in {time.monotonic() - started:.1f} s" if started is not None else ""
     return f"{config.name}{done}   {int(complete.sum())} of {n_runs} runs, {failed} failed   {directory}"
 
 

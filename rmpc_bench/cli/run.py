@@ -107,7 +107,7 @@ def run(**options: Any) -> int:
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {asked.command(_free(directory))}", err=True)
         return exits.OCCUPIED
-    outcome = publish(config, directory, modified, seconds=time.monotonic() - started)
+    outcome = publish(config, directory, modified, started=started)
     click.echo(outcome.screen)
     return outcome.code(strict=asked.strict)
 
