@@ -23,6 +23,8 @@ from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
 from rmpc_bench.types import Array, Command, DesignError, Estimate, Horizon, Matrix, Positive, Status
 
+OK = np.int8(Status.OK)
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -86,7 +88,7 @@ class Mpc:
         ahead = mv(self.K_r, r[1:].reshape(1, -1))  # the same for all runs
         u = u_previous + ahead - mv(self.K_x, estimate.x_hat) - mv(self.K_u, u_previous)
         u = np.clip(u, self.low, self.high)
-        return MpcState(u), Command(u, np.full(len(u), Status.OK, dtype=np.int8), {})
+        return MpcState(u), Command(u, np.full(len(u), OK), {})
 
 
 def design(

@@ -20,6 +20,8 @@ from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.types import Array, DesignError, Estimate, Status
 
+OK = np.int8(Status.OK)
+
 
 class FilterState(NamedTuple):
     """What the next step needs."""
@@ -59,8 +61,7 @@ class GainScheduleFilter:
         """Use y(k): x_hat = x_pred + L e."""
         e = y - mv(_at(self.C, k), state.x_pred)
         x_hat = state.x_pred + mv(_at(self.L, k), e)
-        status = np.full(len(y), Status.OK, dtype=np.int8)
-        return FilterState(state.x_pred, e), Estimate(x_hat, _at(self.P, k), None, status, {"e": e})
+        return FilterState(state.x_pred, e), Estimate(x_hat, _at(self.P, k), None, np.full(len(y), OK), {"e": e})
 
     def predict(self, k: int, state: FilterState, u: Float[Array, "runs nu"]) -> FilterState:
         """Go to k+1: x_pred+ = F x_pred + B u + K e."""

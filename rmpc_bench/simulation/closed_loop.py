@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.types import Array, Method, Plant, Record, Status, Statuses
 
+OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)  # looked up once: members of an enum are slow to reach
 LARGEST = 1e100
 """Beyond this a run counts as diverged: its square must still be a number that can be summed."""
 
@@ -35,7 +36,7 @@ def simulate_block(experiment: Experiment, method: Method, runs: range) -> Block
     draws = experiment.scenario.draw(plant, runs, n_steps)
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
     record, status = simulate(plant, method, draws, r, n_steps)
-    ok = status == Status.OK
+    ok = status == OK
     with np.errstate(over="ignore", invalid="ignore"):  # of failed runs
         values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
     return Block(status, np.array(values).reshape(len(values), len(ok)))
@@ -58,24 +59,24 @@ def simulate(
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
     e, c = estimator.init(n_runs), controller.init(n_runs)
-    status = np.full(n_runs, Status.OK, dtype=np.int8)
+    status = np.full(n_runs, OK)
     xs, ys, x_hats, us = [], [], [], []
     still = np.zeros_like(draws.v[:, 0])
     with np.errstate(over="ignore", invalid="ignore"):  # a run that overflows is marked, not warned of
         for k in range(n_steps + 1):
-            e, estimate = estimator.correct(k, e, plant.output(k, draws.delta, x, draws.v[:, k]))
+            y = plant.output(k, draws.delta, x, draws.v[:, k])
+            e, estimate = estimator.correct(k, e, y)
             status = _first(status, estimate.status, _in_range(estimate.x_hat))
             xs.append(x)
             ys.append(plant.output(k, draws.delta, x, still))
             x_hats.append(estimate.x_hat)
             if k == n_steps:
                 break
-            measured = plant.output(k, draws.delta, x, draws.v[:, k])
-            c, command = controller.control(k, c, measured, estimate, r[k : k + controller.preview])
+            c, command = controller.control(k, c, y, estimate, r[k : k + controller.preview])
             status = _first(status, command.status, _in_range(command.u))
             motion = plant.step(k, draws.delta, x, command.u, draws.w[:, k])
             status = _first(status, motion.status, _in_range(motion.x))
-            x = np.where((status == Status.OK)[:, None], motion.x, x)
+            x = np.where((status == OK)[:, None], motion.x, x)
             us.append(command.u)
             e = estimator.predict(k, e, command.u)
     # Stacked with the run first and contiguous in memory: sums over time then do not depend on the number of runs.
@@ -89,5 +90,5 @@ def _in_range(values: Float[Array, "runs n"]) -> Bool[Array, " runs"]:
 
 def _first(status: Statuses, reported: Statuses, finite: Bool[Array, " runs"]) -> Statuses:
     """Keep the first failure of every run."""
-    news = np.where(reported != Status.OK, reported, np.where(finite, Status.OK, Status.DIVERGED))
-    return np.where(status != Status.OK, status, news).astype(np.int8)
+    news = np.where(reported != OK, reported, np.where(finite, OK, DIVERGED))
+    return np.where(status != OK, status, news)
