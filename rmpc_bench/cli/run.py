@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.experiment.signals import held
 
 if TYPE_CHECKING:
     from rmpc_bench.experiment.config import ExperimentConfig
@@ -86,11 +87,14 @@ def run(**options: Any) -> int:
     results/<paper>/<name> unless -o names another directory.
     """
     started = time.monotonic()
-    from rmpc_bench.cli.publish import publish
-    from rmpc_bench.experiment.config import load_config
-    from rmpc_bench.experiment.progress import choose
-    from rmpc_bench.experiment.runner import compute
-    from rmpc_bench.experiment.store import StoreError
+    with held():  # an import that is interrupted may swallow the interruption, or take it for a broken library
+        import scipy.linalg  # noqa: F401
+
+        from rmpc_bench.cli.publish import publish
+        from rmpc_bench.experiment.config import load_config
+        from rmpc_bench.experiment.progress import choose
+        from rmpc_bench.experiment.runner import compute
+        from rmpc_bench.experiment.store import StoreError
 
     asked = Request(**options)
     config = load_config(asked.config, overrides=asked.overrides, runs=asked.runs, smoke=asked.smoke)

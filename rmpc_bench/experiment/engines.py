@@ -14,6 +14,7 @@ from collections.abc import Generator, Sequence
 from contextlib import AbstractContextManager
 from typing import NamedTuple
 
+from rmpc_bench.experiment.signals import held
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
 from rmpc_bench.simulation.scenario import Experiment
 
@@ -64,7 +65,9 @@ def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Ge
     """Do the tasks in worker processes; closing the generator ends them."""
     from joblib import Parallel, delayed
     from joblib.externals.loky import get_reusable_executor
+    from joblib.externals.loky.backend import resource_tracker
 
+    resource_tracker.ensure_running()  # it lets signals through when it starts, so it must not start below
     parallel = Parallel(
         n_jobs=workers,
         backend="loky",
@@ -74,15 +77,16 @@ def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Ge
         initializer=_start_worker,
         initargs=(experiment,),
     )
-    results = parallel(delayed(_work_here)(task) for task in tasks)
+    with held():  # an interruption of the start would leave the pool in a state that cannot be ended
+        results = parallel(delayed(_work_here)(task) for task in tasks)
     try:
         for done in results:  # noqa: UP028 - `yield from` would close the results before the warnings are off
             yield done
     finally:
-        with warnings.catch_warnings():
+        with held(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that finished tasks were not used is what an interruption means
             results.close()
-        get_reusable_executor().shutdown(wait=True, kill_workers=True)
+            get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 
 _here: list[Experiment] = []
@@ -92,6 +96,7 @@ _here: list[Experiment] = []
 def _start_worker(experiment: Experiment) -> None:
     # Ctrl-C in a terminal reaches every process of the group; the parent alone decides what happens then.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
     _here[:] = [experiment]
 
