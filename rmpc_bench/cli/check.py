@@ -95,9 +95,9 @@ def _short(value: Any) -> str:
 
 
 def _seconds(steps: int, config: ExperimentConfig) -> float:
-    """Estimate from the number of steps: a few microseconds each in the loop, 0.1 us per plant substep."""
+    """Estimate from the number of steps: 4 us each in the loop, 0.05 us per plant substep."""
     substeps = getattr(config.experiment.plant, "n_substeps", 1)
-    return math.ceil(2.0 + steps * (4e-6 + 1e-7 * substeps) / config.execution.workers)
+    return math.ceil(2.0 + steps * (4e-6 + 5e-8 * substeps) / config.execution.workers)
 
 
 def _megabytes(config: ExperimentConfig) -> float:
