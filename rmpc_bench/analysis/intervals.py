@@ -63,12 +63,12 @@ def geometric(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
         return float(np.exp(np.mean(logs))), (float(np.exp(low)), float(np.exp(high)))
 
 
-def wilson(k: int, n: int, confidence: float) -> Interval:
+def wilson(k: float, n: int, confidence: float) -> Interval:
     """Wilson interval of a share.
 
     Parameters
     ----------
-    k : how many of the runs
+    k : how many of the runs; ties may count half, which scipy's interval does not take
     n : number of runs
     confidence : level, such as 0.95
 
@@ -78,8 +78,10 @@ def wilson(k: int, n: int, confidence: float) -> Interval:
     """
     if n == 0:
         return NONE
-    interval = stats.binomtest(k, n).proportion_ci(confidence_level=confidence, method="wilson")
-    return float(interval.low), float(interval.high)
+    z = float(stats.norm.ppf((1 + confidence) / 2))
+    centre = (k + z * z / 2) / (n + z * z)
+    reach = z * math.sqrt(k * (n - k) / n + z * z / 4) / (n + z * z)
+    return max(0.0, centre - reach) if k else 0.0, min(1.0, centre + reach) if k < n else 1.0
 
 
 def quantile(values: Array, q: float) -> Array:

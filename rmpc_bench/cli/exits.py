@@ -55,10 +55,10 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, Terminated):
         return _say("terminated; finished blocks are stored, the same command continues", TERMINATED)
     # Only now: an import that was interrupted must not be begun again.
-    from rmpc_bench.experiment.store import StoreError, WriteError
+    from rmpc_bench.experiment.store import MissingError, StoreError, WriteError
     from rmpc_bench.types import ConfigError
 
-    if isinstance(error, ConfigError):
+    if isinstance(error, ConfigError | MissingError):
         return _say(error, USAGE)
     if isinstance(error, StoreError):
         return _say(error, OCCUPIED)

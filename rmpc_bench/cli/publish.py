@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,6 +28,8 @@ class Outcome(NamedTuple):
     screen: str
     n_failed: int
     max_failures: int
+    judged: bool
+    """Whether claims were judged: the configuration as it stands, in full."""
     differing: int
     """Claims whose finding differs from its record, on the unmodified configuration."""
 
@@ -63,14 +65,17 @@ def publish(
     write_csv(summary.compared, directory / "comparisons.csv")
     (directory / "tables").mkdir(exist_ok=True)
     (directory / "tables" / "summary.md").write_text(summary.to_markdown(), encoding="utf-8")
-    modified = [*modified, *_incomplete(config, trials)]
+    n_complete = results.n_complete(config, directory)
+    modified = [*modified, *_incomplete(config, n_complete)]
     verdicts = [judge(claim, trials) for claim in config.claims]
+    for name in ("claims.json", "claims.md"):
+        (directory / name).unlink(missing_ok=True)  # of an earlier configuration
     if verdicts:
         (directory / "claims.json").write_text(json.dumps(claims_table(verdicts), indent=2) + "\n", encoding="utf-8")
         text = claims_markdown(verdicts, informational=bool(modified))
         (directory / "claims.md").write_text(text, encoding="utf-8")
     figures = _figures(config, trials, directory)
-    head = _head(config, trials, directory, started)
+    head = _head(config, trials, n_complete, directory, started)
     block = screen(trials, summary.described, summary.compared, config.primary)
     foot = _foot(verdicts, modified, directory, figures)
     differing = [] if modified else [verdict for verdict in verdicts if _differs(verdict)]
@@ -78,16 +83,15 @@ def publish(
         screen="\n".join([head, "", _indented(block), "", *foot]),
         n_failed=results.n_failed(trials),
         max_failures=config.execution.max_failures,
+        judged=bool(verdicts) and not modified,
         differing=len(differing),
     )
 
 
-def _incomplete(config: ExperimentConfig, trials: Trials) -> list[str]:
+def _incomplete(config: ExperimentConfig, n_complete: Mapping[str, int]) -> list[str]:
     """Say what is still missing: an interrupted experiment is not one at full size."""
     n_runs = config.experiment.n_runs
-    names = [method.name for method in config.experiment.methods]
-    stored = trials.frame["method"].value_counts().to_dict()
-    return [f"{name}: {stored.get(name, 0)} of {n_runs} runs" for name in names if stored.get(name, 0) < n_runs]
+    return [f"{name}: {n} of {n_runs} runs" for name, n in n_complete.items() if n < n_runs]
 
 
 def _figures(config: ExperimentConfig, trials: Trials, directory: Path) -> list[Path]:
@@ -97,7 +101,10 @@ def _figures(config: ExperimentConfig, trials: Trials, directory: Path) -> list[
         kinds[part.kind] += 1
         stem = part.kind if kinds[part.kind] == 1 else f"{part.kind}-{kinds[part.kind]}"
         try:
-            figure = registry.get("figures", part.kind)(trials, **part.parameters)
+            keys = dict(part.parameters)
+            if keys.get("metric", "") is None:
+                keys["metric"] = config.primary
+            figure = registry.get("figures", part.kind)(trials, **keys)
         except DesignError as error:  # a method it shows has not been computed yet
             click.echo(f"figure {part.kind} left out: {error}", err=True)
         else:
@@ -109,12 +116,14 @@ def _differs(verdict: Verdict) -> bool:
     return verdict.claim.finding is not None and verdict.finding != verdict.claim.finding
 
 
-def _head(config: ExperimentConfig, trials: Trials, directory: Path, started: float | None) -> str:
-    n_runs, n_methods = config.experiment.n_runs, len(config.experiment.methods)
-    complete = trials.frame.groupby("run")["method"].count() == n_methods
+def _head(
+    config: ExperimentConfig, trials: Trials, n_complete: Mapping[str, int], directory: Path, started: float | None
+) -> str:
+    n_runs = config.experiment.n_runs
+    complete = min(n_complete[name] for name in trials.methods)
     failed = results.n_failed(trials)
     done = f" done in {time.monotonic() - started:.1f} s" if started is not None else ""
-    return f"{config.name}{done}   {int(complete.sum())} of {n_runs} runs, {failed} failed   {directory}"
+    return f"{config.name}{done}   {complete} of {n_runs} runs, {failed} failed   {directory}"
 
 
 def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path, figures: Sequence[Path]) -> list[str]:
@@ -122,8 +131,9 @@ def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path,
     if verdicts and modified:
         lines.append(f"paper       not judged: not the configuration as it stands, in full ({', '.join(modified)})")
     elif verdicts:
-        found = sum(verdict.finding == "found" for verdict in verdicts)
-        lines.append(f"paper       {found} of {len(verdicts)} statements found as written (claims.md)")
+        of_paper = [verdict for verdict in verdicts if not verdict.claim.source.startswith("beyond the paper")]
+        found = sum(verdict.finding == "found" for verdict in of_paper)
+        lines.append(f"paper       {found} of {len(of_paper)} statements found as written (claims.md)")
         lines += [
             f"            recorded {verdict.claim.finding}, now {verdict.finding}: {verdict.claim.says}"
             for verdict in verdicts

@@ -18,12 +18,12 @@ def report(directories: tuple[Path, ...]) -> int:
     from rmpc_bench.experiment import manifest
     from rmpc_bench.experiment.config import load_config
     from rmpc_bench.experiment.runner import RESOLVED
-    from rmpc_bench.experiment.store import FILE, StoreError
+    from rmpc_bench.experiment.store import FILE, MissingError
 
     code = 0
     for directory in directories:
         if not (directory / FILE).exists():
-            raise StoreError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
+            raise MissingError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
         config = load_config(directory / RESOLVED)
         outcome = publish(config, directory, manifest.read(directory).get("modified", []))
         click.echo(outcome.screen)

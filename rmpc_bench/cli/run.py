@@ -113,6 +113,8 @@ def run(**options: Any) -> int:
         return exits.OCCUPIED
     outcome = publish(config, directory, modified, started=started)
     click.echo(outcome.screen)
+    if asked.strict and not outcome.judged:
+        click.echo("--strict had nothing to judge: see the line `paper`", err=True)
     return outcome.code(strict=asked.strict)
 
 
@@ -126,11 +128,11 @@ def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
 
 def _modifications(asked: Request, config: ExperimentConfig) -> list[str]:
     """What differs from the file as it stands; claims are then shown for information only."""
-    changes = asked.changes()
+    changes = [text for text in asked.changes() if not text.startswith("--only ")]  # seen by what is missing
     if asked.runs is not None and not asked.smoke:
         from rmpc_bench.experiment.yaml import load
 
-        if load(asked.config)["runs"] == asked.runs:
+        if load(asked.config).get("runs") == asked.runs:
             changes.remove(f"--runs {asked.runs}")
     return changes
 
@@ -165,12 +167,15 @@ def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -
 
 def _set_aside(directory: Path) -> None:
     """Rename a directory; nothing is ever deleted."""
-    if directory.exists():
+    from rmpc_bench.experiment.store import FILE, Store
+
+    if (directory / FILE).exists():  # without it the directory counts as new
         if directory.resolve() in (Path.cwd(), *Path.cwd().parents):
             raise click.BadParameter("cannot rename the directory it stands in", param_hint="--fresh")
         old = directory.with_name(f"{directory.name}.{datetime.now():%Y%m%d-%H%M%S}")
         old = _free(old) if old.exists() else old
-        directory.rename(old)
+        with Store(directory):  # nobody else may be writing to it
+            directory.rename(old)
         click.echo(f"the old results are in {old}", err=True)
 
 

@@ -159,8 +159,10 @@ class _Builder:
             name = metric.info.name
             if name in names:
                 self.sheet.note(["metrics", number], f"{name!r} is given twice; give one a `name`")
-            elif name in ("method", "run", "status"):
-                self.sheet.note(["metrics", number], f"{name!r} is a column of the tables already; choose another name")
+            elif name in ("method", "run", "status", "n_failed"):
+                self.sheet.note(
+                    ["metrics", number], f"{name!r} has a meaning in tables and claims already; choose another name"
+                )
             elif not re.fullmatch(r"[A-Za-z_]\w*", name):
                 self.sheet.note(["metrics", number], f"{name!r} is no name: letters, digits and _ (claims use it)")
             names.add(name)

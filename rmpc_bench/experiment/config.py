@@ -131,7 +131,7 @@ def load_config(
         labels={name: parts.label for name, parts in sheet.methods.items()},
         figures=tuple(part for part in sheet.figures if part is not None),
         claims=claims,
-        shared=shared(sheet),
+        shared=shared(sheet, experiment),
         methods={name: belief(sheet, parts) for name, parts in sheet.methods.items()},
         metrics=measured(sheet, experiment),
         resolved=resolved(sheet, experiment, smoke=smoke),
@@ -180,7 +180,10 @@ def _figures(sheet: Sheet) -> None:
         if keys.get("metric") is not None and keys["metric"] not in _metric_names(sheet):
             message = unknown(keys["metric"], _metric_names(sheet), "metric of this configuration")
             sheet.note(["figures", number, "metric"], message)
-        for name in keys.get("order") or []:
+        order = keys.get("order") or []
+        if len(set(order)) < len(order):
+            sheet.note(["figures", number, "order"], "a method is named twice")
+        for name in order:
             if name not in sheet.methods:
                 sheet.note(["figures", number, "order"], unknown(name, sheet.methods, "method"))
 

@@ -12,6 +12,7 @@ import time
 import warnings
 from collections.abc import Generator, Sequence
 from contextlib import AbstractContextManager
+from multiprocessing import resource_tracker as multiprocessing_tracker
 from typing import NamedTuple
 
 from rmpc_bench.experiment.signals import held
@@ -50,15 +51,15 @@ def single_thread() -> AbstractContextManager[object]:
 
 def work(experiment: Experiment, task: Task) -> Done:
     """Do one task."""
-    with single_thread():
-        block = simulate_block(experiment, experiment.method(task.method), task.runs)
+    block = simulate_block(experiment, experiment.method(task.method), task.runs)
     return Done(task, block, [experiment.scenario.named_values(run) for run in task.runs])
 
 
 def serial(experiment: Experiment, tasks: Sequence[Task]) -> Generator[Done]:
     """Do the tasks in this process, one after the other."""
-    for task in tasks:
-        yield work(experiment, task)
+    with single_thread():
+        for task in tasks:
+            yield work(experiment, task)
 
 
 def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Generator[Done]:
@@ -67,7 +68,8 @@ def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Ge
     from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.backend import resource_tracker
 
-    resource_tracker.ensure_running()  # it lets signals through when it starts, so it must not start below
+    for tracker in (resource_tracker, multiprocessing_tracker):
+        tracker.ensure_running()  # it lets signals through when it starts, so it must not start below
     parallel = Parallel(
         n_jobs=workers,
         backend="loky",
@@ -77,16 +79,18 @@ def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Ge
         initializer=_start_worker,
         initargs=(experiment,),
     )
-    with held():  # an interruption of the start would leave the pool in a state that cannot be ended
-        results = parallel(delayed(_work_here)(task) for task in tasks)
+    results = None
     try:
+        with held():  # an interruption of the start would leave the pool in a state that cannot be ended
+            results = parallel(delayed(_work_here)(task) for task in tasks)
         for done in results:  # noqa: UP028 - `yield from` would close the results before the warnings are off
             yield done
     finally:
         with held(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that finished tasks were not used is what an interruption means
-            results.close()
-            get_reusable_executor().shutdown(wait=True, kill_workers=True)
+            if results is not None:
+                results.close()
+            get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
 
 
 _here: list[Experiment] = []
@@ -98,6 +102,7 @@ def _start_worker(experiment: Experiment) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
+    single_thread()  # for good: what it returns would undo it
     _here[:] = [experiment]
 
 

@@ -67,6 +67,11 @@ class Expression:
     names: frozenset[str]
     program: tuple[_Step, ...] = field(repr=False)
 
+    @property
+    def canonical(self) -> str:
+        """The program as postfix text: equal for texts that differ in blanks and needless parentheses only."""
+        return " ".join(str(step.argument) if step.argument != "" else step.kind for step in self.program)
+
     def __call__(self, values: Mapping[str, float] = {}) -> float:
         """Evaluate in plain float arithmetic.
 

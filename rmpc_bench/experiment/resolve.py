@@ -9,16 +9,16 @@ from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
 from rmpc_bench.simulation.scenario import Experiment
 
 
-def shared(sheet: Sheet) -> dict[str, Any]:
+def shared(sheet: Sheet, experiment: Experiment) -> dict[str, Any]:
     """What all methods share: the truth, its size over time and its seed."""
     time = sheet.values["time"]
     common = {
         "seed": sheet.values["seed"],
         "time": {"step": time.step, "steps": time.n_steps},
         "uncertainty": _uncertainty(sheet),
-        "plant": _plant(sheet),
+        "plant": _plant(sheet, canonical=True),
         "noise": _noise(sheet),
-        "x": _initial_x(sheet),
+        "x": {"mean": experiment.scenario.x0.tolist(), "law": _law(sheet.initial["law"])},
         "reference": sheet.reference.resolved() if sheet.reference else None,
     }
     laws = [*sheet.noise.values(), sheet.initial["law"]]
@@ -31,12 +31,15 @@ def _uncertainty(sheet: Sheet) -> dict[str, Any]:
     return {name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in sheet.uncertainty.items()}
 
 
-def _plant(sheet: Sheet) -> dict[str, Any]:
+def _plant(sheet: Sheet, *, canonical: bool = False) -> dict[str, Any]:
+    """The plant with its changes: as written, or in a form that does not depend on blanks and parentheses."""
     assert sheet.plant is not None
     plant = sheet.plant.resolved()
     for key, relative in (("perturb", True), ("set", False)):
         changes = {
-            name: change.expression.text for name, change in sheet.changes.items() if change.relative == relative
+            name: change.expression.canonical if canonical else change.expression.text
+            for name, change in sheet.changes.items()
+            if change.relative == relative
         }
         if changes:
             plant[key] = changes

@@ -12,7 +12,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.experiment.config import ExperimentConfig, load_config
 from rmpc_bench.experiment.progress import Progress
 from rmpc_bench.experiment.runner import RESOLVED, compute, method_key, metric_keys
-from rmpc_bench.experiment.store import FILE, Store, StoreError
+from rmpc_bench.experiment.store import FILE, MissingError, Store
 from rmpc_bench.types import Array, Method, Status
 
 
@@ -43,9 +43,11 @@ def load_trials(directory: str | Path) -> Trials:
 
     Raises
     ------
-    StoreError
+    MissingError
         If there is no store in the directory.
     """
+    if not (Path(directory) / FILE).exists():
+        raise MissingError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
     return stored_trials(load_config(Path(directory) / RESOLVED), Path(directory))
 
 
@@ -56,17 +58,19 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
 
     Raises
     ------
+    MissingError
+        If there is no store, or nothing in it belongs to the configuration.
     StoreError
-        If there is no store, it is another experiment's, or nothing in it belongs to the configuration.
+        If it is another experiment's.
     """
     if not (directory / FILE).exists():
-        raise StoreError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
+        raise MissingError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
     with Store(directory, writable=False) as store:
         store.check(config.hash, config.shared)
         frames = [_frame(config, store, method.name) for method in config.experiment.methods]
     filled = [frame for frame in frames if len(frame)]
     if not filled:
-        raise StoreError(f"{directory}: no trial of this configuration is stored; continue with `rmpc-bench run`")
+        raise MissingError(f"{directory}: no trial of this configuration is stored; continue with `rmpc-bench run`")
     methods = tuple(str(frame["method"].iloc[0]) for frame in filled)
     return Trials(
         name=config.name,
@@ -87,6 +91,16 @@ def _frame(config: ExperimentConfig, store: Store, name: str) -> pd.DataFrame:
     runs, status = store.column(key, config.experiment.n_runs)
     columns = {metric: store.values(key, stored, runs) for metric, stored in metric_keys(config).items()}
     return pd.DataFrame({"method": name, "run": np.array(runs, dtype=np.int64), "status": status, **columns})
+
+
+def n_complete(config: ExperimentConfig, directory: Path) -> dict[str, int]:
+    """How many runs of every method are stored with all metrics of the configuration."""
+    keys, n_runs = metric_keys(config).values(), config.experiment.n_runs
+    with Store(directory, writable=False) as store:
+        return {
+            method.name: sum(run < n_runs for run in store.finished(method_key(config, method.name), keys))
+            for method in config.experiment.methods
+        }
 
 
 def uncertainty(config: ExperimentConfig, directory: Path) -> pd.DataFrame:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
@@ -36,6 +37,10 @@ _WORDS = {int(status): status.word for status in Status}
 
 class StoreError(Exception):
     """A directory that cannot take this experiment: another one is in it, or somebody writes to it."""
+
+
+class MissingError(Exception):
+    """A directory without trials."""
 
 
 class WriteError(Exception):
@@ -66,7 +71,10 @@ class Store:
                 directory.mkdir(parents=True, exist_ok=True)
                 self._connection = sqlite3.connect(path, timeout=0.0, isolation_level=None)
             else:
-                self._connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=5.0)
+                # Able to write if it may: the journal of a killed writer has to be rolled back before anyone can read.
+                mode = "rw" if os.access(path, os.W_OK) else "ro"
+                self._connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", uri=True, timeout=5.0)
+                self._connection.execute("PRAGMA query_only = ON")
         except (OSError, sqlite3.OperationalError) as error:
             raise WriteError(f"{path}: {error}") from None
         try:
@@ -99,8 +107,8 @@ class Store:
 
     def meta(self, key: str) -> str | None:
         """Read a value that was set with `set_meta`."""
-        row = self._connection.execute("SELECT value FROM meta WHERE key = ?", (key,)).fetchone()
-        return None if row is None else str(row[0])
+        rows = self._read("SELECT value FROM meta WHERE key = ?", (key,))
+        return str(rows[0][0]) if rows else None
 
     def set_meta(self, key: str, value: str) -> None:
         """Set a value for good."""
@@ -133,10 +141,9 @@ class Store:
 
     def finished(self, method: str, metrics: Iterable[str]) -> set[int]:
         """Runs of a method that are stored with all the given metrics."""
-        execute = self._connection.execute
-        runs = {run for (run,) in execute("SELECT run FROM trials WHERE method = ?", (method,))}
+        runs = {run for (run,) in self._read("SELECT run FROM trials WHERE method = ?", (method,))}
         for metric in metrics:
-            rows = execute("SELECT run FROM metrics WHERE method = ? AND metric = ?", (method, metric))
+            rows = self._read("SELECT run FROM metrics WHERE method = ? AND metric = ?", (method, metric))
             runs &= {run for (run,) in rows}
         return runs
 
@@ -176,19 +183,25 @@ class Store:
     def column(self, method: str, n_runs: int) -> tuple[list[int], list[str]]:
         """Run indices and status words of a method, in the order of the runs."""
         query = "SELECT run, status FROM trials WHERE method = ? AND run < ? ORDER BY run"
-        rows = self._connection.execute(query, (method, n_runs)).fetchall()
+        rows = self._read(query, (method, n_runs))
         return [run for run, _ in rows], [status for _, status in rows]
 
     def values(self, method: str, metric: str, runs: Sequence[int]) -> Array:
         """Values of a metric for the given runs; NaN where there is none."""
         query = "SELECT run, value FROM metrics WHERE method = ? AND metric = ?"
-        stored = dict(self._connection.execute(query, (method, metric)).fetchall())
+        stored = dict(self._read(query, (method, metric)))
         return np.array([math.nan if stored.get(run) is None else stored[run] for run in runs], dtype=float)
 
     def uncertainty(self, n_runs: int) -> list[tuple[int, str, float]]:
         """All (run, name, value) of the named uncertain quantities, sorted."""
         query = "SELECT run, name, value FROM uncertainty WHERE run < ? ORDER BY run, name"
-        return self._connection.execute(query, (n_runs,)).fetchall()
+        return self._read(query, (n_runs,))
+
+    def _read(self, query: str, parameters: tuple[Any, ...]) -> list[Any]:
+        try:
+            return self._connection.execute(query, parameters).fetchall()
+        except sqlite3.DatabaseError as error:
+            raise _translated(error, self.directory / FILE) from None
 
     def _write(self, statements: Sequence[tuple[str, Sequence[tuple[Any, ...]]]]) -> None:
         try:
@@ -211,7 +224,7 @@ def _translated(error: sqlite3.DatabaseError, path: Path) -> Exception:
     if "locked" in text:
         return StoreError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
     if "not a database" in text or "no such table" in text or "malformed" in text:
-        return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR")
+        return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh")
     return WriteError(f"{path}: {text}")
 
 

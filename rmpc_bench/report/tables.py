@@ -291,7 +291,7 @@ def _superiority(row: Mapping[str, Any] | None, confidence: float) -> str:
     if row is None or not row["n_pairs"]:
         return "-"
     share, n = float(row["superiority"]), int(row["n_pairs"])
-    low, high = (100 * end for end in wilson(round(share * n), n, confidence))
+    low, high = (100 * end for end in wilson(share * n, n, confidence))
     places = decimals((high - low) / 2)
     return f"{100 * share:.{places}f} % [{low:.{places}f}, {high:.{places}f}]"
 

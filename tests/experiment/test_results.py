@@ -6,8 +6,7 @@ from small_experiment import ran, write
 
 from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.experiment import results
-from rmpc_bench.experiment.store import StoreError
-from rmpc_bench.types import ConfigError
+from rmpc_bench.experiment.store import MissingError, StoreError
 
 FAILING = {"uncertainty": "{eps: +-150%}"}
 
@@ -105,13 +104,13 @@ def test_load_trials_of_a_directory(tmp_path):
 
 def test_no_results(load, tmp_path):
     """Neither a directory without a store nor one without trials of the configuration makes a table."""
-    with pytest.raises(StoreError, match="there is no trials.sqlite; fill the directory with `rmpc-bench run`"):
+    with pytest.raises(MissingError, match="there is no trials.sqlite; fill the directory with `rmpc-bench run`"):
         results.stored_trials(load(), tmp_path)
-    with pytest.raises((StoreError, ConfigError)):
+    with pytest.raises(MissingError):
         load_trials(tmp_path)
     run(load(), directory=tmp_path / "out", jobs=1)
     other = load(methods="{a: {estimator: {kind: robust-kalman, c: 9}}}")
-    with pytest.raises(StoreError, match="no trial of this configuration is stored"):
+    with pytest.raises(MissingError, match="no trial of this configuration is stored"):
         results.stored_trials(other, tmp_path / "out")
 
 

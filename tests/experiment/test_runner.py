@@ -211,7 +211,7 @@ def test_blas_runs_on_one_thread(tmp_path, monkeypatch):
     config = load_config(write(tmp_path, methods="{a: {estimator: {kind: watching}}}"))
     simulate = engines.simulate_block
     monkeypatch.setattr(engines, "simulate_block", lambda *args: note("block") or simulate(*args))
-    engines.work(config.experiment, engines.Task("a", 0, 2))
+    list(engines.serial(config.experiment, [engines.Task("a", 0, 2)]))
     assert threads == {"design": 1, "block": 1}
 
 

@@ -129,7 +129,7 @@ def test_markdown_page(make_trials):
     # Student t on ln 1.1, ln 1.15 and ln 1: 0.0784 +- 4.303 x 0.0412.
     row = cells(mse_part, r"B\|b")
     assert row[1] == "B, $c=1$" and row[5] == "0/2/1" and row[9] == "3/1"
-    assert row[6] == "17 % [0, 56]"  # half of the tie; Wilson of none: 3.8415/(3 + 3.8415)
+    assert row[6] == "17 % [2, 69]"  # half of the tie: (0.5 + 1.92 -+ 1.96 sqrt(0.5 * 2.5 / 3 + 0.96)) / 6.84
     assert cells(mse_part, "A")[4:] == ["-", "-", "-", "-", "-", "4/0"]
     assert cells(offset_part, r"B\|b")[5] == "3/0/0"
     assert text.endswith(
