@@ -46,3 +46,8 @@ class Claim:
     finding: str | None = None
     stated: str | Stated | None = None
     chosen: str | None = None
+
+    @property
+    def of_paper(self) -> bool:
+        """Whether the paper says so; what the bench adds has a source that begins with ``beyond the paper``."""
+        return not self.source.startswith("beyond the paper")

@@ -167,7 +167,10 @@ def claims_markdown(verdicts: Iterable[Verdict], *, informational: bool) -> str:
     lines = ["# What the paper says", ""]
     if informational:
         lines += ["For information only: the configuration was modified or did not run at full size.", ""]
-    for position, verdict in enumerate(verdicts, 1):
+    ordered = sorted(verdicts, key=lambda verdict: not verdict.claim.of_paper)
+    for position, verdict in enumerate(ordered, 1):
+        if not verdict.claim.of_paper and (position == 1 or ordered[position - 2].claim.of_paper):
+            lines += ["# Beyond the paper", ""]
         lines += [f"## {position}. {_line(verdict.claim.says)}", "", *_items(verdict), ""]
     return "\n".join(lines)
 

@@ -131,7 +131,7 @@ def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path,
     if verdicts and modified:
         lines.append(f"paper       not judged: not the configuration as it stands, in full ({', '.join(modified)})")
     elif verdicts:
-        of_paper = [verdict for verdict in verdicts if not verdict.claim.source.startswith("beyond the paper")]
+        of_paper = [verdict for verdict in verdicts if verdict.claim.of_paper]
         found = sum(verdict.finding == "found" for verdict in of_paper)
         lines.append(f"paper       {found} of {len(of_paper)} statements found as written (claims.md)")
         lines += [

@@ -100,7 +100,7 @@ def run(**options: Any) -> int:
     config = load_config(asked.config, overrides=asked.overrides, runs=asked.runs, smoke=asked.smoke)
     _check_names(asked.only, config)
     directory = asked.output or _directory(asked, config)
-    modified = _modifications(asked, config)
+    modified = _modifications(asked)
     try:
         if asked.dry_run:
             return _show_plan(config, directory, asked.only)
@@ -113,7 +113,7 @@ def run(**options: Any) -> int:
         return exits.OCCUPIED
     outcome = publish(config, directory, modified, started=started)
     click.echo(outcome.screen)
-    if asked.strict and not outcome.judged:
+    if asked.strict and config.claims and not outcome.judged:
         click.echo("--strict had nothing to judge: see the line `paper`", err=True)
     return outcome.code(strict=asked.strict)
 
@@ -126,7 +126,7 @@ def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
             raise click.BadParameter(unknown(name, config.methods, "method"), param_hint="--only")
 
 
-def _modifications(asked: Request, config: ExperimentConfig) -> list[str]:
+def _modifications(asked: Request) -> list[str]:
     """What differs from the file as it stands; claims are then shown for information only."""
     changes = [text for text in asked.changes() if not text.startswith("--only ")]  # seen by what is missing
     if asked.runs is not None and not asked.smoke:

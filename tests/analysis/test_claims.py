@@ -193,6 +193,19 @@ def test_median_of_few_runs_is_open(make_trials):
     assert "difference in [open, open]" in claims_markdown([verdict], informational=False)
 
 
+def test_what_the_bench_adds_stands_apart(trials):
+    """Under its own heading, after what the paper says, wherever it was written."""
+    statement = f"{mean('low')} < {mean('base')}"
+    ours = Claim("ours", "beyond the paper", (statement,))
+    text = claims_markdown([judge(each, trials) for each in (ours, claim(statement), ours)], informational=False)
+    headings = [line for line in text.splitlines() if line.startswith("#")]
+    assert headings == ["# What the paper says", "## 1. A is more accurate"] + [
+        "# Beyond the paper",
+        "## 2. ours",
+        "## 3. ours",
+    ]
+
+
 def test_table_is_plain_json(trials):
     """Strict JSON, with what was recorded beside what was computed."""
     stated = Stated("ratio(mse[low], mse[base])", 0.9, 0.01, "about 10 %")
