@@ -43,6 +43,7 @@ class Status(IntEnum):
     OK = 0, "the run reached its last sample"
     DIVERGED = 1, "a state, an estimate or an input grew beyond 1e100 or stopped being a number"
     OUT_OF_RANGE = 2, "a drawn parameter lies where the model has no meaning (a mass that is not positive, say)"
+    TOO_MANY_EVENTS = 3, "friction stopped and released a body more often in one sample than can be followed"
 
     @property
     def word(self) -> str:
@@ -168,6 +169,24 @@ class Plant(Protocol):
         """Measure y(k)."""
 
 
+class LinearTruth(NamedTuple):
+    """A plant without its nonlinear parts: x(k+1) = A x(k) + B u(k), y(k) = C x(k); a model's state is E x(k)."""
+
+    A: Float[Array, "*runs n n"]
+    B: Float[Array, "*runs n nu"]
+    C: Float[Array, "*runs ny n"]
+    E: Float[Array, "*runs nx n"]
+    """Picks the states that a model knows out of the plant's."""
+
+
+@runtime_checkable
+class HasLinearPart(Protocol):
+    """A plant may offer this; ``check --deep`` then measures how far it is from a model."""
+
+    def linear(self, parameters: Mapping[str, float]) -> LinearTruth | None:
+        """Drop what is not linear and sample the rest; None where the parameters of the run have no meaning."""
+
+
 @runtime_checkable
 class Estimator(Protocol):
     """A filter: a frozen design, shared by all runs."""
@@ -242,3 +261,34 @@ class Metric(Protocol):
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """One value per run; inf stands for *never*."""
+
+
+class Line(NamedTuple):
+    """A curve of a part's picture."""
+
+    label: str
+    x: Float[Array, " points"]
+    y: Float[Array, " points"]
+    """NaN makes a gap."""
+
+
+class Panel(NamedTuple):
+    """A picture of a part itself, such as its friction; a design may have ``portrait() -> tuple[Panel, ...]``."""
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: tuple[Line, ...]
+
+
+class Outlook(NamedTuple):
+    """What the results of an experiment will have, as far as that is known before it runs."""
+
+    signals: Mapping[str, int | None]
+    """Recorded signal -> number of its components, None where that is not known."""
+    end: float
+    """Last time [s]; 0 in a smoke run, which is shorter than its figures ask for."""
+    series: Mapping[str, tuple[int, ...]]
+    """Series of the designs -> shape of an entry."""
+    n_points: int
+    """Points of the sweep."""

@@ -69,7 +69,7 @@ def continuous(p: Mapping[str, float]) -> tuple[Float[Array, "4 4"], Float[Array
 
 def _damping(p: Mapping[str, float]) -> float:
     # Without inductance the current follows at once, I = (V - K_t w_m) / R: the back e.m.f. acts like friction.
-    return p["beta_m"] + p["K_t"] ** 2 / p["R"]
+    return p["beta_m"] + p["K_t"] * p["K_t"] / p["R"]
 
 
 def design(

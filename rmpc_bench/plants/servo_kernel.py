@@ -1,74 +1,365 @@
-"""The compiled inner loop of the servomechanism: rows of a block over the substeps of one sample.
+"""The compiled inner loop of the servomechanism: Taylor series between friction events, for the rows of a block.
 
-The module is imported at the first step only, because it brings numba along.
+Each body slips forwards (mode 1), backwards (-1) or sticks (0).  As long as no mode changes the equations are smooth,
+and the state is a power series in the time tau in [0, 1], scaled to the rest of the sample, whose coefficients follow
+by recursion.  They are dense output, too: an event is the first zero of a polynomial in tau.  The array ``c`` holds
+
+    row 0..4   coefficients of the state [th_l, w_l, th_m, w_m, I]
+    row 5, 6   of the accelerations of load and motor without dry friction, a
+    row 7, 8   of the derivatives of their velocities, d, without the first one
+    row 9, 10  of e = exp(-alpha_2 s w), s the mode, in reverse and followed by zeros: column ORDER holds the first
+
+so that rows 7 + b and 9 + b, shifted, multiply element by element.  Torques are divided by their inertia; the columns
+of ``linear`` (runs, 9) and ``friction`` (runs, 2, 3) are those of `plants.servo.coefficients`.
+
+A body that slips stops where its velocity falls to zero; one that sticks breaks away where its torque outgrows the
+friction.
+
+The module is imported at the first step only, because it brings numba along.  The helpers in the inner loop are written
+into their callers (``inline``), because a call costs as much as the work.  All of it is one file, because numba's cache
+does not see that a function from another one has changed.
 """
 
 from __future__ import annotations
 
-from math import exp
+from math import exp, isfinite, sqrt
 from typing import Any
 
 import numba
 import numpy as np
 
-_SWEEPS = 50  # Gauss-Seidel needs 2 to 5; the coupling of the two bodies over a substep is a few per mille
+OK, TOO_MANY_EVENTS = 0, 3  # of types.Status, which compiled code cannot read
+NO_NUMBERS = -1  # becomes NaN and OK: it is closed_loop that marks such a run
+ORDER = 28  # a multiple of 4; a sample of 0.1 s needs 20 at the parameters of the paper's tables
+INVERSE = 1.0 / np.maximum(1.0, np.arange(ORDER + 1.0))
+LEAST_ORDER = 8  # two small terms before it may be an accident
+MOST_EVENTS = 1000  # in one sample
+MOST_PIECES = 20_000  # in one sample; about 20 ms
+TIE = 1e-13  # relative; a torque that exceeds the friction by no more, a few hundred roundings, does not exceed it
+FAST, STILL_FAST = 45.0, 38.0  # values of alpha_2 |w|; exp(-38) = 3e-17 is lost beside the friction at rest
+NOTHING = 1e-250  # far below any rounding and far enough above underflow
+MOST_STRIDES = 60  # along a polynomial; one to ten are usual, sixty lead into a double zero
+LARGEST = 1e100  # beyond it closed_loop gives a run up, and here squares overflow
 
 
-@numba.njit(cache=True)
-def _friction_level(w: float, a0: float, a1: float, a2: float) -> float:  # pragma: no cover
-    """Largest friction torque at velocity w, the peak of (20), (21); at rest the bound of the sticking torque."""
-    return a0 + a1 * exp(-a2 * abs(w))
+@numba.njit(cache=True, inline="always")
+def _accelerations(c: Any, n: int, linear: Any) -> tuple[float, float]:  # pragma: no cover
+    """Write and return coefficients n of the accelerations without dry friction."""
+    twist = c[2, n] * linear[0] - c[0, n]
+    c[5, n] = linear[1] * twist - linear[2] * c[1, n]
+    c[6, n] = linear[5] * c[4, n] - linear[3] * twist - linear[4] * c[3, n]
+    return c[5, n], c[6, n]
 
 
-@numba.njit(cache=True)
-def _clip(value: float, bound: float) -> float:  # pragma: no cover
-    return max(-bound, min(bound, value))
+@numba.njit(cache=True, inline="always")
+def _slip(
+    c: Any, b: int, n: int, d_0: float, d_n: float, e_0: float, e_n: float, rate: float
+) -> tuple[float, float]:  # fmt: skip  # pragma: no cover
+    """Write and return coefficients n + 1 of the velocity and of e, from e' = rate w' e, of a body that slips.
 
-
-@numba.njit(cache=True)
-def _substep(x: Any, free: Any, G: Any, alpha: Any) -> None:  # pragma: no cover
-    """Add the friction torques to the frictionless end ``free`` of a substep and write the end state into ``x``.
-
-    The torques tau are constant over the substep, lie in [-F, F] and are complementary to the velocities at its end:
-    a body either ends at rest with |tau| <= F or slips with tau = F sign(w).
+    The sum over products has a constant length and four parts: that is what a processor does at once.
     """
-    F_l = _friction_level(x[1], alpha[0], alpha[1], alpha[2])
-    F_m = _friction_level(x[3], alpha[3], alpha[4], alpha[5])
-    W_ll, W_lm, W_ml, W_mm = -G[1, 1], -G[1, 2], -G[3, 1], -G[3, 2]
-    tau_l = tau_m = 0.0
-    for _ in range(_SWEEPS):
-        before_l, before_m = tau_l, tau_m
-        tau_l = _clip((free[1] - W_lm * tau_m) / W_ll, F_l)
-        tau_m = _clip((free[3] - W_ml * tau_l) / W_mm, F_m)
-        if tau_l == before_l and tau_m == before_m:
+    p_0 = p_1 = p_2 = p_3 = 0.0
+    for j in range(0, ORDER, 4):
+        p_0 += c[7 + b, j] * c[9 + b, ORDER - n + j]
+        p_1 += c[7 + b, j + 1] * c[9 + b, ORDER - n + j + 1]
+        p_2 += c[7 + b, j + 2] * c[9 + b, ORDER - n + j + 2]
+        p_3 += c[7 + b, j + 3] * c[9 + b, ORDER - n + j + 3]
+    ends = d_0 * e_n + d_n * e_0 if n > 0 else d_0 * e_0
+    c[1 + 2 * b, n + 1] = INVERSE[n + 1] * d_n
+    c[7 + b, n] = d_n if n > 0 else 0.0
+    c[9 + b, ORDER - n - 1] = rate * INVERSE[n + 1] * (((p_0 + p_1) + (p_2 + p_3)) + ends)
+    return c[1 + 2 * b, n + 1], c[9 + b, ORDER - n - 1]
+
+
+@numba.njit(cache=True)
+def _prepare(c: Any, friction: Any) -> None:  # pragma: no cover
+    """Clear what the recursion adds to and set the first coefficient of e: 0 for a body so fast that e is lost."""
+    for b in range(2):
+        drop = friction[b, 2] * abs(c[1 + 2 * b, 0])
+        c[9 + b, ORDER] = exp(-drop) if drop < FAST else 0.0
+        for n in range(ORDER):
+            c[1 + 2 * b, n + 1] = 0.0
+            c[7 + b, n] = 0.0
+
+
+@numba.njit(cache=True)
+def _expand(
+    c: Any, u: float, h: float, mode: Any, eased: Any, linear: Any, friction: Any, tolerance: float
+) -> tuple[int, float]:  # fmt: skip  # pragma: no cover
+    """Fill the coefficients over a time h from the state c[:, 0]; return the order and the size of the series.
+
+    The series ends after two small terms in a row of velocities and current (the angles then have ended); the order is
+    ORDER + 1 if it has not.  A body that has just broken away (``eased``) has exactly no acceleration.
+    """
+    _prepare(c, friction)
+    e_l, e_m, d_l, d_m, w_l, w_m = c[9, ORDER], c[10, ORDER], 0.0, 0.0, 0.0, 0.0
+    slips_l, slips_m, calm = mode[0] != 0.0, mode[1] != 0.0, 0
+    size_l, size_m, size_i = abs(c[1, 0]), abs(c[3, 0]), abs(c[4, 0])
+    for n in range(ORDER):
+        a_l, a_m = _accelerations(c, n, linear)
+        step, first = h * INVERSE[n + 1], 1.0 if n == 0 else 0.0
+        c[0, n + 1], c[2, n + 1] = step * c[1, n], step * c[3, n]
+        current = step * (first * linear[8] * u - linear[6] * c[4, n] - linear[7] * c[3, n])
+        c[4, n + 1] = current
+        if slips_l:
+            d_n = h * (a_l - mode[0] * (first * friction[0, 0] + friction[0, 1] * e_l)) * (1.0 - first * eased[0])
+            d_l = d_n if n == 0 else d_l
+            w_l, e_l = _slip(c, 0, n, d_l, d_n, c[9, ORDER], e_l, -friction[0, 2] * mode[0])
+        if slips_m:
+            d_n = h * (a_m - mode[1] * (first * friction[1, 0] + friction[1, 1] * e_m)) * (1.0 - first * eased[1])
+            d_m = d_n if n == 0 else d_m
+            w_m, e_m = _slip(c, 1, n, d_m, d_n, c[10, ORDER], e_m, -friction[1, 2] * mode[1])
+        term_l, term_m, term_i = abs(w_l), abs(w_m), abs(current)
+        size_l, size_m, size_i = max(size_l, term_l), max(size_m, term_m), max(size_i, term_i)
+        small = term_l <= tolerance * size_l and term_m <= tolerance * size_m and term_i <= tolerance * size_i
+        calm = calm + 1 if small else 0
+        if calm >= 2 and n + 1 >= LEAST_ORDER:
+            _accelerations(c, n + 1, linear)
+            return n + 1, size_l + size_m + size_i
+    _accelerations(c, ORDER, linear)
+    return ORDER + 1, size_l + size_m + size_i + term_l + term_m + term_i  # the last is NaN if one has been
+
+
+@numba.njit(cache=True)
+def _shrink(c: Any, order: int, factor: float) -> None:  # pragma: no cover
+    """Scale the time by a factor."""
+    power = 1.0
+    for n in range(1, order + 1):
+        power *= factor
+        for i in range(7):
+            c[i, n] *= power
+
+
+@numba.njit(cache=True)
+def _converge(c: Any, tolerance: float) -> float:  # pragma: no cover
+    """Cut a series that has not ended by ORDER to a time over which it does; return the factor."""
+    total = 1.0
+    while total > 1e-300:
+        excess = 0.0
+        for i in (1, 3, 4):
+            size = 0.0
+            for n in range(ORDER + 1):
+                size = max(size, abs(c[i, n]))
+            for n in (ORDER - 1, ORDER):
+                if abs(c[i, n]) > excess * size:
+                    excess = abs(c[i, n]) / size
+        if excess <= tolerance:
             break
-    stuck_l, stuck_m = abs(tau_l) < F_l, abs(tau_m) < F_m
-    held_l, held_m = stuck_l and x[1] == 0.0, stuck_m and x[3] == 0.0
-    if not held_l:  # a body at rest at both ends has not moved in between
-        x[0] = free[0] + G[0, 1] * tau_l + G[0, 2] * tau_m
-    if not held_m:
-        x[2] = free[2] + G[2, 1] * tau_l + G[2, 2] * tau_m
-    x[1] = 0.0 if stuck_l else free[1] - W_ll * tau_l - W_lm * tau_m
-    x[3] = 0.0 if stuck_m else free[3] - W_ml * tau_l - W_mm * tau_m
-    x[4] = free[4] + G[4, 1] * tau_l + G[4, 2] * tau_m
+        factor = min(0.9, (tolerance / excess) ** INVERSE[ORDER])
+        _shrink(c, ORDER, factor)
+        total *= factor
+    return total
 
 
 @numba.njit(cache=True)
-def servo_step_kernel(x: Any, u: Any, E: Any, G: Any, alpha: Any, n_substeps: int) -> Any:  # pragma: no cover
-    """Move every row of ``x`` (runs, 5) over one sample with the voltage ``u`` (runs, 1) held.
+def _brake(c: Any, order: int, friction: Any) -> float:  # pragma: no cover
+    """Cut the time so that no body loses so much speed that e, too small to be seen at first, matters in the end.
 
-    ``E`` (runs, 5, 5) and ``G`` (runs, 5, 3) sample the linear part over a substep; the columns of ``G`` are the
-    voltage and the two friction torques.  ``alpha`` (runs, 6) holds the friction parameters.
+    Where e is lost altogether, the body stays fast enough for that.  Return the factor.
     """
-    x_next = x.copy()
-    free = np.empty(5)
-    for row in range(x.shape[0]):
-        state = x_next[row]
-        for _ in range(n_substeps):
-            for i in range(5):
-                total = G[row, i, 0] * u[row, 0]
-                for j in range(5):
-                    total += E[row, i, j] * state[j]
-                free[i] = total
-            _substep(state, free, G[row], alpha[row])
-    return x_next
+    total = 1.0
+    for b in range(2):
+        fast = friction[b, 2] * abs(c[1 + 2 * b, 0])
+        if fast > FAST - STILL_FAST and friction[b, 1] > 0.0:
+            loss, sign = 0.0, 1.0 if c[1 + 2 * b, 0] > 0.0 else -1.0
+            for n in range(order, 0, -1):
+                loss = max(0.0, loss - sign * c[1 + 2 * b, n])
+            room = (max(fast, FAST) - STILL_FAST) / friction[b, 2]
+            if loss > room:
+                _shrink(c, order, room / loss)
+                total *= room / loss
+    return total
+
+
+@numba.njit(cache=True)
+def _series(
+    c: Any, u: float, h: float, mode: Any, eased: Any, linear: Any, friction: Any, tolerance: float
+) -> tuple[int, float]:  # fmt: skip  # pragma: no cover
+    """Return the order of the series and the fraction of h it is scaled to; order 0 if there are no numbers."""
+    fraction = 1.0
+    while fraction > 1e-200:
+        order, size = _expand(c, u, fraction * h, mode, eased, linear, friction, tolerance)
+        if isfinite(size):
+            if order > ORDER:
+                order = ORDER
+                fraction *= _converge(c, tolerance)
+            return order, fraction * _brake(c, order, friction)
+        fraction *= 1e-2  # overflow
+    return 0, 0.0
+
+
+@numba.njit(cache=True)
+def _evaluate(c: Any, order: int, t: float) -> None:  # pragma: no cover
+    """Put the state at t in the place of that at 0, by five Horner schemes side by side."""
+    th_l = w_l = th_m = w_m = current = 0.0
+    for n in range(order, -1, -1):
+        th_l, w_l, th_m = th_l * t + c[0, n], w_l * t + c[1, n], th_m * t + c[2, n]
+        w_m, current = w_m * t + c[3, n], current * t + c[4, n]
+    c[0, 0], c[1, 0], c[2, 0], c[3, 0], c[4, 0] = th_l, w_l, th_m, w_m, current
+
+
+@numba.njit(cache=True)
+def _stride(value: float, slope: float, curvature: float) -> float:  # pragma: no cover
+    """How far it is to the first zero of a parabola that starts above zero; infinite if there is none."""
+    root = slope * slope - 2.0 * curvature * value
+    if root < 0.0 or (curvature >= 0.0 and slope >= 0.0):
+        return np.inf
+    return 2.0 * value / (sqrt(root) - slope)
+
+
+@numba.njit(cache=True)
+def _walk(
+    c: Any, row: int, order: int, first: int, start: float, end: float, sign: float
+) -> tuple[float, bool]:  # pragma: no cover
+    """Walk along g = start - sign (c[row, first + 1] t + c[row, first + 2] t^2 ...), see `_first_fall`.
+
+    Bounds are nested: what follows a coefficient counts only as far as it is negative.  Where the first stride is very
+    short the bounds are those of a piece too long, and the walk ends earlier.
+    """
+    stride, slope = 0.0, -sign * c[row, first + 1]
+    while stride < end / 32.0:
+        least = curvature = 0.0
+        for n in range(order, first, -1):
+            least = end * min(0.0, least) - sign * c[row, n]
+        if start + end * min(0.0, least) > 0.0:
+            return end, False
+        for n in range(order, first + 1, -1):
+            curvature = end * min(0.0, curvature) - sign * c[row, n] * (n - first) * (n - first - 1)
+        stride = _stride(start, slope, curvature)
+        if stride < end / 32.0:
+            end /= 16.0
+    t = 0.0
+    for _ in range(MOST_STRIDES):
+        t += stride
+        if not t < end:
+            return end, False
+        value = slope = 0.0
+        for n in range(order, first, -1):
+            value = value * t - sign * c[row, n]
+            slope = slope * t + value
+        value = value * t + start
+        if value <= 0.0 or stride <= 2e-16 * t:
+            return t, slope < 0.0
+        stride = _stride(value, slope, curvature)
+    return t, False
+
+
+@numba.njit(cache=True)
+def _first_fall(
+    c: Any, row: int, order: int, end: float, level: float, sign: float
+) -> tuple[float, bool]:  # pragma: no cover
+    """Walk along g = level - sign c[row] over [0, end) until it falls through zero; return where and whether it did.
+
+    A g whose first coefficients are zero starts at a known zero, which is divided out.  The walk cannot pass another:
+    from a point with value and slope it goes to the first zero of the parabola whose curvature is a lower bound for
+    the whole way.  It ends early, without a fall, where g only touches zero.
+    """
+    start, first = level - sign * c[row, 0], 0
+    if level > 0.0 and start < 0.0:
+        start = 0.0  # by TIE at most
+    while abs(start) < NOTHING:
+        first += 1
+        if first > order:
+            return end, False
+        start = -sign * c[row, first]
+    if start < 0.0:
+        return 0.0, True
+    rest, more = abs(c[row, order]), 0.0
+    for n in range(first + 1, order, 2):
+        rest, more = rest + abs(c[row, n]), more + abs(c[row, n + 1])
+    if first == order or rest + more < start:  # a rough bound first: most polynomials stay far from zero
+        return end, False
+    return _walk(c, row, order, first, start, end, sign)
+
+
+@numba.njit(cache=True)
+def _first_event(c: Any, order: int, mode: Any, friction: Any) -> tuple[float, int, float]:  # pragma: no cover
+    """Return where the piece ends, the body with an event there (-1: none) and its new direction (0: it stops)."""
+    end, body, direction = 1.0, -1, 0.0
+    for b in range(2):
+        level = friction[b, 0] + friction[b, 1]
+        for sign in (1.0, -1.0):
+            if level == 0.0 or mode[b] == sign:
+                continue
+            if mode[b] == 0.0:
+                t, falls = _first_fall(c, 5 + b, order, end, level, sign)
+            else:
+                t, falls = _first_fall(c, 1 + 2 * b, order, end, 0.0, sign)
+            if falls:
+                end, body, direction = t, b, sign if mode[b] == 0.0 else 0.0
+            elif t < end:
+                end, body = t, -1
+    return end, body, direction
+
+
+@numba.njit(cache=True)
+def _mode(w: float, acceleration: float, level: float) -> float:  # pragma: no cover
+    """Mode of a body; one without friction has none and counts as slipping forwards."""
+    if level == 0.0 or w > 0.0:
+        return 1.0
+    if w == 0.0 and abs(acceleration) <= level * (1.0 + TIE):
+        return 0.0
+    return 1.0 if w == 0.0 and acceleration > 0.0 else -1.0
+
+
+@numba.njit(cache=True)
+def _begin(c: Any, body: int, mode: Any, linear: Any, friction: Any) -> None:  # pragma: no cover
+    """Derive the mode of a body from the state alone."""
+    _accelerations(c, 0, linear)
+    mode[body] = _mode(c[1 + 2 * body, 0], c[5 + body, 0], friction[body, 0] + friction[body, 1])
+
+
+@numba.njit(cache=True)
+def _sample(
+    c: Any, mode: Any, eased: Any, u: float, linear: Any, friction: Any, Ts: float, tolerance: float
+) -> int:  # fmt: skip  # pragma: no cover
+    """Move the state c[:, 0] over one sample; return the status, or NO_NUMBERS."""
+    rest, events, size = Ts, 0, abs(u)
+    for i in range(5):
+        size += abs(c[i, 0])
+    if not size < LARGEST:
+        return NO_NUMBERS
+    for b in range(2):
+        _begin(c, b, mode, linear, friction)
+        eased[b] = 0.0
+    for _ in range(MOST_PIECES):
+        order, fraction = _series(c, u, rest, mode, eased, linear, friction, tolerance)
+        if order == 0:
+            return NO_NUMBERS
+        t, body, direction = _first_event(c, order, mode, friction)
+        _evaluate(c, order, t)
+        if body < 0 and t * fraction == 1.0:
+            return OK
+        rest -= t * fraction * rest
+        eased[0] = eased[1] = 0.0
+        if body >= 0:
+            events += 1
+            c[1 + 2 * body, 0] = 0.0
+            if direction != 0.0:
+                mode[body], eased[body] = direction, 1.0
+            else:
+                _begin(c, body, mode, linear, friction)
+        if events > MOST_EVENTS:
+            break
+    return TOO_MANY_EVENTS
+
+
+@numba.njit(cache=True)
+def servo_step_kernel(
+    x: Any, u: Any, linear: Any, friction: Any, Ts: float, tolerance: float
+) -> tuple[Any, Any]:  # pragma: no cover
+    """Move every row of ``x`` (runs, 5) over one sample with the voltage ``u`` (runs, 1) held; with statuses.
+
+    ``tolerance`` is the largest last term of a series relative to its largest term.
+    """
+    x_next, status = np.empty(x.shape), np.zeros(len(x), np.int8)
+    c, mode, eased = np.zeros((11, 2 * ORDER + 1)), np.zeros(2), np.zeros(2)
+    for row in range(len(x)):
+        for i in range(5):
+            c[i, 0] = x[row, i]
+        end = _sample(c, mode, eased, u[row, 0], linear[row], friction[row], Ts, tolerance)
+        for i in range(5):
+            x_next[row, i] = np.nan if end == NO_NUMBERS else c[i, 0]
+        status[row] = max(end, OK)
+    return x_next, status

@@ -10,7 +10,7 @@ from rmpc_bench.types import Plant, Status
 
 KINDS = registry.names("plants")
 PARAMETERS = {
-    "servo": [{"substep": 1e-2}, {"substep": 1e-2, "alpha_l0": 0.0, "alpha_l1": 0.0}],
+    "servo": [{}, {"alpha_l0": 0.0, "alpha_l1": 0.0}],
     "servo-linear": [{}],
 }
 """Parameters that make a design of each kind; a new kind gets a line here."""

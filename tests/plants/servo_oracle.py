@@ -73,13 +73,6 @@ def drive(p: dict[str, float], x: ArrayLike) -> tuple[float, float]:
 def friction_mode(p: dict[str, float], x: ArrayLike) -> Mode:
     """Return the mode of load and motor, derived from the state alone.
 
-    Parameters
-    ----------
-    p
-        Parameters of the plant.
-    x
-        State.
-
     Returns
     -------
     tuple of int
@@ -160,15 +153,6 @@ def _polynomials(start: Vector, slope: Vector, dense: Callable[[Vector], Vector]
 def _events(p: dict[str, float], mode: Mode, c: Vector) -> list[tuple[float, int, int]]:
     """Return the first event of each kind within a step.
 
-    Parameters
-    ----------
-    p
-        Parameters of the plant.
-    mode
-        Mode of the step.
-    c
-        Coefficients of the state.
-
     Returns
     -------
     list of tuple
@@ -202,7 +186,8 @@ def _piece(
     solver = DOP853(rhs, 0.0, x, duration, **tol)
     while solver.status == "running":
         start, slope = solver.y.copy(), np.array(rhs(0.0, solver.y))
-        message = solver.step()
+        with np.errstate(invalid="ignore"):  # at rest SciPy's error norm may be 0 / 0; it then takes a shorter step
+            message = solver.step()
         if solver.status == "failed":
             raise RuntimeError(message)
         h = solver.t - solver.t_old
@@ -265,21 +250,10 @@ def fine_step(p: dict[str, float], x: ArrayLike, u: float, duration: float, h: f
 
     Parameters
     ----------
-    p
-        Parameters of the plant.
-    x
-        State at the start.
-    u
-        Voltage.
-    duration
-        Time to integrate, in seconds.
+    p, x, u, duration
+        As for `flow`.
     h
         Step; rounded so that a whole number of steps makes up the duration.
-
-    Returns
-    -------
-    array
-        State at the end.
     """
     steps = max(1, round(duration / h))
     h = duration / steps
@@ -306,16 +280,8 @@ def closed_loop(
 
     Parameters
     ----------
-    p
-        Parameters of the plant.
     controller
         Called as ``controller(k, y_k)`` for ``k = 0 .. n_steps - 1``; returns the voltage held until ``k + 1``.
-    n_steps
-        Number of samples.
-    Ts
-        Sampling time, in seconds.
-    **tol
-        Passed on to `flow`.
 
     Returns
     -------

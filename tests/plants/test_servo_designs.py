@@ -1,4 +1,4 @@
-"""The servomechanism's linear plant, process noise, substeps and parameters without meaning."""
+"""The servomechanism's linear plant, process noise and parameters without meaning."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from plants.servo_oracle import TABLE_2
 from scipy.linalg import expm
 
 from rmpc_bench.plants import servo
-from rmpc_bench.types import Status
+from rmpc_bench.types import DesignError, Status
 
 NO_NOISE = np.zeros((1, 4))
 
@@ -77,11 +77,34 @@ def test_inductance_and_friction_have_a_range_too(name, value):
 
 
 @pytest.mark.parametrize(
-    ("Ts", "substep", "n"), [(0.1, 1e-3, 100), (0.1, 3e-2, 4), (0.1, 0.1, 1), (0.1, 1.0, 1), (0.3, 0.1, 3)]
+    "changes", [{"L": 1e-6}, {"J_l": 1e-6}, {"J_l": 1e-300}, {"J_m": 1e-9, "alpha_m1": 0.0}, {"k_theta": 1e14}]
 )
-def test_the_substep_is_the_longest_integration_step(Ts, substep, n):
-    """Oracle: by hand; a quotient that is whole up to rounding is whole."""
-    assert servo.design(Ts, substep=substep).n_substeps == n
+def test_motion_too_fast_to_follow_is_refused(changes):
+    """Oracle: the fastest mode is 1e5 samples^-1 or faster; a design raises, a drawn run is marked, others go on."""
+    with pytest.raises(DesignError, match="faster than a sample"):
+        servo.design(0.1, **changes)
+    plant = servo.design(0.1)
+    columns = {name: np.array([plant.nominal[name], value]) for name, value in changes.items()}
+    delta = plant.draw(parameters(plant, 2, **columns), [], 1)
+    np.testing.assert_array_equal(delta.status, [Status.OK, Status.OUT_OF_RANGE])
+    moved = plant.step(0, delta, np.zeros((2, 5)), np.full((2, 1), 50.0), np.zeros((2, 4)))
+    np.testing.assert_array_equal(moved.x[0], moved.x[1])  # the marked run goes on with the nominal parameters
+
+
+@pytest.mark.parametrize(
+    "changes", [{"L": 1e-3}, {"J_l": 1e-2}, {"J_l": 1e12}, {"J_m": 1e-3}, {"J_l": 1e6, "J_m": 1e-3}, {"k_theta": 1e8}]
+)
+def test_extreme_parameters_take_long_and_arrive(changes):
+    """Oracle: two halves of a sample make a whole; bounds the error that grows with the number of series."""
+    whole, half = servo.design(0.1, **changes), servo.design(0.05, **changes)
+    u, ends = np.full((1, 1), 40.0), []
+    for plant, n in ((whole, 3), (half, 6)):
+        delta, x = plant.draw(parameters(plant, 1), [], 1), np.zeros((1, 5))
+        for k in range(n):
+            x, status = plant.step(k, delta, x, u, NO_NOISE)
+            assert status[0] == Status.OK
+        ends.append(x)
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-9, atol=1e-11)
 
 
 def test_the_designs_have_the_parameters_of_table_1_and_2():

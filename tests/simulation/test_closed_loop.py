@@ -137,7 +137,7 @@ def test_metrics_of_failed_runs_are_missing_and_nothing_warns():
 @pytest.fixture(scope="module")
 def servo_experiment():
     """Return 50 runs of the perturbed servomechanism with noise, robust filter and clipped MPC, 30 samples."""
-    model, plant = servo_model(), servo.design(0.1, substep=5e-3)
+    model, plant = servo_model(), servo.design(0.1)
     nominal = plant.nominal
     scenario = Scenario(
         seed=20180418,

@@ -1,0 +1,50 @@
+"""The servomechanism without its dry friction, for comparison with a linear model, and the range of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rmpc_bench.models.servo import MUST_BE_POSITIVE
+from rmpc_bench.numerics.linalg import discretise
+from rmpc_bench.types import Array, LinearTruth
+
+
+def admissible(parameters: Mapping[str, Float[Array, " runs"]]) -> Bool[Array, " runs"]:
+    """Whether the parameters of each run mean something: inertias and the like are positive, none is negative.
+
+    Parameters
+    ----------
+    parameters : name -> value of every run
+    """
+    good = np.ones(len(next(iter(parameters.values()))), dtype=bool)
+    for name, values in parameters.items():
+        positive = name in (*MUST_BE_POSITIVE, "L")
+        good &= np.isfinite(values) & ((values > 0.0) if positive else (values >= 0.0))
+    return good
+
+
+def linear_part(
+    continuous: Callable[[Mapping[str, float]], tuple[Array, Array]], parameters: Mapping[str, float], Ts: float
+) -> LinearTruth | None:
+    """Sample the linear part with the voltage held.
+
+    The first four states are the model's; a fifth one, the armature current, is unknown to it.
+
+    Parameters
+    ----------
+    continuous : parameters -> continuous-time matrices; the voltage is the first of the inputs
+    parameters : the parameters of one run
+    Ts : sampling time [s]
+
+    Returns
+    -------
+    LinearTruth or None
+        None where a parameter is out of range, as in the status of the run.
+    """
+    if not admissible({name: np.array([value]) for name, value in parameters.items()})[0]:
+        return None
+    A, B = discretise(*continuous(parameters), Ts)
+    return LinearTruth(A, B[:, :1], np.eye(1, len(A)), np.eye(4, len(A)))
