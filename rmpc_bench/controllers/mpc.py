@@ -2,10 +2,13 @@
 
 Model   minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)|^2_R  over the input increments
         du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu; predictions start at x_hat(k), the reference is known ahead.
-        Law: u(k) = u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k) - K_u u(k-1), u(k-1) the applied input, u(-1) = 0.
-Source  zenere2018, cost (2).  The printed solution (4) minimises |u|^2 instead of |du|^2 and is not used here.
-Chosen  `Q`, `R` weigh scaled signals y / scale.y and u / scale.u; an input beyond `limits` is clipped.
-Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly.
+        Law: u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k), u(k-1) the applied input, u(-1) = 0.
+Source  zenere2018, cost (2).  The printed solution (4) minimises |u|^2 instead of |du|^2: `law: printed`.
+Chosen  `law: increment`, because (2) is what the text states.  `law: printed` holds the input after Hu, as (2) does
+        (du = 0 is left there), so that the last block column of Theta is the response to a step; the printed entry
+        C A^(Hp-Hu-1) B of that column fits no reading.  It has no memory: K_u = I.
+        `Q`, `R` weigh scaled signals y / scale.y and u / scale.u; an input beyond `limits` is clipped.
+Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly, by either law.
 Cost    three small matrix-vector products per run and step.
 Fails   design error where the moves are not determined (R = 0 and an input without effect).
 """
@@ -18,7 +21,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.prediction import predict_moves
+from rmpc_bench.controllers.prediction import predict_inputs, predict_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
 from rmpc_bench.types import Array, Command, DesignError, Estimate, Horizon, Matrix, Positive, Status
@@ -83,11 +86,11 @@ class Mpc:
         estimate: Estimate,
         r: Float[Array, "preview ny"],
     ) -> tuple[MpcState, Command]:
-        """Apply the first move of the minimiser of (2)."""
+        """Apply the first input of the minimiser."""
         u_previous = state.u_previous
         ahead = mv(self.K_r, r[1:].reshape(1, -1))  # the same for all runs
-        u = u_previous + ahead - mv(self.K_x, estimate.x_hat) - mv(self.K_u, u_previous)
-        u = np.clip(u, self.low, self.high)
+        kept = u_previous - mv(self.K_u, u_previous)  # exactly 0 where K_u = I
+        u = np.clip(kept + ahead - mv(self.K_x, estimate.x_hat), self.low, self.high)
         return MpcState(u), Command(u, np.full(len(u), OK), {})
 
 
@@ -100,6 +103,7 @@ def design(
     R: Matrix,
     scale: Scale = Scale(),  # noqa: B008 - frozen, so it cannot be shared by mistake
     limits: Limits | None = None,
+    law: Literal["increment", "printed"] = "increment",
 ) -> Mpc:
     """Model predictive controller in closed form.
 
@@ -109,9 +113,10 @@ def design(
     Hp : prediction horizon [samples]
     Hu : control horizon [samples], at most Hp
     Q : weight of the scaled output error: a number, a diagonal or a matrix
-    R : weight of the scaled input increment: a number, a diagonal or a matrix
+    R : weight of the scaled input increment, or input if the law is `printed`: a number, a diagonal or a matrix
     scale : spans `u` and `y` that the signals are divided by before they are weighed
     limits : bounds of the input, `{u: [low, high]}`
+    law : `increment` minimises (2); `printed` is (4), which weighs the inputs themselves; both hold the input after Hu
 
     Raises
     ------
@@ -125,10 +130,15 @@ def design(
         raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", "limits.u")
     root_Q = _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y"))
     root_R = _scaled_root(R, scale.u, model.nu, ("R", "scale.u"))
-    Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
     root_Q, root_R = np.kron(np.eye(Hp), root_Q), np.kron(np.eye(Hu), root_R)
+    bounds = float(low), float(high)
+    if law == "printed":
+        Psi, Theta = predict_inputs(model, Hp, Hu)
+        first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # u(k) = first (r - Psi x), (4)
+        return Mpc(first @ Psi, np.eye(model.nu), first, *bounds, preview=Hp + 1)
+    Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
     first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # du(k) = first (r - Psi x - Upsilon u(k-1))
-    return Mpc(first @ Psi, first @ Upsilon, first, float(low), float(high), preview=Hp + 1)
+    return Mpc(first @ Psi, first @ Upsilon, first, *bounds, preview=Hp + 1)
 
 
 def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple[str, str]) -> Float[Array, "n n"]:

@@ -27,15 +27,43 @@ def predict_moves(model: LinearModel, Hp: int, Hu: int) -> Prediction:
     model : prediction model
     Hp, Hu : horizons of prediction and of control [samples], Hu <= Hp
     """
-    nx, nu, ny = model.nx, model.nu, model.ny
-    free = [np.eye(nx)]
-    held = [np.zeros((nx, nu))]  # response of the state to a unit step of the input
+    free, step = _responses(model, Hp)
+    Theta = np.zeros((Hp * model.ny, Hu * model.nu))
+    for move in range(Hu):
+        _fill(Theta, move, step, model)
+    return Prediction(np.vstack(free[1:]), np.vstack(step[1:]), Theta)
+
+
+def predict_inputs(model: LinearModel, Hp: int, Hu: int) -> tuple[Float[Array, "rows nx"], Float[Array, "rows inputs"]]:
+    """Stack the predictions Y = Psi x + Theta U for ``Hu`` inputs, the last of which is held.
+
+    The columns of Theta are shifted responses to an impulse, CB, CAB, .., but the last: responses to a step.
+    """
+    free, step = _responses(model, Hp)
+    impulse = [np.zeros_like(step[0]), *(model.C @ power @ model.B for power in _powers(model, Hp)[:-1])]
+    Theta = np.zeros((Hp * model.ny, Hu * model.nu))
+    for move in range(Hu):
+        _fill(Theta, move, step if move == Hu - 1 else impulse, model)
+    return np.vstack(free[1:]), Theta
+
+
+def _powers(model: LinearModel, Hp: int) -> list[Array]:
+    powers = [np.eye(model.nx)]
     for _ in range(Hp):
-        free.append(model.A @ free[-1])
+        powers.append(model.A @ powers[-1])
+    return powers
+
+
+def _responses(model: LinearModel, Hp: int) -> tuple[list[Array], list[Array]]:
+    """Outputs after 0..Hp samples: to the state, and to an input of 1 from the start on."""
+    held = [np.zeros((model.nx, model.nu))]
+    for _ in range(Hp):
         held.append(model.A @ held[-1] + model.B)
-    step = [model.C @ response for response in held]
-    Theta = np.zeros((Hp * ny, Hu * nu))
-    for j in range(Hp):
-        for move in range(min(j + 1, Hu)):
-            Theta[j * ny : (j + 1) * ny, move * nu : (move + 1) * nu] = step[j + 1 - move]
-    return Prediction(np.vstack([model.C @ power for power in free[1:]]), np.vstack(step[1:]), Theta)
+    return [model.C @ power for power in _powers(model, Hp)], [model.C @ response for response in held]
+
+
+def _fill(Theta: Float[Array, "rows columns"], move: int, response: list[Array], model: LinearModel) -> None:
+    """Write the response that starts with input number ``move`` into its columns."""
+    column = slice(move * model.nu, (move + 1) * model.nu)
+    for j in range(move, len(response) - 1):
+        Theta[j * model.ny : (j + 1) * model.ny, column] = response[j + 1 - move]

@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.kl_ball import Inflation
+from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.numerics.riccati import filter_step
+from rmpc_bench.numerics.riccati import error_radius, filter_step
 from rmpc_bench.types import Array, DesignError, Estimate, Status
 
 OK = np.int8(Status.OK)
@@ -69,8 +69,8 @@ class GainScheduleFilter:
         return FilterState(x_pred, state.e)
 
     def series(self) -> dict[str, Array]:
-        """Gains and covariances over k."""
-        return {"K": self.K, "L": self.L, "P": self.P, **self.extra}
+        """Gains and covariances over k, and rho, the spectral radius of F - K C, made here because few need it."""
+        return {"K": self.K, "L": self.L, "P": self.P, "rho": error_radius(self.F, self.K, self.C), **self.extra}
 
 
 def _at(A: Array, k: int) -> Array:
@@ -99,14 +99,15 @@ def riccati_schedule(
     Raises
     ------
     DesignError
-        If the innovation covariance is singular at some step.
+        If the innovation covariance is singular at some step, or a covariance grows beyond 1e100.
     """
     P_pred, V, P, K, L, theta = [P0], [], [], [], [], []
     for k in range(n_steps + 1):
-        inflation = inflate(k, P_pred[-1])
         try:
+            inflation = inflate(k, P_pred[-1])
             step = filter_step(model.A, model.C, model.Q_w, model.R_v, inflation.V)
         except np.linalg.LinAlgError:
+            _refuse_overflow(P_pred)
             raise DesignError(
                 f"the covariance of the innovation is singular at k = {k}: give the model measurement noise"
             ) from None
@@ -116,7 +117,18 @@ def riccati_schedule(
         L.append(step.L)
         K.append(step.K)
         P_pred.append(step.P_next)
+    _refuse_overflow(P_pred)
     extra = {"P_pred": np.array(P_pred[:-1]), "V": np.array(V), "theta": np.array(theta)}
     return GainScheduleFilter(
         x0, model.A[None], model.B[None], model.C[None], np.array(K), np.array(L), np.array(P), extra
     )
+
+
+def _refuse_overflow(P_pred: list[Array]) -> None:
+    """Insist on covariances that are numbers, and not so large that their gains are none."""
+    fits = (np.abs(np.array(P_pred)) < LARGEST).all(axis=(1, 2))  # false for nan
+    if not fits.all():
+        raise DesignError(
+            f"the covariance of the prediction grows beyond {LARGEST:g} at k = {np.flatnonzero(~fits)[0]}: the "
+            "measurements do not bound the error; choose less uncertainty or fewer steps"
+        )

@@ -1,11 +1,13 @@
 """Risk-sensitive filter: the robust Kalman filter with its multiplier held constant.
 
 Model   as in robust_kalman.py, but the divergence is a penalty of weight 1/theta instead of a constraint.
-        V, theta, P_pred and P as there.
-Source  zenere2018, Theorem 2, (17), (18).
+        V, theta, P_pred, P and rho as there.
+Source  zenere2018, Theorem 2, (17), (18); tau = 1 is (19), V = F exp(theta F'F) F' with P_pred = F F'.
+Chosen  theta as in (18), which follows from (17) with twice the divergence (10); from (17) as printed, V has 2 theta.
 Limit   theta -> 0 gives the Kalman filter; theta = the robust filter's steady multiplier gives its steady gains.
-Cost    as every gain schedule.
-Fails   design error at the first step where theta * lambda_max(P_pred) >= 1: V is then undefined (Remark 2).
+Cost    as every gain schedule; theta_from runs the robust filter until it is steady.
+Fails   design error at the first step where theta * (1 - tau) * lambda_max(P_pred) >= 1, where V is undefined
+        (Remark 2), or where V overflows, which is what remains at tau = 1.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.kl_ball import Inflation, inflate, inflate_to_radius
+from rmpc_bench.numerics.kl_ball import Inflation, Reading, Tau, inflate, inflate_to_radius, right_side
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.types import Array, DesignError, Positive
 
@@ -30,10 +32,12 @@ class Radius:
 
     Parameters
     ----------
-    c : radius of the Kullback-Leibler ball
+    c : radius of the ball
+    kl : `printed` is (16) as printed, `half` has the factor 1/2 of the divergence (10)
     """
 
     c: Positive
+    kl: Reading = "printed"
 
 
 def design(
@@ -44,6 +48,7 @@ def design(
     P0: Float[Array, "nx nx"],
     theta: Positive | None = None,
     theta_from: Radius | None = None,
+    tau: Tau = 0.0,
 ) -> GainScheduleFilter:
     """Risk-sensitive filter; give either theta or theta_from.
 
@@ -54,21 +59,24 @@ def design(
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) its covariance
     theta : risk sensitivity [1 / unit of P_pred]
-    theta_from : `{c: 0.1}` takes the steady theta of the robust Kalman filter with radius c
+    theta_from : `{c: 0.1}` takes the steady theta of the robust Kalman filter with radius c, reading kl and this tau
+    tau : divergence of the penalty: 0 is Kullback and Leibler's, (18), 1 the one of (19), defined for any P
 
     Raises
     ------
     DesignError
-        If both or none are given, or V is undefined at some step.
+        If both or none are given, or V is undefined or overflows at some step.
     """
     if (theta is None) == (theta_from is None):
         raise DesignError("give either theta or theta_from: {c: ...}")
-    chosen = steady_theta(model, P0, theta_from.c) if theta_from is not None else theta
+    chosen = theta
+    if theta_from is not None:
+        chosen = steady_theta(model, P0, right_side(theta_from.c, theta_from.kl), tau)
     assert chosen is not None
 
     def inflate_at(k: int, P_pred: Array) -> Inflation:
         try:
-            return Inflation(inflate(P_pred, chosen), chosen)  # (18), first line
+            return Inflation(inflate(P_pred, chosen, tau), chosen)  # (18), first line, or (19)
         except ValueError as error:
             raise DesignError(
                 f"V is undefined from step k = {k} on: {error} (theta = {chosen:.9g}); "
@@ -78,8 +86,8 @@ def design(
     return riccati_schedule(model, n_steps, x0, P0, inflate_at)
 
 
-def steady_theta(model: LinearModel, P0: Float[Array, "nx nx"], c: float) -> float:
-    """Multiplier of the robust Kalman filter of radius ``c`` after convergence.
+def steady_theta(model: LinearModel, P0: Float[Array, "nx nx"], c: float, tau: float = 0.0) -> float:
+    """Multiplier of the robust Kalman filter after convergence, with ``c`` on the right of (16).
 
     Raises
     ------
@@ -88,7 +96,7 @@ def steady_theta(model: LinearModel, P0: Float[Array, "nx nx"], c: float) -> flo
     """
     P_pred, last, quiet = P0, 0.0, 0
     for _ in range(_MAX_STEPS):
-        V, theta = inflate_to_radius(P_pred, c)  # (13), (16)
+        V, theta = inflate_to_radius(P_pred, c, tau)  # (13), (16)
         P_pred = filter_step(model.A, model.C, model.Q_w, model.R_v, V).P_next  # (14), (15)
         quiet = quiet + 1 if abs(theta - last) <= _STEADY * max(1.0, c) * theta else 0
         if quiet == 10:  # one small change may be a turning point

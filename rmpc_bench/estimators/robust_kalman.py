@@ -1,10 +1,13 @@
-"""Robust Kalman filter over a Kullback-Leibler ball.
+"""Robust Kalman filter over a ball of densities.
 
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k), nominally w ~ N(0, Q_w), v ~ N(0, R_v).  At every step
         nature may choose any density of (x(k+1), y(k)) given the past within divergence `c` of the nominal one.
         V is the covariance of the prediction error under the worst density, theta the multiplier of the constraint,
-        P_pred the paper's P_t; P is the covariance of x_hat - x that follows from V.
-Source  zenere2018, Theorem 1, (5), (6), (13)-(16); without input Levy and Nikoukhah (2013).
+        P_pred the paper's P_t; P is the covariance of x_hat - x that follows from V; rho is the spectral radius of
+        A - K C.
+Source  zenere2018, Theorem 1, (5), (6), (13)-(16); without input Levy and Nikoukhah (2013).  With tau > 0 the
+        Kullback-Leibler divergence gives way to the tau-divergence; tau = 1 leads to the form of V in (19).
+Chosen  (16) as printed, although half of its left side is the divergence (10) between Gaussians: `kl: half`.
 Limit   c -> 0 gives the Kalman filter.
 Cost    as every gain schedule; the design solves one scalar equation per step.
 Fails   design error where C V C' + R_v is singular.
@@ -16,12 +19,19 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.kl_ball import inflate_to_radius
+from rmpc_bench.numerics.kl_ball import Reading, Tau, inflate_to_radius, right_side
 from rmpc_bench.types import Array, Positive
 
 
 def design(
-    model: LinearModel, n_steps: int, *, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"], c: Positive
+    model: LinearModel,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    c: Positive,
+    kl: Reading = "printed",
+    tau: Tau = 0.0,
 ) -> GainScheduleFilter:
     """Robust Kalman filter over a ball of radius c.
 
@@ -31,6 +41,15 @@ def design(
     n_steps : number of control periods N; gains are made for k = 0..N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) its covariance, singular allowed
-    c : radius of the Kullback-Leibler ball: the tolerance for model error, per step
+    c : radius of the ball: the tolerance for model error, per step
+    kl : `printed` is (16) as printed; `half` has the factor 1/2 of the divergence (10), as if c were twice as large
+    tau : divergence that the ball is made of: 0 is Kullback and Leibler's, 1 the one of (19)
     """
-    return riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: inflate_to_radius(P_pred, c))  # (13), (16)
+    bound = right_side(c, kl)
+    return riccati_schedule(
+        model,
+        n_steps,
+        x0,
+        P0,
+        lambda k, P_pred: inflate_to_radius(P_pred, bound, tau),  # (13), (16)
+    )

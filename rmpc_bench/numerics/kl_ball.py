@@ -1,24 +1,43 @@
-"""The Kullback-Leibler ball: how far nature may move a covariance P within divergence c.
+"""The ball of a divergence: how far nature may move a covariance P = F F' within radius c.
 
-Source  zenere2018, (13) and (16).  With x_i = theta * lambda_i(P) the left side of (16) is
-        sum_i [log(1 - x_i) + x_i / (1 - x_i)], strictly increasing in theta from 0 to infinity.
+The divergence between the covariances V and P is that of the tau family, tr d(S) with S = F^-1 V F^-T and
+
+        d(s) = [s - 1 - (s^tau - 1) / tau] / (1 - tau),   tau = 0: s - 1 - log s,   tau = 1: s log s - s + 1.
+
+The V of largest trace at tr d(S) = c makes theta F'F = d'(S) = (I - S^(tau - 1)) / (1 - tau), theta the inverse
+multiplier of the constraint.  With x_i = theta * lambda_i(P), and s_i how much nature stretches that eigenvalue,
+
+        s_i = (1 - (1 - tau) x_i)^(-1 / (1 - tau)),   tau = 0: 1 / (1 - x_i),   tau = 1: exp(x_i),
+
+and sum_i d(s_i) = c fixes theta: the sum increases strictly from 0 to infinity.  Nature moves covariances only: at a
+price of dm' P^-1 dm, as at tau = 0, a shift dm of the mean would pay where x_i > 1, which takes tau > 0 and a large c.
+
+Source  zenere2018, (13), (16) at tau = 0 and (19) at tau = 1; between them derived as above (the family is Zorzi's).
 Limit   c -> 0 gives theta -> 0 and V -> P.
-Digits  theta is right to the last one; 1 - theta * lambda_max is about 1/c, so the largest eigenvalue of V keeps a
-        relative error of about c * 1e-16.
+Chosen  The unknown is g = log s of the largest eigenvalue, which no pole bounds for any tau, and Newton's method works
+        on the root of the left side, which is close to linear: it ends when the next step would be rounding.
+Digits  from the eigenvalues of P on, theta and V are right to 2e-15 for every tau and c, by positive sums where the
+        closed forms cancel; two eigenvalues that are almost equal differ by a rounding, which V magnifies by s.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from annotated_types import Ge, Le
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.types import Array
 
-_BELOW_ONE = math.nextafter(1.0, 0.0)
+Tau: TypeAlias = Annotated[float, Ge(0), Le(1)]
+"""Member of the family of divergences."""
+Reading: TypeAlias = Literal["printed", "half"]
+"""(16) as printed, or with the factor 1/2 that the divergence (10) of two Gaussians has."""
+
+LARGEST = 1e100
+"""A covariance beyond this has overflown in all but name."""
 
 
 class Inflation(NamedTuple):
@@ -28,87 +47,124 @@ class Inflation(NamedTuple):
     theta: float
 
 
-def divergence(s: float, mu: list[float]) -> float:
-    """Left side of (16) at theta = s / lambda_max, for eigenvalues mu = lambda / lambda_max."""
-    return sum(_term(s * m) for m in mu)
+def right_side(c: float, kl: Reading) -> float:
+    """Right side of (16) for a ball of radius c: half of the left side is at most c where (10) is taken at its word."""
+    return 2.0 * c if kl == "half" else c
 
 
-def _term(x: float) -> float:
-    """log(1 - x) + x / (1 - x); for small x, where the two cancel, their series: the sum of (1 - 1/k) x^k, k >= 2."""
-    if x < 1e-2:  # the first term left out is below 1e-16 of the first one kept
-        tail = sum((1.0 - 1.0 / k) * x ** (k - 2) for k in range(9, 2, -1))
-        return x * x * (0.5 + tail)
-    return math.log1p(-x) + x / (1.0 - x)
+def solve_stretch(mu: list[float], c: float, tau: float = 0.0) -> float:
+    """Solve sum_i d(s_i) = c for g = log(s) of the largest eigenvalue.
 
-
-def solve_scaled(mu: list[float], c: float) -> float:
-    """Solve (16) for s = theta * lambda_max in (0, 1), to the last bit.
-
-    Newton's method on the convex, increasing left side comes within a few units in the last place; a bracket is then
-    opened around it and halved until no double lies inside.
+    Parameters
+    ----------
+    mu : eigenvalues of P over the largest one
+    c : right side, > 0
+    tau : member of the family, 0 to 1
     """
-    if divergence(_BELOW_ONE, mu) <= c:  # the ball is larger than doubles can tell
-        return _BELOW_ONE
-    s = _newton(mu, c)
-    low = high = s
-    width = math.ulp(s)
-    while divergence(low, mu) > c:
-        low, width = max(low - width, 0.0), 2.0 * width
-    width = math.ulp(s)
-    while divergence(high, mu) <= c:
-        high, width = min(high + width, _BELOW_ONE), 2.0 * width
-    while low < (middle := 0.5 * (low + high)) < high:
-        if divergence(middle, mu) > c:
-            high = middle
-        else:
-            low = middle
-    return low if c - divergence(low, mu) <= divergence(high, mu) - c else high
-
-
-def _newton(mu: list[float], c: float) -> float:
-    # The left side is about n s^2 / 2 for small s and about 1 / (1 - s) near s = 1.
-    s = math.sqrt(2.0 * c / len(mu)) if c < 0.1 else c / (1.0 + c)
+    g = math.log1p(math.sqrt(2.0 * c / sum([m * m for m in mu])) + c)  # right for small c, and near for large c
     for _ in range(100):
-        slope = sum(s * m * m / (1.0 - s * m) ** 2 for m in mu)
-        s_next = s - (divergence(s, mu) - c) / slope
-        if not 0.0 < s_next < 1.0:
-            s_next = 0.5 * (s + (1.0 if s_next >= 1.0 else 0.0))
-        if abs(s_next - s) <= 2.0 * math.ulp(s):
-            return s_next
-        s = s_next
-    return s
+        left, slope = _divergence(g, mu, tau)
+        step = 2.0 * (left - math.sqrt(c) * math.sqrt(left)) / slope
+        g = g - step if step < g else 0.5 * g
+        if abs(step) <= 1e-9 * g:  # the error after a step is of the order of its square
+            break
+    return g
 
 
-def inflate(P: Float[Array, "n n"], theta: float) -> Float[Array, "n n"]:
-    """V = (P^-1 - theta I)^-1 by eigenvalues, so that a singular P is no obstacle, (13).
+def _divergence(g: float, mu: list[float], tau: float) -> tuple[float, float]:
+    """Left side sum_i d(s_i) and its derivative by g, at log(s) = g of the largest eigenvalue."""
+    a = 1.0 - tau
+    x_max = multiplier(g, tau)
+    far = (a if tau < 1.0 else 1.0) * g > 0.35  # what the closed form loses by cancellation is then below ten roundings
+    left = slope = 0.0
+    for m in mu:
+        log_s = _log_stretch(m, g, x_max, tau)
+        s = math.exp(log_s)
+        left += _far(log_s, s, tau) if far else _near(log_s, tau)
+        slope += m * m * s * math.exp(a * (log_s - g))  # d'(s_i) = x_i, ds_i/dx_i = s_i^(1 + a), dx_max/dg = e^(-a g)
+    return left, slope * x_max
+
+
+def _far(log_s: float, s: float, tau: float) -> float:
+    if tau == 1.0:
+        return log_s * s - s + 1.0
+    power = math.expm1(tau * log_s) / tau if tau > 1e-17 else log_s
+    return (s - 1.0 - power) / (1.0 - tau)
+
+
+def _near(log_s: float, tau: float) -> float:
+    """d(s) as the sum over k >= 2 of (1 + tau + .. + tau^(k-2)) log(s)^k / k!, in which nothing cancels."""
+    total = power = 0.5 * log_s * log_s
+    term, geometric, k = total, 1.0, 2
+    while term > 1e-17 * total:
+        k += 1
+        power *= log_s / k
+        geometric = 1.0 + tau * geometric
+        term = power * geometric
+        total += term
+    return total
+
+
+def multiplier(g: float, tau: float) -> float:
+    """The x = theta * lambda that stretches lambda by e^g."""
+    a = 1.0 - tau
+    return -math.expm1(-a * g) / a if tau < 1.0 else g
+
+
+def _log_stretch(m: float, g: float, x_max: float, tau: float) -> float:
+    """Log(s) of the eigenvalue m * lambda_max when that of lambda_max is g."""
+    a = 1.0 - tau
+    if tau == 1.0:
+        return m * g
+    q = m * (a * x_max)
+    return -math.log1p(-q) / a if q < 0.5 else -math.log((1.0 - m) + m * math.exp(-a * g)) / a
+
+
+def inflate(P: Float[Array, "n n"], theta: float, tau: float = 0.0) -> Float[Array, "n n"]:
+    """V = F (I - theta (1 - tau) F'F)^(-1/(1 - tau)) F', (13), (19), by eigenvalues: a singular P is no obstacle.
 
     Raises
     ------
     ValueError
-        If theta * lambda_max(P) >= 1: V is undefined.
+        If theta * (1 - tau) * lambda_max(P) >= 1, where V is undefined, or V is too large for its gains.
     """
-    lam, U = np.linalg.eigh(symmetrise(P))
-    if theta * lam[-1] >= 1.0:
-        raise ValueError(f"theta*lambda_max(P) = {theta * lam[-1]:.6g} is not below 1")
-    return _rebuild(U, np.maximum(lam, 0.0), theta * np.maximum(lam, 0.0))
+    lam, U = np.linalg.eigh(P)
+    lam = np.maximum(lam, 0.0)
+    x, a = theta * lam, 1.0 - tau
+    if a * x[-1] >= 1.0:
+        factor = "theta*lambda_max(P)" if tau == 0.0 else "theta*(1 - tau)*lambda_max(P)"
+        raise ValueError(f"{factor} = {a * x[-1]:.6g} is not below 1")
+    if tau == 0.0:
+        return _rebuild(U, lam / (1.0 - x))
+    log_s = -np.log1p(-a * x) / a if tau < 1.0 else x
+    if lam[-1] > 0.0 and log_s[-1] + math.log(lam[-1]) > math.log(LARGEST):
+        raise ValueError(f"V overflows (theta*lambda_max(P) = {x[-1]:.6g})")
+    return _rebuild(U, lam * np.exp(log_s))
 
 
-def inflate_to_radius(P: Float[Array, "n n"], c: float) -> Inflation:
-    """Solve (16) for theta and return V of (13); P = 0 gives V = 0 with theta = 0.
+def inflate_to_radius(P: Float[Array, "n n"], c: float, tau: float = 0.0) -> Inflation:
+    """Solve (16) for theta and return V of (13), or theirs for another tau; P = 0 gives V = 0 with theta = 0.
 
     Parameters
     ----------
-    P : (n, n) positive semidefinite matrix, singular allowed
-    c : radius of the ball, > 0 (dimensionless)
+    P : (n, n) positive semidefinite matrix, singular allowed; its lower triangle is read
+    c : right side of (16), > 0 (dimensionless)
+    tau : member of the family, 0 to 1
     """
-    lam, U = np.linalg.eigh(symmetrise(P))
-    lam = np.maximum(lam, 0.0)
-    if lam[-1] == 0.0:
+    lam, U = np.linalg.eigh(P)
+    largest = lam.item(-1)
+    if largest <= 0.0:
         return Inflation(np.zeros_like(P), 0.0)
-    mu = lam / lam[-1]
-    s = solve_scaled(mu.tolist(), c)
-    return Inflation(_rebuild(U, lam, s * mu), s / float(lam[-1]))
+    values = lam.tolist()
+    mu = [value / largest if value > 0.0 else 0.0 for value in values]
+    g = solve_stretch(mu, c, tau)
+    x_max = multiplier(g, tau)
+    stretched = [m * largest * math.exp(_log_stretch(m, g, x_max, tau)) for m in mu]
+    return Inflation(_rebuild(U, np.array(stretched)), x_max / largest)
 
 
-def _rebuild(U: Float[Array, "n n"], lam: Float[Array, " n"], x: Float[Array, " n"]) -> Float[Array, "n n"]:
-    return symmetrise((U * (lam / (1.0 - x))) @ U.T)
+def _rebuild(U: Float[Array, "n n"], lam: Float[Array, " n"]) -> Float[Array, "n n"]:
+    """U diag(lam) U', as a product with its own transpose, which is symmetric to the last bit."""
+    root = U * np.sqrt(lam)
+    V: Array = root.dot(root.T)
+    return V

@@ -15,6 +15,7 @@ PARAMETERS = {
     "mpc": [
         {"Hp": 6, "Hu": 2, "Q": 1.0, "R": 0.1, "limits": Limits(u=(-0.3, 0.3))},
         {"Hp": 3, "Hu": 3, "Q": 1.0, "R": 0.1, "scale": Scale(u=2.0, y=3.0)},
+        {"Hp": 4, "Hu": 2, "Q": 1.0, "R": 0.1, "law": "printed"},
     ],
 }
 """Parameters that make a design of each kind; a new kind gets a line here."""

@@ -13,8 +13,8 @@ from rmpc_bench.types import Estimator, Status
 KINDS = registry.names("estimators")
 PARAMETERS = {
     "kalman": [{}],
-    "robust-kalman": [{"c": 0.1}],
-    "risk-sensitive": [{"theta": 0.01}, {"theta_from": Radius(c=0.01)}],
+    "robust-kalman": [{"c": 0.1}, {"c": 0.1, "kl": "half", "tau": 0.5}],
+    "risk-sensitive": [{"theta": 0.01}, {"theta_from": Radius(c=0.01)}, {"theta": 0.01, "tau": 1.0}],
 }
 """Parameters beyond the start that make a design of each kind; a new kind gets a line here."""
 SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]

@@ -100,8 +100,90 @@ def test_without_a_cost_of_moves_one_step_reaches_the_reference(rng):
     controller = design(m, Hp=1, Hu=1, Q=1.0, R=0.0)
     x_hat, u_previous, r = rng.standard_normal((5, 3)), rng.standard_normal((5, 2)), rng.standard_normal((2, 2))
     _, command = apply(controller, x_hat, u_previous, r)
+    same = apply(design(m, Hp=1, Hu=1, Q=1.0, R=0.0, law="printed"), x_hat, u_previous, r)[1].u
+    np.testing.assert_allclose(same, command.u, rtol=1e-9)
     y_next = (x_hat @ m.A.T + command.u @ m.B.T) @ m.C.T
     np.testing.assert_allclose(y_next, np.tile(r[1], (5, 1)), atol=1e-11)
+
+
+def brute_force_printed(m, x, r, Hp, Hu, Q, R, span_u, span_y):
+    """u(k) that minimises the sum of |y - r|^2_Q and |u|^2_R, by lstsq on simulated predictions, u held after Hu."""
+    root_Q, root_R = np.linalg.cholesky(Q).T, np.linalg.cholesky(R).T
+
+    def residuals(inputs):
+        moves = np.diff(inputs, axis=0, prepend=0.0)
+        error = (simulated_outputs(m, x, np.zeros(m.nu), moves, Hp) - r) / span_y
+        return np.concatenate([(error @ root_Q.T).ravel(), (inputs / span_u @ root_R.T).ravel()])
+
+    at_zero = residuals(np.zeros((Hu, m.nu)))
+    columns = [residuals(unit.reshape(Hu, m.nu)) - at_zero for unit in np.eye(Hu * m.nu)]
+    return np.linalg.lstsq(np.array(columns).T, -at_zero, rcond=None)[0][: m.nu]
+
+
+@pytest.mark.parametrize(("Hp", "Hu"), [(1, 1), (6, 2), (5, 5)])
+@pytest.mark.parametrize(("nx", "nu", "ny"), [(1, 1, 1), (4, 1, 1), (3, 2, 2), (3, 2, 1), (3, 1, 2)])
+def test_the_printed_law_minimises_the_cost_of_inputs(nx, nu, ny, Hp, Hu, rng):
+    """Oracle: brute force on predictions that are simulated sample by sample; the past input plays no part."""
+    m = random_model(rng, nx, nu, ny)
+    Q, R = random_psd(rng, ny, 5.0), random_psd(rng, nu, 5.0)
+    span_u, span_y = rng.uniform(0.5, 3.0, nu), rng.uniform(0.5, 3.0, ny)
+    scale = Scale(u=span_u.tolist(), y=span_y.tolist())
+    controller = design(m, Hp=Hp, Hu=Hu, Q=Q.tolist(), R=R.tolist(), scale=scale, law="printed")
+    x_hat, r = rng.standard_normal((3, nx)), rng.standard_normal((Hp + 1, ny))
+    expected = [brute_force_printed(m, x, r[1:], Hp, Hu, Q, R, span_u, span_y) for x in x_hat]
+    _, command = apply(controller, x_hat, np.zeros((3, nu)), r)
+    np.testing.assert_allclose(command.u, expected, rtol=1e-10, atol=1e-10)
+    _, after_another = apply(controller, x_hat, 1e6 * rng.standard_normal((3, nu)), r)
+    np.testing.assert_array_equal(after_another.u, command.u)
+
+
+def test_the_printed_law_is_4(servo):
+    """Oracle: [I 0 ..] (Theta' Q Theta + R)^-1 Theta' Q (r - Psi x) with inverses, Theta filled entry by entry."""
+    Hp, Hu, q, rho = 10, 3, 0.1, 0.1 * (2.0 * np.pi / 440.0) ** 2
+    entry = [(servo.C @ np.linalg.matrix_power(servo.A, i) @ servo.B).item() for i in range(Hp)]
+    Theta = np.array([[entry[i - j] if i >= j else 0.0 for j in range(Hu)] for i in range(Hp)])
+    Theta[:, -1] = np.cumsum(Theta[:, -1])  # held after Hu
+    gain = (np.linalg.inv(Theta.T @ Theta * q + rho * np.eye(Hu)) @ Theta.T * q)[0]
+    Psi = np.vstack([servo.C @ np.linalg.matrix_power(servo.A, i + 1) for i in range(Hp)])
+    controller = design(servo, Hp=Hp, Hu=Hu, Q=0.1, R=0.1, scale=Scale(u=440.0, y=2.0 * np.pi), law="printed")
+    np.testing.assert_allclose(controller.K_r[0], gain, rtol=1e-9)
+    np.testing.assert_allclose(controller.K_x[0], gain @ Psi, rtol=1e-9)
+
+
+def step_response(model, controller, samples=350):
+    """y and u of the model itself under the controller, which sees the state; reference pi/2."""
+    x, state, y, u = np.zeros((1, 4)), controller.init(1), [0.0], []
+    for k in range(samples):
+        measured = x[:, :1].copy()
+        state, command = controller.control(k, state, measured, estimate_of(x), np.full((11, 1), np.pi / 2))
+        x = x @ model.A.T + command.u @ model.B.T
+        y.append(x[0, 0])
+        u.append(command.u[0, 0])
+    return np.array(y), np.array(u)
+
+
+@pytest.mark.parametrize(
+    ("law", "at_5_s", "settles"), [("increment", 1.5588, (3.0, 3.2)), ("printed", 0.5641, (31.0, 33.05))]
+)
+def test_on_the_servo_the_printed_law_is_too_slow(servo, law, at_5_s, settles):
+    """Oracle: servo.md 3.1: y(5 s) = 0.56-0.59 rad, 5 % after 31-33 s; claim 1a: 3.1 s, overshoot 10.3 %."""
+    limits = Limits(u=(-220.0, 220.0))
+    controller = design(servo, Hp=10, Hu=3, Q=0.1, R=0.1, scale=Scale(u=440.0, y=2.0 * np.pi), limits=limits, law=law)
+    y, _ = step_response(servo, controller)
+    np.testing.assert_allclose(y[50], at_5_s, rtol=0, atol=5e-5)
+    outside = np.flatnonzero(np.abs(y - np.pi / 2) > 0.05 * np.pi / 2)
+    assert settles[0] <= 0.1 * (outside[-1] + 1) <= settles[1]
+    if law == "increment":
+        np.testing.assert_allclose(y.max() / (np.pi / 2) - 1.0, 0.103, rtol=0, atol=5e-4)
+
+
+@pytest.mark.parametrize(("law", "at_5_s", "peak"), [("increment", 0.0186, 8.94), ("printed", 1.5e-4, 0.0066)])
+def test_on_the_servo_unscaled_weights_move_nothing(servo, law, at_5_s, peak):
+    """Oracle: servo.md section 1: with Q = R = 0.1 unscaled, y(5 s) = 0.019 and a few volts, or nothing at all."""
+    y, u = step_response(servo, design(servo, Hp=10, Hu=3, Q=0.1, R=0.1, law=law))
+    np.testing.assert_allclose(y[50], at_5_s, rtol=0.05)
+    np.testing.assert_allclose(u.max(), peak, rtol=0.01)
+    assert abs(y[-1] - np.pi / 2) > 0.05 * np.pi / 2
 
 
 @pytest.fixture(scope="module")

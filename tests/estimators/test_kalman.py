@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import random_model, random_psd, within_stat
+from conftest import ROUND, random_model, random_psd, within_stat
 from filterpy.kalman import KalmanFilter
 from scipy.linalg import solve_discrete_are
 
@@ -136,10 +136,21 @@ def test_a_singular_innovation_is_a_design_error():
 
 
 def test_series_cover_all_samples(small_model):
-    """Oracle: gains are made for k = 0..N; theta of a Kalman filter is 0 and V is P_pred."""
+    """Oracle: gains are made for k = 0..N; theta of a Kalman filter is 0, V is P_pred, rho the radius of A - K C."""
     series = design(small_model, 5, x0=np.zeros(3), P0=np.eye(3)).series()
     assert {name: len(values) for name, values in series.items()} == dict.fromkeys(
-        ("K", "L", "P", "P_pred", "V", "theta"), 6
+        ("K", "L", "P", "P_pred", "V", "theta", "rho"), 6
     )
     np.testing.assert_array_equal(series["theta"], np.zeros(6))
     np.testing.assert_array_equal(series["V"], series["P_pred"])
+    radii = [np.abs(np.linalg.eigvals(small_model.A - K @ small_model.C)).max() for K in series["K"]]
+    np.testing.assert_allclose(series["rho"], radii, **ROUND)
+
+
+def test_a_covariance_without_bound_is_a_design_error():
+    """Oracle: by hand; nobody sees x, P(k) = (4^(k+1) - 1) / 3 goes beyond 1e100 at k = 166."""
+    model = LinearModel([[2.0]], [[1.0]], [[0.0]], [[1.0]], [[1.0]])
+    design(model, 160, x0=np.zeros(1), P0=np.eye(1))
+    for n_steps in (170, 600):
+        with pytest.raises(DesignError, match=r"beyond 1e\+100 at k = 166"), np.errstate(all="ignore"):
+            design(model, n_steps, x0=np.zeros(1), P0=np.eye(1))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import ROUND, random_model, random_psd
+from scipy.linalg import expm
 
 from rmpc_bench.estimators import kalman, risk_sensitive, robust_kalman
 from rmpc_bench.estimators.risk_sensitive import Radius
@@ -54,6 +55,44 @@ def test_a_large_start_is_a_design_error_at_its_first_step(servo, scale, k):
     """Oracle: servo.md 3.4: undefined from t = 3, 1 and 0 on."""
     with pytest.raises(DesignError, match=rf"step k = {k} .*not below 1.*smaller theta"):
         risk_sensitive.design(servo, 300, x0=np.zeros(4), P0=scale * np.eye(4), theta=THETA_BAR)
+
+
+def test_at_tau_1_a_large_start_is_defined_until_it_overflows(servo):
+    """Oracle: servo.md 3.4: (19) survives P_0 = 100 I and comes to its steady gain, and overflows from 400 I on."""
+    start = {"x0": np.zeros(4), "theta": THETA_BAR, "tau": 1.0}
+    survivor = risk_sensitive.design(servo, 3000, P0=100.0 * np.eye(4), **start)
+    usual = risk_sensitive.design(servo, 3000, P0=servo.Q_w, **start)
+    np.testing.assert_allclose(survivor.L[-1], usual.L[-1], rtol=1e-9)
+    assert survivor.series()["rho"][-1] < 1.0
+    for scale, k in ((400.0, 3), (500.0, 2), (1e10, 0)):
+        with pytest.raises(DesignError, match=rf"step k = {k} .*overflows.*smaller theta"):
+            risk_sensitive.design(servo, 300, P0=scale * np.eye(4), **start)
+
+
+def test_tau_1_is_19(rng):
+    """Oracle: V = F exp(theta F'F) F' with the Cholesky factor, by SciPy, and the rest of Theorem 2 written out."""
+    m, theta, P = random_model(rng, 3, 1, 2), 0.2, random_psd(rng, 3)
+    ours = risk_sensitive.design(m, 10, x0=np.zeros(3), P0=P, theta=theta, tau=1.0)
+    for k in range(11):
+        F = np.linalg.cholesky(P)
+        V = F @ expm(theta * F.T @ F) @ F.T
+        S = m.C @ V @ m.C.T + m.R_v
+        L = V @ m.C.T @ np.linalg.inv(S)
+        np.testing.assert_allclose(ours.extra["V"][k], V, atol=1e-10)
+        np.testing.assert_allclose(ours.L[k], L, atol=1e-10)
+        P = m.A @ V @ m.A.T - m.A @ L @ S @ L.T @ m.A.T + m.Q_w
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("kl", ["printed", "half"])
+def test_theta_from_reads_the_radius_as_the_robust_filter_does(kl, tau, rng):
+    """Oracle: the robust filter with the same c, kl and tau, at its fixed point."""
+    m = random_model(rng, 3, 1, 2, 0.9)
+    start = {"x0": np.zeros(3), "P0": m.Q_w, "tau": tau}
+    robust = robust_kalman.design(m, 600, c=0.1, kl=kl, **start)
+    ours = risk_sensitive.design(m, 600, theta_from=Radius(0.1, kl), **start)
+    np.testing.assert_allclose(ours.extra["theta"], robust.extra["theta"][-1], rtol=1e-11)
+    np.testing.assert_allclose(ours.L[-1], robust.L[-1], rtol=1e-9)
 
 
 def test_from_the_process_noise_the_covariance_grows_to_its_limit(servo):

@@ -165,7 +165,11 @@ def test_a_method_of_another_kind_replaces_the_default(load):
         methods="{a: {estimator: {kind: kalman}}, b: {estimator: {kind: risk-sensitive, theta_from: {c: 0.1}}}}",
     )
     assert config.methods["a"]["estimator"] == {"kind": "kalman"}
-    assert config.methods["b"]["estimator"] == {"kind": "risk-sensitive", "theta_from": {"c": 0.1}}
+    assert config.methods["b"]["estimator"] == {
+        "kind": "risk-sensitive",
+        "theta_from": {"c": 0.1, "kl": "printed"},
+        "tau": 0.0,
+    }
 
 
 def test_a_method_may_believe_another_model(load):

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import random_model, random_psd
+from conftest import ROUND, random_model, random_psd
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.numerics.riccati import filter_step
+from rmpc_bench.numerics.riccati import error_radius, filter_step
 
 
 @pytest.mark.parametrize(("nx", "ny"), [(1, 1), (4, 1), (3, 2), (2, 3)])
@@ -47,3 +47,20 @@ def test_a_singular_innovation_is_an_error():
     """Oracle: no noise at all makes C V C' + R_v = 0."""
     with pytest.raises(np.linalg.LinAlgError):
         filter_step(np.eye(2), np.eye(2)[:1], np.zeros((2, 2)), np.zeros((1, 1)), np.zeros((2, 2)))
+
+
+def test_one_perfect_sensor_of_nothing_is_an_error_too():
+    """Oracle: as above with one output, which is divided by instead of solved for, and with two."""
+    for ny in (1, 2):
+        with pytest.raises(np.linalg.LinAlgError):
+            filter_step(np.eye(2), np.zeros((ny, 2)), np.eye(2), np.zeros((ny, ny)), np.eye(2))
+
+
+def test_the_radius_of_the_error_is_that_of_each_matrix(rng):
+    """Oracle: a loop; with a constant model and gains over time, and with constant gains; by hand for one state."""
+    A, C, K = rng.standard_normal((1, 3, 3)), rng.standard_normal((1, 2, 3)), rng.standard_normal((5, 3, 2))
+    each = [np.abs(np.linalg.eigvals(A[0] - gain @ C[0])).max() for gain in K]
+    np.testing.assert_allclose(error_radius(A, K, C), each, **ROUND)
+    assert error_radius(A, K[:1], C).shape == (1,)
+    one = error_radius(np.array([[[0.5]]]), np.array([[[2.0]], [[0.0]]]), np.array([[[1.0]]]))
+    np.testing.assert_array_equal(one, [1.5, 0.5])
