@@ -20,7 +20,7 @@ _PUBLIC: dict[str, str] = {
     "run": "rmpc_bench.experiment.results",
     "load_config": "rmpc_bench.experiment.config",
     "load_trials": "rmpc_bench.experiment.results",
-    "summarise": "rmpc_bench.report.tables",
+    "summarise": "rmpc_bench.report.summary",
     "register": "rmpc_bench.registry",
     "plant": "rmpc_bench.registry",
     "estimator": "rmpc_bench.registry",

@@ -32,6 +32,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     },
     "references": {
         "constant": "rmpc_bench.simulation.reference:constant",
+        "square": "rmpc_bench.simulation.reference:square",
     },
     "noises": {
         "gaussian": "rmpc_bench.simulation.noise:gaussian",
@@ -41,11 +42,14 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "mae": "rmpc_bench.simulation.metrics:mae",
         "rmse": "rmpc_bench.simulation.metrics:rmse",
         "input_power": "rmpc_bench.simulation.metrics:input_power",
+        "input_roughness": "rmpc_bench.simulation.metrics:input_roughness",
         "settling_time": "rmpc_bench.simulation.metrics:settling_time",
         "steady_state_error": "rmpc_bench.simulation.metrics:steady_state_error",
     },
     "figures": {
         "boxplot": "rmpc_bench.report.figures:boxplot",
+        "trajectories": "rmpc_bench.report.figures:trajectories",
+        "series": "rmpc_bench.report.figures:series",
     },
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 FINDINGS = (
@@ -38,6 +39,9 @@ class Claim:
     finding : the recorded finding
     stated : what the paper gives, as a text or as a size that is checked when all comparisons hold
     chosen : what we had to choose, and why
+    at : points of a sweep, path -> text of the value, one per reading in which the checks are made; terms that name a
+        point of their own override it
+    pooled : whether terms that name no point speak of the runs of all points together
     """
 
     says: str
@@ -46,6 +50,8 @@ class Claim:
     finding: str | None = None
     stated: str | Stated | None = None
     chosen: str | None = None
+    at: tuple[Mapping[str, str], ...] = ()
+    pooled: bool = False
 
     @property
     def of_paper(self) -> bool:

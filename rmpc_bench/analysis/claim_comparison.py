@@ -10,7 +10,6 @@ import numpy as np
 from rmpc_bench.analysis import claim_tree as tree
 from rmpc_bench.analysis.claim_evaluation import Evaluator, compare
 from rmpc_bench.analysis.intervals import Interval, difference, geometric, quantile, student, wilson
-from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1000
@@ -29,6 +28,7 @@ class Compared:
     interval : of left - right, None where there is none; its ends may be infinite
     n : runs that all methods of the comparison finished; 0 when it uses no runs
     left_out : runs that one of them failed or has not computed
+    at : the point of a sweep in words, where the claim is made at several
     """
 
     text: str
@@ -38,15 +38,16 @@ class Compared:
     interval: Interval | None
     n: int
     left_out: int
+    at: str = ""
 
 
-def compared(statement: tree.Link | tree.Chain, trials: Trials) -> Compared:
+def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> Compared:
     """Evaluate one comparison, or an ``all(...)`` as one.
 
     Parameters
     ----------
     statement : a link of a chain, or a chain that is `everywhere`
-    trials : the table of trials
+    evaluator : made for the statement
 
     Returns
     -------
@@ -57,7 +58,6 @@ def compared(statement: tree.Link | tree.Chain, trials: Trials) -> Compared:
     EvaluationError
         when the stored results have no answer
     """
-    evaluator = Evaluator(trials, statement)
     if isinstance(statement, tree.Link):
         return _compared(statement, evaluator, statement.text)
     parts = [_compared(link, evaluator, statement.text) for link in statement.links]
@@ -96,8 +96,10 @@ def _decided(operator: str, held: bool, interval: Interval) -> bool | None:
 
 def _interval(link: tree.Link, evaluator: Evaluator) -> Interval | None:
     """Interval of left - right: by its formula where there is one, else by resampling the runs."""
-    if evaluator.n < 2 or _about_these_runs(link, evaluator):
+    if len(evaluator.runs) < 2 or _about_these_runs(link, evaluator):
         return None  # a single run, or the runs at hand as they are: the two numbers decide
+    if evaluator.pooled:
+        return _bootstrap(link, evaluator)
     found = _of_means(link, evaluator) or _against_level(link.left, link.right, evaluator)
     if found is None:
         found = _against_level(link.right, link.left, evaluator)
@@ -133,7 +135,7 @@ def _mean_of(side: tree.Expression, evaluator: Evaluator) -> Array | None:
 
 def _bootstrap(link: tree.Link, evaluator: Evaluator) -> Interval | None:
     """Percentile interval of left - right over resampled runs, whole rows, so that pairs stay pairs."""
-    if evaluator.n < _FEWEST:
+    if len(evaluator.runs) < _FEWEST:
         return -math.inf, math.inf
     rng, confidence = np.random.default_rng(evaluator.trials.seed), evaluator.trials.confidence
     gaps = []

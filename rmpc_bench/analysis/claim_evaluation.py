@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
 
@@ -17,6 +17,9 @@ from rmpc_bench.types import Array
 
 class EvaluationError(Exception):
     """A claim that the stored results cannot answer; the message is the reason a reader sees."""
+
+
+_NOWHERE: Mapping[str, str] = {}
 
 
 @dataclass(frozen=True)
@@ -39,39 +42,57 @@ class Evaluator:
     ----------
     trials : the table of trials
     node : the tree that is about to be evaluated, or the part of it that is one statement
+    at : point of a sweep for terms that name none
+    pooled : whether a term may speak of several points, whose runs are then taken together
 
     Raises
     ------
     EvaluationError
-        when a method is unknown or no run is left
+        when a method or point is unknown or no run is left
     """
 
-    def __init__(self, trials: Trials, node: object) -> None:
-        self.trials = trials
+    def __init__(self, trials: Trials, node: object, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
+        self.trials, self.pooled = trials, pooled
         metrics = {info.name for info in trials.metrics}
-        named = tree.terms(node)
-        for _, method in sorted(named):
-            if method not in trials.methods:
-                raise EvaluationError(f"there is no method {method}")
+        self.tables = {term: _tables(trials, term, at, pooled=pooled) for term in sorted(tree.terms(node))}
         self.columns = {
-            (name, method): trials.column(name, method) for name, method in sorted(named) if name in metrics
+            term: np.concatenate([table.column(term.quantity, term.method) for table in tables])
+            for term, tables in self.tables.items()
+            if term.quantity in metrics
         }
+        if len({len(column) for column in self.columns.values()}) > 1:
+            raise EvaluationError("the terms speak of different numbers of runs")
         missing = [np.isnan(column) for column in self.columns.values()]
         self.shared: Array = ~np.any(missing, axis=0) if missing else np.zeros(0, dtype=bool)
         self.n = int(self.shared.sum())
+        tables = next(iter(self.tables.values()), [])
+        self.run: Array = np.concatenate([table.runs for table in tables]) if tables else np.zeros(0, dtype=np.int64)
         self.left_out = len(self.shared) - self.n
         if missing and not self.n:
             raise EvaluationError("no run was finished by every method that is compared")
 
     def resampled(self, rng: np.random.Generator) -> Evaluator:
-        """Return an evaluator on as many runs, drawn from the shared ones with replacement."""
+        """Return an evaluator on as many runs, drawn from the shared ones with replacement.
+
+        In a pooled claim a run is drawn with all its points, which have the same draws.
+        """
         other = copy(self)
-        other.shared = rng.choice(np.flatnonzero(self.shared), self.n)
+        rows = np.flatnonzero(self.shared)
+        if self.pooled:
+            groups = [rows[self.run[rows] == run] for run in self.runs]
+            other.shared = np.concatenate([groups[i] for i in rng.choice(len(groups), len(groups))])
+        else:
+            other.shared = rng.choice(rows, self.n)
         return other
+
+    @property
+    def runs(self) -> Array:
+        """Indices of the shared runs, each once."""
+        return np.unique(self.run[self.shared])
 
     def column(self, term: tree.Term) -> Array | None:
         """Values of a metric over the shared runs; None when the term is not a metric."""
-        column = self.columns.get((term.quantity, term.method))
+        column = self.columns.get(term)
         return None if column is None else column[self.shared]
 
     def value(self, node: tree.Expression) -> Value:
@@ -130,12 +151,12 @@ class Evaluator:
 
     def _term(self, term: tree.Term) -> Value:
         if term.quantity in tree.COUNTS:
-            return Value(np.array(float(self.trials.n_failed(term.method))))
+            return Value(np.array(float(sum(table.n_failed(term.method) for table in self.tables[term]))))
         column = self.column(term)
         if column is not None:
             return Value(column, "runs")
         try:
-            return Value(self.trials.matrix_series(term.quantity, term.method), "k")
+            return Value(self.tables[term][0].matrix_series(term.quantity, term.method), "k")
         except KeyError:
             message = f"{term.quantity}[{term.method}] is neither a metric nor a stored series"
             raise EvaluationError(message) from None
@@ -157,6 +178,8 @@ class Evaluator:
         if name in _REDUCTIONS:
             array = values[0].array if values[0].axis else values[0].array.reshape(-1)
             return Value(np.asarray(_REDUCTIONS[name](array)))
+        if name == "abs":
+            return Value(np.abs(values[0].array), values[0].axis)
         if name in _MATRIX:
             return _of_matrix(name, values[0])
         if name == "ratio":
@@ -167,6 +190,23 @@ class Evaluator:
                 raise EvaluationError("the second argument of quantile is a number from 0 to 1")
             return Value(quantile(values[0].array if values[0].axis else values[0].array.reshape(-1), float(q)))
         return _of_series(name, values)
+
+
+def _tables(trials: Trials, term: tree.Term, at: Mapping[str, str], *, pooled: bool) -> list[Trials]:
+    """Points of a sweep that a term speaks of: one, or all that it leaves open where they are pooled."""
+    wanted = {**at, **dict(term.point)}
+    found = [table for table in trials.each if tree.lies_at(table.point, wanted)]
+    where = ", ".join(f"{path}={value}" for path, value in wanted.items())
+    if not found:
+        raise EvaluationError(f"there is no point {where}")
+    found = [table for table in found if term.method in table.methods]
+    if not found:
+        raise EvaluationError(f"there is no method {term.method}")
+    if pooled:
+        return found
+    if len({table.keys.get(term.method, "") for table in found}) > 1:
+        raise EvaluationError(f"{term.quantity}[{term.method}] may be at any of {len(found)} points of the sweep")
+    return found[:1]
 
 
 def compare(operator: str, left: Array, right: Array, tolerance: Array) -> Array:

@@ -7,11 +7,14 @@ A check is a chain of comparisons, or one ``all(...)``::
     link       = ("<" | "<=" | ">" | ">=" | "==") sum  |  "~" sum "+-" sum
     sum        = product {("+" | "-") product}
     product    = factor {("*" | "/") factor}
-    factor     = ("+" | "-") factor  |  number ["%"]  |  "pi"  |  "never"  |  QUANTITY "[" METHOD "]"
+    factor     = ("+" | "-") factor  |  number ["%"]  |  "pi"  |  "never"  |  TERM
                | "(" sum ")"  |  "[" sum {"," sum} "]"  |  FUNCTION "(" sum {"," sum} ")"  |  "share" "(" chain ")"
 
+    TERM       = QUANTITY "[" METHOD {"," PATH "=" VALUE} "]"
+
 A term is a metric (a column over runs), a series of a design (over k) or ``n_failed[METHOD]``; METHOD is everything
-up to the closing bracket, trimmed.  ``5%`` is 0.05, but a tolerance ``+- 5%`` is that share of the right side.
+up to the comma or closing bracket, trimmed, and what follows names a point of a sweep.  ``5%`` is 0.05, but a
+tolerance ``+- 5%`` is that share of the right side.
 Inside ``share`` and ``all`` comparisons are made entry by entry, over runs or over k.
 
     mean median std var min max    of a column or a series (std and var divide by n - 1)
@@ -19,6 +22,7 @@ Inside ``share`` and ``all`` comparisons are made entry by entry, over runs or o
     share(chain), all(chain)       of the runs, or of the samples k
     ratio(a, b)                    two columns: geometric mean of a/b run by run; else a/b
     at(x, k), last(x), slope(x)    of a series: sample k, the last sample, least-squares slope per step
+    abs(x)                         entry by entry
     diag, trace, det               of a matrix, or of every matrix of a series
 
 ``never`` is inf, and never minus never is 0.  Nothing here imports NumPy or anything that does: plain ``check``
@@ -216,7 +220,7 @@ class _Parser:
                 raise ClaimError(token.start + 1, f"{token.text} is too large; infinity is written never")
             return Number(float(token.text) / (100 if token.percent else 1), token.percent)
         if token.kind == "term":
-            return Term(token.text, token.method)
+            return self.term(token)
         if self.accept("("):
             return self.call(token)
         if token.text in _CONSTANTS:
@@ -224,6 +228,13 @@ class _Parser:
         if token.text in FUNCTIONS:
             raise self.error(f"{token.text} is a function: expected '('")
         raise ClaimError(token.start + 1, f"{token.text!r} needs a method: {token.text}[METHOD]")
+
+    def term(self, token: _Token) -> Term:
+        method, *coordinates = (part.strip() for part in token.method.split(","))
+        point = [tuple(side.strip() for side in part.partition("=")[::2]) for part in coordinates]
+        if not method or not all(path and value for path, value in point):
+            raise ClaimError(token.start + 1, f"{token.text}[...] is {token.text}[METHOD, path=value, ...]")
+        return Term(token.text, method, tuple((path, value) for path, value in point))
 
     def listing(self) -> Listing:
         start, items = self.token.start, self.arguments("]")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TypeAlias
 
 FUNCTIONS = {
     name: arguments
     for arguments, names in (
-        (1, "mean median std var min max share all last slope diag trace det"),
+        (1, "mean median std var min max abs share all last slope diag trace det"),
         (2, "quantile ratio at"),
     )
     for name in names.split()
@@ -38,12 +39,14 @@ class Number:
     percent: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Term:
-    """A metric, series or count of one method."""
+    """A metric, series or count of one method, possibly at a point of a sweep."""
 
     quantity: str
     method: str
+    point: tuple[tuple[str, str], ...] = ()
+    """Path and text of the value, as written."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +97,38 @@ class Chain:
 Expression: TypeAlias = Number | Term | Listing | Operation | Call
 
 
-def terms(node: object) -> set[tuple[str, str]]:
-    """Collect the (quantity, method) of every term in a tree; `COUNTS` are quantities too."""
+def value_text(value: object) -> str:
+    """Text of a value by which tables name it and claims find it: ``8``, ``0.001``, ``{kind: kalman}``."""
+    if isinstance(value, str):
+        return value
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, float) and abs(value) < 1e15 and value == int(value):
+        return str(int(value))  # 10 and 10.0 are the same point
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {value_text(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(value_text(item) for item in value) + "]"
+    return repr(value)
+
+
+def same_value(one: str, other: str) -> bool:
+    """Whether two texts name the same value of a sweep: 0.001 is 1e-3."""
+    try:
+        return one == other or float(one) == float(other)
+    except ValueError:
+        return False
+
+
+def lies_at(there: Mapping[str, str], wanted: Mapping[str, str]) -> bool:
+    """Whether a point of a sweep has all the wanted values."""
+    return all(path in there and same_value(there[path], value) for path, value in wanted.items())
+
+
+def terms(node: object) -> set[Term]:
+    """Collect the terms of a tree; `COUNTS` are quantities too."""
     if isinstance(node, Term):
-        return {(node.quantity, node.method)}
+        return {node}
     if isinstance(node, tuple):
         return {found for part in node for found in terms(part)}
     if is_dataclass(node):

@@ -6,9 +6,9 @@ A statement is judged as we read it on the experiment as we read it; nothing her
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.claim import Claim, Stated
 from rmpc_bench.analysis.claim_comparison import Compared, compared
@@ -30,6 +30,7 @@ class Verdict:
     seed, n_runs : of the experiment
     reason : why a comparison could not be evaluated; else empty
     size : value of the stated expression, None where none is stated
+    readings : point in words and its finding, of a claim that is made at several points
     """
 
     claim: Claim
@@ -39,6 +40,25 @@ class Verdict:
     n_runs: int
     reason: str = ""
     size: float | None = None
+    readings: tuple[tuple[str, str], ...] = ()
+
+
+class _Reading(NamedTuple):
+    """What the checks of a claim have come to at one point."""
+
+    numbers: list[Compared]
+    reasons: list[str]
+    size: float | None
+
+    def finding(self, claim: Claim) -> str:
+        if self.reasons:
+            return "undecided"
+        held = [number.holds for number in self.numbers]
+        if all(held):
+            return "found" + _size_suffix(claim.stated, self.size)
+        if False not in held:
+            return "undecided"
+        return "partly" if True in held else "not found"
 
 
 def judge(claim: Claim, trials: Trials) -> Verdict:
@@ -53,7 +73,20 @@ def judge(claim: Claim, trials: Trials) -> Verdict:
     -------
     the verdict; a claim that cannot be evaluated is undecided, with the reason
     """
+    readings = [_read(claim, trials, at) for at in claim.at or ({},)]
+    findings = [reading.finding(claim) for reading in readings]
+    numbers = tuple(number for reading in readings for number in reading.numbers)
+    reasons = "; ".join(dict.fromkeys(reason for reading in readings for reason in reading.reasons))
+    n_runs = len(trials.each[0].runs)
+    finding = _overall(findings) if claim.check else "not testable"
+    named = tuple(zip(map(_words, claim.at), findings, strict=True)) if len(claim.at) > 1 and claim.check else ()
+    return Verdict(claim, finding, numbers, trials.seed, n_runs, reasons, readings[0].size, named)
+
+
+def _read(claim: Claim, trials: Trials, at: Mapping[str, str]) -> _Reading:
+    """Make all checks of a claim at one point."""
     numbers, reasons, size = [], [], None
+    where = _words(at) if len(claim.at) > 1 else ""
     for check in claim.check:
         try:
             chain = parse(check)
@@ -62,30 +95,36 @@ def judge(claim: Claim, trials: Trials) -> Verdict:
             continue
         for statement in (chain,) if chain.everywhere else chain.links:
             try:
-                numbers.append(compared(statement, trials))
+                evaluator = Evaluator(trials, statement, at, pooled=claim.pooled)
+                numbers.append(replace(compared(statement, evaluator), at=where))
             except EvaluationError as error:
                 reasons.append(f"{statement.text}: {error}")
     if isinstance(claim.stated, Stated):
         try:
             node = parse_expression(claim.stated.of)
-            size = Evaluator(trials, node).number(node)
+            size = Evaluator(trials, node, at, pooled=claim.pooled).number(node)
         except (ClaimError, EvaluationError) as error:
             reasons.append(f"{claim.stated.of}: {error}")
-    finding = _finding(claim, numbers, size, bool(reasons))
-    return Verdict(claim, finding, tuple(numbers), trials.seed, len(trials.runs), "; ".join(reasons), size)
+    return _Reading(numbers, reasons, size)
 
 
-def _finding(claim: Claim, numbers: Sequence[Compared], size: float | None, incomplete: bool) -> str:
-    if not claim.check:
-        return "not testable"
-    if incomplete:
-        return "undecided"
-    held = [number.holds for number in numbers]
+def _words(at: Mapping[str, str]) -> str:
+    """Name a point: by its name alone where it has one, else by its values."""
+    named = {"name": at["name"]} if "name" in at else {}
+    rest = [f"{path}={value}" for path, value in at.items() if path not in named]
+    return ", ".join([*named.values(), *rest])
+
+
+def _overall(findings: Sequence[str]) -> str:
+    """Sum up the findings of all readings: one that holds in some of them only depends on what is not stated."""
+    if len(set(findings)) == 1:
+        return findings[0]
+    held = [finding.startswith("found") for finding in findings]
     if all(held):
-        return "found" + _size_suffix(claim.stated, size)
-    if False not in held:
-        return "undecided"
-    return "partly" if True in held else "not found"
+        return findings[0]  # the sizes differ: the first reading is ours
+    if any(held):
+        return "depends on what is not stated"
+    return next(finding for finding in ("partly", "undecided") if finding in findings)
 
 
 def _size_suffix(stated: str | Stated | None, size: float | None) -> str:
@@ -112,8 +151,10 @@ def claims_table(verdicts: Iterable[Verdict]) -> list[dict[str, Any]]:
             "says": verdict.claim.says,
             "source": verdict.claim.source,
             "check": list(verdict.claim.check),
+            "at": "all" if verdict.claim.pooled else [dict(at) for at in verdict.claim.at],
             "recorded": verdict.claim.finding,
             "finding": verdict.finding,
+            "readings": [{"at": at, "finding": finding} for at, finding in verdict.readings],
             "reason": verdict.reason or None,
             "numbers": [_number_row(number) for number in verdict.numbers],
             "n_runs": verdict.n_runs,
@@ -136,6 +177,7 @@ def _number_row(number: Compared) -> dict[str, Any]:
         "interval": ends,
         "n": number.n,
         "left_out": number.left_out,
+        "at": number.at or None,
     }
 
 
@@ -164,13 +206,13 @@ def claims_markdown(verdicts: Iterable[Verdict], *, informational: bool) -> str:
     -------
     Markdown, ending with a newline
     """
-    lines = ["# What the paper says", ""]
+    ordered = sorted(verdicts, key=lambda verdict: not verdict.claim.of_paper)
+    lines = []
     if informational:
         lines += ["For information only: the configuration was modified or did not run at full size.", ""]
-    ordered = sorted(verdicts, key=lambda verdict: not verdict.claim.of_paper)
     for position, verdict in enumerate(ordered, 1):
-        if not verdict.claim.of_paper and (position == 1 or ordered[position - 2].claim.of_paper):
-            lines += ["# Beyond the paper", ""]
+        if position == 1 or ordered[position - 2].claim.of_paper != verdict.claim.of_paper:
+            lines += ["# What the paper says" if verdict.claim.of_paper else "# Beyond the paper", ""]
         lines += [f"## {position}. {_line(verdict.claim.says)}", "", *_items(verdict), ""]
     return "\n".join(lines)
 
@@ -182,8 +224,12 @@ def _items(verdict: Verdict) -> list[str]:
         items[-1] += f" (recorded: {claim.finding})"
     if verdict.reason:
         items.append(f"- not evaluated: {_line(verdict.reason)}")
+    for finding in dict.fromkeys(finding for _, finding in verdict.readings):
+        items.append(f"- {finding} at: " + "; ".join(at for at, each in verdict.readings if each == finding))
     items += [_number_item(number) for number in verdict.numbers]
-    items.append(f"- {verdict.n_runs} runs, seed {verdict.seed}")
+    where = _where(claim)
+    runs = "1 run" if verdict.n_runs == 1 else f"{verdict.n_runs} runs"
+    items.append(f"- {runs}, seed {verdict.seed}{where}")
     if isinstance(claim.stated, Stated):
         items.append(f"- stated: {_line(claim.stated.text)}; here `{claim.stated.of}` is {shown(verdict.size)}")
     elif claim.stated:
@@ -191,6 +237,13 @@ def _items(verdict: Verdict) -> list[str]:
     if claim.chosen:
         items.append(f"- chosen: {_line(claim.chosen)}")
     return items
+
+
+def _where(claim: Claim) -> str:
+    """The point of a sweep that a claim is made at."""
+    if claim.pooled:
+        return ", of every point of the sweep"
+    return f", at {_words(claim.at[0])}" if len(claim.at) == 1 else ""
 
 
 def _number_item(number: Compared) -> str:
@@ -204,7 +257,8 @@ def _number_item(number: Compared) -> str:
         details.append(f"n = {number.n}")
     if number.left_out:
         details.append(f"{number.left_out} left out: failed, or not computed")
-    return f"- `{_line(number.text)}`: {word}; {', '.join(details)}"
+    where = f" at {number.at}" if number.at else ""
+    return f"- `{_line(number.text)}`{where}: {word}; {', '.join(details)}"
 
 
 def shown(value: float | None, uncertainty: float = math.nan) -> str:

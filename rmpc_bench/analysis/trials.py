@@ -1,9 +1,11 @@
-"""The table of trials: methods x runs x metrics, and the series of the designs."""
+"""The table of trials: points x methods x runs x metrics, the series of the designs and the recorded runs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -11,9 +13,23 @@ import pandas as pd
 from rmpc_bench.types import Array, MetricInfo, Status
 
 
+class Traces(NamedTuple):
+    """The recorded runs of one method."""
+
+    runs: Array
+    """(n,) indices of the runs, ascending."""
+    signals: Mapping[str, Array]
+    """Signal -> (n, samples, components): ``y``, ``x``, ``x_hat`` at k = 0..N, ``u`` at k = 0..N-1."""
+    r: Array
+    """(samples, ny) reference at k = 0..N."""
+
+
 @dataclass(frozen=True, eq=False)
 class Trials:
     """What an experiment left behind, ready for statistics.
+
+    The table of a sweep consists of `points`, each of them a table of its own; what concerns single runs (`column`,
+    `pairs`, `n_failed`, `matrix_series`, `traces`) is asked of a point.
 
     Parameters
     ----------
@@ -29,6 +45,15 @@ class Trials:
     confidence : level of every interval, such as 0.95
     relevant : the smallest relative change that matters, such as 0.01
     seed : seed of the experiment
+    Ts : sampling time [s]; 0 where it is not known
+    units : signal -> unit, such as y -> rad
+    traces : method -> its recorded runs
+    paths : the columns of a sweep, which come first in `frame` and `series`; empty without one
+    points : the tables of a sweep's points; empty without one
+    alike : whether the methods are the same at all points, which then differ in the truth only
+    point : path -> value as text, where the table is a point of a sweep
+    title : the point in words, such as ``controller.Hp=10, controller.Hu=8``; empty without a sweep
+    keys : method -> what identifies its trials, the same at points that share them
     """
 
     name: str
@@ -41,11 +66,57 @@ class Trials:
     confidence: float
     relevant: float
     seed: int
+    Ts: float = 0.0
+    units: Mapping[str, str] = field(default_factory=dict)
+    traces: Mapping[str, Traces] = field(default_factory=dict)
+    paths: tuple[str, ...] = ()
+    points: tuple[Trials, ...] = ()
+    alike: bool = False
+    point: Mapping[str, str] = field(default_factory=dict)
+    title: str = ""
+    keys: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def each(self) -> tuple[Trials, ...]:
+        """The tables of all points; the table itself where there is no sweep."""
+        return self.points or (self,)
+
+    @property
+    def is_population(self) -> bool:
+        """Whether the points can be taken together: the same methods, once each, on truths that are all different.
+
+        Points of several runs cannot: every point has the same draws, so the runs would not be independent.
+        """
+        if any(len(table.runs) > 1 for table in self.points):
+            return False
+        keys = [(method, key) for table in self.points for method, key in table.keys.items()]
+        return self.alike and len(set(keys)) == len(keys)
+
+    def pooled(self) -> Trials:
+        """Take the runs of all points of a sweep together, numbered on from point to point."""
+        n_runs = max(int(table.frame["run"].max()) for table in self.points) + 1
+        frames = [table.frame.assign(run=table.frame["run"] + n * n_runs) for n, table in enumerate(self.points)]
+        return replace(
+            self,
+            frame=pd.concat(frames, ignore_index=True).drop(columns=list(self.paths), errors="ignore"),
+            series=self.series.iloc[:0],
+            paths=(),
+            points=(),
+            title=f"all {len(self.points)} points together",
+        )
+
+    @cached_property
     def runs(self) -> Array:
         """The run indices of the table, ascending."""
         return np.unique(self.frame["run"].to_numpy(dtype=np.int64))
+
+    @cached_property
+    def _rows(self) -> dict[str, tuple[Array, Array, Array]]:
+        """Per method the positions of its rows in the table and in `runs`, and which of them ended well."""
+        names, runs = self.frame["method"].to_numpy(dtype=object), self.frame["run"].to_numpy(dtype=np.int64)
+        ok = self.frame["status"].to_numpy(dtype=object) == Status.OK.word
+        rows = {name: np.flatnonzero(names == name) for name in self.methods}
+        return {name: (found, np.searchsorted(self.runs, runs[found]), ok[found]) for name, found in rows.items()}
 
     def column(self, metric: str, method: str) -> Array:
         """Values of one metric of one method over all runs.
@@ -59,9 +130,11 @@ class Trials:
         -------
         (n_runs,) values in the order of `runs`; NaN where the run failed or is absent, inf for never
         """
-        rows = self.frame[(self.frame["method"] == method) & (self.frame["status"] == Status.OK.word)]
-        values = pd.Series(rows[metric].to_numpy(dtype=float), index=rows["run"].to_numpy(dtype=np.int64))
-        return np.array(values.reindex(self.runs), dtype=float)
+        values = np.full(len(self.runs), np.nan)
+        if method in self._rows:
+            rows, places, ok = self._rows[method]
+            values[places[ok]] = self.frame[metric].to_numpy(dtype=float)[rows[ok]]
+        return values
 
     def pairs(self, metric: str, method: str, other: str) -> tuple[Array, Array]:
         """Values of two methods in the runs that both finished.
@@ -81,8 +154,7 @@ class Trials:
 
     def n_failed(self, method: str) -> int:
         """Count the runs of `method` that ended with any status but ok."""
-        status = self.frame.loc[self.frame["method"] == method, "status"]
-        return int((status != Status.OK.word).sum())
+        return int((~self._rows[method][2]).sum()) if method in self._rows else 0
 
     def matrix_series(self, quantity: str, method: str) -> Array:
         """Assemble a series of a design; where it exists exactly and from runs, the exact one counts.

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import inspect
 from pathlib import Path
+from typing import Any
 
 import click
 
 from rmpc_bench import registry
 from rmpc_bench.cli import exits
+
+NOMINAL_TS = 0.1  # [s]; a part itself looks the same for any
 
 
 @click.command(name="list")
@@ -34,15 +37,45 @@ def _configs() -> list[str]:
 
 @click.command()
 @click.argument("name", metavar="[GROUP/]NAME")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw the part, too (.svg .png .pdf).")
 @exits.guarded
-def describe(name: str) -> int:
+def describe(name: str, plot: Path | None) -> int:
     """Show what a part is, where it comes from, and which keys it takes."""
     found = _find(name)
+    if plot is not None:
+        _plot(name, found, plot)
     for number, (group, kind) in enumerate(found):
         if number:
             click.echo()
         _show(group, kind)
     return 0
+
+
+def _plot(name: str, found: list[tuple[str, str]], file: Path) -> None:
+    """Draw a part that has a portrait."""
+    from rmpc_bench.report import figures
+
+    if file.suffix.lower() not in figures.FORMATS:
+        endings = ", ".join(figures.FORMATS)
+        raise click.BadParameter(f"{file}: the ending says the format, one of {endings}", param_hint="'--plot'")
+    drawn = [panel for group, kind in found for panel in _portrait(group, kind)]
+    if not drawn:
+        having = [f"plants/{kind}" for kind in registry.names("plants") if _portrait("plants", kind)]
+        known = ", ".join(having) or "no part"
+        raise click.BadParameter(f"{name} has no picture (there is one of {known})", param_hint="'--plot'")
+    figures.save_as(figures.portrait(drawn), file)
+    click.echo(f"written {file}", err=True)
+
+
+def _portrait(group: str, kind: str) -> tuple[Any, ...]:
+    """Panels of a plant with its default parameters; none of one that has no portrait or cannot do without keys."""
+    from rmpc_bench.experiment.schema import model_of
+
+    if group != "plants" or any(field.is_required() for field in model_of(group, kind).model_fields.values()):
+        return ()
+    plant = registry.get(group, kind)(NOMINAL_TS)
+    panels: tuple[Any, ...] = getattr(plant, "portrait", tuple)()
+    return panels
 
 
 def _find(name: str) -> list[tuple[str, str]]:

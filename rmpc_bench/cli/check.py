@@ -13,11 +13,15 @@ from rmpc_bench.cli import exits
 if TYPE_CHECKING:
     from rmpc_bench.experiment.config import ExperimentConfig
 
+MOST_VALUES = 100
+"""Characters of the values of a swept path that are shown."""
+
 
 @click.command()
 @click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--deep", is_flag=True, help="Add how far the plant is from the model, and warnings of the closed loops.")
 @exits.guarded
-def check(configs: tuple[Path, ...]) -> int:
+def check(configs: tuple[Path, ...], deep: bool) -> int:
     """Validate configurations; show truth beside belief, what differs between the methods, and what it will cost."""
     from rmpc_bench.experiment.config import load_config
     from rmpc_bench.types import ConfigError
@@ -25,7 +29,13 @@ def check(configs: tuple[Path, ...]) -> int:
     code = 0
     for path in configs:
         try:
-            click.echo("\n".join(_describe(path, load_config(path))))
+            config = load_config(path)
+            lines = _describe(path, config)
+            if deep:
+                from rmpc_bench.cli.deep import deep_lines
+
+                lines += deep_lines(config)
+            click.echo("\n".join(lines))
         except ConfigError as error:  # the other files are still worth a look
             click.echo(str(error), err=True)
             code = exits.USAGE
@@ -43,15 +53,26 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     chosen = [claim.chosen for claim in config.claims if claim.chosen]
     if chosen:
         lines += ["", "  left open by the paper and chosen", *(f"  - {text}" for text in chosen)]
-    trials = experiment.n_runs * len(experiment.methods)
-    steps = trials * experiment.n_steps
+    if config.paths:
+        lines += ["", f"  sweep of {len(config.points)} points; truth and belief are those of the first"]
+        width = 2 + max(len(path) for path in config.paths)
+        lines += [f"  {path:{width}}{_values(config, path)}" for path in config.paths]
+    points = f"{len(config.points)} points x " if config.paths else ""
+    size = f"{experiment.n_runs} runs x {len(experiment.methods)} methods x {experiment.n_steps} steps"
+    shared = f"; {config.n_trials():,} trials, what points share counted once" if config.paths else ""
     lines += [
         "",
-        f"  size          {experiment.n_runs} runs x {len(experiment.methods)} methods x {experiment.n_steps} steps",
-        f"  cost          about {_seconds(steps, config):.0f} s on {config.execution.workers} processes, "
+        f"  size          {points}{size}{shared}",
+        f"  cost          about {_seconds(config):.0f} s on {config.execution.workers} processes, "
         f"{_megabytes(config):.0f} MB each for the trajectories of a block",
     ]
     return lines
+
+
+def _values(config: ExperimentConfig, path: str) -> str:
+    values = dict.fromkeys(point.coordinates[path] for point in config.points)
+    text = ", ".join(values)
+    return text if len(text) <= MOST_VALUES else f"{len(values)} values, from {text[: MOST_VALUES // 2]} ..."
 
 
 def _truth_and_belief(config: ExperimentConfig) -> list[tuple[str, str, str]]:
@@ -94,10 +115,12 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else " ".join(dump(plain(value)).split())
 
 
-def _seconds(steps: int, config: ExperimentConfig) -> float:
-    """Estimate from the number of steps: 4 us each in the loop, 0.05 us per plant substep."""
-    substeps = getattr(config.experiment.plant, "n_substeps", 1)
-    return math.ceil(2.0 + steps * (4e-6 + 5e-8 * substeps) / config.execution.workers)
+def _seconds(config: ExperimentConfig) -> float:
+    """Estimate from the number of steps: 50 us for a block and 2.5 us for a run, and 2 s to start and to report."""
+    experiment = config.experiment
+    n_methods = config.n_trials() / experiment.n_runs
+    per_step = 5e-5 * math.ceil(experiment.n_runs / config.execution.block) + 2.5e-6 * experiment.n_runs
+    return math.ceil(2.0 + n_methods * experiment.n_steps * per_step / config.execution.workers)
 
 
 def _megabytes(config: ExperimentConfig) -> float:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
+import numpy as np
 
 from rmpc_bench import registry
 from rmpc_bench.analysis.claims import Verdict, claims_markdown, claims_table, judge
@@ -18,8 +19,8 @@ from rmpc_bench.cli import exits
 from rmpc_bench.experiment import results
 from rmpc_bench.experiment.config import ExperimentConfig
 from rmpc_bench.report.figures import save
-from rmpc_bench.report.tables import screen, summarise, trials_csv, write_csv
-from rmpc_bench.types import DesignError
+from rmpc_bench.report.summary import summarise, trials_csv, write_csv
+from rmpc_bench.types import Array, DesignError
 
 
 class Outcome(NamedTuple):
@@ -63,6 +64,7 @@ def publish(
     write_csv(trials.series, directory / "series.csv")
     write_csv(summary.described.drop(columns="never"), directory / "summary.csv")
     write_csv(summary.compared, directory / "comparisons.csv")
+    _write_traces(trials, directory / "traces.npz")
     (directory / "tables").mkdir(exist_ok=True)
     (directory / "tables" / "summary.md").write_text(summary.to_markdown(), encoding="utf-8")
     n_complete = results.n_complete(config, directory)
@@ -76,7 +78,7 @@ def publish(
         (directory / "claims.md").write_text(text, encoding="utf-8")
     figures = _figures(config, trials, directory)
     head = _head(config, trials, n_complete, directory, started)
-    block = screen(trials, summary.described, summary.compared, config.primary)
+    block = summary.to_screen(config.primary)
     foot = _foot(verdicts, modified, directory, figures)
     differing = [] if modified else [verdict for verdict in verdicts if _differs(verdict)]
     return Outcome(
@@ -92,6 +94,20 @@ def _incomplete(config: ExperimentConfig, n_complete: Mapping[str, int]) -> list
     """Say what is still missing: an interrupted experiment is not one at full size."""
     n_runs = config.experiment.n_runs
     return [f"{name}: {n} of {n_runs} runs" for name, n in n_complete.items() if n < n_runs]
+
+
+def _write_traces(trials: Trials, path: Path) -> None:
+    """Write the recorded runs: t, r and, for every point, method and signal, an array (runs, samples, components)."""
+    path.unlink(missing_ok=True)  # of an earlier configuration
+    arrays: dict[str, Array] = {}
+    for table in trials.each:
+        for method, trace in table.traces.items():
+            where = "/".join(part for part in (table.title, method) if part)
+            arrays |= {f"{where}/{signal}": array for signal, array in trace.signals.items()}
+            arrays |= {f"{where}/runs": trace.runs, f"{where}/r": trace.r}
+            arrays[f"{where}/t"] = np.round(table.Ts * np.arange(len(trace.r)), 12)
+    if arrays:
+        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
 def _figures(config: ExperimentConfig, trials: Trials, directory: Path) -> list[Path]:
@@ -121,9 +137,10 @@ def _head(
 ) -> str:
     n_runs = config.experiment.n_runs
     complete = min(n_complete[name] for name in trials.methods)
+    points = f" at each of {len(trials.points)} points" if trials.points else ""
     failed = results.n_failed(trials)
     done = f" done in {time.monotonic() - started:.1f} s" if started is not None else ""
-    return f"{config.name}{done}   {complete} of {n_runs} runs, {failed} failed   {directory}"
+    return f"{config.name}{done}   {complete} of {n_runs} runs{points}, {failed} failed   {directory}"
 
 
 def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path, figures: Sequence[Path]) -> list[str]:
@@ -132,8 +149,13 @@ def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path,
         lines.append(f"paper       not judged: not the configuration as it stands, in full ({', '.join(modified)})")
     elif verdicts:
         of_paper = [verdict for verdict in verdicts if verdict.claim.of_paper]
-        found = sum(verdict.finding == "found" for verdict in of_paper)
-        lines.append(f"paper       {found} of {len(of_paper)} statements found as written (claims.md)")
+        if of_paper:
+            found = sum(verdict.finding == "found" for verdict in of_paper)
+            lines.append(f"paper       {found} of {len(of_paper)} statements found as written (claims.md)")
+        if len(of_paper) < len(verdicts):
+            beyond = [verdict for verdict in verdicts if not verdict.claim.of_paper]
+            found = sum(verdict.finding == "found" for verdict in beyond)
+            lines.append(f"beyond it   {found} of {len(beyond)} statements of our own found (claims.md)")
         lines += [
             f"            recorded {verdict.claim.finding}, now {verdict.finding}: {verdict.claim.says}"
             for verdict in verdicts

@@ -155,7 +155,7 @@ def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -
     from rmpc_bench.experiment.store import FILE, Store
 
     names = [method.name for method in config.experiment.methods if not only or method.name in only]
-    left = total = len(names) * config.experiment.n_runs
+    left = total = config.n_trials(names)
     if (directory / FILE).exists():
         with Store(directory, writable=False) as store:
             store.check(config.hash, config.shared)

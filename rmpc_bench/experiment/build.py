@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.metrics import Units
 from rmpc_bench.simulation.noise import Noise, gaussian
 from rmpc_bench.simulation.reference import Reference
-from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
+from rmpc_bench.simulation.scenario import Experiment, Recording, Scenario, initial_covariance, initial_state
 from rmpc_bench.types import Array, DesignError, Method, Metric, Plant, Problem
 
 
@@ -44,21 +44,28 @@ class Changed:
 class _Builder:
     """Builds what can be built from a sheet and notes what cannot."""
 
-    def __init__(self, sheet: Sheet, *, smoke: bool) -> None:
-        self.sheet, self.smoke = sheet, smoke
+    def __init__(self, sheet: Sheet, made: dict[str, Any], *, smoke: bool) -> None:
+        self.sheet, self.made, self.smoke = sheet, made, smoke
         self.time = sheet.values["time"]
         self.n_steps: int = self.time.n_steps
-        self.models: dict[str, Any] = {}
+
+    def once(self, what: Any, make: Callable[[], Any]) -> Any:
+        """Make something that is described by plain data, unless another point of the sweep has it already."""
+        key = json.dumps(what, sort_keys=True)
+        if self.made.get(key) is None:
+            self.made[key] = make()
+        return self.made[key]
 
     def plant(self) -> Plant | None:
         """Build the plant and check the names of what is changed in it."""
-        if self.sheet.plant is None:
+        part, Ts = self.sheet.plant, self.time.step
+        if part is None:
             return None
-        plant: Plant | None = self.sheet.plant.build(self.sheet.problems, Ts=self.time.step)
+        plant: Plant | None = self.once(["plant", Ts, part.resolved()], lambda: part.build(self.sheet.problems, Ts=Ts))
         if plant is not None:
             for name, change in self.sheet.changes.items():
                 if name not in plant.nominal:
-                    message = unknown(name, plant.nominal, f"parameter of {self.sheet.plant.kind}")
+                    message = unknown(name, plant.nominal, f"parameter of {part.kind}")
                     key = "perturb" if change.relative else "set"
                     self.sheet.problems.append(Problem(*change.problem_at, f"plant.{key}.{name}", message))
         return plant
@@ -67,10 +74,8 @@ class _Builder:
         """Build a model; methods that believe the same share one."""
         if part is None:
             return None
-        key = json.dumps(part.resolved(), sort_keys=True)
-        if key not in self.models:
-            self.models[key] = part.build(self.sheet.problems, Ts=self.time.step)
-        return self.models[key]
+        Ts = self.time.step
+        return self.once(["model", Ts, part.resolved()], lambda: part.build(self.sheet.problems, Ts=Ts))
 
     def start(self, model: Any) -> tuple[Array, Array] | None:
         """Return x_hat and P at the start, for the size of a model."""
@@ -90,20 +95,36 @@ class _Builder:
             return None
 
     def method(self, name: str, parts: MethodParts) -> Method | None:
-        """Build one estimator-controller pair."""
+        """Build one estimator-controller pair; points of a sweep that agree on it share it."""
+        named = {"model": parts.model, "estimator": parts.estimator, "controller": parts.controller}
+        described = {key: part.resolved() for key, part in named.items() if part is not None}
+        made = self.once(["method", name, self._size(), described], lambda: self._method(name, parts))
+        return cast("Method | None", made)
+
+    def _method(self, name: str, parts: MethodParts) -> Method | None:
         problems, model = self.sheet.problems, self.model(parts.model)
         if model is None:
             return None
         start = self.start(model)
         estimator = None
         if parts.estimator is not None and start is not None:
-            provided = {"model": model, "n_steps": self.n_steps, "x0": start[0], "P0": start[1]}
-            estimator = parts.estimator.build(problems, **provided)
+            estimator = self.estimator(parts, {"model": model, "n_steps": self.n_steps, "x0": start[0], "P0": start[1]})
         controller = None
         if parts.controller is not None:
             provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
             controller = parts.controller.build(problems, **provided)
         return None if estimator is None or controller is None else Method(name, estimator, controller)
+
+    def estimator(self, parts: MethodParts, provided: Mapping[str, Any]) -> Any:
+        """Build an estimator; methods and points of a sweep that believe the same share one."""
+        part, model = parts.estimator, parts.model
+        assert part is not None and model is not None
+        key = ["estimator", self._size(), model.resolved(), part.resolved()]
+        return self.once(key, lambda: part.build(self.sheet.problems, **provided))
+
+    def _size(self) -> list[Any]:
+        """What all designs depend on beside their own keys."""
+        return [self.time.step, self.n_steps, self.sheet.initial["x_hat"], self.sheet.initial["P"]]
 
     def noise(self, law: Law | None, n: int, channel: str) -> tuple[Noise, ...]:
         """Build the terms of one channel's noise."""
@@ -168,23 +189,30 @@ class _Builder:
             names.add(name)
         return tuple(metric for metric in made if metric is not None)
 
+    def recording(self) -> Recording:
+        """What to keep of which runs."""
+        keys, n_runs = self.sheet.values["record"], self.sheet.values["runs"]
+        first = {"none": 0, "all": n_runs}.get(keys.runs, keys.runs)
+        return Recording(tuple(dict.fromkeys(keys.signals)), min(int(first), n_runs))
 
-def build(sheet: Sheet, *, smoke: bool = False) -> Experiment | None:
+
+def build(sheet: Sheet, made: dict[str, Any] | None = None, *, smoke: bool = False) -> Experiment | None:
     """Make every design; None when something is missing, with the reasons in ``sheet.problems``.
 
     Parameters
     ----------
     sheet : what the configuration says
+    made : designs of other points of the same sweep, to share; gets the new ones
     smoke : cut windows of metrics to a run that is too short for them
     """
     if sheet.values["time"] is None:
         return None
-    builder = _Builder(sheet, smoke=smoke)
+    builder = _Builder(sheet, {} if made is None else made, smoke=smoke)
     plant = builder.plant()
     methods = [builder.method(name, parts) for name, parts in sheet.methods.items()]
     if plant is None or sheet.reference is None:
         return None
-    reference = sheet.reference.build(sheet.problems, ny=plant.ny)
+    reference = sheet.reference.build(sheet.problems, ny=plant.ny, Ts=plant.Ts)
     metrics = builder.metrics(plant)
     if reference is None:
         return None
@@ -192,4 +220,5 @@ def build(sheet: Sheet, *, smoke: bool = False) -> Experiment | None:
     if scenario is None or sheet.problems or any(method is None for method in methods):
         return None
     pairs = tuple(method for method in methods if method is not None)
-    return Experiment(plant, pairs, scenario, metrics, sheet.values["runs"], builder.n_steps)
+    recording = builder.recording()
+    return Experiment(plant, pairs, scenario, metrics, sheet.values["runs"], builder.n_steps, recording)

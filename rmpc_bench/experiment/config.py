@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.analysis.claim import Claim, Stated
-from rmpc_bench.analysis.claim_grammar import COUNTS, ClaimError, parse, parse_expression, terms
+from rmpc_bench.analysis.claim import Claim
 from rmpc_bench.experiment import yaml
 from rmpc_bench.experiment.build import build
+from rmpc_bench.experiment.drawings import check_figures, outlook
 from rmpc_bench.experiment.engines import single_thread
 from rmpc_bench.experiment.parts import Part
+from rmpc_bench.experiment.places import Place
+from rmpc_bench.experiment.point import ConfigPoint, digest
 from rmpc_bench.experiment.reader import at_their_origin, read
-from rmpc_bench.experiment.resolve import belief, measured, resolved, shared
+from rmpc_bench.experiment.resolve import belief, changes, measured, resolved, shared
 from rmpc_bench.experiment.schema import shown
-from rmpc_bench.experiment.sections import ClaimKeys, Execution, Statistics
+from rmpc_bench.experiment.sections import Execution, Statistics
 from rmpc_bench.experiment.sheet import Sheet
+from rmpc_bench.experiment.statements import quantities_of, read_claims
+from rmpc_bench.experiment.sweep import (
+    Point,
+    depends,
+    method_paths_first,
+    points,
+    swept_overrides,
+    swept_paths,
+)
+from rmpc_bench.experiment.sweep_reader import NAME
 from rmpc_bench.experiment.yaml import Map
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.scenario import Experiment
@@ -34,14 +45,12 @@ class ExperimentConfig:
     ----------
     path : the file it was read from
     name, paper, title : as given; ``paper`` may be None
-    experiment : all designs, ready to run
+    points : the points of its sweep; one where nothing is swept
+    axes : the swept paths, those that change together as one
     statistics, execution : how to compare, how to work
     labels : method name -> text for tables and figures
     figures : the parts to draw
     claims : statements to judge
-    shared : what all methods share, as plain data; its hash identifies the experiment
-    methods : what each method is, as plain data; the hash of one identifies its trials
-    metrics : what each metric is, as plain data
     resolved : the whole configuration with every default filled in; loads to an equal one
     """
 
@@ -49,16 +58,29 @@ class ExperimentConfig:
     name: str
     paper: str | None
     title: str
-    experiment: Experiment
+    points: tuple[ConfigPoint, ...]
+    axes: tuple[tuple[str, ...], ...]
     statistics: Statistics
     execution: Execution
     labels: Mapping[str, str]
     figures: tuple[Part, ...]
     claims: tuple[Claim, ...]
-    shared: Mapping[str, Any]
-    methods: Mapping[str, Any]
-    metrics: Mapping[str, Any]
     resolved: Mapping[str, Any]
+
+    @property
+    def experiment(self) -> Experiment:
+        """The experiment, of the first point in a sweep."""
+        return self.points[0].experiment
+
+    @property
+    def methods(self) -> Mapping[str, Any]:
+        """What each method is, at the first point."""
+        return self.points[0].methods
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The swept paths."""
+        return tuple(path for axis in self.axes for path in axis)
 
     @property
     def primary(self) -> str:
@@ -70,20 +92,34 @@ class ExperimentConfig:
         """Method that all others are compared with."""
         return self.statistics.baseline or self.experiment.methods[0].name
 
+    def n_trials(self, methods: Collection[str] | None = None) -> int:
+        """Count the trials of some methods, all unless given; what points of a sweep share counts once."""
+        wanted = self.methods if methods is None else methods
+        keys = {key for point in self.points for name, key in point.method_keys.items() if name in wanted}
+        return len(keys) * self.experiment.n_runs
+
+    @cached_property
+    def shared(self) -> Mapping[str, Any]:
+        """What all methods share: at the first point, and what is another at the others, by their values."""
+        first = self.points[0]
+        others = {point.truth: point for point in reversed(self.points) if point.truth != first.truth}
+        rows = [(point.coordinates, point.truth) for point in self.points]
+        paths = [path for path in depends(rows, method_paths_first(self.axes)) if path != NAME]
+        truths = {
+            ", ".join(f"{path}={point.coordinates[path]}" for path in paths): changes(first.shared, point.shared)
+            for point in others.values()
+        }
+        return {**first.shared, "sweep": truths} if others else first.shared
+
     @property
     def hash(self) -> str:
-        """Hash of what all methods share."""
-        return digest(self.shared)
+        """Hash of the truths that the methods meet, in any order; it identifies a directory."""
+        return digest(sorted({point.truth for point in self.points}))
 
     @property
     def full_hash(self) -> str:
         """Hash of everything that determines a trial, methods included."""
-        return digest({"shared": self.shared, "methods": self.methods})
-
-
-def digest(data: Any) -> str:
-    """SHA-256 of plain data in a canonical form."""
-    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+        return digest({point.title: [point.truth, point.methods] for point in self.points})
 
 
 def load_config(
@@ -107,35 +143,97 @@ def load_config(
     if not isinstance(tree, Map):
         raise ConfigError([Problem(str(path), 1, 1, "", f"must be a mapping (got {shown(tree)})")])
     tree = _overridden(tree, overrides)
-    sheet = read(tree)
-    if runs is not None:
-        sheet.values["runs"] = runs
-    if smoke:
-        _shrink(sheet)
+    places, problems = points(tree)
+    if not problems:
+        problems += swept_overrides(tree, {path: mark for path, _, mark in map(yaml.parse_override, overrides)})
+    sheets, experiments = _built(places, runs=runs, smoke=smoke)
+    found = tuple(
+        ConfigPoint(
+            place.coordinates,
+            place.title,
+            experiment,
+            shared(sheet, experiment),
+            _beliefs(sheet),
+            measured(sheet, experiment),
+        )
+        for place, sheet, experiment in zip(places, sheets, experiments, strict=True)
+        if experiment is not None
+    )
+    there = [] if problems else _places(places, found)
+    named = quantities_of(_metric_names(sheets[0]), found[0].experiment.methods) if found else None
+    claims = read_claims(sheets[0], named, there)
+    _statistics(sheets[0])
+    seen = outlook(found[0].experiment, len(places), smoke=smoke) if found and there else None
+    check_figures(sheets[0], _metric_names(sheets[0]), there, seen)
+    _columns(sheets[0], swept_paths(tree) if there else ())
+    problems += [problem for sheet in sheets for problem in at_their_origin(sheet)]
+    if problems or len(found) < len(places):
+        raise ConfigError(problems)
+    return _config(Path(path), tree, sheets[0], found, claims, smoke=smoke)
+
+
+def _built(places: Sequence[Point], *, runs: int | None, smoke: bool) -> tuple[list[Sheet], list[Experiment | None]]:
+    """Read and build every point; what is said once for all of them is read with the first."""
+    sheets: list[Sheet] = []
+    experiments: list[Experiment | None] = []
+    made: dict[str, Any] = {}
     with single_thread():
-        experiment = build(sheet, smoke=smoke)
-    claims = _claims(sheet, experiment)
-    _statistics(sheet)
-    _figures(sheet)
-    if sheet.problems or experiment is None:
-        raise ConfigError(at_their_origin(sheet))
+        for place in places:
+            sheet = read(place.tree if not sheets else _without(place.tree, "claims", "figures"))
+            if runs is not None:
+                sheet.values["runs"] = runs
+            if smoke:
+                _shrink(sheet)
+            sheets.append(sheet)
+            experiments.append(build(sheet, made, smoke=smoke))
+    return sheets, experiments
+
+
+def _config(
+    path: Path, tree: Map, sheet: Sheet, found: tuple[ConfigPoint, ...], claims: tuple[Claim, ...], *, smoke: bool
+) -> ExperimentConfig:
     values = sheet.values
     return ExperimentConfig(
-        path=Path(path),
+        path=path,
         name=values["name"],
         paper=values["paper"],
         title=values["title"],
-        experiment=experiment,
+        points=found,
+        axes=swept_paths(tree),
         statistics=values["statistics"],
         execution=values["execution"],
         labels={name: parts.label for name, parts in sheet.methods.items()},
         figures=tuple(part for part in sheet.figures if part is not None),
         claims=claims,
-        shared=shared(sheet, experiment),
-        methods={name: belief(sheet, parts) for name, parts in sheet.methods.items()},
-        metrics=measured(sheet, experiment),
-        resolved=resolved(sheet, experiment, smoke=smoke),
+        resolved=resolved(sheet, found[0].experiment, tree, smoke=smoke),
     )
+
+
+def _beliefs(sheet: Sheet) -> dict[str, Any]:
+    return {name: belief(sheet, parts) for name, parts in sheet.methods.items()}
+
+
+def _without(tree: Map, *keys: str) -> Map:
+    """Leave out what is said once for all points."""
+    tree = tree.copy()
+    for key in keys:
+        tree.pop(key, None)
+    return tree
+
+
+def _places(places: Sequence[Point], found: Sequence[ConfigPoint]) -> list[Place]:
+    """Points as claims name them; with what they share where all of them could be built."""
+    if len(found) < len(places):
+        return [Place(place.coordinates) for place in places]
+    return [Place(point.coordinates, point.method_keys) for point in found]
+
+
+def _columns(sheet: Sheet, axes: Sequence[Sequence[str]]) -> None:
+    """Refuse metrics that are called like a column of the sweep."""
+    for number, part in enumerate(sheet.metrics):
+        name = part.parameters.get("name") if part is not None else None
+        if name in [path for axis in axes for path in axis]:
+            sheet.note(["metrics", number], f"{name!r} is a column of the sweep already; choose another name")
 
 
 def _overridden(tree: Map, overrides: Sequence[str]) -> Map:
@@ -173,58 +271,5 @@ def _statistics(sheet: Sheet) -> None:
         sheet.note(["statistics", "baseline"], unknown(given["baseline"], sheet.methods, "method"))
 
 
-def _figures(sheet: Sheet) -> None:
-    """Check what a figure can only be asked about once there are trials."""
-    for number, part in enumerate(sheet.figures):
-        keys = part.parameters if part is not None else {}
-        if keys.get("metric") is not None and keys["metric"] not in _metric_names(sheet):
-            message = unknown(keys["metric"], _metric_names(sheet), "metric of this configuration")
-            sheet.note(["figures", number, "metric"], message)
-        order = keys.get("order") or []
-        if len(set(order)) < len(order):
-            sheet.note(["figures", number, "order"], "a method is named twice")
-        for name in order:
-            if name not in sheet.methods:
-                sheet.note(["figures", number, "order"], unknown(name, sheet.methods, "method"))
-
-
 def _metric_names(sheet: Sheet) -> list[str]:
     return [part.parameters["name"] for part in sheet.metrics if part is not None and "name" in part.parameters]
-
-
-def _claims(sheet: Sheet, experiment: Experiment | None) -> tuple[Claim, ...]:
-    quantities = [*_metric_names(sheet), *COUNTS]
-    for method in experiment.methods if experiment is not None else ():
-        series: dict[str, Any] = getattr(method.estimator, "series", dict)()
-        quantities += [name for name in series if name not in quantities]
-    claims = []
-    for number, keys in enumerate(sheet.claims):
-        if keys is not None:
-            claims.append(_claim(keys))
-            path: list[str | int] = ["claims", number]
-            for text in claims[-1].check:
-                _check_terms(sheet, text, [*path, "check"], quantities if experiment else None, parse)
-            if isinstance(claims[-1].stated, Stated):
-                known = quantities if experiment else None
-                _check_terms(sheet, claims[-1].stated.of, [*path, "stated", "of"], known, parse_expression)
-    return tuple(claims)
-
-
-def _check_terms(sheet: Sheet, text: str, path: list[str | int], quantities: list[str] | None, grammar: Any) -> None:
-    """Check that a claim can be read and speaks of what is there."""
-    try:
-        named = terms(grammar(text))
-    except ClaimError as error:
-        sheet.note(path, str(error))
-        return
-    for quantity, method in sorted(named):
-        if sheet.methods and method not in sheet.methods:
-            sheet.note(path, unknown(method, sheet.methods, "method"))
-        if quantities is not None and quantity not in quantities:
-            sheet.note(path, unknown(quantity, quantities, "metric or series of this configuration"))
-
-
-def _claim(keys: ClaimKeys) -> Claim:
-    check = (keys.check,) if isinstance(keys.check, str) else tuple(keys.check or ())
-    stated = keys.stated if isinstance(keys.stated, str) or keys.stated is None else Stated(**asdict(keys.stated))
-    return Claim(keys.says, keys.source, check, keys.finding, stated, keys.chosen)

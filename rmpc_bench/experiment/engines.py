@@ -21,11 +21,12 @@ from rmpc_bench.simulation.scenario import Experiment
 
 
 class Task(NamedTuple):
-    """One method over a range of runs."""
+    """One method over a range of runs, at one point of a sweep."""
 
     method: str
     first: int
     stop: int
+    point: int = 0
 
     @property
     def runs(self) -> range:
@@ -49,20 +50,27 @@ def single_thread() -> AbstractContextManager[object]:
     return threadpool_limits(limits=1)  # type: ignore[no-any-return]
 
 
-def work(experiment: Experiment, task: Task) -> Done:
-    """Do one task."""
+def work(experiments: Sequence[Experiment], task: Task) -> Done:
+    """Do one task.
+
+    Parameters
+    ----------
+    experiments : one per point of the sweep
+    task : what to do
+    """
+    experiment = experiments[task.point]
     block = simulate_block(experiment, experiment.method(task.method), task.runs)
     return Done(task, block, [experiment.scenario.named_values(run) for run in task.runs])
 
 
-def serial(experiment: Experiment, tasks: Sequence[Task]) -> Generator[Done]:
+def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generator[Done]:
     """Do the tasks in this process, one after the other."""
     with single_thread():
         for task in tasks:
-            yield work(experiment, task)
+            yield work(experiments, task)
 
 
-def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Generator[Done]:
+def processes(experiments: Sequence[Experiment], tasks: Sequence[Task], workers: int) -> Generator[Done]:
     """Do the tasks in worker processes; closing the generator ends them."""
     from joblib import Parallel, delayed
     from joblib.externals.loky import get_reusable_executor
@@ -77,7 +85,7 @@ def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Ge
         batch_size=1,
         inner_max_num_threads=1,
         initializer=_start_worker,
-        initargs=(experiment,),
+        initargs=(experiments,),
     )
     results = None
     try:
@@ -94,16 +102,16 @@ def processes(experiment: Experiment, tasks: Sequence[Task], workers: int) -> Ge
 
 
 _here: list[Experiment] = []
-"""The experiment of this worker process, sent once when it started."""
+"""The experiments of this worker process, sent once when it started."""
 
 
-def _start_worker(experiment: Experiment) -> None:
+def _start_worker(experiments: Sequence[Experiment]) -> None:
     # Ctrl-C in a terminal reaches every process of the group; the parent alone decides what happens then.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
     single_thread()  # for good: what it returns would undo it
-    _here[:] = [experiment]
+    _here[:] = experiments
 
 
 def _follow(parent: int) -> None:
@@ -114,4 +122,4 @@ def _follow(parent: int) -> None:
 
 
 def _work_here(task: Task) -> Done:
-    return work(_here[0], task)
+    return work(_here, task)

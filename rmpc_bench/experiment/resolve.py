@@ -6,6 +6,8 @@ from typing import Any
 
 from rmpc_bench.experiment.parts import Part, plain_data
 from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
+from rmpc_bench.experiment.sweep import swept_paths
+from rmpc_bench.experiment.yaml import Map, plain, split
 from rmpc_bench.simulation.scenario import Experiment
 
 
@@ -25,6 +27,14 @@ def shared(sheet: Sheet, experiment: Experiment) -> dict[str, Any]:
     if sheet.model is not None and any(law is not None and law.same is not None for law in laws):
         common["model"] = sheet.model.resolved()
     return common
+
+
+def changes(before: Any, after: Any) -> Any:
+    """Say what of a tree of plain data is another in a second one; what the second one lacks is null."""
+    if not (isinstance(before, dict) and isinstance(after, dict)):
+        return after
+    keys = [*before, *(key for key in after if key not in before)]
+    return {key: changes(before.get(key), after.get(key)) for key in keys if before.get(key) != after.get(key)}
 
 
 def _uncertainty(sheet: Sheet) -> dict[str, Any]:
@@ -100,8 +110,27 @@ def _metrics(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> list[dict[
     return entries
 
 
-def resolved(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:
-    """Return the whole configuration with every default filled in; it loads to an equal one."""
+def resolved(sheet: Sheet, experiment: Experiment, tree: Map, *, smoke: bool) -> dict[str, Any]:
+    """Return the whole configuration with every default filled in; it loads to an equal one.
+
+    Parameters
+    ----------
+    sheet, experiment : of the first point of a sweep
+    tree : as given, with the sweep; what it changes in the methods is left as given, or it would miss its place
+    smoke : whether the sizes are those of a smoke run
+    """
+    whole = _resolved(sheet, experiment, smoke=smoke)
+    if "sweep" not in tree:
+        return whole
+    parts = ("model", "estimator", "controller", "methods")
+    roots = {split(path, tree.mark)[0] for axis in swept_paths(tree) for path in axis}
+    if roots & set(parts):
+        whole = {key: value for key, value in whole.items() if key not in parts}
+        whole |= {key: plain(tree[key]) for key in parts if key in tree}
+    return {**whole, "sweep": plain(tree["sweep"])}
+
+
+def _resolved(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:
     values, time = sheet.values, sheet.values["time"]
     length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
     head = {
@@ -123,6 +152,7 @@ def resolved(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> dict[str, 
         "methods": methods,
         "metrics": _metrics(sheet, experiment, smoke=smoke),
         "statistics": plain_data(values["statistics"]),
+        "record": plain_data(values["record"]),
         "figures": [_without_nothing(part) for part in sheet.figures if part is not None],
         "claims": [plain_data(keys) for keys in sheet.claims if keys is not None],
         "execution": plain_data(values["execution"]),

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import json
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.trials import Traces, Trials
 from rmpc_bench.experiment.config import ExperimentConfig, load_config
+from rmpc_bench.experiment.point import ConfigPoint
 from rmpc_bench.experiment.progress import Progress
-from rmpc_bench.experiment.runner import RESOLVED, compute, method_key, metric_keys
+from rmpc_bench.experiment.runner import RESOLVED, compute
 from rmpc_bench.experiment.store import FILE, MissingError, Store
-from rmpc_bench.types import Array, Method, Status
+from rmpc_bench.experiment.sweep import depends
+from rmpc_bench.types import Array, Method
 
 
 def run(
@@ -65,50 +70,138 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
     """
     if not (directory / FILE).exists():
         raise MissingError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
+    known: dict[Any, pd.DataFrame] = {}
     with Store(directory, writable=False) as store:
         store.check(config.hash, config.shared)
-        frames = [_frame(config, store, method.name) for method in config.experiment.methods]
-    filled = [frame for frame in frames if len(frame)]
+        tables = [_table(config, point, store, known) for point in config.points]
+    filled = [table for table in tables if len(table.methods)]
     if not filled:
         raise MissingError(f"{directory}: no trial of this configuration is stored; continue with `rmpc-bench run`")
-    methods = tuple(str(frame["method"].iloc[0]) for frame in filled)
+    return _joined(config, filled) if config.paths else filled[0]
+
+
+def _joined(config: ExperimentConfig, tables: Sequence[Trials]) -> Trials:
+    """Put the tables of all points of a sweep into one."""
+    present = {method for table in tables for method in table.methods}
+    methods = tuple(method.name for method in config.experiment.methods if method.name in present)
+    return replace(
+        tables[0],
+        methods=methods,
+        frame=pd.concat([with_point(table.frame, table.point) for table in tables], ignore_index=True),
+        series=_all_series(config, methods),
+        baseline=config.baseline if config.baseline in methods else methods[0],
+        traces={},
+        paths=config.paths,
+        points=tuple(tables),
+        alike=all(point.methods == config.methods for point in config.points),
+        point={},
+        title="",
+        keys={},
+    )
+
+
+def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: dict[Any, pd.DataFrame]) -> Trials:
+    """Read the table of one point; ``known`` keeps what points share."""
+    frames = [_frame(point, store, method.name) for method in point.experiment.methods]
+    methods = tuple(str(frame["method"].iloc[0]) for frame in frames if len(frame))
+    believed = tuple(_filter_key(point, name) for name in methods)
+    if believed not in known:
+        known[believed] = series([method for method in point.experiment.methods if method.name in methods])
+    plant = point.experiment.plant
     return Trials(
         name=config.name,
         methods=methods,
         labels=config.labels,
-        metrics=tuple(metric.info for metric in config.experiment.metrics),
-        frame=pd.concat(filled, ignore_index=True),
-        series=series([method for method in config.experiment.methods if method.name in methods]),
-        baseline=config.baseline if config.baseline in methods else methods[0],
+        metrics=tuple(metric.info for metric in point.experiment.metrics),
+        frame=pd.concat(frames, ignore_index=True),
+        series=known[believed],
+        baseline=config.baseline if config.baseline in methods else (*methods, "")[0],
         confidence=config.statistics.confidence,
         relevant=config.statistics.relevant,
-        seed=config.experiment.scenario.seed,
+        seed=point.experiment.scenario.seed,
+        Ts=plant.Ts,
+        units={"y": plant.y_unit, "u": plant.u_unit},
+        traces={name: trace for name in methods if (trace := _traces(point, store, name)) is not None},
+        point=point.coordinates,
+        title=point.title,
+        keys=point.method_keys,
     )
 
 
-def _frame(config: ExperimentConfig, store: Store, name: str) -> pd.DataFrame:
-    key = method_key(config, name)
-    runs, status = store.column(key, config.experiment.n_runs)
-    columns = {metric: store.values(key, stored, runs) for metric, stored in metric_keys(config).items()}
+def _filter_key(point: ConfigPoint, name: str) -> str:
+    """What the series of a method depend on."""
+    believed = {key: value for key, value in point.methods[name].items() if key != "controller"}
+    return json.dumps([believed, point.experiment.n_steps, point.experiment.plant.Ts], sort_keys=True)
+
+
+def _frame(point: ConfigPoint, store: Store, name: str) -> pd.DataFrame:
+    key = point.method_keys[name]
+    runs, status = store.column(key, point.experiment.n_runs)
+    columns = {metric: store.values(key, stored, runs) for metric, stored in point.metric_keys.items()}
     return pd.DataFrame({"method": name, "run": np.array(runs, dtype=np.int64), "status": status, **columns})
 
 
+def _traces(point: ConfigPoint, store: Store, name: str) -> Traces | None:
+    """Recorded runs of a method; None where there are none."""
+    experiment = point.experiment
+    recording = experiment.recording
+    if not recording.n_runs:
+        return None
+    found = {signal: store.traces(point.method_keys[name], signal, recording.n_runs) for signal in recording.signals}
+    runs = sorted(set.intersection(*(set(stored) for stored, _ in found.values())))
+    signals = {signal: array[np.isin(stored, runs)] for signal, (stored, array) in found.items()}
+    r = experiment.scenario.reference.sample(experiment.n_steps + 1)
+    return Traces(np.array(runs, dtype=np.int64), signals, r) if runs else None
+
+
+def with_point(frame: pd.DataFrame, point: Mapping[str, str]) -> pd.DataFrame:
+    """Put the columns of a sweep in front of a table."""
+    return pd.concat([pd.DataFrame(dict(point), index=frame.index, dtype=object), frame], axis=1)
+
+
 def n_complete(config: ExperimentConfig, directory: Path) -> dict[str, int]:
-    """How many runs of every method are stored with all metrics of the configuration."""
-    keys, n_runs = metric_keys(config).values(), config.experiment.n_runs
+    """How many runs of every method are stored with all metrics and traces, at the point where fewest are."""
+    counts: dict[str, int] = {}
     with Store(directory, writable=False) as store:
-        return {
-            method.name: sum(run < n_runs for run in store.finished(method_key(config, method.name), keys))
-            for method in config.experiment.methods
-        }
+        for point in config.points:
+            n_runs, recording = point.experiment.n_runs, point.experiment.recording
+            for name, key in point.method_keys.items():
+                done = store.finished(key, point.metric_keys.values(), recording)
+                counts[name] = min(counts.get(name, n_runs), sum(run < n_runs for run in done))
+    return counts
 
 
 def uncertainty(config: ExperimentConfig, directory: Path) -> pd.DataFrame:
-    """Every sampled value of the named uncertain quantities: columns ``run`` and one per quantity."""
+    """Every sampled value of the named uncertain quantities: sweep columns, ``run`` and one per quantity."""
+    tables, known = [], {}
     with Store(directory, writable=False) as store:
-        rows = store.uncertainty(config.experiment.n_runs)
+        for point in config.points:
+            if point.uncertainty_key not in known:
+                rows = store.uncertainty(point.uncertainty_key, point.experiment.n_runs)
+                known[point.uncertainty_key] = _wide(rows, list(point.experiment.scenario.uncertainty))
+            table = known[point.uncertainty_key]
+            tables.append(with_point(table, point.coordinates) if point.coordinates else table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _wide(rows: list[tuple[int, str, float]], names: list[str]) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["run", "name", "value"]).pivot(index="run", columns="name", values="value")
-    return table.reindex(columns=list(config.experiment.scenario.uncertainty)).reset_index().rename_axis(columns=None)
+    return table.reindex(columns=names).reset_index().rename_axis(columns=None)
+
+
+def _all_series(config: ExperimentConfig, methods: Sequence[str]) -> pd.DataFrame:
+    """Series of the designs at all points, each once: the columns of paths it does not depend on are empty."""
+    parts = []
+    for name in methods:
+        rows = [(point.coordinates, _filter_key(point, name)) for point in config.points]
+        paths = depends(rows, config.axes)
+        seen: set[tuple[str, ...]] = set()
+        for point in config.points:
+            where = {path: point.coordinates[path] if path in paths else "" for path in config.paths}
+            if tuple(where.values()) not in seen:
+                seen.add(tuple(where.values()))
+                parts.append(with_point(series([point.experiment.method(name)]), where))
+    return pd.concat(parts, ignore_index=True)
 
 
 def series(methods: Collection[Method]) -> pd.DataFrame:
@@ -145,5 +238,8 @@ def _long(method: str, quantity: str, values: Array) -> pd.DataFrame:
 
 
 def n_failed(trials: Trials) -> int:
-    """Failed trials over all methods."""
-    return int((trials.frame["status"] != Status.OK.word).sum())
+    """Failed trials over all methods and points; what points share counts once."""
+    failed: dict[tuple[str, str | None], int] = {}
+    for table in trials.each:
+        failed |= {(name, table.keys.get(name)): table.n_failed(name) for name in table.methods}
+    return sum(failed.values())

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from rmpc_bench.experiment import engines
-from rmpc_bench.experiment.config import ExperimentConfig, digest
+from rmpc_bench.experiment.config import ExperimentConfig
 from rmpc_bench.experiment.engines import Done, Task
 from rmpc_bench.experiment.manifest import Session
+from rmpc_bench.experiment.point import ConfigPoint
 from rmpc_bench.experiment.progress import Progress, Silent, said_if_slow
 from rmpc_bench.experiment.store import Store, WriteError
 from rmpc_bench.experiment.yaml import dump, plain
@@ -19,18 +20,8 @@ from rmpc_bench.simulation.scenario import Experiment
 RESOLVED = "config.resolved.yaml"
 
 
-def method_key(config: ExperimentConfig, name: str) -> str:
-    """Hash under which the trials of a method are stored."""
-    return digest(config.methods[name])
-
-
-def metric_keys(config: ExperimentConfig) -> dict[str, str]:
-    """Hashes under which metrics are stored; a new name alone makes no new metric."""
-    return {name: digest({**keys, "name": None}) for name, keys in config.metrics.items()}
-
-
 def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) -> list[Task]:
-    """Tasks that are not stored yet, block by block.
+    """Tasks that are not stored yet, block by block; what points of a sweep share is computed at the first of them.
 
     Parameters
     ----------
@@ -38,12 +29,15 @@ def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) ->
     store : what is there
     methods : names of the methods to compute
     """
-    tasks = []
-    for method in config.experiment.methods:
-        if method.name in methods:
-            done = store.finished(method_key(config, method.name), metric_keys(config).values())
-            missing = [run for run in range(config.experiment.n_runs) if run not in done]
-            tasks += [Task(method.name, *bounds) for bounds in _ranges(missing, config.execution.block)]
+    tasks, seen = [], set()
+    for number, point in enumerate(config.points):
+        n_runs, recording = point.experiment.n_runs, point.experiment.recording
+        for name, key in point.method_keys.items():
+            if name in methods and key not in seen:
+                seen.add(key)
+                done = store.finished(key, point.metric_keys.values(), recording)
+                missing = [run for run in range(n_runs) if run not in done]
+                tasks += [Task(name, *bounds, number) for bounds in _ranges(missing, config.execution.block)]
     # All methods of a block of runs come together, so that what an interrupted run leaves is comparable.
     return sorted(tasks, key=lambda task: task.first // config.execution.block)
 
@@ -93,7 +87,7 @@ def compute(
         tasks = pending(config, store, methods)
         with Session(directory, config, modified, progress.say):
             if tasks:
-                total = len(methods) * config.experiment.n_runs
+                total = config.n_trials(methods)
                 left = sum(len(task.runs) for task in tasks)
                 _compute(config, store, tasks, workers or config.execution.workers, progress, (total, total - left))
 
@@ -115,32 +109,35 @@ def _compute(
     progress: Progress,
     counts: tuple[int, int],
 ) -> None:
-    _warm_up(config.experiment, progress)
-    keys = metric_keys(config)
+    experiments = tuple(point.experiment for point in config.points)
+    _warm_up(experiments, progress)
     progress.start(config.name, *counts)
     try:
-        with closing(_engine(config.experiment, tasks, workers)) as results:
+        with closing(_engine(experiments, tasks, workers)) as results:
             for done in results:
-                _store(store, method_key(config, done.task.method), keys, done, config.experiment)
+                _store(store, config.points[done.task.point], done)
                 progress.advance(len(done.task.runs))
     finally:
         progress.stop()
 
 
-def _engine(experiment: Experiment, tasks: list[Task], workers: int) -> Any:
+def _engine(experiments: Sequence[Experiment], tasks: list[Task], workers: int) -> Any:
     workers = min(workers, len(tasks))
-    return engines.serial(experiment, tasks) if workers == 1 else engines.processes(experiment, tasks, workers)
+    return engines.serial(experiments, tasks) if workers == 1 else engines.processes(experiments, tasks, workers)
 
 
-def _warm_up(experiment: Experiment, progress: Progress) -> None:
+def _warm_up(experiments: Sequence[Experiment], progress: Progress) -> None:
     """Compile in this process, once, what every worker then loads from the cache."""
-    warm_up = getattr(experiment.plant, "warm_up", None)
-    if warm_up is not None:
-        with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
-            warm_up()
+    for plant in {type(experiment.plant): experiment.plant for experiment in experiments}.values():
+        warm_up = getattr(plant, "warm_up", None)
+        if warm_up is not None:
+            with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
+                warm_up()
 
 
-def _store(store: Store, method: str, keys: Mapping[str, str], done: Done, experiment: Experiment) -> None:
-    names = [metric.info.name for metric in experiment.metrics]
-    columns = {keys[name]: column for name, column in zip(names, done.block.metrics, strict=True)}
-    store.add_block(method, done.task.runs, done.block.status, columns, done.uncertainty)
+def _store(store: Store, point: ConfigPoint, done: Done) -> None:
+    block, task = done.block, done.task
+    names = [metric.info.name for metric in point.experiment.metrics]
+    columns = {point.metric_keys[name]: column for name, column in zip(names, block.metrics, strict=True)}
+    key, draw = point.method_keys[task.method], point.uncertainty_key
+    store.add_block(key, task.runs, block, columns, draw, done.uncertainty)

@@ -37,7 +37,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "models": frozenset({"Ts"}),
     "estimators": frozenset({"model", "n_steps", "x0", "P0"}),
     "controllers": frozenset({"model", "n_steps", "estimator"}),
-    "references": frozenset({"ny"}),
+    "references": frozenset({"ny", "Ts"}),
     "noises": frozenset({"n"}),
     "metrics": frozenset({"units"}),
     "figures": frozenset({"trials"}),
@@ -128,9 +128,7 @@ def _union(members: Sequence[Any]) -> Any:
     expected = " or ".join(tag for tag in tagged if tag != "nothing")
     return Annotated[
         choices,
-        Discriminator(
-            choose, custom_error_type="shape", custom_error_message=f"expected {expected}", custom_error_context={}
-        ),
+        Discriminator(choose, custom_error_type="shape", custom_error_message=f"expected {expected}"),
     ]
 
 
@@ -181,10 +179,20 @@ def validate(
     The validated value, or None.
     """
     try:
-        return TypeAdapter(kind).validate_python(tree)
+        return _adapter(kind).validate_python(tree)
     except ValidationError as error:
         problems += [_problem(entry, tree, path, kind, mark) for entry in error.errors()]
         return None
+
+
+_ADAPTERS: dict[int, tuple[Any, TypeAdapter[Any]]] = {}
+"""What pydantic has made of annotations, some of which cannot be hashed; a sweep validates the same ones many times."""
+
+
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    if id(kind) not in _ADAPTERS:
+        _ADAPTERS[id(kind)] = kind, TypeAdapter(kind)
+    return _ADAPTERS[id(kind)][1]
 
 
 def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:

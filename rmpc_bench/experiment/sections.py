@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple
 
 from annotated_types import Ge, Gt, Le, Len, Lt
@@ -69,6 +69,14 @@ class Execution:
 
 
 @dataclass(frozen=True)
+class Record:
+    """Which trajectories to keep: of no run, of the first N, or of all."""
+
+    runs: Literal["none", "all"] | Count = "none"
+    signals: Annotated[list[Literal["y", "u", "x", "x_hat"]], Len(1)] = field(default_factory=lambda: ["y", "u"])
+
+
+@dataclass(frozen=True)
 class Smoke:
     """Size of a run with --smoke."""
 
@@ -93,6 +101,7 @@ class ClaimKeys:
     says: Text
     source: str = ""
     check: Text | list[Text] | None = None
+    at: Any = None
     finding: Literal[FINDINGS] | None = None  # type: ignore[valid-type]
     stated: Text | StatedKeys | None = None
     chosen: Text | None = None
@@ -122,8 +131,10 @@ SECTIONS: dict[str, Section] = {
     "estimator": Section(dict[str, Any], {}),
     "controller": Section(dict[str, Any], {}),
     "methods": Section(dict[str, Any], ...),
+    "sweep": Section(dict[str, Any], {}),
     "metrics": Section(list[Any], ["mse"]),
     "statistics": Section(Statistics, Statistics()),
+    "record": Section(Record, Record()),
     "figures": Section(list[Any], ["boxplot"]),
     "claims": Section(list[Any], []),
     "execution": Section(Execution, Execution()),

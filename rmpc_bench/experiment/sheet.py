@@ -73,4 +73,14 @@ class Sheet:
         for step in path[:-1]:
             parent = parent[step]
         mark = locate(self.tree, path)
-        return validate(with_quantities(annotation), parent[path[-1]], path, self.problems, mark=mark)
+        return validate(_checkable(annotation), parent[path[-1]], path, self.problems, mark=mark)
+
+
+_CHECKABLE: dict[int, tuple[Any, Any]] = {}
+
+
+def _checkable(annotation: Any) -> Any:
+    """Annotation with quantities, made once for each of the sections."""
+    if id(annotation) not in _CHECKABLE:
+        _CHECKABLE[id(annotation)] = annotation, with_quantities(annotation)
+    return _CHECKABLE[id(annotation)][1]

@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from rmpc_bench.simulation.closed_loop import Block
+from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import Array, Status
 
 FILE = "trials.sqlite"
@@ -28,10 +30,14 @@ CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE trials (method TEXT, run INTEGER, status TEXT NOT NULL, PRIMARY KEY (method, run)) WITHOUT ROWID;
 CREATE TABLE metrics (method TEXT, metric TEXT, run INTEGER, value REAL, PRIMARY KEY (method, metric, run))
     WITHOUT ROWID;
-CREATE TABLE uncertainty (run INTEGER, name TEXT, value REAL NOT NULL, PRIMARY KEY (run, name)) WITHOUT ROWID;
+CREATE TABLE uncertainty (draw TEXT, run INTEGER, name TEXT, value REAL NOT NULL, PRIMARY KEY (draw, run, name))
+    WITHOUT ROWID;
+CREATE TABLE traces (method TEXT, signal TEXT, run INTEGER, width INTEGER NOT NULL, data BLOB NOT NULL,
+    PRIMARY KEY (method, signal, run));
 """
 
 
+_NOTHING = Recording()
 _WORDS = {int(status): status.word for status in Status}
 
 
@@ -80,7 +86,8 @@ class Store:
         try:
             if writable:
                 self._prepare()
-            self.meta("experiment")
+            for table in ("meta", "traces"):  # the second one is missing in a store of an earlier version
+                self._connection.execute(f"SELECT 1 FROM {table} LIMIT 1")
         except sqlite3.DatabaseError as error:
             self._connection.close()
             raise _translated(error, path) from None
@@ -139,20 +146,24 @@ class Store:
             lines = differences(json.loads(self.meta("shared") or "{}"), json.loads(json.dumps(shared)))
             raise StoreError(f"{self.directory} holds another experiment:\n" + "\n".join(f"  {line}" for line in lines))
 
-    def finished(self, method: str, metrics: Iterable[str]) -> set[int]:
-        """Runs of a method that are stored with all the given metrics."""
+    def finished(self, method: str, metrics: Iterable[str], recording: Recording = _NOTHING) -> set[int]:
+        """Runs of a method that are stored with all the given metrics and, where they are to be recorded, signals."""
         runs = {run for (run,) in self._read("SELECT run FROM trials WHERE method = ?", (method,))}
         for metric in metrics:
             rows = self._read("SELECT run FROM metrics WHERE method = ? AND metric = ?", (method, metric))
             runs &= {run for (run,) in rows}
+        for signal in recording.signals if recording.n_runs else ():
+            rows = self._read("SELECT run FROM traces WHERE method = ? AND signal = ?", (method, signal))
+            runs -= set(range(recording.n_runs)) - {run for (run,) in rows}
         return runs
 
     def add_block(
         self,
         method: str,
         runs: Sequence[int],
-        status: Array,
+        block: Block,
         metrics: Mapping[str, Array],
+        draw: str,
         uncertainty: Sequence[Mapping[str, float]],
     ) -> None:
         """Store a finished block in one transaction.
@@ -161,22 +172,31 @@ class Store:
         ----------
         method : hash of the method
         runs : indices of the runs
-        status : (runs,) statuses
+        block : what became of them
         metrics : hash of the metric -> (runs,) values, NaN where there is none
-        uncertainty : the named uncertain values of every run
+        draw : hash of what the named uncertain values depend on
+        uncertainty : these values, name -> value, for every run
         """
-        trials = [(method, run, _WORDS[code]) for run, code in zip(runs, status.tolist(), strict=True)]
+        trials = [(method, run, _WORDS[code]) for run, code in zip(runs, block.status.tolist(), strict=True)]
         values = [
             (method, metric, run, None if math.isnan(value) else value)
             for metric, column in metrics.items()
             for run, value in zip(runs, column.tolist(), strict=True)
         ]
-        named = [(run, name, value) for run, row in zip(runs, uncertainty, strict=True) for name, value in row.items()]
+        traces = [
+            (method, signal, run, trace.shape[1], np.ascontiguousarray(trace, dtype="<f8").tobytes())
+            for signal, recorded in block.traces.items()
+            for run, trace in zip(runs, recorded, strict=False)  # the first ones of the block
+        ]
+        named = [
+            (draw, run, name, value) for run, row in zip(runs, uncertainty, strict=True) for name, value in row.items()
+        ]
         self._write(
             [
                 ("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", trials),
                 ("INSERT OR REPLACE INTO metrics VALUES (?, ?, ?, ?)", values),
-                ("INSERT OR REPLACE INTO uncertainty VALUES (?, ?, ?)", named),
+                ("INSERT OR REPLACE INTO traces VALUES (?, ?, ?, ?, ?)", traces),
+                ("INSERT OR REPLACE INTO uncertainty VALUES (?, ?, ?, ?)", named),
             ]
         )
 
@@ -192,10 +212,17 @@ class Store:
         stored = dict(self._read(query, (method, metric)))
         return np.array([math.nan if stored.get(run) is None else stored[run] for run in runs], dtype=float)
 
-    def uncertainty(self, n_runs: int) -> list[tuple[int, str, float]]:
+    def traces(self, method: str, signal: str, n_runs: int) -> tuple[list[int], Array]:
+        """Recorded runs of a method and their trajectories, (recorded, samples, components)."""
+        query = "SELECT run, width, data FROM traces WHERE method = ? AND signal = ? AND run < ? ORDER BY run"
+        rows = self._read(query, (method, signal, n_runs))
+        recorded = [np.frombuffer(data, dtype="<f8").reshape(-1, width) for _, width, data in rows]
+        return [run for run, *_ in rows], np.array(recorded) if rows else np.zeros((0, 0, 0))
+
+    def uncertainty(self, draw: str, n_runs: int) -> list[tuple[int, str, float]]:
         """All (run, name, value) of the named uncertain quantities, sorted."""
-        query = "SELECT run, name, value FROM uncertainty WHERE run < ? ORDER BY run, name"
-        return self._read(query, (n_runs,))
+        query = "SELECT run, name, value FROM uncertainty WHERE draw = ? AND run < ? ORDER BY run, name"
+        return self._read(query, (draw, n_runs))
 
     def _read(self, query: str, parameters: tuple[Any, ...]) -> list[Any]:
         try:
@@ -223,6 +250,8 @@ def _translated(error: sqlite3.DatabaseError, path: Path) -> Exception:
     text = str(error)
     if "locked" in text:
         return StoreError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
+    if "no such table: traces" in text:
+        return StoreError(f"{path}: holds trials of an earlier version; choose another -o DIR, or --fresh")
     if "not a database" in text or "no such table" in text or "malformed" in text:
         return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh")
     return WriteError(f"{path}: {text}")

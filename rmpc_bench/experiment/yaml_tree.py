@@ -163,7 +163,7 @@ def locate_key(tree: Map | Items, path: Sequence[str | int]) -> Mark:
     return _follow(tree, path)[0]
 
 
-def assign(tree: Map, path: str, value: Any, mark: Mark) -> Map:
+def assign(tree: Map, path: str, value: Any, mark: Mark, key_mark: Mark | None = None) -> Map:
     """Make a tree in which the value at a path is another one.
 
     Parameters
@@ -171,20 +171,21 @@ def assign(tree: Map, path: str, value: Any, mark: Mark) -> Map:
     tree : stays as it is
     path : steps with dots between them; mappings on the way are made, a step into a list is an index that exists
     value : the new value
-    mark : the place of the value, which its key and new mappings get too
+    mark : the place of the value
+    key_mark : the place of its key, which new mappings get too; that of the value unless given
 
     Returns
     -------
     The new tree, which shares what did not change.
     """
-    result: Map = _assigned(tree, split(path, mark), 0, value, mark)
+    result: Map = _assigned(tree, split(path, mark), 0, value, (key_mark or mark, mark))
     return result
 
 
-def _assigned(node: Any, steps: list[str], done: int, value: Any, mark: Mark) -> Any:
+def _assigned(node: Any, steps: list[str], done: int, value: Any, marks: tuple[Mark, Mark]) -> Any:
     if done == len(steps):
         return value
-    step, last = steps[done], done + 1 == len(steps)
+    step, last, mark = steps[done], done + 1 == len(steps), marks[0]
     if not isinstance(node, Map | Items):
         _fail(mark, steps[:done], f"is {node!r}, neither a mapping nor a list; {join(steps)} cannot be set")
     try:
@@ -193,11 +194,11 @@ def _assigned(node: Any, steps: list[str], done: int, value: Any, mark: Mark) ->
         if isinstance(node, Items):
             _fail(mark, steps[: done + 1], f"no such entry in a list of {len(node)} (they count from 0)")
         child, key_mark, value_mark = Map(mark=mark), mark, mark
-    new, child = node.copy(), _assigned(child, steps, done + 1, value, mark)
+    new, child = node.copy(), _assigned(child, steps, done + 1, value, marks)
     if isinstance(new, Map):
-        new.put(step, child, mark if last else key_mark, mark if last else value_mark)
+        new.put(step, child, *(marks if last else (key_mark, value_mark)))
     else:
         new[int(step)] = child
         if last:
-            new.value_marks[int(step)] = mark
+            new.value_marks[int(step)] = marks[1]
     return new

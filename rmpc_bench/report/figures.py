@@ -8,13 +8,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from annotated_types import Ge, Le
 
-from rmpc_bench.types import DesignError, MetricInfo
+from rmpc_bench.report import points
+from rmpc_bench.report.demands import demands, of_boxplot, of_series, of_trajectories
+from rmpc_bench.report.points import Values
+from rmpc_bench.types import DesignError, MetricInfo, NonNegative, Panel
 
 Inches = Annotated[float, Ge(1), Le(100)]
+SingleRuns = Annotated[int, Ge(0), Le(10)]
+
+FORMATS: dict[str, dict[str, Any]] = {
+    ".svg": {"metadata": {"Date": None, "Creator": None}},
+    ".png": {"metadata": {"Software": None}, "dpi": 200},
+    ".pdf": {"metadata": {"CreationDate": None, "Creator": None, "Producer": None}},
+}
+"""Endings of files, with what makes their bytes the same every time."""
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,27 +33,33 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 
+@demands(of_boxplot)
 def boxplot(
     trials: Trials,
     *,
     metric: str | None = None,
     width: Inches = 3.5,
-    height: Inches = 2.4,
+    height: Inches | None = None,
     log: bool = False,
     order: list[str] | None = None,
+    at: list[Values] | None = None,
 ) -> Figure:
     """Draw one box per method: red median, blue quartiles, whiskers to 1.5 of their distance, red outliers.
 
     Below a box stands the number of runs, as n/total where some failed, and how many of them are never; these are
-    not part of the box.
+    not part of the box.  The points of a sweep stand below each other, on a common axis; where all have the same
+    numbers of runs, these stand below the last one only.
 
     Parameters
     ----------
     trials : the table of trials
     metric : name of the metric; the first one if not given
-    width, height : of the whole picture [in]; labels too wide for their box stand upright and add to the height
+    width : of the whole picture [in]
+    height : of the whole picture [in], if not given 2.4 and 1.4 for every further point of a sweep; labels too wide
+        for their box stand upright and add to it
     log : logarithmic axis; linear nevertheless, and said so, where a value is not positive
     order : methods to show, from left to right; all if not given
+    at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
 
     Returns
     -------
@@ -51,15 +68,130 @@ def boxplot(
     Raises
     ------
     DesignError
-        when a metric or method is unknown or the size below an inch
+        when a metric, method or point is unknown, there are too many points, or the size is below an inch
     """
+    shown, info, methods = points.chosen(trials, at), _metric(trials, metric), _methods(trials, order)
+    size = _size(width, height, 1.0 + 1.4 * len(shown))
     from rmpc_bench.report.boxplot import draw
 
-    info, methods = _metric(trials, metric), _methods(trials, order)
-    for name, size in (("width", width), ("height", height)):
-        if not 1 <= size < math.inf:
-            raise DesignError(f"must be at least 1 inch (got {size:g})", name)
-    return draw(trials, info, methods, (width, height), log=log)
+    return draw(shown, info, methods, size, log=log)
+
+
+@demands(of_trajectories)
+def trajectories(
+    trials: Trials,
+    *,
+    signals: list[str] | None = None,
+    from_: NonNegative | None = None,
+    to: NonNegative | None = None,
+    runs: SingleRuns = 1,
+    width: Inches = 3.5,
+    height: Inches | None = None,
+    order: list[str] | None = None,
+    at: Values | None = None,
+) -> Figure:
+    """Draw recorded signals over time, one panel each, the methods in one panel and the reference dashed.
+
+    Of one recorded run the picture shows its lines; of several the median (thick), the band from 5 to 95 % and single
+    runs (thin), without the runs that failed.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    signals : signals to show, from top to bottom, such as y, u or, a single component counted from 0, x_hat.2; y and u
+        if not given
+    from_ : first time to show [s]
+    to : last time to show [s]
+    runs : how many single runs to show beside median and band, from the first one on
+    width : of the whole picture [in]
+    height : of the whole picture [in], if not given 0.8 and 1.2 for every panel; what legend and title need beyond a
+        line is added
+    order : methods to show, later ones above earlier ones; all that have recorded runs if not given
+    at : point of the sweep, by values of its paths; the first one if not given
+
+    Returns
+    -------
+    the picture, for `save`
+
+    Raises
+    ------
+    DesignError
+        when nothing is recorded, or a signal, method or point is unknown, or the window holds no samples
+    """
+    point, title = points.only(trials, at)
+    methods = _recorded(point, order)
+    from rmpc_bench.report.curves import window_of
+    from rmpc_bench.report.trajectories import draw, rows_of
+
+    rows = rows_of(point, methods, signals)
+    window = window_of(point, len(point.traces[methods[0]].r) - 1, from_, to)
+    return draw(point, title, methods, rows, window, runs, _size(width, height, 0.8 + 1.2 * len(rows)))
+
+
+@demands(of_series)
+def series(
+    trials: Trials,
+    *,
+    quantity: str,
+    component: str | int | None = None,
+    from_: NonNegative | None = None,
+    to: NonNegative | None = None,
+    log: bool = False,
+    width: Inches = 3.5,
+    height: Inches | None = None,
+    order: list[str] | None = None,
+    at: Values | None = None,
+) -> Figure:
+    """Draw a quantity of the designs over time, such as the gain L of an estimator.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    quantity : name in series.csv, such as L or theta
+    component : its component as in series.csv, such as 2,0 (counted from 0); all (6 at most) if not given
+    from_ : first time to show [s]
+    to : last time to show [s]
+    log : logarithmic axis; linear nevertheless, and said so, where a value is not positive
+    width : of the whole picture [in]
+    height : of the whole picture [in], if not given 0.8 and 1.2 for every panel; what legend and title need beyond a
+        line is added
+    order : methods to show, later ones above earlier ones; all that have the quantity if not given
+    at : point of the sweep, by values of its paths; the first one if not given
+
+    Returns
+    -------
+    the picture, for `save`
+
+    Raises
+    ------
+    DesignError
+        when a quantity, component, method or point is unknown, or the window holds no samples
+    """
+    point, title = points.only(trials, at)
+    methods = None if order is None else _methods(point, order)
+    from rmpc_bench.report.curves import window_of
+    from rmpc_bench.report.series import draw, last_of, lines_of, within
+
+    lines = lines_of(point, methods, quantity, None if component is None else str(component))
+    window = window_of(point, last_of(lines), from_, to)
+    lines = within(lines, window)
+    return draw(point, title, quantity, lines, window, _size(width, height, 0.8 + 1.2 * len(lines)), log=log)
+
+
+def portrait(panels: Sequence[Panel]) -> Figure:
+    """Draw what a part tells about itself.
+
+    Parameters
+    ----------
+    panels : the panels from top to bottom
+
+    Returns
+    -------
+    the picture, for `save_as`
+    """
+    from rmpc_bench.report.portrait import draw
+
+    return draw(panels, (3.5, 0.4 + 1.6 * len(panels)))
 
 
 def save(figure: Figure, directory: Path, stem: str) -> list[Path]:
@@ -75,14 +207,33 @@ def save(figure: Figure, directory: Path, stem: str) -> list[Path]:
     -------
     the two files
     """
+    directory.mkdir(parents=True, exist_ok=True)
+    files = [directory / f"{stem}.svg", directory / f"{stem}.png"]
+    for file in files:
+        save_as(figure, file)
+    return files
+
+
+def save_as(figure: Figure, file: Path) -> None:
+    """Write a picture in the format that the ending of the file says, with the same bytes every time.
+
+    Parameters
+    ----------
+    figure : the picture
+    file : ending with one of `FORMATS`; replaced
+    """
     from rmpc_bench.report.style import style
 
-    directory.mkdir(parents=True, exist_ok=True)
-    svg, png = directory / f"{stem}.svg", directory / f"{stem}.png"
+    ending = file.suffix.lower()
     with style():
-        figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-        figure.savefig(png, format="png", dpi=200, metadata={"Software": None})
-    return [svg, png]
+        figure.savefig(file, format=ending[1:], **FORMATS[ending])
+
+
+def _size(width: float, height: float | None, usual: float) -> tuple[float, float]:
+    for name, size in (("width", width), ("height", height)):
+        if size is not None and not 1 <= size < math.inf:
+            raise DesignError(f"must be at least 1 inch (got {size:g})", name)
+    return width, usual if height is None else height
 
 
 def _metric(trials: Trials, name: str | None) -> MetricInfo:
@@ -104,3 +255,14 @@ def _methods(trials: Trials, order: list[str] | None) -> Sequence[str]:
     if not order or len(set(order)) < len(order):
         raise DesignError("must name at least one method, and each one once", "order")
     return order
+
+
+def _recorded(point: Trials, order: list[str] | None) -> Sequence[str]:
+    """Methods to show, all of which have recorded runs."""
+    having = [name for name in point.methods if name in point.traces and len(point.traces[name].runs)]
+    if not having:
+        raise DesignError("no run is recorded; record some with `record: {runs: 1}`", "")
+    for name in _methods(point, order) if order is not None else ():
+        if name not in having:
+            raise DesignError(f"no run of '{name}' is recorded (recorded: {', '.join(having)})", "order")
+    return having if order is None else order

@@ -9,14 +9,21 @@ from typing import Any
 import matplotlib
 
 RED, BLUE, GREY = "#d7191c", "#0b5ba8", "#d9d9d9"
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Of lines, one per method: the palette of Okabe and Ito."""
+REFERENCE = "#7f7f7f"
 FONT, FONT_SIZE = "DejaVu Sans", 8  # comes with matplotlib
 STYLE: dict[Any, Any] = {
     "font.family": FONT,
     "font.size": FONT_SIZE,
     "axes.labelsize": FONT_SIZE,
+    "axes.titlesize": FONT_SIZE,
     "xtick.labelsize": FONT_SIZE,
     "ytick.labelsize": FONT_SIZE,
+    "legend.fontsize": FONT_SIZE,
     "axes.linewidth": 0.6,
+    "axes.titlepad": 3.0,
+    "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "ytick.minor.width": 0.4,
     "svg.fonttype": "path",  # the same picture in every viewer

@@ -1,15 +1,13 @@
-"""Tables of an experiment: CSV files, the Markdown page and the block at the end of the screen."""
+"""Tables of one experiment, or one point of a sweep: the Markdown page and the block at the end of the screen."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
-from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.statistics import decimals, format_with_error, sentence, wilson
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo, Status
@@ -19,52 +17,6 @@ GAPS = {"mean": 4, "median": 3, "change": 4, "won": 5, "n": 3, "word": 2}
 
 NOISE = 1e-12
 """Relative errors below this one come from rounding: all runs are equal."""
-
-
-def write_csv(frame: pd.DataFrame, path: Path) -> None:
-    """Write a table so that equal tables give equal bytes and every float reads back as itself.
-
-    Parameters
-    ----------
-    frame : the table; its index is not written
-    path : the file, replaced; floats as their shortest repr, inf for never, empty for missing
-    """
-    frame.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
-
-
-def trials_csv(trials: Trials, path: Path) -> None:
-    """Write the table of trials with the columns `method, run, status` and one per metric.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    path : the file, replaced
-    """
-    write_csv(trials.frame[["method", "run", "status", *(info.name for info in trials.metrics)]], path)
-
-
-class Summary(NamedTuple):
-    """A table of trials with its statistics."""
-
-    trials: Trials
-    described: pd.DataFrame
-    """One row per method and metric, see `statistics.summary`."""
-    compared: pd.DataFrame
-    """One row per comparison with the baseline, see `statistics.comparisons`."""
-
-    def to_markdown(self) -> str:
-        """Return the page of tables."""
-        return summary_markdown(self.trials, self.described, self.compared)
-
-
-def summarise(trials: Trials) -> Summary:
-    """Describe every method and compare it with the baseline.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    """
-    return Summary(trials, statistics.summary(trials), statistics.comparisons(trials))
 
 
 class _Line(NamedTuple):
@@ -143,7 +95,9 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     Markdown, ending with a line end
     """
     runs, level = len(trials.runs), 100 * trials.confidence
-    parts = [f"# {trials.name}", f"{_count(runs, 'run')} per method, seed {trials.seed}, intervals at {level:g} %."]
+    name = f"{trials.name}: {trials.title}" if trials.title else trials.name
+    size = f"{_count(runs, 'run')} per method, seed {trials.seed}, intervals at {level:g} %."
+    parts = [f"# {name}", f"One run of each method at each of {runs} points, all there are." if trials.alike else size]
     for info in trials.metrics:
         table = _table(trials, summary, comparisons, info)
         parts.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ class Block(NamedTuple):
     status: Statuses
     metrics: Float[Array, "metrics runs"]
     """NaN where the run failed."""
+    traces: Mapping[str, Float[Array, "recorded samples n"]]
+    """Signal -> trajectories of the first runs of the block, as many as are to be recorded."""
 
 
 def simulate_block(experiment: Experiment, method: Method, runs: range) -> Block:
@@ -39,7 +42,9 @@ def simulate_block(experiment: Experiment, method: Method, runs: range) -> Block
     ok = status == OK
     with np.errstate(over="ignore", invalid="ignore"):  # of failed runs
         values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
-    return Block(status, np.array(values).reshape(len(values), len(ok)))
+    n_recorded = max(0, min(len(runs), experiment.recording.n_runs - runs.start))
+    traces = {name: getattr(record, name)[:n_recorded] for name in experiment.recording.signals if n_recorded}
+    return Block(status, np.array(values).reshape(len(values), len(ok)), traces)
 
 
 def simulate(

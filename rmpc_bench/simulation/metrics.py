@@ -64,8 +64,10 @@ class Settling:
     def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
         """Time from the start of the window to the first sample after which the output stays in the band."""
         error = _error(record, window)
-        step = np.abs(record.r[window.last] - record.y[:, window.first])
-        outside = (np.abs(error) > self.band * step[:, None, :]).any(axis=2)
+        edge = record.r[window.first] - record.r[max(window.first - 1, 0)]
+        step = np.where(edge != 0.0, np.abs(edge), np.abs(record.r[window.last] - record.y[:, window.first]))
+        bound = self.band * step
+        outside = np.asarray((np.abs(error) > bound[:, None, :]).any(axis=2))
         last_outside = np.where(outside.any(axis=1), outside.shape[1] - 1 - outside[:, ::-1].argmax(axis=1), -1)
         time = np.round(record.Ts * (last_outside + 1), 12)  # 34 * 0.1 is 3.4000000000000004 in doubles
         return np.where(last_outside == outside.shape[1] - 1, np.inf, time)
@@ -108,6 +110,15 @@ def _mean_absolute_error(record: Record, window: Window) -> Float[Array, " runs"
 
 def _mean_square_input(record: Record, window: Window) -> Float[Array, " runs"]:
     return _time_mean(record.u[:, window.slice] ** 2)
+
+
+def _input_roughness(record: Record, window: Window) -> Float[Array, " runs"]:
+    """Standard deviation over time of the increments u(k) - u(k-1) inside the window, root mean square over inputs."""
+    increments = np.diff(record.u[:, window.slice], axis=1)
+    if not increments.size:
+        return np.zeros(len(increments))
+    means = np.ascontiguousarray(increments.transpose(0, 2, 1)).mean(axis=2)
+    return np.sqrt(_time_mean((increments - means[:, None, :]) ** 2))
 
 
 def _window(units: Units, start: Bound, end: Bound, default_last: int, limit: int) -> Window:
@@ -182,6 +193,23 @@ def input_power(units: Units, *, name: str = "input_power", from_: Bound = None,
     return SampleMetric(MetricInfo(name, f"{units.u}^2", "lower"), window, _mean_square_input)
 
 
+def input_roughness(
+    units: Units, *, name: str = "input_roughness", from_: Bound = None, to: Bound = None
+) -> SampleMetric:
+    """Standard deviation of the increments of the applied input over k = 0..N-1: 0 for a ramp or a single sample.
+
+    Parameters
+    ----------
+    units : what the metric must know of the experiment
+    name : column of the tables
+    from_ : first sample (seconds or samples, as `time`)
+    to : last sample, included
+    """
+    last = units.n_steps - 1
+    window = _window(units, from_, to, last, last)
+    return SampleMetric(MetricInfo(name, units.u, "lower"), window, _input_roughness)
+
+
 def settling_time(
     units: Units, *, name: str = "settling_time", band: Positive = 0.05, from_: Bound = None, to: Bound = None
 ) -> SampleMetric:
@@ -191,7 +219,8 @@ def settling_time(
     ----------
     units : what the metric must know of the experiment
     name : column of the tables
-    band : half width of the band, as a share of the step |r(last) - y(first)|
+    band : half width of the band, as a share of the step: the jump of the reference at the first sample, or for an
+        output whose reference does not jump there |r(last) - y(first)|
     from_ : where the step begins (seconds or samples, as `time`); the time counts from there
     to : last sample, included; N, the last one of the experiment, unless given
     """

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
+from annotated_types import Gt, Lt
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_vector
-from rmpc_bench.types import Array, DesignError
+from rmpc_bench.types import Array, DesignError, Positive
 
 
 @runtime_checkable
@@ -48,3 +49,57 @@ def constant(ny: int, *, value: float | list[float]) -> Constant:
         return Constant(as_vector(value, ny))
     except ValueError as error:
         raise DesignError(str(error), "value") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Square:
+    """Two values in turn."""
+
+    first: Float[Array, " ny"]
+    second: Float[Array, " ny"]
+    period: int
+    """Samples."""
+    edge: int
+    """Samples of a period that have the first value."""
+
+    def sample(self, n_samples: int) -> Float[Array, "samples ny"]:
+        """Values at k = 0..n_samples - 1."""
+        within = np.arange(n_samples) % self.period
+        return np.where((within < self.edge)[:, None], self.first, self.second)
+
+
+def square(
+    ny: int,
+    Ts: float,
+    *,
+    values: tuple[float | list[float], float | list[float]],
+    period: Positive,
+    duty: Annotated[float, Gt(0), Lt(1)] = 0.5,
+) -> Square:
+    """Square wave: the first value, then the second, and so on.
+
+    Parameters
+    ----------
+    ny : number of outputs
+    Ts : sampling time [s]
+    values : the first and the second value, each a number (for every output) or one per output, in the output's unit
+    period : of the wave [s], a whole number of samples
+    duty : share of the period with the first value; its end must be a sample, too
+
+    Raises
+    ------
+    DesignError
+        If an edge lies between two samples, or the number of values does not fit.
+    """
+    samples, edge = period / Ts, duty * period / Ts
+    for count, name in ((samples, "period"), (edge, "duty")):
+        if abs(count - round(count)) > 1e-9 * max(count, 1.0) or round(count) < 1:
+            raise DesignError(f"the edges must lie on samples, {Ts:g} s apart", name)
+    if round(edge) == round(samples):
+        raise DesignError("leaves no sample for the second value", "duty")
+    try:
+        first, second = (as_vector(value, ny) for value in values)
+    except ValueError as error:
+        raise DesignError(str(error), "values") from None
+    longest = 2**53  # samples; what lies beyond never comes
+    return Square(first, second, min(round(samples), longest), min(round(edge), longest - 1))

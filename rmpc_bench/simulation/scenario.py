@@ -136,6 +136,15 @@ class Scenario:
         return total
 
 
+class Recording(NamedTuple):
+    """The trajectories to keep."""
+
+    signals: tuple[str, ...] = ()
+    """Of `Record`: ``y``, ``u``, ``x``, ``x_hat``."""
+    n_runs: int = 0
+    """Of how many runs, from the first one on."""
+
+
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """Everything a worker needs: picklable, made once.
@@ -147,6 +156,7 @@ class Experiment:
     scenario : what befalls every run
     metrics : the numbers to keep of every run
     n_runs, n_steps : size of the experiment; samples are k = 0..n_steps
+    recording : the trajectories to keep
     """
 
     plant: Plant
@@ -155,6 +165,7 @@ class Experiment:
     metrics: tuple[Metric, ...]
     n_runs: int
     n_steps: int
+    recording: Recording = Recording()
 
     def method(self, name: str) -> Method:
         """Look a method up by its name."""

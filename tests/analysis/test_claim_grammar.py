@@ -15,6 +15,10 @@ from rmpc_bench.analysis.claim_grammar import ClaimError, parse, parse_expressio
 from rmpc_bench.analysis.claim_tree import Call, Chain, Link, Number, Operation, Term
 
 
+def named(chain):
+    return {(term.quantity, term.method) for term in terms(chain)}
+
+
 def pairs(ours, theirs):
     """Return a strategy of one rendering for us beside one for Python."""
     return st.tuples(st.just(ours), st.just(theirs))
@@ -85,7 +89,7 @@ def test_chain_of_product_md():
     assert chain.links[0] == Link(
         Call("mean", (Term("mse", "R-MPC1"),)), "<", Call("mean", (Term("mse", "R-MPC2"),)), None, False, text[:39]
     )
-    assert terms(chain) == {("mse", "R-MPC1"), ("mse", "R-MPC2"), ("mse", "S-MPC")}
+    assert named(chain) == {("mse", "R-MPC1"), ("mse", "R-MPC2"), ("mse", "S-MPC")}
     assert parse(text) == chain
     assert hash(parse(text)) == hash(chain)
 
@@ -95,7 +99,7 @@ def test_all_is_a_statement_of_its_own():
     chain = parse("all(diag(M[ERP]) <= diag(P[ERP]))")
     assert chain.everywhere
     assert chain.text == "all(diag(M[ERP]) <= diag(P[ERP]))"
-    assert terms(chain) == {("M", "ERP"), ("P", "ERP")}
+    assert named(chain) == {("M", "ERP"), ("P", "ERP")}
 
 
 def test_tolerances():
@@ -109,7 +113,7 @@ def test_tolerances():
 def test_terms_of_everything():
     """Shares, lists and counts are walked too."""
     chain = parse("share(a[M1] < [1, at(b[M 2], 3)]) >= ratio(n_failed[M1], c[x.y=1])")
-    assert terms(chain) == {("a", "M1"), ("b", "M 2"), ("n_failed", "M1"), ("c", "x.y=1")}
+    assert named(chain) == {("a", "M1"), ("b", "M 2"), ("n_failed", "M1"), ("c", "x.y=1")}
     assert isinstance(chain.links[0].left.arguments[0], Chain)
 
 
@@ -117,7 +121,7 @@ def test_terms_of_everything():
     ("text", "column", "words"),
     [
         ("maen(mse[A]) < 1", 1, "did you mean 'mean'?"),
-        ("1 < zzz(2)", 5, "known: all at det"),
+        ("1 < zzz(2)", 5, "known: abs all at"),
         ("mean(mse) < 1", 6, "'mse' needs a method: mse[METHOD]"),
         ("mean(mse[A) < 1", 6, "closing bracket"),
         ("mean(mse[ ]) < 1", 6, "needs a method"),

@@ -181,6 +181,7 @@ def test_never(make_trials):
         "interval": [None, None],
         "n": 16,
         "left_out": 0,
+        "at": None,
     }
     assert table[3]["numbers"][0]["left"] == "-never"
 

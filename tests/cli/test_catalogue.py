@@ -1,10 +1,12 @@
 """list and describe: the reference manual."""
 
+import numpy as np
 import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import registry
 from rmpc_bench.experiment.schema import PROVIDED, model_of
+from rmpc_bench.types import Line, Panel
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
 
@@ -89,3 +91,77 @@ def test_a_registered_part_is_in_the_manual(monkeypatch):
     shown = cli("describe", "half").stdout
     assert "Take half of the innovation." in shown
     assert "  gain  (default 0.5)\n      how much of it, exactly\n" in shown
+
+
+class Drawn:
+    """A plant that has a portrait."""
+
+    def portrait(self):
+        """One panel."""
+        return (Panel("drawn", "x", "y", (Line("line", np.arange(3.0), np.arange(3.0)),)),)
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Register plants that have a portrait, one of which needs a key, and one that has none."""
+    monkeypatch.setattr(registry, "_REGISTERED", {group: {} for group in registry.BUILT_IN})
+
+    def design(Ts: float, *, gain: float = 1.0):
+        """Draw it."""
+        assert Ts > 0
+        return Drawn()
+
+    def design_with_key(Ts: float, *, gain: float):
+        """Draw it if you can."""
+        return Drawn()
+
+    registry.register("plant", "drawn", design)
+    registry.register("plant", "needs-a-key", design_with_key)
+    registry.register("plant", "plain", lambda Ts: object())
+
+
+@pytest.mark.parametrize(
+    ("ending", "head"), [("svg", b"<?xml"), ("png", b"\x89PNG"), ("pdf", b"%PDF"), ("PNG", b"\x89PNG")]
+)
+def test_describe_with_a_picture(drawn, tmp_path, ending, head):
+    """The manual on stdout, the picture in the format of the ending, the same bytes each time."""
+    files = [tmp_path / f"{stem}.{ending}" for stem in ("one", "other")]
+    for file in files:
+        result = cli("describe", "drawn", "--plot", file)
+        assert result.exit_code == 0 and result.stdout.startswith("plants/drawn\n")
+        assert result.stderr == f"written {file}\n"
+    one, other = (file.read_bytes() for file in files)
+    assert one == other and one.startswith(head)
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "message"),
+    [
+        ("drawn", "a.gif", "a.gif: the ending says the format, one of .svg, .png, .pdf"),
+        ("drawn", "a", "a: the ending says the format"),
+        ("plain", "a.svg", "plain has no picture (there is one of"),
+        ("plain", "a.svg", "plants/drawn"),
+        ("needs-a-key", "a.svg", "needs-a-key has no picture"),
+        ("kalman", "a.svg", "kalman has no picture"),
+    ],
+)
+def test_no_picture(drawn, tmp_path, monkeypatch, name, file, message):
+    """Exit 2, the way out, and no file."""
+    monkeypatch.chdir(tmp_path)
+    result = cli("describe", name, "--plot", file)
+    assert result.exit_code == 2 and message in " ".join(result.stderr.split()) and result.stdout == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_picture_that_cannot_be_written(drawn, tmp_path):
+    """Exit 74, as for results."""
+    result = cli("describe", "drawn", "--plot", tmp_path / "missing" / "a.svg")
+    assert result.exit_code == 74 and "cannot be written" in result.stderr
+
+
+def test_friction_of_the_servo(tmp_path):
+    """Fig. 2 of zenere2018."""
+    file = tmp_path / "friction.svg"
+    result = cli("describe", "plants/servo", "--plot", file)
+    assert result.exit_code == 0 and file.read_bytes().startswith(b"<?xml")
+    assert "there is one of plants/servo)" in cli("describe", "servo-linear", "--plot", file).stderr.replace("\n", " ")

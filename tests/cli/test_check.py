@@ -1,5 +1,6 @@
 """check: what is wrong, or what would be compared."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -114,6 +115,53 @@ def test_several_files(tmp_path):
     assert result.exit_code == 2
     assert f"{right}: valid" in result.stdout
     assert [line.split(":")[0] for line in result.stderr.splitlines()] == [str(wrong), str(tmp_path / "none.yaml")]
+
+
+def test_deep(tmp_path):
+    """What it adds stands below what is printed anyhow, warnings included; the exit code does not change."""
+    methods = "{S-MPC: {estimator: {kind: kalman}}, R-MPC: {estimator: {kind: robust-kalman, c: 0.1}}}"
+    changed = methods.replace("c: 0.1}", "c: 0.1}, controller: {R: 0.2}")
+    path = write(tmp_path, methods=changed)
+    plain, deep = cli("check", path), cli("check", path, "--deep")
+    assert (plain.exit_code, deep.exit_code, deep.stderr) == (0, 0, "")
+    assert deep.stdout.startswith(plain.stdout)
+    added = deep.stdout.removeprefix(plain.stdout)
+    assert "  divergence of the plant from the model" in added and "  linear loop: spectral radius" in added
+    assert "  warning: R-MPC differs from S-MPC in the estimator and in controller.R" in added
+    assert all(line == "" or line.startswith("  ") for line in added.splitlines())
+
+
+def test_deep_looks_at_every_point_of_a_sweep(tmp_path):
+    """Each under its coordinates; what the tables mean stands once, at the end."""
+    sweep = "{grid: {controller.Hu: [3, 8]}}"
+    shown = cli("check", write(tmp_path, sweep=sweep), "--deep").stdout
+    places = [shown.index(f"\n  controller.Hu={Hu}\n") for Hu in (3, 8)]
+    tables = [match.start() for match in re.finditer("divergence of the plant", shown)]
+    assert len(tables) == 2 and places[0] < tables[0] < places[1] < tables[1]
+    assert shown.count("s: standard deviation of the noise") == shown.count("c stands for twice (10)") == 1
+    assert shown.endswith("With `kl: printed`, c stands for twice (10).\n")
+
+
+def test_only_deep_imports_what_it_needs(tmp_path):
+    """Neither the code of the analysis nor anything heavy is loaded by plain `check`; `--deep` stays light, too."""
+    program = (
+        "import sys; from rmpc_bench.cli import main\n"
+        "try: main(sys.argv[1:])\n"
+        "except SystemExit as done: assert not done.code\n"
+        "print(*sys.modules, file=sys.stderr)"
+    )
+    own = {
+        "rmpc_bench.cli.deep",
+        "rmpc_bench.experiment.deep",
+        "rmpc_bench.simulation.tolerance",
+        "rmpc_bench.simulation.linear_loop",
+    }
+    for options, expected in (([], set()), (["--deep"], own)):
+        command = [sys.executable, "-c", program, "check", str(write(tmp_path)), *options]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+        modules = set(done.stderr.split())
+        assert modules & own == expected
+        assert not modules & {"numba", "pandas", "matplotlib"}
 
 
 def test_lines_of_the_small_experiment():

@@ -238,7 +238,7 @@ def test_defaults(load):
     config = load(**dict.fromkeys(["seed", "noise", "initial", "reference", "metrics", "figures"]))
     assert config.experiment.scenario.seed == 0
     assert config.experiment.scenario.measurement == ()
-    assert list(config.metrics) == ["mse"]
+    assert list(config.points[0].metrics) == ["mse"]
     assert [part.kind for part in config.figures] == ["boxplot"]
     assert (config.execution.workers, config.execution.block, config.execution.max_failures) == (2, 50, 0)
     assert (config.statistics.confidence, config.statistics.relevant) == (0.95, 0.01)

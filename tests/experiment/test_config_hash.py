@@ -4,7 +4,6 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import load_config
-from rmpc_bench.experiment.runner import method_key, metric_keys
 from rmpc_bench.experiment.yaml import dump, plain
 
 CLAIM = "[{says: a, check: 'mean(mse[S-MPC]) < 1', finding: found}]"
@@ -30,7 +29,16 @@ NOT_SHARED = {
     "statistics": "{confidence: 90%, baseline: R-MPC}",
     "execution": "{workers: 1, block: 3, max_failures: 2}",
     "smoke": "{runs: 1, steps: 2}",
+    "record": "{runs: all}",
 }
+
+
+def method_key(config, name):
+    return config.points[0].method_keys[name]
+
+
+def metric_keys(config):
+    return config.points[0].metric_keys
 
 
 @pytest.fixture

@@ -175,7 +175,7 @@ def test_pending_goes_block_by_block(noisy, tmp_path):
     """All methods of a block come together; a hole in what is stored is filled, within the borders of the blocks."""
     config = load_config(noisy, overrides=["execution.block=8"])
     with Store(tmp_path / "a") as store:
-        assert [tuple(task) for task in pending(config, store, ["S-MPC", "R-MPC"])] == [
+        assert [tuple(task)[:3] for task in pending(config, store, ["S-MPC", "R-MPC"])] == [
             *(
                 ("S-MPC", 0, 8),
                 ("R-MPC", 0, 8),
@@ -187,7 +187,7 @@ def test_pending_goes_block_by_block(noisy, tmp_path):
         ]
     ran(noisy, tmp_path / "b", "--runs", 3, "--only", "R-MPC")
     with Store(tmp_path / "b") as store:
-        assert [tuple(task) for task in pending(config, store, ["R-MPC"])] == [
+        assert [tuple(task)[:3] for task in pending(config, store, ["R-MPC"])] == [
             ("R-MPC", 3, 8),
             ("R-MPC", 8, 16),
             ("R-MPC", 16, 20),
@@ -211,15 +211,15 @@ def test_blas_runs_on_one_thread(tmp_path, monkeypatch):
     config = load_config(write(tmp_path, methods="{a: {estimator: {kind: watching}}}"))
     simulate = engines.simulate_block
     monkeypatch.setattr(engines, "simulate_block", lambda *args: note("block") or simulate(*args))
-    list(engines.serial(config.experiment, [engines.Task("a", 0, 2)]))
+    list(engines.serial([config.experiment], [engines.Task("a", 0, 2)]))
     assert threads == {"design": 1, "block": 1}
 
 
 def test_a_task_brings_its_uncertain_values(noisy):
     """One record per run, the same as any other task that contains the run."""
     config = load_config(noisy)
-    done = engines.work(config.experiment, engines.Task("S-MPC", 2, 5))
-    again = engines.work(config.experiment, engines.Task("R-MPC", 4, 6))
+    done = engines.work([config.experiment], engines.Task("S-MPC", 2, 5))
+    again = engines.work([config.experiment], engines.Task("R-MPC", 4, 6))
     assert [*done.uncertainty[0]] == ["eps", "delta"]
     assert done.uncertainty[2] == again.uncertainty[0]
     assert done.block.metrics.shape == (4, 3) and np.isfinite(done.block.metrics[0]).all()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench.experiment.store import FILE, Store, StoreError, WriteError, differences
+from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.types import Status
 
 OK, DIVERGED = Status.OK, Status.DIVERGED
@@ -16,7 +17,8 @@ def add(store, runs, *, method="m", metric="q", values=None, status=None):
     """Store a block whose value is the run's index unless given."""
     values = np.array([float(run) for run in runs] if values is None else values)
     status = np.array([OK] * len(runs) if status is None else status, dtype=np.int8)
-    store.add_block(method, runs, status, {metric: values}, [{"eps": 0.1 * run} for run in runs])
+    block = Block(status, values[None], {})
+    store.add_block(method, runs, block, {metric: values}, "d", [{"eps": 0.1 * run} for run in runs])
 
 
 @pytest.fixture
@@ -65,13 +67,14 @@ def test_uncertainty_is_stored_once_per_run(store):
     """Methods share it."""
     add(store, [1, 0], method="m")
     add(store, [0, 2], method="n")
-    assert store.uncertainty(2) == [(0, "eps", 0.0), (1, "eps", 0.1)]
+    assert store.uncertainty("d", 2) == [(0, "eps", 0.0), (1, "eps", 0.1)]
 
 
 def test_a_block_is_stored_whole_or_not_at_all(store):
     """A mistake in the middle leaves nothing behind, and the store goes on working."""
     with pytest.raises(WriteError, match="NOT NULL"):
-        store.add_block("m", [0], np.array([OK], dtype=np.int8), {"q": np.array([1.0])}, [{"eps": math.nan}])
+        block = Block(np.array([OK], dtype=np.int8), np.array([[1.0]]), {})
+        store.add_block("m", [0], block, {"q": np.array([1.0])}, "d", [{"eps": math.nan}])
     assert store.finished("m", []) == set()
     add(store, [0])
     assert store.finished("m", ["q"]) == {0}

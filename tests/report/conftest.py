@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.trials import Traces, Trials
 from rmpc_bench.types import MetricInfo
 
 MSE = MetricInfo("mse", "rad^2", "lower")
@@ -40,3 +42,31 @@ def make_trials():
         )
 
     return make
+
+
+@pytest.fixture
+def make_sweep():
+    """Return a function that makes a sweep from ``[(point, table)]``."""
+
+    def make(*points):
+        tables = tuple(replace(table, point=point) for point, table in points)
+        return replace(tables[0], paths=tuple(points[0][0]), points=tables, point={}, traces={})
+
+    return make
+
+
+@pytest.fixture
+def record():
+    """Return a function that adds recorded runs to a table, from ``{method: number of runs}``, and the reference."""
+
+    def add(trials, counts, n_steps=40, Ts=0.5, seed=5):
+        rng = np.random.default_rng(seed)
+        traces = {}
+        for method, n in counts.items():
+            signals = {"y": 1, "u": 1, "x": 3, "x_hat": 2}
+            arrays = {name: rng.normal(size=(n, n_steps + (name != "u"), width)) for name, width in signals.items()}
+            r = np.where(np.arange(n_steps + 1) // 10 % 2 == 0, 1.0, -1.0)[:, None]
+            traces[method] = Traces(np.arange(n), arrays, r)
+        return replace(trials, traces=traces, Ts=Ts, units={"y": "rad", "u": "V"})
+
+    return add

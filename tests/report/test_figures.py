@@ -14,17 +14,17 @@ from rmpc_bench.types import DesignError, MetricInfo
 INF = math.inf
 
 
-def lines(figure, **wanted):
-    """Return (x, y) of the lines of the picture that have these properties."""
+def lines(figure, panel=0, **wanted):
+    """Return (x, y) of the lines of a panel that have these properties."""
     found = []
-    for line in figure.axes[0].lines:
+    for line in figure.axes[panel].lines:
         if all(getattr(line, f"get_{name}")() == value for name, value in wanted.items()):
             found.append(np.array(line.get_xydata()))
     return found
 
 
-def labels(figure):
-    return [text.get_text() for text in figure.axes[0].get_xticklabels()]
+def labels(figure, panel=0):
+    return [text.get_text() for text in figure.axes[panel].get_xticklabels()]
 
 
 def brute_force(values):
@@ -97,7 +97,7 @@ def test_metric_order_size_and_log(make_trials):
     assert boxplot(trials, log=True).axes[0].get_yscale() == "log"
     figure = boxplot(trials, metric="input_power", log=True)
     assert figure.axes[0].get_yscale() == "linear" and "linear" in figure.axes[0].get_ylabel()
-    assert set(model_of("figures", "boxplot").model_fields) == {"metric", "width", "height", "log", "order"}
+    assert set(model_of("figures", "boxplot").model_fields) == {"metric", "width", "height", "log", "order", "at"}
 
 
 @pytest.mark.parametrize(
@@ -152,9 +152,61 @@ def test_labels_never_overlap(make_trials):
     assert figure.get_figwidth() == 3.5
 
 
-def test_same_bytes(make_trials, tmp_path):
+def hp_hu(*pairs):
+    """Points of a sweep over the horizons."""
+    return [{"controller.Hp": hp, "controller.Hu": hu} for hp, hu in pairs]
+
+
+def test_points_of_a_sweep_are_panels(make_trials, make_sweep):
+    """As in Fig. 8 of zenere2018: own boxes, a common axis, labels and equal counts below the last panel only."""
+    first, second = hp_hu(("10", "8"), ("15", "3"))
+    values = [{"A": [1.0, 2.0, 3.0], "B": [2.0, 3.0, 4.0]}, {"A": [5.0, 6.0, 9.0], "B": [7.0, 7.5, 8.0]}]
+    sweep = make_sweep(
+        *((point, make_trials({"mse": columns})) for point, columns in zip((first, second), values, strict=True))
+    )
+    figure = boxplot(sweep)
+    assert [axes.get_title() for axes in figure.axes] == ["Hp=10, Hu=8", "Hp=15, Hu=3"]
+    for panel, columns in enumerate(values):
+        medians = lines(figure, panel, color=style.RED, linestyle="-")
+        assert [line[0, 1] for line in medians] == [np.median(column) for column in columns.values()]
+    assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim()
+    assert labels(figure, 0) == [] and labels(figure, 1) == ["A\nn=3", "B\nn=3"]
+    assert list(figure.get_size_inches()) == [3.5, 3.8]
+    shared = figure.get_supylabel()
+    tops, bottoms = zip(*((axes.get_position().y1, axes.get_position().y0) for axes in figure.axes), strict=True)
+    assert shared == "mse [rad$^{2}$]"
+    assert figure._supylabel.get_position()[1] == pytest.approx((max(tops) + min(bottoms)) / 2)
+    assert boxplot(sweep, log=True).axes[1].get_yscale() == "log"
+
+
+def test_counts_of_every_panel_where_they_differ(make_trials, make_sweep):
+    """A run that failed at one point must be seen there."""
+    tables = [make_trials({"mse": {"A": [1.0, 2.0], "B": [1.0, last]}}) for last in ("diverged", 2.0)]
+    figure = boxplot(make_sweep(*zip(hp_hu(("10", "8"), ("15", "3")), tables, strict=True)))
+    assert labels(figure, 0) == ["n=2", "1/2"] and labels(figure, 1) == ["A\nn=2", "B\nn=2"]
+
+
+def test_labels_of_a_sweep_never_overlap(make_trials, make_sweep):
+    """Many methods with long names, counts that differ, long titles."""
+    names = [f"method number {i}" for i in range(12)]
+    tables = [make_trials({"mse": {name: [1.0, last] for name in names}}) for last in (2.0, "diverged")]
+    points = [{"estimator": f"{{kind: robust-kalman, c: 0.1, and: {i}, further: keys of the component}}"} for i in "ab"]
+    figure = boxplot(make_sweep(*zip(points, tables, strict=True)))
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [text.get_window_extent() for text in axes.get_xticklabels()]
+        assert all(left.x1 <= right.x0 for left, right in zip(boxes, boxes[1:], strict=False))
+    title = figure.axes[1].title.get_window_extent()
+    assert title.y1 <= min(text.get_window_extent().y0 for text in figure.axes[0].get_xticklabels())
+    assert 0 <= title.x0 and title.x1 <= figure.bbox.x1 and "\n" in figure.axes[1].get_title()
+    assert title.y0 >= figure.axes[1].get_window_extent().y1
+
+
+@pytest.mark.parametrize("panels", [1, 2])
+def test_same_bytes(make_trials, make_sweep, tmp_path, panels):
     """Saved twice, drawn twice, and with other parameters of the user; no date, no version."""
-    trials = make_trials({"mse": {"A": [1.0, 2.0, 9.0], "B": [3.0, 4.0, INF]}}, labels={"A": "$c^2$"})
+    table = make_trials({"mse": {"A": [1.0, 2.0, 9.0], "B": [3.0, 4.0, INF]}}, labels={"A": "$c^2$"})
+    trials = make_sweep(*((point, table) for point in hp_hu(("10", "8"), ("15", "3")))) if panels > 1 else table
     figure = boxplot(trials)
     first = save(figure, tmp_path / "new" / "directory", "box")
     assert [path.name for path in first] == ["box.svg", "box.png"]

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 from rmpc_bench.analysis.statistics import comparisons, summary
-from rmpc_bench.report.tables import screen, summary_markdown, trials_csv, write_csv
+from rmpc_bench.report.summary import trials_csv, write_csv
+from rmpc_bench.report.tables import screen, summary_markdown
 from rmpc_bench.types import MetricInfo
 
 INF = math.inf

@@ -45,6 +45,37 @@ def test_input_power():
     np.testing.assert_allclose(metrics.input_power(SECONDS, from_=0.5, to=1.0).evaluate(RECORD), [13.0 / 2.0])
 
 
+def test_input_roughness():
+    """Oracle: by hand; increments -3, 5, -3 of the inputs 1, -2, 3, 0, in the window -3, 5."""
+    np.testing.assert_allclose(metrics.input_roughness(SECONDS).evaluate(RECORD), [np.sqrt(128.0 / 9.0)])
+    np.testing.assert_allclose(metrics.input_roughness(SECONDS, from_=0.0, to=1.0).evaluate(RECORD), [4.0])
+    np.testing.assert_allclose(metrics.input_roughness(SAMPLES, from_=0.0, to=2.0).evaluate(RECORD), [4.0])
+
+
+def test_a_ramp_is_not_rough():
+    """Oracle: by hand; its increments are all the same, and so are those of a constant."""
+    for u in ([0.0, 3.0, 6.0, 9.0], [5.0, 4.0, 3.0, 2.0], [7.0] * 4):
+        ramp = record([[0.0] * 5], [0.0] * 5, u)
+        np.testing.assert_array_equal(metrics.input_roughness(SECONDS).evaluate(ramp), [0.0])
+    kink = record([[0.0] * 5], [0.0] * 5, [0.0, 1.0, 2.0, 2.0])  # increments 1, 1, 0
+    np.testing.assert_allclose(metrics.input_roughness(SECONDS).evaluate(kink), [np.sqrt(2.0 / 9.0)])
+
+
+def test_the_roughness_of_two_inputs():
+    """Oracle: by hand; the spread of each about its own ramp, root mean square: variances 16 and 0, 0 and 4."""
+    u = np.array([[[0.0, 0.0], [1.0, 9.0], [10.0, 18.0]], [[0.0, 1.0], [2.0, 2.0], [4.0, 7.0]]])
+    y = np.zeros((2, 4, 1))
+    both = Record(1.0, y, y, y, u, np.zeros((4, 1)))
+    expected = [np.sqrt((16.0 + 0.0) / 2), np.sqrt((0.0 + 4.0) / 2)]
+    np.testing.assert_allclose(metrics.input_roughness(Units(3, 1.0, "m", "V")).evaluate(both), expected)
+
+
+def test_one_sample_has_no_increment():
+    """A window of one sample, which may be what a smoke run leaves of a longer one, is not rough."""
+    one = metrics.input_roughness(SECONDS, from_=1.0, to=1.0)
+    np.testing.assert_array_equal(one.evaluate(RECORD), [0.0])
+
+
 def test_two_outputs_are_averaged():
     """Oracle: by hand; errors (1, 3) and (1, 1) over two samples."""
     y = np.array([[[1.0, 3.0], [1.0, 1.0], [9.0, 9.0]]])
@@ -84,6 +115,43 @@ def test_the_band_of_the_settling_time_can_be_chosen():
         np.testing.assert_array_equal(metrics.settling_time(SECONDS, band=band).evaluate(trajectory), [seconds])
 
 
+def test_the_band_at_an_edge_of_the_reference_is_a_share_of_the_edge():
+    """Oracle: by hand; a jump of 2 gives +-0.1, however far away the output still is from the step before."""
+    r = [1.0, 1.0, 3.0, 3.0, 3.0]
+    y = [[1.0, 1.0, 2.85, 2.92, 3.08], [0.0, 0.0, -7.0, 2.85, 2.91], [1.0, 1.0, 3.09, 2.91, 2.91], [1, 1, 1, 1, 1]]
+    at_edge = metrics.settling_time(SECONDS, from_=1.0)
+    np.testing.assert_array_equal(at_edge.evaluate(record(y, r)), [0.5, 1.0, 0.0, np.inf])
+    # A sample later nothing jumps: the step is 3 - y there, hence bands of 0.004, 0.0075, 0.0045 and 0.1.
+    later = metrics.settling_time(SECONDS, from_=1.5)
+    np.testing.assert_array_equal(later.evaluate(record(y, r)), [np.inf, np.inf, np.inf, np.inf])
+    np.testing.assert_array_equal(later.evaluate(record([[9.0, 9.0, 9.0, 1.0, 2.91]], r)), [0.5])
+
+
+def test_an_edge_counts_in_either_direction():
+    """Oracle: by hand; a jump from 3 to 1 gives the band 0.9..1.1, and one after the window gives nothing."""
+    y, r = [[3.0, 3.0, 1.25, 1.09, 0.91]], [3.0, 3.0, 1.0, 1.0, 1.0]
+    np.testing.assert_array_equal(metrics.settling_time(SECONDS, from_=1.0).evaluate(record(y, r)), [0.5])
+    # up to k = 1 nothing jumps and nothing is left of the step: y(0) is r
+    np.testing.assert_array_equal(metrics.settling_time(SECONDS, to=0.5).evaluate(record(y, r)), [0.0])
+
+
+def test_both_outputs_settle_at_an_edge():
+    """Oracle: by hand; bands of 0.05 and 0.5, the later one counts."""
+    y = np.array([[[0.0, 0.0], [0.97, 9.0], [0.97, 9.6], [1.03, 10.4]]])
+    r = np.array([[0.0, 0.0], [1.0, 10.0], [1.0, 10.0], [1.0, 10.0]])
+    both = Record(1.0, y, y, y, np.zeros((1, 3, 1)), r)
+    units = Units(3, 1.0, "m", "V")
+    np.testing.assert_array_equal(metrics.settling_time(units, from_=1.0).evaluate(both), [1.0])
+
+
+def test_an_output_that_does_not_jump_has_its_own_band():
+    """Oracle: by hand; one jumps by 1, the other, whose reference stays at 2, is 4 away at the edge: 0.05 and 0.2."""
+    y = np.array([[[0.0, 6.0], [1.0, 6.0], [1.0, 2.3], [1.0, 2.1]], [[0.0, 2.0], [0.9, 2.0], [1.0, 2.0], [1.0, 2.0]]])
+    r = np.array([[0.0, 2.0], [1.0, 2.0], [1.0, 2.0], [1.0, 2.0]])
+    both = Record(1.0, y, y, y, np.zeros((2, 3, 1)), r)
+    np.testing.assert_array_equal(metrics.settling_time(Units(3, 1.0, "m", "V"), from_=1.0).evaluate(both), [2.0, 1.0])
+
+
 def test_the_steady_state_error_is_signed():
     """Oracle: by hand; y below r gives a negative number, the share counts samples of the window k = 0..N."""
     trajectory = record([[0.0, 0.0, 0.5, 0.8, 0.9], [0.0, 0.0, 1.5, 1.2, 1.1]], [1.0] * 5)
@@ -108,6 +176,7 @@ def test_metrics_use_the_true_output_and_not_the_state():
         (metrics.rmse, "rad", "lower"),
         (metrics.mae, "rad", "lower"),
         (metrics.input_power, "V^2", "lower"),
+        (metrics.input_roughness, "V", "lower"),
         (metrics.settling_time, "s", "lower"),
         (metrics.steady_state_error, "rad", "zero"),
     ],
@@ -134,12 +203,15 @@ def test_a_share_above_one_is_a_design_error():
 
 @pytest.mark.parametrize(
     "make",
-    [metrics.mse, metrics.rmse, metrics.mae, metrics.input_power, metrics.settling_time, metrics.steady_state_error],
+    [
+        *(metrics.mse, metrics.rmse, metrics.mae, metrics.input_power, metrics.input_roughness),
+        *(metrics.settling_time, metrics.steady_state_error),
+    ],
 )
 def test_a_row_has_the_bits_it_has_alone(make, rng):
     """Oracle: a batch of one; 301 samples make NumPy's sums pairwise."""
     units, runs = Units(300, 1.0, "m", "V"), 23
-    y, u = rng.standard_normal((runs, 301, 2)), rng.standard_normal((runs, 300, 1))
+    y, u = rng.standard_normal((runs, 301, 2)), rng.standard_normal((runs, 300, 2))
     block = Record(1.0, y, y, y, u, np.zeros((301, 2)))
     values = make(units).evaluate(block)
     for i in range(runs):

@@ -1,0 +1,68 @@
+"""The figures of a configuration, checked against what the experiment will have to show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rmpc_bench import registry
+from rmpc_bench.analysis.claim_tree import value_text
+from rmpc_bench.experiment.parts import Part
+from rmpc_bench.experiment.places import Place, nowhere
+from rmpc_bench.experiment.sheet import Sheet
+from rmpc_bench.experiment.yaml import plain
+from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import Outlook
+
+
+def check_figures(sheet: Sheet, metrics: Sequence[str], places: Sequence[Place], outlook: Outlook | None) -> None:
+    """Note what the figures of a sheet ask for in vain.
+
+    Parameters
+    ----------
+    sheet : of the first point
+    metrics : names of the metrics
+    places : the points of the sweep; empty where something is wrong with it
+    outlook : what the results will have; None where something else is wrong
+    """
+    for number, part in enumerate(sheet.figures):
+        if part is not None:
+            for key, message in _mistakes(part, sheet, metrics, places):
+                sheet.note(["figures", number, key], message)
+            mistakes = getattr(registry.get("figures", part.kind), "mistakes", None)
+            for key, message in mistakes(part.parameters, outlook) if mistakes and outlook else ():
+                sheet.note(["figures", number, *([key] if key else [])], message)
+
+
+def _mistakes(part: Part, sheet: Sheet, metrics: Sequence[str], places: Sequence[Place]) -> list[tuple[str, str]]:
+    """Check the keys that mean the same in every figure."""
+    keys, found = part.parameters, []
+    if keys.get("metric") is not None and keys["metric"] not in metrics:
+        found.append(("metric", unknown(keys["metric"], metrics, "metric of this configuration")))
+    order = keys.get("order") or []
+    if len(set(order)) < len(order):
+        found.append(("order", "a method is named twice"))
+    found += [("order", unknown(name, sheet.methods, "method")) for name in order if name not in sheet.methods]
+    at = keys.get("at") or []
+    for wanted in at if isinstance(at, list) else [at]:
+        message = nowhere(places, {path: value_text(plain(value)) for path, value in wanted.items()})
+        if message:
+            found.append(("at", message))
+    return found
+
+
+def outlook(experiment: Experiment, n_points: int, *, smoke: bool) -> Outlook:
+    """Say what the results of an experiment will have, before it runs."""
+    plant, recording = experiment.plant, experiment.recording
+    widths: Mapping[str, int | None] = {"y": plant.ny, "u": plant.nu, "x": plant.nx, "x_hat": None}
+    series: dict[str, tuple[int, ...]] = {}
+    for method in experiment.methods:
+        found: Mapping[str, Any] = getattr(method.estimator, "series", dict)()
+        series |= {name: array.shape[1:] for name, array in found.items()}
+    return Outlook(
+        signals={name: widths[name] for name in recording.signals if recording.n_runs},
+        end=0.0 if smoke else experiment.n_steps * plant.Ts,
+        series=series,
+        n_points=n_points,
+    )

@@ -1,0 +1,79 @@
+"""What figures ask of an experiment, checked before it runs; whatever is asked in vain is a mistake of the file.
+
+Light, as figures.py is: a configuration is checked with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias, TypeVar
+
+from rmpc_bench.report.points import MOST_PANELS
+from rmpc_bench.types import Outlook
+
+Mistakes: TypeAlias = list[tuple[str, str]]
+"""Pairs of the key to blame and what is wrong with it."""
+
+Figure = TypeVar("Figure", bound=Callable[..., Any])
+
+
+def demands(mistakes: Callable[[Mapping[str, Any], Outlook], Mistakes]) -> Callable[[Figure], Figure]:
+    """Give a kind of figure a function ``mistakes(keys, outlook)``, which a configuration asks."""
+
+    def mark(figure: Figure) -> Figure:
+        vars(figure)["mistakes"] = mistakes
+        return figure
+
+    return mark
+
+
+def of_boxplot(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """Not more panels than fit."""
+    if outlook.n_points <= MOST_PANELS or keys["at"]:
+        return []
+    return [("", f"{outlook.n_points} points of the sweep do not fit (at most {MOST_PANELS}): choose with `at`")]
+
+
+def of_trajectories(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """Signals that are recorded, in a window of the experiment."""
+    if not outlook.signals:
+        return [("", "no run is recorded; record some with `record: {runs: 1}`")]
+    found, n_panels = [], 0
+    for text in keys["signals"] or outlook.signals:
+        name, dot, index = text.partition(".")
+        n = outlook.signals.get(name)
+        if name not in outlook.signals:
+            found.append(("signals", f"{name!r} is not recorded (recorded: {', '.join(outlook.signals)})"))
+        elif dot and not (index.isdecimal() and (n is None or int(index) < n)):
+            found.append(("signals", f"{text!r} is not a component (they count from {name}.0)"))
+        n_panels += 1 if dot or n is None else n
+    if n_panels > MOST_PANELS and not found:
+        found.append(("signals", f"asks for {n_panels} panels (at most {MOST_PANELS}): choose components such as x.0"))
+    return found + _of_window(keys, outlook.end)
+
+
+def of_series(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """A series that some method has, with that component."""
+    name, component = keys["quantity"], keys["component"]
+    if name not in outlook.series:
+        known = ", ".join(outlook.series) or "none"
+        return [("quantity", f"{name!r} is no series of these methods (they have {known})")]
+    shape = outlook.series[name]
+    if component is None:
+        n = math.prod(shape)
+        return [] if n <= MOST_PANELS else [("quantity", f"has {n} components: choose one with `component`")]
+    parts = str(component).split(",")
+    index = tuple(int(part) if part.strip().isdecimal() else -1 for part in parts)
+    if len(index) == len(shape) and all(0 <= i < length for i, length in zip(index, shape, strict=True)):
+        return []
+    last = ",".join(str(length - 1) for length in shape)
+    way_out = f"they go from {','.join('0' for _ in shape)} to {last}" if shape else "it is a number and has none"
+    return [("component", f"{component!r} is no component of {name}: {way_out}")]
+
+
+def _of_window(keys: Mapping[str, Any], end: float) -> Mistakes:
+    first, last = keys["from_"] or 0.0, end if keys["to"] is None else keys["to"]
+    if end and first >= min(last, end):
+        return [("from" if keys["from_"] is not None else "to", f"the window from {first:g} to {last:g} s is empty")]
+    return []

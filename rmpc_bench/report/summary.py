@@ -1,0 +1,127 @@
+"""The tables of a whole experiment: of one point, or of every point of a sweep below each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+
+from rmpc_bench.analysis import statistics
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.tables import screen, summary_markdown
+
+MOST_ON_SCREEN = 6
+"""Points of a sweep that the screen shows one by one; of more it shows the runs of all points together."""
+
+
+def write_csv(frame: pd.DataFrame, path: Path) -> None:
+    """Write a table so that equal tables give equal bytes and every float reads back as itself.
+
+    Parameters
+    ----------
+    frame : the table; its index is not written
+    path : the file, replaced; floats as their shortest repr, inf for never, empty for missing
+    """
+    frame.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
+
+
+def trials_csv(trials: Trials, path: Path) -> None:
+    """Write the table of trials with the sweep columns, `method, run, status` and one column per metric.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    path : the file, replaced
+    """
+    metrics = (info.name for info in trials.metrics)
+    write_csv(trials.frame[[*trials.paths, "method", "run", "status", *metrics]], path)
+
+
+MOST_PAGES = 50
+"""Points of a sweep that get a page in tables/summary.md; summary.csv has all."""
+
+
+class PointSummary(NamedTuple):
+    """The statistics of one table of trials."""
+
+    trials: Trials
+    described: pd.DataFrame
+    """One row per method and metric, see `statistics.summary`."""
+    compared: pd.DataFrame
+    """One row per comparison with the baseline, see `statistics.comparisons`."""
+
+
+class Summary(NamedTuple):
+    """A table of trials with its statistics, point by point."""
+
+    points: Sequence[PointSummary]
+    pooled: PointSummary | None = None
+    """The runs of all points together, where these are many truths that the same methods meet."""
+
+    @property
+    def described(self) -> pd.DataFrame:
+        """Sweep columns, then one row per method and metric."""
+        return _stacked([(point.trials, point.described) for point in self.points])
+
+    @property
+    def compared(self) -> pd.DataFrame:
+        """Sweep columns, then one row per comparison with the baseline."""
+        return _stacked([(point.trials, point.compared) for point in self.points])
+
+    def to_markdown(self) -> str:
+        """Return the pages of tables: of all points together where there are many, and of each."""
+        pages = [self.pooled] if self.pooled else []
+        return "\n".join(summary_markdown(*page) for page in [*pages, *self.points[:MOST_PAGES]])
+
+    def to_screen(self, metric: str) -> str:
+        """Lay out one metric as the plain text shown at the end of a run.
+
+        Parameters
+        ----------
+        metric : name of the metric
+        """
+        if self.pooled:
+            where = "tables/summary.md" if len(self.points) <= MOST_PAGES else "summary.csv"
+            text = f"the {len(self.points)} points of the sweep together; {where} has each"
+            return f"{text}\n{screen(*self.pooled, metric)}"
+        blocks = []
+        for point in self.points[:MOST_ON_SCREEN]:
+            block = screen(*point, metric)
+            blocks.append(f"{point.trials.title}\n{block}" if point.trials.title else block)
+        left = len(self.points) - len(blocks)
+        blocks += [f"and {left} more points of the sweep: tables/summary.md"] if left else []
+        return "\n\n".join(blocks)
+
+
+def _stacked(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
+    tables = []
+    for trials, frame in parts:
+        frame = frame.copy()
+        for column, (path, value) in enumerate(trials.point.items()):
+            frame.insert(column, path, value)
+        tables.append(frame)
+    return pd.concat(tables, ignore_index=True)
+
+
+def summarise(trials: Trials) -> Summary:
+    """Describe every method and compare it with the baseline, at every point of a sweep.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    """
+    pooled = _population(trials.pooled()) if len(trials.points) > MOST_ON_SCREEN and trials.is_population else None
+    return Summary([_summary(point) for point in trials.each], pooled)
+
+
+def _summary(trials: Trials) -> PointSummary:
+    return PointSummary(trials, statistics.summary(trials), statistics.comparisons(trials))
+
+
+def _population(trials: Trials) -> PointSummary:
+    """Describe points that are all there are: nothing is estimated, so there are no errors, intervals and tests."""
+    none = {"se": math.nan, "ci_low": math.nan, "ci_high": math.nan}
+    return PointSummary(trials, statistics.summary(trials).assign(**none), statistics.comparisons(trials).iloc[:0])

@@ -1,0 +1,69 @@
+"""What a configuration asks of a figure in vain is a mistake of the file, at its place."""
+
+import pytest
+from small_experiment import write
+
+from rmpc_bench import load_config
+from rmpc_bench.types import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("figure", "key", "message"),
+    [
+        ("{kind: trajectories, signals: [x]}", "signals", "'x' is not recorded (recorded: y, u)"),
+        ("{kind: trajectories, signals: [y.1]}", "signals", "'y.1' is not a component"),
+        ("{kind: trajectories, from: 0.5, to: 0.2}", "from", "the window from 0.5 to 0.2 s is empty"),
+        ("{kind: trajectories, from: 7}", "from", "is empty"),
+        ("{kind: trajectories, to: 0}", "to", "is empty"),
+        ("{kind: series, quantity: gain}", "quantity", "'gain' is no series of these methods (they have K, L, P"),
+        ("{kind: series, quantity: P}", "quantity", "has 16 components: choose one"),
+        ("{kind: series, quantity: L, component: '4,0'}", "component", "they go from 0,0 to 3,0"),
+        ("{kind: series, quantity: L, component: 2}", "component", "they go from 0,0 to 3,0"),
+        ("{kind: series, quantity: theta, component: 0}", "component", "it is a number and has none"),
+        ("{kind: boxplot, metric: mes}", "metric", "did you mean 'mse'?"),
+        ("{kind: boxplot, order: [S-MPC, S-MPC]}", "order", "a method is named twice"),
+        ("{kind: boxplot, at: [{controller.Hp: 3}]}", "at", "nothing is swept"),
+    ],
+)
+def test_what_is_asked_in_vain(tmp_path, figure, key, message):
+    """One mistake each, with the key to blame."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, record="{runs: 2}", figures=f"[{figure}]"))
+    (problem,) = caught.value.problems
+    assert problem.path == f"figures.0.{key}" and message in problem.message
+
+
+def test_nothing_recorded(tmp_path):
+    """The way out is in the message."""
+    with pytest.raises(ConfigError, match="no run is recorded; record some with `record: {runs: 1}`"):
+        load_config(write(tmp_path, figures="[trajectories]"))
+
+
+def test_more_points_than_panels(tmp_path):
+    """A boxplot of seven points has to choose, and may."""
+    sweep = "{grid: {controller.Hp: [4, 5, 6, 7, 8, 9, 10]}}"
+    with pytest.raises(ConfigError, match="7 points of the sweep do not fit"):
+        load_config(write(tmp_path, sweep=sweep, figures="[boxplot]"))
+    assert load_config(write(tmp_path, sweep=sweep, figures="[{kind: boxplot, at: [{controller.Hp: 4}]}]")).figures
+
+
+@pytest.mark.parametrize(
+    "figure",
+    [
+        "trajectories",
+        "{kind: trajectories, signals: [x_hat.3, x.0]}",
+        "{kind: series, quantity: L}",
+        "{kind: series, quantity: P, component: '3,3'}",
+        "{kind: series, quantity: theta}",
+    ],
+)
+def test_what_there_is(tmp_path, figure):
+    """Nothing to say against it."""
+    record = "{runs: 2, signals: [y, u, x, x_hat]}" if "x_hat" in figure else "{runs: 2}"
+    assert load_config(write(tmp_path, record=record, figures=f"[{figure}]")).figures
+
+
+def test_a_smoke_run_is_shorter_than_its_figures(tmp_path):
+    """A window beyond its end is no mistake of the file."""
+    path = write(tmp_path, record="{runs: 2}", figures="[{kind: trajectories, from: 0.7}]", smoke="{runs: 1, steps: 2}")
+    assert load_config(path, smoke=True).figures

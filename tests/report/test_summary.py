@@ -1,0 +1,116 @@
+"""The tables of a sweep: point below point, and what the screen shows of many points."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from rmpc_bench import summarise
+from rmpc_bench.analysis import statistics
+from rmpc_bench.report.summary import trials_csv, write_csv
+from rmpc_bench.report.tables import screen, summary_markdown
+
+
+@pytest.fixture
+def sweep(make_trials, make_sweep):
+    """Return a function that makes a sweep over `c` of n points with runs of A and B; B is c times as large."""
+
+    def make(n, keys=None, sizes=(1.0, 2.0, 4.0)):
+        tables = []
+        for c in range(1, n + 1):
+            columns = {"A": list(sizes), "B": [c * (size + (size == 4.0)) for size in sizes]}
+            table = replace(make_trials({"mse": columns}), title=f"c={c}")
+            tables.append(({"c": str(c), "d": "x"}, replace(table, keys=keys(c)) if keys else table))
+        there = make_sweep(*tables)
+        parts = [point.frame.assign(c=point.point["c"], d="x") for point in there.points]
+        frame = pd.concat(parts, ignore_index=True)[["c", "d", *there.points[0].frame.columns]]
+        return replace(there, frame=frame, title="", alike=True)
+
+    return make
+
+
+def own_keys(c):
+    """Return keys of methods that differ at every point."""
+    return {"A": f"A{c}", "B": f"B{c}"}
+
+
+def test_sweep_columns_come_first(sweep):
+    """Then what the statistics of every point say, point below point."""
+    there = sweep(3)
+    summary = summarise(there)
+    for stacked, single in ((summary.described, statistics.summary), (summary.compared, statistics.comparisons)):
+        expected = [single(point) for point in there.points]
+        assert [*stacked.columns] == ["c", "d", *expected[0].columns]
+        assert stacked["c"].tolist() == [c for c, part in zip("123", expected, strict=True) for _ in range(len(part))]
+        assert set(stacked["d"]) == {"x"}
+        rest = stacked.drop(columns=["c", "d"])
+        pd.testing.assert_frame_equal(rest, pd.concat(expected, ignore_index=True))
+    b = summary.described[summary.described["method"] == "B"].set_index("c")
+    assert b["mean"].to_dict() == pytest.approx({"1": 8 / 3, "2": 16 / 3, "3": 8})
+    assert summary.compared["change_pct"].diff().gt(0).sum() == 2
+
+
+def test_without_a_sweep_nothing_is_added(make_trials):
+    """The tables are those of the statistics."""
+    trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0]}})
+    summary = summarise(trials)
+    pd.testing.assert_frame_equal(summary.described, statistics.summary(trials))
+    pd.testing.assert_frame_equal(summary.compared, statistics.comparisons(trials))
+    described, compared = statistics.summary(trials), statistics.comparisons(trials)
+    assert summary.to_screen("mse") == screen(trials, described, compared, "mse")
+    assert summary.to_markdown() == summary_markdown(trials, described, compared)
+    assert summary.pooled is None
+
+
+@pytest.mark.parametrize("n", [1, 2, 6])
+def test_few_points_are_shown_one_by_one(sweep, n):
+    """Each under its name, as it would be shown alone."""
+    there = sweep(n)
+    summary = summarise(there)
+    assert summary.pooled is None
+    blocks = [
+        f"c={c}\n" + screen(point, statistics.summary(point), statistics.comparisons(point), "mse")
+        for c, point in enumerate(there.points, 1)
+    ]
+    assert summary.to_screen("mse") == "\n\n".join(blocks)
+    headings = [line for line in summary.to_markdown().splitlines() if line.startswith("# ")]
+    assert headings == [f"# tiny: c={c}" for c in range(1, n + 1)]
+
+
+def test_many_points_are_shown_together(sweep):
+    """Oracle: the mean of seven single runs; the page has each point, too."""
+    summary = summarise(sweep(7, own_keys, sizes=(2.0,)))
+    text = summary.to_screen("mse")
+    assert text.startswith("the 7 points of the sweep together; tables/summary.md has each\n")
+    described = summary.pooled.described.set_index("method")
+    assert described["n"].tolist() == [7, 7]
+    assert described["mean"].tolist() == pytest.approx([2.0, 8.0])
+    assert described["se"].isna().all() and summary.pooled.compared.empty  # they are all there are
+    headings = [line for line in summary.to_markdown().splitlines() if line.startswith("# ")]
+    assert headings == ["# tiny: all 7 points together", *[f"# tiny: c={c}" for c in range(1, 8)]]
+    assert len(summary.described) == 14 and set(summary.described["c"]) == set("1234567")
+
+
+def test_points_of_several_runs_are_not_taken_together(sweep):
+    """Every point has the same draws: the runs of two points are not independent."""
+    assert summarise(sweep(7, own_keys)).pooled is None
+
+
+def test_shared_trials_are_not_pooled(sweep):
+    """A method that is the same at all points has one run, not eight: points are then shown one by one."""
+    summary = summarise(sweep(8, lambda c: {"A": "same", "B": f"B{c}"}, sizes=(2.0,)))
+    text = summary.to_screen("mse")
+    assert summary.pooled is None and "/8" not in text
+    assert [line for line in text.splitlines() if line.startswith("c=")] == [f"c={c}" for c in range(1, 7)]
+    assert text.endswith("\n\nand 2 more points of the sweep: tables/summary.md")
+    assert len([line for line in summary.to_markdown().splitlines() if line.startswith("# ")]) == 8
+
+
+def test_the_table_of_trials(sweep, tmp_path):
+    """Sweep columns first, floats as they are, and the same bytes for the same table."""
+    trials_csv(sweep(2), tmp_path / "a.csv")
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert lines[0] == "c,d,method,run,status,mse" and len(lines) == 13
+    assert lines[1] == "1,x,A,0,ok,1.0" and lines[-1] == "2,x,B,2,ok,10.0"
+    write_csv(sweep(2).frame, tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
