@@ -3,10 +3,10 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow smoke lint type perf clean zenere2018 papers
+.PHONY: help setup run test test-slow smoke lint type perf clean zenere2018 zenere2017 papers
 
 help:  ## show the targets
-	@grep -E '^[a-z0-9-]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 14
+	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
 
 setup: $(VENV)/.installed  ## make the virtual environment and install into it
 
@@ -37,7 +37,7 @@ perf: setup  ## measure speed
 clean:  ## remove what can be made again (results stay)
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage
 
-zenere2018: setup  ## reproduce zenere2018, with every claim compared with its record
-	$(BIN)/rmpc-bench run configs/zenere2018/fig7.yaml --strict
+zenere2018 zenere2017: setup  ## reproduce a paper, with every claim compared with its record
+	@for config in configs/$@/*.yaml; do $(BIN)/rmpc-bench run $$config --strict || exit; done
 
-papers: zenere2018  ## reproduce all papers
+papers: zenere2018 zenere2017  ## reproduce all papers

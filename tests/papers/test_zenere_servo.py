@@ -1,0 +1,102 @@
+"""Both servomechanism papers at full size: every recorded finding is found again, and what the papers print."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rmpc_bench import load_config, run
+from rmpc_bench.analysis.claims import judge
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2] / "configs"
+CONFIGS = [
+    f"{path.parent.name}/{path.stem}"
+    for paper in ("zenere2017", "zenere2018")
+    for path in sorted((ROOT / paper).iterdir())
+]
+
+
+@pytest.fixture(scope="module")
+def trials_of(tmp_path_factory):
+    """Return a function from the name of a configuration to its trials, which are computed once."""
+    known = {}
+
+    def trials(name):
+        if name not in known:
+            config = load_config(ROOT / f"{name}.yaml")
+            known[name] = config, run(config, directory=tmp_path_factory.mktemp(name.replace("/", "-")), jobs=2)
+        return known[name]
+
+    return trials
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_every_finding_is_the_recorded_one(trials_of, name):
+    """What the configuration records is what its trials say."""
+    config, trials = trials_of(name)
+    found = {claim.says: (judge(claim, trials).finding, claim.finding) for claim in config.claims}
+    assert {says: now for says, (now, _) in found.items()} == {says: recorded for says, (_, recorded) in found.items()}
+    assert (trials.frame["status"] == "ok").all()
+
+
+def one(trials, metric, method):
+    """Value of the single run."""
+    (value,) = trials.column(metric, method)
+    return value
+
+
+def test_second_simulation_of_zenere2018(trials_of):
+    """Oracle: the paper's 8 s, 19 s and never as the independent study measured them, within one sample."""
+    _, trials = trials_of("zenere2018/sim2")
+    assert one(trials, "settling_time", "R-MPC") == pytest.approx(7.7, abs=0.11)
+    assert one(trials, "settling_time", "RS-MPC") == pytest.approx(18.2, abs=0.11)
+    assert one(trials, "settling_time", "S-MPC") == np.inf
+    assert one(trials, "steady_state_error", "S-MPC") == pytest.approx(-0.158, abs=5e-4)
+
+
+@pytest.mark.parametrize(("method", "mse"), [("S-MPC", 0.128222), ("R-MPC", 0.110017), ("RS-MPC", 0.119417)])
+def test_mean_square_errors_of_the_second_simulation(trials_of, method, mse):
+    """Oracle: the study's event-driven integration, to its last digit."""
+    _, trials = trials_of("zenere2018/sim2")
+    assert one(trials, "mse", method) == pytest.approx(mse, abs=6e-7)
+
+
+def test_second_simulation_of_zenere2017(trials_of):
+    """Oracle: the study: 2.7 s after each edge with either tolerance, never with the Kalman filter."""
+    _, trials = trials_of("zenere2017/sim2")
+    for point in trials.points:
+        for edge in ("settling_25", "settling_50", "settling_75"):
+            assert one(point, edge, "R-MPC1") == pytest.approx(2.7, abs=0.11)
+            assert one(point, edge, "R-MPC2") == pytest.approx(2.7, abs=0.11)
+            assert one(point, edge, "S-MPC") == np.inf
+    first = trials.points[0]
+    for name, mse in (("S-MPC", 0.1830), ("R-MPC1", 0.1811), ("R-MPC2", 0.1805)):
+        # four digits, of a first-order scheme at 2 ms
+        assert one(first, "mse", name) == pytest.approx(mse, abs=5e-5 + 5e-6)
+
+
+def test_first_simulation_orders_the_smoothness(trials_of):
+    """Oracle: the study's standard deviations of increments over 30 seeds, within 5 standard errors and its digits."""
+    _, trials = trials_of("zenere2018/sim1")
+    study = {
+        "S-MPC": 0.051,
+        "R-MPC 0.001": 0.057,
+        "R-MPC 0.01": 0.121,
+        "R-MPC": 0.287,
+        "R-MPC 1": 0.474,
+        "RS-MPC": 0.068,
+    }
+    for method, value in study.items():
+        column = trials.points[0].column("input_roughness", method)
+        error = column.std(ddof=1) * np.sqrt(1 / len(column) + 1 / 30)
+        assert abs(column.mean() - value) < 5 * error + 5e-4
+
+
+def test_half_of_the_sign_patterns_defeat_the_kalman_filter(trials_of):
+    """Oracle: 31 of the study's 64 random patterns, within 5 standard errors of such a draw."""
+    _, trials = trials_of("zenere2018/signs")
+    column = trials.pooled().column("settling_time", "S-MPC")
+    assert len(column) == 256
+    assert abs(np.isinf(column).mean() - 31 / 64) < 5 * np.sqrt(0.25 / 64)
