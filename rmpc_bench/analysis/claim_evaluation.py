@@ -6,11 +6,13 @@ import math
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from rmpc_bench.analysis import claim_tree as tree
 from rmpc_bench.analysis.intervals import difference, geometric, quantile
+from rmpc_bench.analysis.points import lies_at
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array
 
@@ -65,7 +67,7 @@ class Evaluator:
         missing = [np.isnan(column) for column in self.columns.values()]
         self.shared: Array = ~np.any(missing, axis=0) if missing else np.zeros(0, dtype=bool)
         self.n = int(self.shared.sum())
-        tables = next(iter(self.tables.values()), [])
+        tables = self.tables[next(iter(self.columns))] if self.columns else []
         self.run: Array = np.concatenate([table.runs for table in tables]) if tables else np.zeros(0, dtype=np.int64)
         self.left_out = len(self.shared) - self.n
         if missing and not self.n:
@@ -77,13 +79,18 @@ class Evaluator:
         In a pooled claim a run is drawn with all its points, which have the same draws.
         """
         other = copy(self)
-        rows = np.flatnonzero(self.shared)
         if self.pooled:
-            groups = [rows[self.run[rows] == run] for run in self.runs]
+            groups = self._points_of_runs
             other.shared = np.concatenate([groups[i] for i in rng.choice(len(groups), len(groups))])
         else:
-            other.shared = rng.choice(rows, self.n)
+            other.shared = rng.choice(np.flatnonzero(self.shared), self.n)
         return other
+
+    @cached_property
+    def _points_of_runs(self) -> list[Array]:
+        """For every shared run where it stands in the columns: once at every point."""
+        rows = np.flatnonzero(self.shared)
+        return [rows[self.run[rows] == run] for run in self.runs]
 
     @property
     def runs(self) -> Array:
@@ -195,7 +202,7 @@ class Evaluator:
 def _tables(trials: Trials, term: tree.Term, at: Mapping[str, str], *, pooled: bool) -> list[Trials]:
     """Points of a sweep that a term speaks of: one, or all that it leaves open where they are pooled."""
     wanted = {**at, **dict(term.point)}
-    found = [table for table in trials.each if tree.lies_at(table.point, wanted)]
+    found = [table for table in trials.each if lies_at(table.point, wanted)]
     where = ", ".join(f"{path}={value}" for path, value in wanted.items())
     if not found:
         raise EvaluationError(f"there is no point {where}")

@@ -21,7 +21,7 @@ from rmpc_bench.experiment.resolve import belief, changes, measured, resolved, s
 from rmpc_bench.experiment.schema import shown
 from rmpc_bench.experiment.sections import Execution, Statistics
 from rmpc_bench.experiment.sheet import Sheet
-from rmpc_bench.experiment.statements import quantities_of, read_claims
+from rmpc_bench.experiment.statements import read_claims
 from rmpc_bench.experiment.sweep import (
     Point,
     depends,
@@ -160,11 +160,10 @@ def load_config(
         if experiment is not None
     )
     there = [] if problems else _places(places, found)
-    named = quantities_of(_metric_names(sheets[0]), found[0].experiment.methods) if found else None
-    claims = read_claims(sheets[0], named, there)
+    seen = outlook(found[0].experiment, len(places), smoke=smoke) if found else None
+    claims = read_claims(sheets[0], _metric_names(sheets[0]), there, seen)
     _statistics(sheets[0])
-    seen = outlook(found[0].experiment, len(places), smoke=smoke) if found and there else None
-    check_figures(sheets[0], _metric_names(sheets[0]), there, seen)
+    check_figures(sheets[0], _metric_names(sheets[0]), there, seen if there else None)
     _columns(sheets[0], swept_paths(tree) if there else ())
     problems += [problem for sheet in sheets for problem in at_their_origin(sheet)]
     if problems or len(found) < len(places):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rmpc_bench import registry
-from rmpc_bench.analysis.claim_tree import value_text
+from rmpc_bench.analysis.points import value_text
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.places import Place, nowhere
 from rmpc_bench.experiment.sheet import Sheet

@@ -9,7 +9,7 @@ from typing import Any
 from rmpc_bench import registry
 from rmpc_bench.experiment import quantities
 from rmpc_bench.experiment.parts import read_part
-from rmpc_bench.experiment.schema import shown, validate, with_quantities
+from rmpc_bench.experiment.schema import shown, validate
 from rmpc_bench.experiment.sheet import Law, Sheet
 from rmpc_bench.experiment.yaml import Map, locate
 from rmpc_bench.simulation import distributions
@@ -22,6 +22,8 @@ _DISTRIBUTIONS: dict[str, type] = {
     "fixed": distributions.Fixed,
 }
 
+
+_SAME: Any = dict[str, NonNegative]
 
 _TAKEN = ("run", "pi", "sqrt", "sin", "cos")
 
@@ -47,9 +49,7 @@ def _distribution(sheet: Sheet, value: Any, path: list[str | int]) -> distributi
             return None
         own = value.copy()
         del own["dist"]
-        law: distributions.Distribution | None = validate(
-            with_quantities(_DISTRIBUTIONS[kind]), own, path, sheet.problems
-        )
+        law: distributions.Distribution | None = validate(_DISTRIBUTIONS[kind], own, path, sheet.problems)
         return law
     try:
         spread = quantities.spread(value) if isinstance(value, str) else None
@@ -98,8 +98,7 @@ def _law(sheet: Sheet, law: Any, path: list[str | int]) -> Law | None:
     kind, value = next(iter(law.items()))
     if kind == "same":
         place = locate(law, [kind])
-        keys = with_quantities(dict[str, NonNegative])
-        scale = validate(keys, value, [*path, kind], sheet.problems, mark=place)
+        scale = validate(_SAME, value, [*path, kind], sheet.problems, mark=place)
         if scale is not None and set(scale) - {"scale"}:
             sheet.note([*path, kind], "the only key is 'scale'")
         return None if scale is None else Law(None, scale.get("scale", 1.0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from rmpc_bench.analysis.claim_tree import lies_at
+from rmpc_bench.analysis.points import lies_at
 from rmpc_bench.registry import unknown
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,9 @@ from rmpc_bench.experiment.runner import RESOLVED, compute
 from rmpc_bench.experiment.store import FILE, MissingError, Store
 from rmpc_bench.experiment.sweep import depends
 from rmpc_bench.types import Array, Method
+
+Known: TypeAlias = dict[tuple[tuple[str, str], ...], pd.DataFrame]
+"""Series of methods, by their names and what these depend on."""
 
 
 def run(
@@ -70,17 +73,17 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
     """
     if not (directory / FILE).exists():
         raise MissingError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
-    known: dict[Any, pd.DataFrame] = {}
+    known: Known = {}
     with Store(directory, writable=False) as store:
         store.check(config.hash, config.shared)
         tables = [_table(config, point, store, known) for point in config.points]
     filled = [table for table in tables if len(table.methods)]
     if not filled:
         raise MissingError(f"{directory}: no trial of this configuration is stored; continue with `rmpc-bench run`")
-    return _joined(config, filled) if config.paths else filled[0]
+    return _joined(config, filled, known) if config.paths else filled[0]
 
 
-def _joined(config: ExperimentConfig, tables: Sequence[Trials]) -> Trials:
+def _joined(config: ExperimentConfig, tables: Sequence[Trials], known: Known) -> Trials:
     """Put the tables of all points of a sweep into one."""
     present = {method for table in tables for method in table.methods}
     methods = tuple(method.name for method in config.experiment.methods if method.name in present)
@@ -88,7 +91,7 @@ def _joined(config: ExperimentConfig, tables: Sequence[Trials]) -> Trials:
         tables[0],
         methods=methods,
         frame=pd.concat([with_point(table.frame, table.point) for table in tables], ignore_index=True),
-        series=_all_series(config, methods),
+        series=_all_series(config, methods, known),
         baseline=config.baseline if config.baseline in methods else methods[0],
         traces={},
         paths=config.paths,
@@ -100,13 +103,10 @@ def _joined(config: ExperimentConfig, tables: Sequence[Trials]) -> Trials:
     )
 
 
-def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: dict[Any, pd.DataFrame]) -> Trials:
+def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: Known) -> Trials:
     """Read the table of one point; ``known`` keeps what points share."""
     frames = [_frame(point, store, method.name) for method in point.experiment.methods]
     methods = tuple(str(frame["method"].iloc[0]) for frame in frames if len(frame))
-    believed = tuple(_filter_key(point, name) for name in methods)
-    if believed not in known:
-        known[believed] = series([method for method in point.experiment.methods if method.name in methods])
     plant = point.experiment.plant
     return Trials(
         name=config.name,
@@ -114,7 +114,7 @@ def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: di
         labels=config.labels,
         metrics=tuple(metric.info for metric in point.experiment.metrics),
         frame=pd.concat(frames, ignore_index=True),
-        series=known[believed],
+        series=_series(point, methods, known),
         baseline=config.baseline if config.baseline in methods else (*methods, "")[0],
         confidence=config.statistics.confidence,
         relevant=config.statistics.relevant,
@@ -126,6 +126,16 @@ def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: di
         title=point.title,
         keys=point.method_keys,
     )
+
+
+def _series(point: ConfigPoint, methods: Sequence[str], known: Known) -> pd.DataFrame:
+    """Series of some methods at a point; ``known`` keeps them for points that share them."""
+    believed = tuple((name, _filter_key(point, name)) for name in methods)
+    if believed not in known and len(methods) > 1:
+        known[believed] = pd.concat([_series(point, [name], known) for name in methods], ignore_index=True)
+    elif believed not in known:
+        known[believed] = series([point.experiment.method(name) for name in methods])
+    return known[believed]
 
 
 def _filter_key(point: ConfigPoint, name: str) -> str:
@@ -189,7 +199,7 @@ def _wide(rows: list[tuple[int, str, float]], names: list[str]) -> pd.DataFrame:
     return table.reindex(columns=names).reset_index().rename_axis(columns=None)
 
 
-def _all_series(config: ExperimentConfig, methods: Sequence[str]) -> pd.DataFrame:
+def _all_series(config: ExperimentConfig, methods: Sequence[str], known: Known) -> pd.DataFrame:
     """Series of the designs at all points, each once: the columns of paths it does not depend on are empty."""
     parts = []
     for name in methods:
@@ -200,7 +210,7 @@ def _all_series(config: ExperimentConfig, methods: Sequence[str]) -> pd.DataFram
             where = {path: point.coordinates[path] if path in paths else "" for path in config.paths}
             if tuple(where.values()) not in seen:
                 seen.add(tuple(where.values()))
-                parts.append(with_point(series([point.experiment.method(name)]), where))
+                parts.append(with_point(_series(point, [name], known), where))
     return pd.concat(parts, ignore_index=True)
 
 

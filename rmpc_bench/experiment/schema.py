@@ -168,7 +168,7 @@ def validate(
 
     Parameters
     ----------
-    kind : pydantic model or annotation
+    kind : pydantic model or annotation, inside which numbers may be written as quantities
     tree : what to check, with its marks
     path : where it stands, for the messages
     problems : gets one entry per mistake
@@ -178,21 +178,25 @@ def validate(
     -------
     The validated value, or None.
     """
+    kind, adapter = _adapter(kind)
     try:
-        return _adapter(kind).validate_python(tree)
+        return adapter.validate_python(tree)
     except ValidationError as error:
         problems += [_problem(entry, tree, path, kind, mark) for entry in error.errors()]
         return None
 
 
-_ADAPTERS: dict[int, tuple[Any, TypeAdapter[Any]]] = {}
-"""What pydantic has made of annotations, some of which cannot be hashed; a sweep validates the same ones many times."""
+_ADAPTERS: dict[int, tuple[Any, Any, TypeAdapter[Any]]] = {}
+"""What pydantic has made of annotations; a sweep validates the same ones many times.  Some of them cannot be hashed, so
+they go by their id, and are kept so that no other one gets it."""
 
 
-def _adapter(kind: Any) -> TypeAdapter[Any]:
+def _adapter(kind: Any) -> tuple[Any, TypeAdapter[Any]]:
+    """Return an annotation with quantities, and its adapter."""
     if id(kind) not in _ADAPTERS:
-        _ADAPTERS[id(kind)] = kind, TypeAdapter(kind)
-    return _ADAPTERS[id(kind)][1]
+        checked = with_quantities(kind)
+        _ADAPTERS[id(kind)] = kind, checked, TypeAdapter(checked)
+    return _ADAPTERS[id(kind)][1:]
 
 
 def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from rmpc_bench.experiment import quantities
 from rmpc_bench.experiment.parts import Part
-from rmpc_bench.experiment.schema import validate, with_quantities
+from rmpc_bench.experiment.schema import validate
 from rmpc_bench.experiment.sections import SECTIONS, ClaimKeys
 from rmpc_bench.experiment.yaml import Map, join, locate, locate_key
 from rmpc_bench.simulation import distributions
@@ -73,14 +73,4 @@ class Sheet:
         for step in path[:-1]:
             parent = parent[step]
         mark = locate(self.tree, path)
-        return validate(_checkable(annotation), parent[path[-1]], path, self.problems, mark=mark)
-
-
-_CHECKABLE: dict[int, tuple[Any, Any]] = {}
-
-
-def _checkable(annotation: Any) -> Any:
-    """Annotation with quantities, made once for each of the sections."""
-    if id(annotation) not in _CHECKABLE:
-        _CHECKABLE[id(annotation)] = annotation, with_quantities(annotation)
-    return _CHECKABLE[id(annotation)][1]
+        return validate(annotation, parent[path[-1]], path, self.problems, mark=mark)

@@ -8,29 +8,32 @@ from typing import Any
 
 from rmpc_bench.analysis.claim import Claim, Stated
 from rmpc_bench.analysis.claim_grammar import COUNTS, ClaimError, parse, parse_expression
-from rmpc_bench.analysis.claim_tree import Term, lies_at, terms, value_text
+from rmpc_bench.analysis.claim_tree import Term, terms
+from rmpc_bench.analysis.points import lies_at, value_text
 from rmpc_bench.experiment.places import Place, nowhere
 from rmpc_bench.experiment.sections import ClaimKeys
 from rmpc_bench.experiment.sheet import Sheet
 from rmpc_bench.experiment.yaml import Map, plain
 from rmpc_bench.registry import unknown
+from rmpc_bench.types import Outlook
 
 
 def read_claims(
-    sheet: Sheet, quantities: tuple[list[str], list[str]] | None, places: Sequence[Place]
+    sheet: Sheet, metrics: Sequence[str], places: Sequence[Place], outlook: Outlook | None
 ) -> tuple[Claim, ...]:
     """Turn the claims of a sheet into statements; what is wrong with them is noted.
 
     Parameters
     ----------
     sheet : of the first point
-    quantities : names of columns and of series; None where they are not known because something else is wrong
+    metrics : names of the metrics
     places : the points of the sweep; empty where something is wrong with it
+    outlook : what the results will have; None where it is not known because something else is wrong
     """
     claims = []
     for number, keys in enumerate(sheet.claims):
         if keys is not None:
-            checker = _Checker(sheet, number, quantities, places)
+            checker = _Checker(sheet, number, metrics, places, outlook)
             claims.append(checker.claim(keys))
     return tuple(claims)
 
@@ -39,10 +42,11 @@ class _Checker:
     """Checks one claim."""
 
     def __init__(
-        self, sheet: Sheet, number: int, quantities: tuple[list[str], list[str]] | None, places: Sequence[Place]
+        self, sheet: Sheet, number: int, metrics: Sequence[str], places: Sequence[Place], outlook: Outlook | None
     ) -> None:
         self.sheet, self.places = sheet, places
-        self.columns, self.series = quantities or ([], [])
+        self.series = [name for name in outlook.series if name not in metrics] if outlook else []
+        self.known = [*metrics, *COUNTS, *self.series] if outlook else []
         self.path: list[str | int] = ["claims", number]
         self.misplaced = False
 
@@ -99,9 +103,8 @@ class _Checker:
         for term in named:
             if self.sheet.methods and term.method not in self.sheet.methods:
                 self._note(key, unknown(term.method, self.sheet.methods, "method"))
-            known = [*self.columns, *self.series]
-            if known and term.quantity not in known:
-                self._note(key, unknown(term.quantity, known, "metric or series of this configuration"))
+            if self.known and term.quantity not in self.known:
+                self._note(key, unknown(term.quantity, self.known, "metric or series of this configuration"))
         if self.places and not self.misplaced:
             for at in claim.at or ({},):
                 counts = [self._place(claim, term, {**at, **dict(term.point)}, key) for term in named]
@@ -137,12 +140,3 @@ class _Checker:
         if any(letter in example.replace(", ", "") for letter in "[],"):
             return "name one with `at`"
         return f"name one, as {term.quantity}[{term.method}, {example}], or give the claim an `at`"
-
-
-def quantities_of(metrics: Sequence[str], methods: Sequence[Any]) -> tuple[list[str], list[str]]:
-    """Names that terms may use: metrics and counts, and the series of the designs."""
-    series: dict[str, None] = {}
-    for method in methods:
-        found: Mapping[str, Any] = getattr(method.estimator, "series", dict)()
-        series |= dict.fromkeys(found)
-    return [*metrics, *COUNTS], [name for name in series if name not in metrics]

@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import product
 from typing import Any, NamedTuple
 
-from rmpc_bench.analysis.claim_tree import lies_at, value_text
+from rmpc_bench.analysis.points import lies_at, value_text
 from rmpc_bench.experiment import yaml
 from rmpc_bench.experiment.yaml import Items, Map, Mark, join, locate, locate_key, plain
 from rmpc_bench.registry import unknown

@@ -8,7 +8,7 @@ Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
 Chosen  process noise kicks the first four states at the end of a sample, and a sample starts from the state alone;
         integration by Taylor series from one friction event to the next (plants/servo_kernel.py), so that what is left
         of the error is rounding: 1e-14 rad in the load angle of the closed loops of Fig. 7.
-Cost    1.1 us per run and sample of 0.1 s in Fig. 7 (`make perf`: 0.17 s for its 160,000); below 0.1 H in inverse
+Cost    1.0 us per run and sample of 0.1 s in Fig. 7 (`make perf`: 0.16 s for its 160,000); below 0.1 H in inverse
         proportion to L: 0.27 ms at 1e-3 H.
 Fails   status `out-of-range` where a drawn inertia, resistance, inductance or gear ratio is not positive, another
         parameter is negative, or a mode of the linear part is faster than a sample by more than 20,000;

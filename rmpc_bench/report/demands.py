@@ -6,7 +6,7 @@ Light, as figures.py is: a configuration is checked with it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeAlias, TypeVar
 
 from rmpc_bench.report.points import MOST_PANELS
@@ -14,6 +14,9 @@ from rmpc_bench.types import Outlook
 
 Mistakes: TypeAlias = list[tuple[str, str]]
 """Pairs of the key to blame and what is wrong with it."""
+
+USUAL = ("y", "u")
+"""Signals that trajectories show unless told otherwise."""
 
 Figure = TypeVar("Figure", bound=Callable[..., Any])
 
@@ -35,12 +38,18 @@ def of_boxplot(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
     return [("", f"{outlook.n_points} points of the sweep do not fit (at most {MOST_PANELS}): choose with `at`")]
 
 
+def usual(recorded: Iterable[str]) -> tuple[str, ...]:
+    """Choose the signals to show: the usual ones that are recorded; where none is, the usual ones, to be refused."""
+    there = set(recorded)
+    return tuple(name for name in USUAL if name in there) or USUAL
+
+
 def of_trajectories(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
     """Signals that are recorded, in a window of the experiment."""
     if not outlook.signals:
         return [("", "no run is recorded; record some with `record: {runs: 1}`")]
     found, n_panels = [], 0
-    for text in keys["signals"] or outlook.signals:
+    for text in usual(outlook.signals) if keys["signals"] is None else keys["signals"]:
         name, dot, index = text.partition(".")
         n = outlook.signals.get(name)
         if name not in outlook.signals:

@@ -14,12 +14,12 @@ from matplotlib.lines import Line2D
 from rmpc_bench.analysis.trials import Traces, Trials
 from rmpc_bench.report import curves
 from rmpc_bench.report.curves import Window
+from rmpc_bench.report.demands import usual
 from rmpc_bench.report.labels import symbol, with_unit
 from rmpc_bench.report.points import MOST_PANELS
 from rmpc_bench.report.style import REFERENCE, style
 from rmpc_bench.types import Array, DesignError, Status
 
-USUAL = ("y", "u")
 HELD = {"u"}
 """Signals that are constant over a sample."""
 BAND = (0.05, 0.95)
@@ -103,7 +103,7 @@ def rows_of(point: Trials, methods: Sequence[str], signals: Sequence[str] | None
         if all(name in point.traces[method].signals for method in methods)
     }
     found = []
-    for text in signals if signals is not None else [name for name in USUAL if name in widths] or USUAL:
+    for text in usual(widths) if signals is None else signals:
         name, dot, index = text.partition(".")
         if name not in widths:
             recorded = ", ".join(widths) or "none"

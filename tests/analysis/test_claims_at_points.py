@@ -236,3 +236,10 @@ def test_which_readings_give_a_finding(trials):
     assert claims_table([verdict])[0]["readings"][1] == {"at": "c=2", "finding": "not found"}
     named = replace(claim(BELOW), at=({"name": "ours", "c": "1"}, {"name": "theirs", "c": "2"}))
     assert [at for at, _ in judge(named, trials).readings] == ["ours, c=1", "theirs, c=2"]
+
+
+def test_a_series_and_a_column_at_points_with_different_runs(sweep):
+    """The runs are those of the column, however many there are where the series is."""
+    trials = sweep({"1": {"A": LOW[:3]}, "2": {"A": HIGH}})
+    number = judge(claim("last(P[A, c=1]) < mean(mse[A, c=2])"), trials).numbers[0]
+    assert (number.left, number.right, number.n) == (1.0, pytest.approx(3.15), 4)

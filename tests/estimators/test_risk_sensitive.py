@@ -46,8 +46,11 @@ def test_on_the_servo_the_published_numbers_come_out(servo):
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 10.0])
 def test_moderate_starts_are_defined(servo, scale):
-    """Oracle: servo.md 3.4: P_0 up to 10 I is fine."""
-    risk_sensitive.design(servo, 300, x0=np.zeros(4), P0=scale * np.eye(4), theta=THETA_BAR)
+    """Oracle: P_0 up to 10 I is fine: theta lambda_max(P_t) stays below 1, so that V_t is positive definite."""
+    filter_ = risk_sensitive.design(servo, 300, x0=np.zeros(4), P0=scale * np.eye(4), theta=THETA_BAR)
+    largest = np.linalg.eigvalsh(filter_.extra["P_pred"])[:, -1]
+    assert (THETA_BAR * largest < 1.0).all()
+    assert (np.linalg.eigvalsh(filter_.extra["V"]) > 0.0).all()
 
 
 @pytest.mark.parametrize(("scale", "k"), [(100.0, 3), (400.0, 1), (500.0, 0)])

@@ -9,7 +9,7 @@ import pytest
 from annotated_types import Ge, Gt
 
 from rmpc_bench import registry
-from rmpc_bench.experiment.schema import PROVIDED, model_of, shown, validate, with_quantities
+from rmpc_bench.experiment.schema import PROVIDED, model_of, shown, validate
 from rmpc_bench.experiment.yaml import parse
 from rmpc_bench.types import Count, Matrix, NonNegative, Positive
 
@@ -33,7 +33,7 @@ def check(annotation, yaml):
     """Return the validated value of a YAML text, or the list of (line:column, path, message)."""
     problems = []
     tree = parse(f"a: {yaml}", "f.yaml")
-    value = validate(dict[str, with_quantities(annotation)], tree, [], problems)
+    value = validate(dict[str, annotation], tree, [], problems)
     found = [(f"{problem.line}:{problem.column}", problem.path, problem.message) for problem in problems]
     return found if found else value["a"]
 

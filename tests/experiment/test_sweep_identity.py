@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 from small_experiment import cli, ran, spied, write
 
-from rmpc_bench import load_config
+from rmpc_bench import load_config, load_trials
 from rmpc_bench.types import ConfigError
 
 STD = "noise.measurement.gaussian.std"
@@ -40,6 +40,21 @@ def test_a_store_of_an_earlier_version(tmp_path):
     result = cli("run", path, "-o", tmp_path / "a", "-j", 1)
     assert result.exit_code == 5
     assert "holds trials of an earlier version; choose another -o DIR, or --fresh" in result.stderr
+
+
+def test_points_with_different_methods_keep_their_series_apart(tmp_path):
+    """Two methods with one estimator, of which an interrupted sweep has stored one at each point."""
+    methods = "{a: {estimator: {kind: kalman}}, b: {estimator: {kind: kalman}, controller: {Hu: 2}}}"
+    path = write(tmp_path, methods=methods, sweep=f"{{grid: {{{STD}: [0.01, 0.02]}}}}")
+    ran(path, tmp_path / "a")
+    first, second = load_config(path).points
+    with sqlite3.connect(tmp_path / "a" / "trials.sqlite") as connection:
+        for key in (first.method_keys["b"], second.method_keys["a"]):
+            connection.execute("DELETE FROM trials WHERE method = ?", (key,))
+    connection.close()
+    trials = load_trials(tmp_path / "a")
+    assert [point.methods for point in trials.points] == [("a",), ("b",)]
+    assert [set(point.series["method"]) for point in trials.points] == [{"a"}, {"b"}]
 
 
 @pytest.mark.parametrize("name", ["seed", "name"])

@@ -63,6 +63,14 @@ def test_what_there_is(tmp_path, figure):
     assert load_config(write(tmp_path, record=record, figures=f"[{figure}]")).figures
 
 
+def test_the_usual_signals_are_shown_whatever_else_is_recorded(tmp_path):
+    """All components of the states would be too many panels, and nobody has asked for them."""
+    record = "{runs: 2, signals: [y, u, x, x_hat]}"
+    assert load_config(write(tmp_path, record=record, figures="[trajectories]")).figures
+    with pytest.raises(ConfigError, match="'y' is not recorded"):
+        load_config(write(tmp_path, record="{runs: 2, signals: [x]}", figures="[trajectories]"))
+
+
 def test_a_smoke_run_is_shorter_than_its_figures(tmp_path):
     """A window beyond its end is no mistake of the file."""
     path = write(tmp_path, record="{runs: 2}", figures="[{kind: trajectories, from: 0.7}]", smoke="{runs: 1, steps: 2}")
