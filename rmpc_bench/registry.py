@@ -18,14 +18,21 @@ BUILT_IN: dict[str, dict[str, str]] = {
     "plants": {
         "servo": "rmpc_bench.plants.servo:design",
         "servo-linear": "rmpc_bench.plants.servo:design_linear",
+        "uncertain-linear": "rmpc_bench.plants.uncertain_linear:design",
     },
     "models": {
         "servo-linear": "rmpc_bench.models.servo:design",
+        "uncertain-linear": "rmpc_bench.models.uncertain_linear:design",
     },
     "estimators": {
+        "genie": "rmpc_bench.estimators.genie:design",
         "kalman": "rmpc_bench.estimators.kalman:design",
         "robust-kalman": "rmpc_bench.estimators.robust_kalman:design",
         "risk-sensitive": "rmpc_bench.estimators.risk_sensitive:design",
+        "kalman-predictor": "rmpc_bench.estimators.kalman_predictor:design",
+        "enhanced-robust": "rmpc_bench.estimators.enhanced_robust:design",
+        "sayed-bdu": "rmpc_bench.estimators.sayed_bdu:design",
+        "lmmse": "rmpc_bench.estimators.lmmse:design",
     },
     "controllers": {
         "mpc": "rmpc_bench.controllers.mpc:design",
@@ -45,11 +52,17 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "input_roughness": "rmpc_bench.simulation.metrics:input_roughness",
         "settling_time": "rmpc_bench.simulation.metrics:settling_time",
         "steady_state_error": "rmpc_bench.simulation.metrics:steady_state_error",
+        "estimation_mse": "rmpc_bench.simulation.estimation_metrics:estimation_mse",
+        "nees": "rmpc_bench.simulation.estimation_metrics:nees",
+        "sample": "rmpc_bench.simulation.single_sample:sample",
     },
     "figures": {
         "boxplot": "rmpc_bench.report.figures:boxplot",
         "trajectories": "rmpc_bench.report.figures:trajectories",
         "series": "rmpc_bench.report.figures:series",
+        "means": "rmpc_bench.report.ensemble_figures:means",
+        "variance-with-bound": "rmpc_bench.report.ensemble_figures:variance_with_bound",
+        "ellipses": "rmpc_bench.report.ensemble_figures:ellipses",
     },
 }
 

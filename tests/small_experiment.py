@@ -64,9 +64,9 @@ def spied(monkeypatch):
 
     blocks, simulate = [], engines.simulate_block
 
-    def spy(experiment, method, runs):
+    def spy(experiment, method, runs, *draws):
         blocks.append((method.name, [*runs]))
-        return simulate(experiment, method, runs)
+        return simulate(experiment, method, runs, *draws)
 
     monkeypatch.setattr(engines, "simulate_block", spy)
     return blocks

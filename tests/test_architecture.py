@@ -35,7 +35,7 @@ ONLY_IN = {  # a package of others -> where it may be imported
     "highspy": "numerics/lp.py",
     "cvxpy": "nowhere",
 }
-BELOW_EXPERIMENT = ("types.py", "numerics/", "models/", "plants/", "estimators/", "controllers/", "simulation/")
+BELOW_EXPERIMENT = ("types/", "numerics/", "models/", "plants/", "estimators/", "controllers/", "simulation/")
 OUTSIDE_WORLD = {"io", "os", "pathlib", "random", "shutil", "socket", "subprocess", "tempfile", "time", "datetime"}
 
 

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rmpc_bench.analysis import claim_tree as tree
-from rmpc_bench.analysis.claim_evaluation import Evaluator, compare
-from rmpc_bench.analysis.intervals import Interval, difference, geometric, quantile, student, wilson
+from rmpc_bench.analysis.claim_evaluation import Evaluator
+from rmpc_bench.analysis.claim_value import Value, compare, difference, quantile
+from rmpc_bench.analysis.intervals import Interval, geometric, student, wilson
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1000
 _FEWEST = 10  # runs below which resampling says nothing
+_ALIKE = 1e-12  # relative; sides that are closer cannot be told apart in what is written of them
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,10 @@ class Compared:
     n : runs that all methods of the comparison finished; 0 when it uses no runs
     left_out : runs that one of them failed or has not computed
     at : the point of a sweep in words, where the claim is made at several
+    operator : of the comparison
+    k, entry : where in a series, vector or matrix the shown entries stand; None where there is no such place
+    entries : how many were compared
+    equal : how many of those that hold were passed over for the shown one, because their sides are equal up to rounding
     """
 
     text: str
@@ -39,6 +45,11 @@ class Compared:
     n: int
     left_out: int
     at: str = ""
+    operator: str = ""
+    k: int | None = None
+    entry: tuple[int, ...] | None = None
+    entries: int = 1
+    equal: int = 0
 
 
 def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> Compared:
@@ -65,18 +76,46 @@ def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> Compare
 
 
 def _compared(link: tree.Link, evaluator: Evaluator, text: str) -> Compared:
-    left, right, tolerance, _ = evaluator.sides(link)
+    value, right, tolerance = evaluator.sides(link)
+    left = value.array
     held = bool(compare(link.operator, left, right, tolerance).all())
     gap = difference(left, right)
     far = {"<": gap, "<=": gap, ">": -gap, ">=": -gap, "==": np.abs(gap), "~": difference(np.abs(gap), tolerance)}[
         link.operator
     ]
-    worst = np.unravel_index(int(np.argmax(far)), far.shape)
+    alike = _alike(link, left, right) if held else np.zeros(gap.shape, dtype=bool)
+    candidates = np.flatnonzero(~alike) if not alike.all() else np.arange(gap.size)
+    worst = np.unravel_index(candidates[np.argmax(far.reshape(-1)[candidates])], far.shape)
     interval = _interval(link, evaluator) if not gap.ndim else None
-    holds = held if interval is None else _decided(link.operator, held, interval)
+    k, entry = _place(value, tuple(int(i) for i in worst))
     return Compared(
-        text, float(left[worst]), float(right[worst]), holds, interval, evaluator.n, evaluator.left_out
-    )  # fmt: skip
+        text=text,
+        left=float(left[worst]),
+        right=float(right[worst]),
+        holds=held if interval is None else _decided(link.operator, held, interval),
+        interval=interval,
+        n=evaluator.n,
+        left_out=evaluator.left_out,
+        operator=link.operator,
+        k=k,
+        entry=entry,
+        entries=gap.size,
+        equal=int(alike.sum()) if gap.ndim else 0,
+    )
+
+
+def _alike(link: tree.Link, left: Array, right: Array) -> Array:
+    """Which entries to pass over: those that are equal up to rounding, as a bound may start, or all of them."""
+    alike = np.asarray(np.isclose(left, right, rtol=_ALIKE, atol=0.0))
+    says_nothing = link.operator in ("<=", ">=") or (link.operator in ("~", "==") and alike.all())
+    return alike if says_nothing else np.zeros_like(alike)
+
+
+def _place(value: Value, index: tuple[int, ...]) -> tuple[int | None, tuple[int, ...] | None]:
+    """Sample and entry of a place in an array; no sample where all are the same one, or for runs."""
+    entry = index[1:] if value.axis else index
+    changes = value.axis == "k" and not value.constant
+    return value.span[0] + index[0] if changes else None, entry or None
 
 
 def _decided(operator: str, held: bool, interval: Interval) -> bool | None:
@@ -109,10 +148,14 @@ def _interval(link: tree.Link, evaluator: Evaluator) -> Interval | None:
 
 def _about_these_runs(link: tree.Link, evaluator: Evaluator) -> bool:
     """Whether nothing is estimated: no run enters, an extreme or a count does, or a share is every run or none."""
-    calls = tree.functions(link)
+    names = tree.functions(link)
     sides = [side for side in (link.left, link.right) if not tree.terms(side)]
-    every_or_none = "share" in calls and any(evaluator.number(side) in (0.0, 1.0) for side in sides)
-    return not evaluator.columns or every_or_none or bool(calls & {"min", "max", "n_failed"})
+    every_or_none = "share" in names and any(evaluator.number(side) in (0.0, 1.0) for side in sides)
+    extreme = any(  # of runs; that of a series is a number like others
+        call.function in ("min", "max") and not tree.terms(call).isdisjoint(evaluator.columns)
+        for call in tree.calls(link)
+    )
+    return not evaluator.columns or every_or_none or extreme or "n_failed" in names
 
 
 def _of_means(link: tree.Link, evaluator: Evaluator) -> Interval | None:
@@ -140,8 +183,8 @@ def _bootstrap(link: tree.Link, evaluator: Evaluator) -> Interval | None:
     rng, confidence = np.random.default_rng(evaluator.trials.seed), evaluator.trials.confidence
     gaps = []
     for _ in range(_RESAMPLES):
-        left, right, *_ = evaluator.resampled(rng).sides(link)
-        gaps.append(float(difference(left, right)))
+        left, right, _ = evaluator.resampled(rng).sides(link)
+        gaps.append(float(difference(left.array, right)))
     low, high = (float(quantile(np.array(gaps), p)) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
     return low, high
 

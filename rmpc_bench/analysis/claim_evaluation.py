@@ -3,38 +3,56 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from rmpc_bench.analysis import claim_tree as tree
-from rmpc_bench.analysis.intervals import difference, geometric, quantile
+from rmpc_bench.analysis.claim_functions import applied
+from rmpc_bench.analysis.claim_matrices import of_matrix
+from rmpc_bench.analysis.claim_value import (
+    EvaluationError,
+    NoValue,
+    Value,
+    aligned,
+    combine,
+    compare,
+    difference,
+    listed,
+)
 from rmpc_bench.analysis.points import lies_at
-from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.types import Array
+from rmpc_bench.types import Array, MetricInfo
 
-
-class EvaluationError(Exception):
-    """A claim that the stored results cannot answer; the message is the reason a reader sees."""
-
+__all__ = ["EvaluationError", "Evaluator", "Value", "compare"]
 
 _NOWHERE: Mapping[str, str] = {}
 
 
-@dataclass(frozen=True)
-class Value:
-    """An array whose axis 0 is ``runs`` or ``k``, or has no such axis (a number or a matrix)."""
-
-    array: Array
-    axis: str = ""
+class Table(Protocol):
+    """What is asked of `Trials`; what stands in for them at load time must not import pandas."""
 
     @property
-    def entry(self) -> tuple[int, ...]:
-        """Shape of what stands at one run or one k."""
-        return tuple(self.array.shape[1:] if self.axis else self.array.shape)
+    def methods(self) -> Sequence[str]: ...
+    @property
+    def metrics(self) -> Sequence[MetricInfo]: ...
+    @property
+    def point(self) -> Mapping[str, str]: ...
+    @property
+    def keys(self) -> Mapping[str, str]: ...
+    @property
+    def confidence(self) -> float: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def runs(self) -> Array: ...
+    @property
+    def each(self) -> Sequence[Table]: ...
+    def column(self, metric: str, method: str, /) -> Array: ...
+    def n_failed(self, method: str, /) -> int: ...
+    def matrix_series(self, quantity: str, method: str, /) -> Array: ...
 
 
 class Evaluator:
@@ -53,8 +71,9 @@ class Evaluator:
         when a method or point is unknown or no run is left
     """
 
-    def __init__(self, trials: Trials, node: object, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
+    def __init__(self, trials: Table, node: object, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
         self.trials, self.pooled = trials, pooled
+        self.fixed: dict[tree.Expression, Value] = {}
         metrics = {info.name for info in trials.metrics}
         self.tables = {term: _tables(trials, term, at, pooled=pooled) for term in sorted(tree.terms(node))}
         self.columns = {
@@ -71,7 +90,7 @@ class Evaluator:
         self.run: Array = np.concatenate([table.runs for table in tables]) if tables else np.zeros(0, dtype=np.int64)
         self.left_out = len(self.shared) - self.n
         if missing and not self.n:
-            raise EvaluationError("no run was finished by every method that is compared")
+            raise NoValue("no run was finished by every method that is compared")
 
     def resampled(self, rng: np.random.Generator) -> Evaluator:
         """Return an evaluator on as many runs, drawn from the shared ones with replacement.
@@ -104,15 +123,20 @@ class Evaluator:
 
     def value(self, node: tree.Expression) -> Value:
         """Evaluate an expression; raises EvaluationError where it has no value."""
+        if node in self.fixed:
+            return self.fixed[node]
+        found = self._value(node)
+        if not tree.terms(node) & self.columns.keys():
+            self.fixed[node] = found  # of no run, hence the same when the runs are drawn again
+        return found
+
+    def _value(self, node: tree.Expression) -> Value:
         if isinstance(node, tree.Number):
             return Value(np.array(node.value))
         if isinstance(node, tree.Term):
             return self._term(node)
         if isinstance(node, tree.Listing):
-            items = [self.value(item) for item in node.items]
-            if any(item.axis for item in items) or len({item.array.shape for item in items}) > 1:
-                raise EvaluationError("the entries of a list must be numbers, not columns or series")
-            return Value(np.array([item.array for item in items]))
+            return listed([self.value(item) for item in node.items])
         if isinstance(node, tree.Operation):
             return self._operation(node)
         return self._call(node)
@@ -120,86 +144,101 @@ class Evaluator:
     def number(self, node: tree.Expression) -> float:
         """Evaluate an expression that must be one number, possibly inf."""
         value = self.value(node)
-        if value.array.ndim or math.isnan(value.array):
+        if value.array.ndim:
             raise EvaluationError("the expression is not one number")
+        if math.isnan(value.array):
+            raise NoValue("the expression is not one number")
         return float(value.array)
 
-    def sides(self, link: tree.Link) -> tuple[Array, Array, Array, str]:
+    def sides(self, link: tree.Link) -> tuple[Value, Array, Array]:
         """Evaluate both sides of a comparison.
 
         Returns
         -------
-        left, right and tolerance of one shape, NaN-free, and the axis 0 of that shape
+        left, right and tolerance of one shape, NaN-free; left with the axis 0 of that shape
         """
-        tolerance = self.value(link.tolerance) if link.tolerance is not None else Value(np.array(0.0))
-        right = self.value(link.right)
+        left, right, tolerance = self.value(link.left), self.value(link.right), Value(np.array(0.0))
+        if link.tolerance is not None:
+            tolerance = self.value(link.tolerance)
         if link.relative:
-            tolerance = _combine(np.multiply, tolerance, Value(np.abs(right.array), right.axis))
-        left, right = _aligned(self.value(link.left), right)
-        arrays = np.broadcast_arrays(left.array, right.array)
-        both, tolerance = _aligned(Value(arrays[0], left.axis), tolerance)
-        arrays = np.broadcast_arrays(*arrays, tolerance.array)
+            tolerance = combine(np.multiply, tolerance, right.of(np.abs(right.array)))
+        parts = aligned(left, right, tolerance)
+        arrays = np.broadcast_arrays(*(part.array for part in parts))
         if any(np.isnan(array).any() for array in arrays):
-            raise EvaluationError(f"a side of {link.text} is not a number")
-        return arrays[0], arrays[1], arrays[2], both.axis
+            raise NoValue(f"a side of {link.text} is not a number")
+        return parts[0].of(arrays[0]), arrays[1], arrays[2]
 
     def holds(self, links: tuple[tree.Link, ...]) -> Value:
         """Whether all comparisons of a chain hold, entry by entry over runs or over k; matrices as a whole."""
         found: Value | None = None
         for link in links:
-            left, right, tolerance, axis = self.sides(link)
-            if not axis:
+            left, right, tolerance = self.sides(link)
+            if not left.axis:
                 raise EvaluationError(f"{link.text} compares numbers; share needs columns over runs or series over k")
-            entries = compare(link.operator, left, right, tolerance)
-            value = Value(np.asarray(entries.reshape(len(entries), -1).all(axis=1)), axis)
-            found = value if found is None else _combine(np.logical_and, found, value)
+            entries = compare(link.operator, left.array, right, tolerance)
+            value = left.of(entries.reshape(len(entries), -1).all(axis=1))
+            found = value if found is None else combine(np.logical_and, found, value)
         assert found is not None  # the grammar has no empty chain
         return found
 
-    def _term(self, term: tree.Term) -> Value:
+    def _term(self, term: tree.Term, function: str = "") -> Value:
+        """Evaluate a term that is an argument of `function` by itself."""
+        column, signal = self.column(term), self._is_signal(term)
+        reason = tree.misuse(term, function, signal=signal)
+        if reason:
+            raise EvaluationError(reason)
         if term.quantity in tree.COUNTS:
             return Value(np.array(float(sum(table.n_failed(term.method) for table in self.tables[term]))))
-        column = self.column(term)
         if column is not None:
             return Value(column, "runs")
+        if signal:
+            return self._moment(term, function)
+        absent = f"{term.quantity}[{term.method}] is neither a metric nor a stored series"
+        return self._series(term, term.quantity, absent)
+
+    def _is_signal(self, term: tree.Term) -> bool:
+        return term.quantity in tree.SIGNALS and term not in self.columns
+
+    def _moment(self, term: tree.Term, function: str) -> Value:
+        """Evaluate mean, var, std or cov of a signal over the runs, at every k."""
+        quantity = f"{tree.MOMENTS[function]}({term.quantity})"
+        found = self._series(term, quantity, tree.unknown_moment(term, function))
+        if function in ("mean", "cov"):
+            return found
+        variance = of_matrix("diag", found)
+        # Rounding may leave the variance of what does not vary below 0.
+        return variance if function == "var" else variance.of(np.sqrt(np.maximum(variance.array, 0.0)))
+
+    def _series(self, term: tree.Term, quantity: str, absent: str) -> Value:
+        """Read a series of the method and point of a term; `absent` is the reason where there is none."""
+        tables = self.tables[term]
+        if len({table.keys.get(term.method, "") for table in tables}) > 1:
+            what = f"{term.quantity}[{term.method}]"
+            raise EvaluationError(f"{what} is a series, of one of {len(tables)} points: name one")
         try:
-            return Value(self.tables[term][0].matrix_series(term.quantity, term.method), "k")
+            return Value(tables[0].matrix_series(quantity, term.method), "k")
         except KeyError:
-            message = f"{term.quantity}[{term.method}] is neither a metric nor a stored series"
-            raise EvaluationError(message) from None
+            raise EvaluationError(absent) from None
 
     def _operation(self, node: tree.Operation) -> Value:
         left, right = self.value(node.left), self.value(node.right)
         if node.operator == "-":
-            return _combine(difference, left, right)
+            return combine(difference, left, right)
         function = {"+": np.add, "*": np.multiply, "/": np.divide}[node.operator]
-        return _combine(function, left, right)
+        return combine(function, left, right)
 
-    @np.errstate(all="ignore")
     def _call(self, node: tree.Call) -> Value:
-        name = node.function
-        values = [self.value(part) for part in node.arguments if not isinstance(part, tree.Chain)]
-        if name == "share":
-            holds = [self.holds(part.links) for part in node.arguments if isinstance(part, tree.Chain)]
-            return Value(np.mean(holds[0].array, axis=0))
-        if name in _REDUCTIONS:
-            array = values[0].array if values[0].axis else values[0].array.reshape(-1)
-            return Value(np.asarray(_REDUCTIONS[name](array)))
-        if name == "abs":
-            return Value(np.abs(values[0].array), values[0].axis)
-        if name in _MATRIX:
-            return _of_matrix(name, values[0])
-        if name == "ratio":
-            return _ratio(*values)
-        if name == "quantile":
-            q = values[1].array
-            if q.ndim or not 0 <= q <= 1:
-                raise EvaluationError("the second argument of quantile is a number from 0 to 1")
-            return Value(quantile(values[0].array if values[0].axis else values[0].array.reshape(-1), float(q)))
-        return _of_series(name, values)
+        name, first = node.function, node.arguments[0]
+        if isinstance(first, tree.Chain):
+            return Value(np.mean(self.holds(first.links).array, axis=0))
+        if isinstance(first, tree.Term) and (name == "cov" or (name in tree.MOMENTS and self._is_signal(first))):
+            return self._term(first, name)
+        if name == "cov":
+            raise EvaluationError("cov needs a signal by itself, as cov(e[METHOD])")
+        return applied(name, [self.value(part) for part in node.arguments if not isinstance(part, tree.Chain)])
 
 
-def _tables(trials: Trials, term: tree.Term, at: Mapping[str, str], *, pooled: bool) -> list[Trials]:
+def _tables(trials: Table, term: tree.Term, at: Mapping[str, str], *, pooled: bool) -> list[Table]:
     """Points of a sweep that a term speaks of: one, or all that it leaves open where they are pooled."""
     wanted = {**at, **dict(term.point)}
     found = [table for table in trials.each if lies_at(table.point, wanted)]
@@ -214,90 +253,3 @@ def _tables(trials: Trials, term: tree.Term, at: Mapping[str, str], *, pooled: b
     if len({table.keys.get(term.method, "") for table in found}) > 1:
         raise EvaluationError(f"{term.quantity}[{term.method}] may be at any of {len(found)} points of the sweep")
     return found[:1]
-
-
-def compare(operator: str, left: Array, right: Array, tolerance: Array) -> Array:
-    """Compare entry by entry; ~ means equal up to the tolerance, and never equals never."""
-    if operator == "~":
-        gap = np.abs(difference(left, right))
-        return np.asarray((gap == 0) | (np.isfinite(gap) & (gap <= tolerance)))
-    functions = {
-        "<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal, "==": np.equal,
-    }  # fmt: skip
-    return np.asarray(functions[operator](left, right))
-
-
-def _spread(array: Array) -> Array:
-    return np.full(array.shape[1:], np.nan) if len(array) < 2 else np.asarray(np.var(array, axis=0, ddof=1))
-
-
-_REDUCTIONS: dict[str, Callable[[Array], Array]] = {
-    "mean": lambda array: np.mean(array, axis=0),
-    "median": lambda array: quantile(array, 0.5),
-    "min": lambda array: np.min(array, axis=0),
-    "max": lambda array: np.max(array, axis=0),
-    "var": _spread,
-    "std": lambda array: np.sqrt(_spread(array)),
-}
-_MATRIX = ("diag", "trace", "det")
-
-
-def _aligned(a: Value, b: Value) -> tuple[Value, Value]:
-    """Give two values the same axis 0 and the same number of dimensions."""
-    if a.axis and b.axis and a.axis != b.axis:
-        raise EvaluationError("a column over runs and a series over k cannot be combined entry by entry")
-    if a.entry != b.entry and a.entry and b.entry:
-        raise EvaluationError(f"entries of shapes {a.entry} and {b.entry} cannot be combined")
-    axis, depth = a.axis or b.axis, max(len(a.entry), len(b.entry))
-    a, b = (_expanded(value, axis, depth) for value in (a, b))
-    if axis and len(a.array) != len(b.array) and 1 not in (len(a.array), len(b.array)):
-        raise EvaluationError(f"series of {len(a.array)} and {len(b.array)} samples cannot be combined")
-    return a, b
-
-
-def _expanded(value: Value, axis: str, depth: int) -> Value:
-    array = value.array if value.axis or not axis else value.array[None]
-    return Value(array.reshape(array.shape + (1,) * (depth - len(value.entry))), axis)
-
-
-def _combine(function: Callable[[Array, Array], Array], a: Value, b: Value) -> Value:
-    a, b = _aligned(a, b)
-    with np.errstate(all="ignore"):
-        return Value(np.asarray(function(a.array, b.array)), a.axis)
-
-
-def _ratio(a: Value, b: Value) -> Value:
-    if not (a.axis == b.axis == "runs"):
-        return _combine(np.divide, a, b)
-    if not ((a.array > 0) & (b.array > 0) & np.isfinite(a.array) & np.isfinite(b.array)).all():
-        raise EvaluationError("ratio of two columns needs positive, finite values in every run")
-    return Value(np.array(geometric(a.array, b.array, 0.95)[0]))
-
-
-def _of_matrix(name: str, value: Value) -> Value:
-    if not value.entry:
-        return value
-    if len(value.entry) != 2 or value.entry[0] != value.entry[1]:
-        raise EvaluationError(f"{name} needs square matrices, got entries of shape {value.entry}")
-    if name == "det":
-        return Value(np.asarray(np.linalg.det(value.array)), value.axis)
-    diagonal = np.diagonal(value.array, axis1=-2, axis2=-1)
-    return Value(np.asarray(diagonal.sum(axis=-1)) if name == "trace" else diagonal, value.axis)
-
-
-def _of_series(name: str, values: list[Value]) -> Value:
-    """Evaluate at, last or slope."""
-    series = values[0]
-    if series.axis != "k":
-        raise EvaluationError(f"{name} needs a series over k")
-    if name == "last":
-        return Value(series.array[-1])
-    if name == "at":
-        k = values[1].array
-        if k.ndim or not 0 <= k < len(series.array) or k != int(k):
-            raise EvaluationError(f"at needs a sample from 0 to {len(series.array) - 1}")
-        return Value(series.array[int(k)])
-    steps = np.arange(len(series.array)) - (len(series.array) - 1) / 2
-    if len(steps) < 2:
-        raise EvaluationError("slope needs two samples")
-    return Value(np.asarray(np.tensordot(steps, series.array, axes=1) / (steps @ steps)))

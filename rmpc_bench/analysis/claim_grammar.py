@@ -12,18 +12,16 @@ A check is a chain of comparisons, or one ``all(...)``::
 
     TERM       = QUANTITY "[" METHOD {"," PATH "=" VALUE} "]"
 
-A term is a metric (a column over runs), a series of a design (over k) or ``n_failed[METHOD]``; METHOD is everything
-up to the comma or closing bracket, trimmed, and what follows names a point of a sweep.  ``5%`` is 0.05, but a
-tolerance ``+- 5%`` is that share of the right side.
+A term is a metric (a column over runs), a series of a design (over k), a signal or ``n_failed[METHOD]``; METHOD is
+everything up to the comma or closing bracket, trimmed, and what follows names a point of a sweep.  ``5%`` is 0.05, but
+a tolerance ``+- 5%`` is that share of the right side.
 Inside ``share`` and ``all`` comparisons are made entry by entry, over runs or over k.
+A list of numbers is a vector; of columns, or of series, and numbers it is a column, or series, of vectors.
+The signals, where no metric has the name, are the true state x, the estimate x_hat and the error e = x - x_hat.  They
+stand in mean, var, std and cov only, which are then taken over the runs at each k and give a series over k.  These
+ensemble moments are there with ``evaluate: [runs, moments]``; exact ones count where they exist.
 
-    mean median std var min max    of a column or a series (std and var divide by n - 1)
-    quantile(x, q)                 linear between order statistics
-    share(chain), all(chain)       of the runs, or of the samples k
-    ratio(a, b)                    two columns: geometric mean of a/b run by run; else a/b
-    at(x, k), last(x), slope(x)    of a series: sample k, the last sample, least-squares slope per step
-    abs(x)                         entry by entry
-    diag, trace, det               of a matrix, or of every matrix of a series
+The functions, a line each, stand in ``claim_tree.FUNCTION_HELP``.
 
 ``never`` is inf, and never minus never is 0.  Nothing here imports NumPy or anything that does: plain ``check``
 parses claims in milliseconds.

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from rmpc_bench.analysis.claim import Claim, Stated
 from rmpc_bench.analysis.claim_comparison import Compared, compared
 from rmpc_bench.analysis.claim_evaluation import EvaluationError, Evaluator
+from rmpc_bench.analysis.claim_evidence import evidence, plain, shown
 from rmpc_bench.analysis.claim_grammar import ClaimError, parse, parse_expression
-from rmpc_bench.analysis.statistics import decimals
 from rmpc_bench.analysis.trials import Trials
 
 
@@ -160,7 +160,7 @@ def claims_table(verdicts: Iterable[Verdict]) -> list[dict[str, Any]]:
             "n_runs": verdict.n_runs,
             "seed": verdict.seed,
             "stated": _stated_row(verdict.claim.stated),
-            "size": None if verdict.size is None else _plain(verdict.size),
+            "size": None if verdict.size is None else plain(verdict.size),
             "chosen": verdict.claim.chosen,
         }
         for verdict in verdicts
@@ -171,27 +171,23 @@ def _number_row(number: Compared) -> dict[str, Any]:
     ends = None if number.interval is None else [end if math.isfinite(end) else None for end in number.interval]
     return {
         "text": number.text,
-        "left": _plain(number.left),
-        "right": _plain(number.right),
+        "left": plain(number.left),
+        "right": plain(number.right),
         "holds": number.holds,
         "interval": ends,
         "n": number.n,
         "left_out": number.left_out,
         "at": number.at or None,
+        "k": number.k,
+        "entry": None if number.entry is None else list(number.entry),
     }
 
 
 def _stated_row(stated: str | Stated | None) -> Any:
     if not isinstance(stated, Stated):
         return stated
-    row = {"of": stated.of, "value": _plain(stated.value), "tolerance": _plain(stated.tolerance)}
+    row = {"of": stated.of, "value": plain(stated.value), "tolerance": plain(stated.tolerance)}
     return {**row, "text": stated.text}
-
-
-def _plain(value: float) -> float | str:
-    if math.isinf(value):
-        return "never" if value > 0 else "-never"
-    return value
 
 
 def claims_markdown(verdicts: Iterable[Verdict], *, informational: bool) -> str:
@@ -229,7 +225,7 @@ def _items(verdict: Verdict) -> list[str]:
     items += [_number_item(number) for number in verdict.numbers]
     where = _where(claim)
     runs = "1 run" if verdict.n_runs == 1 else f"{verdict.n_runs} runs"
-    items.append(f"- {runs}, seed {verdict.seed}{where}")
+    items.append(f"- {runs}, seed {verdict.seed}{where}" if verdict.n_runs else f"- exact, without runs{where}")
     if isinstance(claim.stated, Stated):
         items.append(f"- stated: {_line(claim.stated.text)}; here `{claim.stated.of}` is {shown(verdict.size)}")
     elif claim.stated:
@@ -247,29 +243,8 @@ def _where(claim: Claim) -> str:
 
 
 def _number_item(number: Compared) -> str:
-    word = {True: "holds", False: "does not hold", None: "not separated"}[number.holds]
-    reach = math.nan if number.interval is None else (number.interval[1] - number.interval[0]) / 2
-    details = [f"{shown(number.left, reach)} and {shown(number.right, reach)}"]
-    if number.interval is not None:
-        ends = ["open" if math.isinf(end) else shown(end, reach) for end in number.interval]
-        details.append(f"difference in [{ends[0]}, {ends[1]}]")
-    if number.n:
-        details.append(f"n = {number.n}")
-    if number.left_out:
-        details.append(f"{number.left_out} left out: failed, or not computed")
     where = f" at {number.at}" if number.at else ""
-    return f"- `{_line(number.text)}`{where}: {word}; {', '.join(details)}"
-
-
-def shown(value: float | None, uncertainty: float = math.nan) -> str:
-    """Write a number with the digits its uncertainty supports, four where there is none; inf is never."""
-    if value is None or math.isnan(value):
-        return "-"
-    if math.isinf(value):
-        return str(_plain(value))
-    if not (math.isfinite(uncertainty) and uncertainty > 0 and 1e-4 <= abs(value) < 1e6):
-        return f"{value:.4g}"
-    return f"{value:.{decimals(uncertainty)}f}"
+    return f"- `{_line(number.text)}`{where}: {evidence(number)}"
 
 
 def _line(text: str) -> str:

@@ -54,6 +54,7 @@ class Trials:
     point : path -> value as text, where the table is a point of a sweep
     title : the point in words, such as ``controller.Hp=10, controller.Hu=8``; empty without a sweep
     keys : method -> what identifies its trials, the same at points that share them
+    oracles : methods that are told what no estimator can know
     """
 
     name: str
@@ -75,6 +76,7 @@ class Trials:
     point: Mapping[str, str] = field(default_factory=dict)
     title: str = ""
     keys: Mapping[str, str] = field(default_factory=dict)
+    oracles: frozenset[str] = frozenset()
 
     @property
     def each(self) -> tuple[Trials, ...]:
@@ -87,7 +89,7 @@ class Trials:
 
         Points of several runs cannot: every point has the same draws, so the runs would not be independent.
         """
-        if any(len(table.runs) > 1 for table in self.points):
+        if any(len(table.runs) != 1 for table in self.points):
             return False
         keys = [(method, key) for table in self.points for method, key in table.keys.items()]
         return self.alike and len(set(keys)) == len(keys)
@@ -156,6 +158,20 @@ class Trials:
         """Count the runs of `method` that ended with any status but ok."""
         return int((~self._rows[method][2]).sum()) if method in self._rows else 0
 
+    @cached_property
+    def _series_rows(self) -> Mapping[tuple[str, str], Array]:
+        """Quantity and method -> positions of their rows in `series`, found once: comparing texts is slow."""
+        found: Mapping[tuple[str, str], Array] = self.series.groupby(["quantity", "method"], sort=False).indices
+        return found
+
+    def _series_of(self, quantity: str, method: str) -> pd.DataFrame:
+        return self.series.iloc[self._series_rows.get((quantity, method), np.zeros(0, dtype=np.int64))]
+
+    def n_of(self, quantity: str, method: str) -> int:
+        """Count the runs that `matrix_series` of a quantity stands on; 0 where it is exact."""
+        n = self._series_of(quantity, method)["n"].to_numpy(dtype=np.int64)
+        return 0 if (n == 0).any() else int(n.max(initial=0))
+
     def matrix_series(self, quantity: str, method: str) -> Array:
         """Assemble a series of a design; where it exists exactly and from runs, the exact one counts.
 
@@ -173,7 +189,7 @@ class Trials:
         KeyError
             when the method has no such series
         """
-        rows = self.series[(self.series["quantity"] == quantity) & (self.series["method"] == method)]
+        rows = self._series_of(quantity, method)
         if rows.empty:
             raise KeyError(f"{method} has no series {quantity}")
         n = rows["n"].to_numpy(dtype=np.int64)

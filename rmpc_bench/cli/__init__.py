@@ -14,7 +14,7 @@ _VERBS: dict[str, tuple[str, str]] = {
     "list": ("rmpc_bench.cli.catalogue:list_", "List the names a configuration may use."),
     "describe": (
         "rmpc_bench.cli.catalogue:describe",
-        "Show what a part is, where it comes from, and which keys it takes.",
+        "Show what a part or a configured system is, and its keys.",
     ),
     "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
 }

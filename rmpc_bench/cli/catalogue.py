@@ -2,33 +2,50 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
+from collections.abc import Iterable, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
 from rmpc_bench import registry
 from rmpc_bench.cli import exits
 
-NOMINAL_TS = 0.1  # [s]; a part itself looks the same for any
+if TYPE_CHECKING:
+    from rmpc_bench.experiment.config import ExperimentConfig
+
+NOMINAL = {"Ts": 0.1, "n_steps": 1}  # a part itself looks the same for any
+SUFFIX = ".yaml"
+NEAR = 0.7
+"""Likeness from which on GROUP/NAME is taken for a slip in the name of a configuration rather than of a group."""
 
 
 @click.command(name="list")
-@click.argument("group", required=False, type=click.Choice([*registry.BUILT_IN, "configs"]))
+@click.argument("group", required=False, type=click.Choice([*registry.BUILT_IN, "functions", "configs"]))
 @exits.guarded
 def list_(group: str | None) -> int:
     """List the names a configuration may use.
 
-    Without GROUP all of them; `configs` lists the files under configs.
+    Without GROUP all of them; `functions` are those of claims, `configs` lists the files under configs.
     """
-    for name in [group] if group else [*registry.BUILT_IN, "configs"]:
+    for name in [group] if group else [*registry.BUILT_IN, "functions", "configs"]:
         if not group:
             click.echo(f"{name}:")
-        entries = _configs() if name == "configs" else registry.names(name)
+        entries = _entries(name)
         for entry in entries:
             click.echo(entry if group else f"  {entry}")
     return 0
+
+
+def _entries(name: str) -> list[str]:
+    if name == "functions":
+        from rmpc_bench.analysis.claim_tree import FUNCTION_HELP
+
+        return [*FUNCTION_HELP.values()]
+    return _configs() if name == "configs" else registry.names(name)
 
 
 def _configs() -> list[str]:
@@ -36,14 +53,21 @@ def _configs() -> list[str]:
 
 
 @click.command()
-@click.argument("name", metavar="[GROUP/]NAME")
+@click.argument("name", metavar="[GROUP/]NAME|CONFIG")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw the part, too (.svg .png .pdf).")
 @exits.guarded
 def describe(name: str, plot: Path | None) -> int:
-    """Show what a part is, where it comes from, and which keys it takes."""
+    """Show what a part is, where it comes from, and which keys it takes.
+
+    Of a configuration (a file, or what it is called below configs): its plant with what is known of it before any run,
+    its noise, where it starts, and its methods.
+    """
     found = _find(name)
+    if not found:
+        _describe_config(name, plot)
+        return 0
     if plot is not None:
-        _plot(name, found, plot)
+        _plot(name, [panel for group, kind in found for panel in _portrait(group, kind)], plot)
     for number, (group, kind) in enumerate(found):
         if number:
             click.echo()
@@ -51,14 +75,67 @@ def describe(name: str, plot: Path | None) -> int:
     return 0
 
 
-def _plot(name: str, found: list[tuple[str, str]], file: Path) -> None:
-    """Draw a part that has a portrait."""
+def _describe_config(name: str, plot: Path | None) -> None:
+    from rmpc_bench.experiment.config import load_config
+
+    config = load_config(_config(name))
+    if plot is not None:
+        _plot(name, getattr(config.experiment.plant, "portrait", tuple)(), plot)
+    click.echo("\n".join(_config_lines(config)))
+
+
+def _config_lines(config: ExperimentConfig) -> list[str]:
+    from rmpc_bench.experiment.yaml import dump, plain
+
+    plant, resolved = config.experiment.plant, config.first_point
+    lines = [str(config.path), config.title or config.name, ""]
+    if config.paths:
+        lines += [f"at the first of {len(config.points)} points, {config.points[0].title}", ""]
+    lines += [f"plant {resolved['plant']['kind']}"]
+    known: list[tuple[str, str]] = getattr(plant, "facts", list)()
+    known += _noises(config) if known else []
+    lines += _aligned([row for label, text in known for row in _rows(label, text)])
+    given = dump(plain({key: resolved[key] for key in ("noise", "initial")}))
+    methods = [(method.name, _label(config, method.name)) for method in config.experiment.methods]
+    return [*lines, "", *given.splitlines(), "", "methods", *_aligned(methods)]
+
+
+def _noises(config: ExperimentConfig) -> list[tuple[str, str]]:
+    """Mean and covariance of the noises, where their laws tell."""
+    plant = config.experiment.plant
+    laws = config.experiment.scenario.noise_laws(plant.nw, plant.nv)
+    if laws is None:
+        return []
+    mean, cov = laws
+    rows = []
+    for name, part in (("w", slice(0, plant.nw)), ("v", slice(plant.nw, None))):
+        numbers = [" ".join(f"{value:.6g}" for value in row) for row in (mean[part], *cov[part, part])]
+        rows.append((f"noise {name}", f"mean {numbers[0]}; covariance {'; '.join(numbers[1:])}"))
+    return rows
+
+
+def _rows(label: str, text: str) -> list[tuple[str, str]]:
+    """Lines of a text, the first with its label."""
+    return [(label if number == 0 else "", row) for number, row in enumerate(text.split("\n"))]
+
+
+def _aligned(rows: Sequence[tuple[str, str]]) -> list[str]:
+    width = 2 + max((len(label) for label, _ in rows), default=0)
+    return [f"  {label:{width}}{text}".rstrip() for label, text in rows]
+
+
+def _label(config: ExperimentConfig, name: str) -> str:
+    """Text for tables and figures, where it is another than the name."""
+    return config.labels[name] if config.labels[name] != name else ""
+
+
+def _plot(name: str, drawn: Sequence[Any], file: Path) -> None:
+    """Draw what has a portrait."""
     from rmpc_bench.report import figures
 
     if file.suffix.lower() not in figures.FORMATS:
         endings = ", ".join(figures.FORMATS)
         raise click.BadParameter(f"{file}: the ending says the format, one of {endings}", param_hint="'--plot'")
-    drawn = [panel for group, kind in found for panel in _portrait(group, kind)]
     if not drawn:
         having = [f"plants/{kind}" for kind in registry.names("plants") if _portrait("plants", kind)]
         known = ", ".join(having) or "no part"
@@ -73,24 +150,63 @@ def _portrait(group: str, kind: str) -> tuple[Any, ...]:
 
     if group != "plants" or any(field.is_required() for field in model_of(group, kind).model_fields.values()):
         return ()
-    plant = registry.get(group, kind)(NOMINAL_TS)
+    design = registry.get(group, kind)
+    asked = inspect.signature(design).parameters
+    plant = design(**{name: value for name, value in NOMINAL.items() if name in asked})
     panels: tuple[Any, ...] = getattr(plant, "portrait", tuple)()
     return panels
 
 
 def _find(name: str) -> list[tuple[str, str]]:
-    """Groups and kinds that a name may mean."""
+    """Groups and kinds that a name may mean; none where it is no part."""
     group, slash, kind = name.rpartition("/")
-    if slash and f"{group}s" in registry.BUILT_IN:
-        group += "s"
-    if slash and group not in registry.BUILT_IN:
-        raise click.BadParameter(registry.unknown(group, registry.BUILT_IN, "group"))
-    groups = [group] if slash else list(registry.BUILT_IN)
-    found = [(each, kind) for each in groups if kind in registry.names(each)]
+    groups = [_group(group)] if slash else list(registry.BUILT_IN)
+    return [(each, kind) for each in groups if each in registry.BUILT_IN and kind in registry.names(each)]
+
+
+def _group(name: str) -> str:
+    """Name a group, which may be given in the singular."""
+    return f"{name}s" if f"{name}s" in registry.BUILT_IN else name
+
+
+def _config(name: str) -> Path:
+    """Return the file of a configuration: itself, or by its place below configs, or by its name alone.
+
+    Raises
+    ------
+    click.BadParameter
+        If there is none of this name, or several.
+    """
+    if name.endswith(SUFFIX) and Path(name).is_file():
+        return Path(name)
+    found = [path for path in _configs() if name in _config_names(path)]
+    if len(found) > 1:
+        raise click.BadParameter(f"{name!r} may be any of {', '.join(found)}")
     if not found:
-        known = [each for group in groups for each in registry.names(group)]
-        raise click.BadParameter(registry.unknown(kind, known, "part", "rmpc-bench list"))
-    return found
+        raise click.BadParameter(_unknown(name))
+    return Path(found[0])
+
+
+def _config_names(path: str) -> list[str]:
+    """Short names of a file below configs: ``paper/fig1`` and ``fig1``."""
+    inside = Path(path).relative_to("configs").with_suffix("")
+    return [inside.as_posix(), inside.name]
+
+
+def _unknown(name: str) -> str:
+    """Say that there is neither a part nor a configuration of a name, and what is near."""
+    group, slash, kind = name.rpartition("/")
+    if name.endswith(SUFFIX):
+        return registry.unknown(name, _configs(), "configuration", "rmpc-bench list configs")
+    if slash and _group(group) in registry.BUILT_IN:
+        return registry.unknown(kind, registry.names(_group(group)), "part", "rmpc-bench list")
+    configs = [name for path in _configs() for name in _config_names(path)]
+    if slash and difflib.get_close_matches(name, configs, n=1, cutoff=NEAR):
+        return registry.unknown(name, configs, "configuration", "rmpc-bench list configs")
+    if slash:
+        return registry.unknown(group, registry.BUILT_IN, "group")
+    parts = [each for group in registry.BUILT_IN for each in registry.names(group)]
+    return registry.unknown(name, [*parts, *configs], "part or configuration", "rmpc-bench list")
 
 
 def _show(group: str, kind: str) -> None:
@@ -106,11 +222,35 @@ def _show(group: str, kind: str) -> None:
     fields = model_of(group, kind).model_fields
     if fields:
         click.echo("\nKeys")
+    nested = _records(design, fields)
     for name, field in fields.items():
-        default = "required" if field.is_required() else f"default {field.default!r}"
+        default = "required" if field.is_required() else f"default {_default(field.default)}"
         click.echo(f"  {field.alias or name}  ({default})")
         if meanings.get(name):
             click.echo(f"      {meanings[name]}")
+        for record in nested.get(name, ()):
+            for key, meaning in _meanings(inspect.getdoc(record) or "").items():
+                click.echo(f"        {key.rstrip('_')} : {meaning}")
+
+
+def _default(value: Any) -> str:
+    """Show a default as a configuration would write it."""
+    from rmpc_bench.analysis.points import value_text
+    from rmpc_bench.experiment.parts import plain_data
+
+    return value_text(plain_data(value)) if is_dataclass(value) else repr(value)
+
+
+def _records(design: Any, names: Iterable[str]) -> dict[str, list[type]]:
+    """Keys whose value is a mapping with keys of its own -> the dataclasses that say which."""
+    from rmpc_bench.experiment.schema import hints
+
+    parameters = inspect.signature(design).parameters
+    annotations = hints(design, {name: parameters[name].annotation for name in names})
+    return {
+        name: [each for each in (hint, *get_args(hint)) if inspect.isclass(each) and is_dataclass(each)]
+        for name, hint in annotations.items()
+    }
 
 
 def _meanings(doc: str) -> dict[str, str]:

@@ -50,6 +50,8 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += ["", *(f"  {name:{widths[0]}}{truth:{widths[1]}}{belief}" for name, truth, belief in rows)]
     lines += ["", "  what differs between the methods"]
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
+    remarks = _remarks(config)
+    lines += ["", "  worth knowing", *remarks] if remarks else []
     chosen = [claim.chosen for claim in config.claims if claim.chosen]
     if chosen:
         lines += ["", "  left open by the paper and chosen", *(f"  - {text}" for text in chosen)]
@@ -58,15 +60,47 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
         width = 2 + max(len(path) for path in config.paths)
         lines += [f"  {path:{width}}{_values(config, path)}" for path in config.paths]
     points = f"{len(config.points)} points x " if config.paths else ""
-    size = f"{experiment.n_runs} runs x {len(experiment.methods)} methods x {experiment.n_steps} steps"
-    shared = f"; {config.n_trials():,} trials, what points share counted once" if config.paths else ""
+    simulated = "runs" in config.evaluate
+    what = f"{experiment.n_runs} runs" if simulated else "exact moments, no runs"
+    size = f"{what} x {len(experiment.methods)} methods x {experiment.n_steps} steps"
+    shared = f"; {config.n_trials():,} trials, what points share counted once" if config.paths and simulated else ""
     lines += [
         "",
         f"  size          {points}{size}{shared}",
         f"  cost          about {_seconds(config):.0f} s on {config.execution.workers} processes, "
         f"{_megabytes(config):.0f} MB each for the trajectories of a block",
     ]
-    return lines
+    return lines if simulated else lines[:-1]
+
+
+def _remarks(config: ExperimentConfig) -> list[str]:
+    """What a user should know of the plant and of the designs, before they are compared."""
+    import numpy as np
+
+    from rmpc_bench.types import HasRemarks
+
+    experiment = config.experiment
+    named = [("plant", experiment.plant), *((method.name, method.estimator) for method in experiment.methods)]
+    found = [f"  {name}: {text}" for name, part in named if isinstance(part, HasRemarks) for text in part.remarks]
+    for name, law in config.first_point["noise"].items():
+        size = experiment.plant.nw if name == "process" else experiment.plant.nv
+        terms = experiment.scenario.process if name == "process" else experiment.scenario.measurement
+        if isinstance(law, dict) and "same" in law and size and all(_silent(term) for term in terms):
+            found.append(f"  {name} noise: `same` as the model's, which has none")
+    forms: dict[bool, list[str]] = {True: [], False: []}
+    for method in experiment.methods:
+        gain, form = getattr(method.estimator, "L", None), getattr(method.estimator, "form", None)
+        if gain is not None or form is not None:
+            uses_y = form == "filter" if form is not None else bool(np.any(gain))
+            forms[uses_y].append(method.name)
+    if all(forms.values()):
+        found.append(f"  x_hat(k) uses y(k) in {', '.join(forms[True])}, and not in {', '.join(forms[False])}")
+    return found
+
+
+def _silent(term: Any) -> bool:
+    """Whether a law of noise is known to be 0 always."""
+    return all(hasattr(term, name) and not getattr(term, name).any() for name in ("mean", "cov"))
 
 
 def _values(config: ExperimentConfig, path: str) -> str:
@@ -76,7 +110,7 @@ def _values(config: ExperimentConfig, path: str) -> str:
 
 
 def _truth_and_belief(config: ExperimentConfig) -> list[tuple[str, str, str]]:
-    resolved = config.resolved
+    resolved = config.first_point
     plant, model = dict(resolved["plant"]), dict(next(iter(config.methods.values()))["model"])
     rows = [("kind", str(plant.pop("kind")), str(model.pop("kind")))]
     changed = {**plant.pop("perturb", {}), **plant.pop("set", {})}
@@ -84,7 +118,7 @@ def _truth_and_belief(config: ExperimentConfig) -> list[tuple[str, str, str]]:
     for name in dict.fromkeys([*plant, *model]):
         truth = _short(plant.get(name, "-"))
         rows.append((name, f"{truth} x ({changed[name]})" if name in changed else truth, _short(model.get(name, "-"))))
-    rows.append(("noise", _short(resolved["noise"]), _short(assumed)))
+    rows.append(("noise", _short(resolved["noise"]), "-" if assumed is None else _short(assumed)))
     initial = resolved["initial"]
     rows.append(("start", f"x = {_short(initial['x'])}", f"x_hat = {initial['x_hat']}, P = {initial['P']}"))
     return rows

@@ -92,7 +92,7 @@ def publish(
 
 def _incomplete(config: ExperimentConfig, n_complete: Mapping[str, int]) -> list[str]:
     """Say what is still missing: an interrupted experiment is not one at full size."""
-    n_runs = config.experiment.n_runs
+    n_runs = config.experiment.n_runs if "runs" in config.evaluate else 0
     return [f"{name}: {n} of {n_runs} runs" for name, n in n_complete.items() if n < n_runs]
 
 
@@ -105,7 +105,7 @@ def _write_traces(trials: Trials, path: Path) -> None:
             where = "/".join(part for part in (table.title, method) if part)
             arrays |= {f"{where}/{signal}": array for signal, array in trace.signals.items()}
             arrays |= {f"{where}/runs": trace.runs, f"{where}/r": trace.r}
-            arrays[f"{where}/t"] = np.round(table.Ts * np.arange(len(trace.r)), 12)
+            arrays[f"{where}/t"] = np.round((table.Ts or 1.0) * np.arange(len(trace.r)), 12)
     if arrays:
         np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
@@ -139,6 +139,8 @@ def _head(
     complete = min(n_complete[name] for name in trials.methods)
     points = f" at each of {len(trials.points)} points" if trials.points else ""
     failed = results.n_failed(trials)
+    if "runs" not in config.evaluate:
+        return f"{config.name}   exact moments{points}, no runs   {directory}"
     done = f" done in {time.monotonic() - started:.1f} s" if started is not None else ""
     return f"{config.name}{done}   {complete} of {n_runs} runs{points}, {failed} failed   {directory}"
 

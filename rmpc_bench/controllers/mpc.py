@@ -16,7 +16,7 @@ Fails   design error where the moves are not determined (R = 0 and an input with
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -95,7 +95,7 @@ class Mpc:
 
 
 def design(
-    model: LinearModel,
+    model: Any,
     *,
     Hp: Horizon,
     Hu: Horizon,
@@ -109,7 +109,7 @@ def design(
 
     Parameters
     ----------
-    model : prediction model
+    model : prediction model; of an uncertain one the nominal part
     Hp : prediction horizon [samples]
     Hu : control horizon [samples], at most Hp
     Q : weight of the scaled output error: a number, a diagonal or a matrix
@@ -125,6 +125,7 @@ def design(
     """
     if Hu > Hp:
         raise DesignError(f"must be at most Hp = {Hp} (got {Hu})", "Hu")
+    model = _constant(model)
     low, high = (-np.inf, np.inf) if limits is None else limits.u
     if not low < high:
         raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", "limits.u")
@@ -139,6 +140,16 @@ def design(
     Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
     first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # du(k) = first (r - Psi x - Upsilon u(k-1))
     return Mpc(first @ Psi, first @ Upsilon, first, *bounds, preview=Hp + 1)
+
+
+def _constant(model: Any) -> LinearModel:
+    """Return the one model of all k; of an uncertain one its nominal part."""
+    if isinstance(model, LinearModel):
+        return model
+    if model.system.varies:
+        raise DesignError("predicts with one model; this one is another at every k")
+    nominal: LinearModel = model.at(0)
+    return nominal
 
 
 def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple[str, str]) -> Float[Array, "n n"]:

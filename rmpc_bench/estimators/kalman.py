@@ -12,14 +12,13 @@ from __future__ import annotations
 
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, Model, riccati_schedule
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.types import Array
 
 
 def design(
-    model: LinearModel, n_steps: int, *, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"]
+    model: Model, n_steps: int, *, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"], form: Form = "filter"
 ) -> GainScheduleFilter:
     """Kalman filter, time varying from P0 on.
 
@@ -29,5 +28,6 @@ def design(
     n_steps : number of control periods N; gains are made for k = 0..N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) its covariance
+    form : `filter` uses y(k) for x_hat(k), `predictor` does not
     """
-    return riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0))
+    return riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form)

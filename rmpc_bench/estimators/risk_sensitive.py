@@ -16,8 +16,7 @@ from dataclasses import dataclass
 
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, Model, riccati_schedule
 from rmpc_bench.numerics.kl_ball import Inflation, Reading, Tau, inflate, inflate_to_radius, right_side
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.types import Array, DesignError, Positive
@@ -41,7 +40,7 @@ class Radius:
 
 
 def design(
-    model: LinearModel,
+    model: Model,
     n_steps: int,
     *,
     x0: Float[Array, " nx"],
@@ -49,6 +48,7 @@ def design(
     theta: Positive | None = None,
     theta_from: Radius | None = None,
     tau: Tau = 0.0,
+    form: Form = "filter",
 ) -> GainScheduleFilter:
     """Risk-sensitive filter; give either theta or theta_from.
 
@@ -61,6 +61,7 @@ def design(
     theta : risk sensitivity [1 / unit of P_pred]
     theta_from : `{c: 0.1}` takes the steady theta of the robust Kalman filter with radius c, reading kl and this tau
     tau : divergence of the penalty: 0 is Kullback and Leibler's, (18), 1 the one of (19), defined for any P
+    form : `filter` uses y(k) for x_hat(k), `predictor` does not
 
     Raises
     ------
@@ -83,21 +84,21 @@ def design(
                 "choose a smaller theta or a smaller initial P"
             ) from None
 
-    return riccati_schedule(model, n_steps, x0, P0, inflate_at)
+    return riccati_schedule(model, n_steps, x0, P0, inflate_at, form)
 
 
-def steady_theta(model: LinearModel, P0: Float[Array, "nx nx"], c: float, tau: float = 0.0) -> float:
-    """Multiplier of the robust Kalman filter after convergence, with ``c`` on the right of (16).
+def steady_theta(model: Model, P0: Float[Array, "nx nx"], c: float, tau: float = 0.0) -> float:
+    """Multiplier of the robust Kalman filter after convergence, with ``c`` on the right of (16); the model at k = 0.
 
     Raises
     ------
     DesignError
         If theta still moves after 100,000 steps.
     """
-    P_pred, last, quiet = P0, 0.0, 0
+    now, P_pred, last, quiet = model.at(0), P0, 0.0, 0
     for _ in range(_MAX_STEPS):
         V, theta = inflate_to_radius(P_pred, c, tau)  # (13), (16)
-        P_pred = filter_step(model.A, model.C, model.Q_w, model.R_v, V).P_next  # (14), (15)
+        P_pred = filter_step(now.A, now.C, now.Q_w, now.R_v, V).P_next  # (14), (15)
         quiet = quiet + 1 if abs(theta - last) <= _STEADY * max(1.0, c) * theta else 0
         if quiet == 10:  # one small change may be a turning point
             return theta

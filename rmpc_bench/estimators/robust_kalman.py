@@ -17,14 +17,13 @@ from __future__ import annotations
 
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, Model, riccati_schedule
 from rmpc_bench.numerics.kl_ball import Reading, Tau, inflate_to_radius, right_side
 from rmpc_bench.types import Array, Positive
 
 
 def design(
-    model: LinearModel,
+    model: Model,
     n_steps: int,
     *,
     x0: Float[Array, " nx"],
@@ -32,6 +31,7 @@ def design(
     c: Positive,
     kl: Reading = "printed",
     tau: Tau = 0.0,
+    form: Form = "filter",
 ) -> GainScheduleFilter:
     """Robust Kalman filter over a ball of radius c.
 
@@ -44,6 +44,7 @@ def design(
     c : radius of the ball: the tolerance for model error, per step
     kl : `printed` is (16) as printed; `half` has the factor 1/2 of the divergence (10), as if c were twice as large
     tau : divergence that the ball is made of: 0 is Kullback and Leibler's, 1 the one of (19)
+    form : `filter` uses y(k) for x_hat(k), `predictor` does not
     """
     bound = right_side(c, kl)
     return riccati_schedule(
@@ -52,4 +53,5 @@ def design(
         x0,
         P0,
         lambda k, P_pred: inflate_to_radius(P_pred, bound, tau),  # (13), (16)
+        form,
     )

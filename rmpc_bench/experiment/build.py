@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -19,11 +19,21 @@ from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.quantities import Expression, QuantityError
 from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
 from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.metrics import Units
+from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.noise import Noise, gaussian
 from rmpc_bench.simulation.reference import Reference
-from rmpc_bench.simulation.scenario import Experiment, Recording, Scenario, initial_covariance, initial_state
-from rmpc_bench.types import Array, DesignError, Method, Metric, Plant, Problem
+from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.scenario import (
+    Experiment,
+    Recording,
+    Scenario,
+    initial_covariance,
+    initial_state,
+    with_cross_covariance,
+)
+from rmpc_bench.types import Array, DesignError, HasOpponent, Method, Metric, Plant, Problem
 
 
 @dataclass(frozen=True)
@@ -58,10 +68,13 @@ class _Builder:
 
     def plant(self) -> Plant | None:
         """Build the plant and check the names of what is changed in it."""
-        part, Ts = self.sheet.plant, self.time.step
+        part = self.sheet.plant
         if part is None:
             return None
-        plant: Plant | None = self.once(["plant", Ts, part.resolved()], lambda: part.build(self.sheet.problems, Ts=Ts))
+        size = {"Ts": self.time.step, "n_steps": self.n_steps}
+        plant: Plant | None = self.once(
+            ["plant", size, part.resolved()], lambda: part.build(self.sheet.problems, **size)
+        )
         if plant is not None:
             for name, change in self.sheet.changes.items():
                 if name not in plant.nominal:
@@ -74,8 +87,8 @@ class _Builder:
         """Build a model; methods that believe the same share one."""
         if part is None:
             return None
-        Ts = self.time.step
-        return self.once(["model", Ts, part.resolved()], lambda: part.build(self.sheet.problems, Ts=Ts))
+        size = {"Ts": self.time.step, "n_steps": self.n_steps}
+        return self.once(["model", size, part.resolved()], lambda: part.build(self.sheet.problems, **size))
 
     def start(self, model: Any) -> tuple[Array, Array] | None:
         """Return x_hat and P at the start, for the size of a model."""
@@ -94,23 +107,26 @@ class _Builder:
             self.sheet.note(["initial", key], str(error))
             return None
 
-    def method(self, name: str, parts: MethodParts) -> Method | None:
+    def method(self, name: str, parts: MethodParts, plant: Plant | None) -> Method | None:
         """Build one estimator-controller pair; points of a sweep that agree on it share it."""
         named = {"model": parts.model, "estimator": parts.estimator, "controller": parts.controller}
         described = {key: part.resolved() for key, part in named.items() if part is not None}
-        made = self.once(["method", name, self._size(), described], lambda: self._method(name, parts))
+        key = ["method", name, self._size(), described, self._told(parts)]
+        made = self.once(key, lambda: self._method(name, parts, plant))
         return cast("Method | None", made)
 
-    def _method(self, name: str, parts: MethodParts) -> Method | None:
+    def _method(self, name: str, parts: MethodParts, plant: Plant | None) -> Method | None:
         problems, model = self.sheet.problems, self.model(parts.model)
         if model is None:
             return None
         start = self.start(model)
         estimator = None
         if parts.estimator is not None and start is not None:
-            estimator = self.estimator(parts, {"model": model, "n_steps": self.n_steps, "x0": start[0], "P0": start[1]})
-        controller = None
-        if parts.controller is not None:
+            provided = {"model": model, "n_steps": self.n_steps, "x0": start[0], "P0": start[1], "plant": plant}
+            estimator = self.estimator(parts, provided)
+        if parts.controller is None:
+            controller: Any = Rest(model.nu)
+        else:
             provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
             controller = parts.controller.build(problems, **provided)
         return None if estimator is None or controller is None else Method(name, estimator, controller)
@@ -119,8 +135,45 @@ class _Builder:
         """Build an estimator; methods and points of a sweep that believe the same share one."""
         part, model = parts.estimator, parts.model
         assert part is not None and model is not None
-        key = ["estimator", self._size(), model.resolved(), part.resolved()]
+        if part.asks("plant") and provided["plant"] is None:
+            return None  # what is wrong with the plant has been noted
+        key = ["estimator", self._size(), model.resolved(), part.resolved(), self._told(parts)]
         return self.once(key, lambda: part.build(self.sheet.problems, **provided))
+
+    def _told(self, parts: MethodParts) -> Any:
+        """What an estimator is told of the truth, as plain data."""
+        part, plant = parts.estimator, self.sheet.plant
+        return plant.resolved() if part is not None and plant is not None and part.asks("plant") else None
+
+    def opposed(self, plant: Plant, methods: Sequence[Method | None], scenario: Scenario) -> Plant | None:
+        """Let the adversary of a plant that has one choose its sequence, against the method it names."""
+        if not isinstance(plant, HasOpponent) or plant.opponent is None:
+            return plant
+        name, radius = plant.opponent
+        path: list[str | int] = ["plant", "uncertainty", "against"]
+        if name not in self.sheet.methods:
+            self.sheet.note(path, unknown(name, self.sheet.methods, "method"))
+            return None
+        method = next((method for method in methods if method is not None and method.name == name), None)
+        if method is None:
+            return None  # what is wrong with it has been noted
+        laws = exact_laws(plant, method, scenario)
+        if isinstance(laws, str):
+            self.sheet.note(path, f"{name}: {laws}")
+            return None
+        parts = self.sheet.methods[name]
+        described = [part.resolved() for part in (parts.model, parts.estimator) if part is not None]
+        resolved = self.sheet.plant.resolved() if self.sheet.plant is not None else None
+        key = ["opposed", self._size(), resolved, described, [each.tolist() for each in laws]]
+        truth, schedule = cast("HasOpponent", plant), cast("Any", method.estimator)
+        try:
+            made = self.once(
+                key, lambda: truth.against(worst_sequence(cast("Any", truth), schedule, laws, self.n_steps, radius))
+            )
+        except DesignError as error:
+            self.sheet.note(path, f"{name}: {error}")
+            return None
+        return cast("Plant", made)
 
     def _size(self) -> list[Any]:
         """What all designs depend on beside their own keys."""
@@ -136,14 +189,32 @@ class _Builder:
         model = self.model(self.sheet.model)
         if model is None:
             return ()
-        cov = model.R_v if channel == "measurement" else model.Q_w
+        mean, cov = model.v_law if channel == "measurement" else model.w_law
+        if channel == "initial":
+            mean, cov = np.zeros(n), model.Q_w
         if channel == "initial" and len(cov) < n:
             cov = np.pad(cov, (0, n - len(cov)))  # states that the model does not know start at their mean
         if len(cov) != n:
             path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
             self.sheet.note(path, f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
             return ()
-        return (gaussian(n, cov=cov, scale=law.same or 0.0),)
+        return (gaussian(n, mean=mean.tolist(), cov=cov, scale=law.same or 0.0),)
+
+    def correlated(self, plant: Plant, scenario: Scenario) -> Scenario:
+        """Give the noises of a scenario their cross-covariance."""
+        cross = self.sheet.cross
+        if cross == "same":
+            cross = getattr(self.model(self.sheet.model), "S", 0.0)
+        if cross is None or not np.any(cross):
+            return scenario
+        try:
+            return with_cross_covariance(scenario, np.atleast_2d(np.array(cross, dtype=float)), plant.nw, plant.nv)
+        except DesignError as error:
+            given = self.sheet.tree.get("noise")
+            self.sheet.note(
+                ["noise", "cross"] if isinstance(given, Mapping) and "cross" in given else ["noise"], str(error)
+            )
+            return scenario
 
     def scenario(self, plant: Plant, reference: Reference) -> Scenario | None:
         """Gather what befalls every run."""
@@ -155,7 +226,7 @@ class _Builder:
         measurement = self.noise(sheet.noise.get("measurement"), plant.nv, "measurement")
         if x0 is None or sheet.values["seed"] is None or not set(sheet.changes) <= set(plant.nominal):
             return None
-        return Scenario(
+        scenario = Scenario(
             seed=sheet.values["seed"],
             uncertainty=sheet.uncertainty,
             parameters={
@@ -168,10 +239,11 @@ class _Builder:
             measurement=measurement,
             reference=reference,
         )
+        return self.correlated(plant, scenario)
 
-    def metrics(self, plant: Plant) -> tuple[Metric, ...]:
+    def metrics(self, plant: Plant, methods: tuple[Method, ...]) -> tuple[Metric, ...]:
         """Build the metrics; two of the same name are refused."""
-        units = Units(self.n_steps, self.time.tick, plant.y_unit, plant.u_unit, cut=self.smoke)
+        units = Units(self.n_steps, self.time.tick, plant.y_unit, plant.u_unit, self.smoke, plant, methods)
         made = [part.build(self.sheet.problems, units=units) for part in self.sheet.metrics if part is not None]
         names: set[str] = set()
         for number, metric in enumerate(made):
@@ -193,7 +265,8 @@ class _Builder:
         """What to keep of which runs."""
         keys, n_runs = self.sheet.values["record"], self.sheet.values["runs"]
         first = {"none": 0, "all": n_runs}.get(keys.runs, keys.runs)
-        return Recording(tuple(dict.fromkeys(keys.signals)), min(int(first), n_runs))
+        ensemble = not {"moments", "ensemble"}.isdisjoint(self.sheet.values["evaluate"])
+        return Recording(tuple(dict.fromkeys(keys.signals)), min(int(first), n_runs), ensemble)
 
 
 def build(sheet: Sheet, made: dict[str, Any] | None = None, *, smoke: bool = False) -> Experiment | None:
@@ -209,16 +282,17 @@ def build(sheet: Sheet, made: dict[str, Any] | None = None, *, smoke: bool = Fal
         return None
     builder = _Builder(sheet, {} if made is None else made, smoke=smoke)
     plant = builder.plant()
-    methods = [builder.method(name, parts) for name, parts in sheet.methods.items()]
+    methods = [builder.method(name, parts, plant) for name, parts in sheet.methods.items()]
     if plant is None or sheet.reference is None:
         return None
     reference = sheet.reference.build(sheet.problems, ny=plant.ny, Ts=plant.Ts)
-    metrics = builder.metrics(plant)
+    metrics = builder.metrics(plant, tuple(method for method in methods if method is not None))
     if reference is None:
         return None
     scenario = builder.scenario(plant, reference)
-    if scenario is None or sheet.problems or any(method is None for method in methods):
+    opposed = builder.opposed(plant, methods, scenario) if scenario is not None else None
+    if scenario is None or opposed is None or sheet.problems or any(method is None for method in methods):
         return None
     pairs = tuple(method for method in methods if method is not None)
     recording = builder.recording()
-    return Experiment(plant, pairs, scenario, metrics, sheet.values["runs"], builder.n_steps, recording)
+    return Experiment(opposed, pairs, scenario, metrics, sheet.values["runs"], builder.n_steps, recording)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,13 +12,14 @@ from typing import Any
 from rmpc_bench.analysis.claim import Claim
 from rmpc_bench.experiment import yaml
 from rmpc_bench.experiment.build import build
-from rmpc_bench.experiment.drawings import check_figures, outlook
+from rmpc_bench.experiment.compose import composed, inlined, opened
+from rmpc_bench.experiment.drawings import check_evaluation, check_figures, outlook
 from rmpc_bench.experiment.engines import single_thread
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.places import Place
 from rmpc_bench.experiment.point import ConfigPoint, digest
 from rmpc_bench.experiment.reader import at_their_origin, read
-from rmpc_bench.experiment.resolve import belief, changes, measured, resolved, shared
+from rmpc_bench.experiment.resolve import belief, changes, first_point, measured, resolved, shared
 from rmpc_bench.experiment.schema import shown
 from rmpc_bench.experiment.sections import Execution, Statistics
 from rmpc_bench.experiment.sheet import Sheet
@@ -48,10 +50,13 @@ class ExperimentConfig:
     points : the points of its sweep; one where nothing is swept
     axes : the swept paths, those that change together as one
     statistics, execution : how to compare, how to work
+    evaluate : what to compute, `runs` or `moments` or both
+    in_samples : whether time counts in samples and not in seconds
     labels : method name -> text for tables and figures
     figures : the parts to draw
     claims : statements to judge
     resolved : the whole configuration with every default filled in; loads to an equal one
+    first_point : the same at the first point of its sweep, where `resolved` leaves what is swept as given
     """
 
     path: Path
@@ -62,10 +67,13 @@ class ExperimentConfig:
     axes: tuple[tuple[str, ...], ...]
     statistics: Statistics
     execution: Execution
+    evaluate: tuple[str, ...]
+    in_samples: bool
     labels: Mapping[str, str]
     figures: tuple[Part, ...]
     claims: tuple[Claim, ...]
     resolved: Mapping[str, Any]
+    first_point: Mapping[str, Any]
 
     @property
     def experiment(self) -> Experiment:
@@ -96,7 +104,7 @@ class ExperimentConfig:
         """Count the trials of some methods, all unless given; what points of a sweep share counts once."""
         wanted = self.methods if methods is None else methods
         keys = {key for point in self.points for name, key in point.method_keys.items() if name in wanted}
-        return len(keys) * self.experiment.n_runs
+        return len(keys) * self.experiment.n_runs if "runs" in self.evaluate else 0
 
     @cached_property
     def shared(self) -> Mapping[str, Any]:
@@ -142,7 +150,7 @@ def load_config(
     tree = yaml.load(path)
     if not isinstance(tree, Map):
         raise ConfigError([Problem(str(path), 1, 1, "", f"must be a mapping (got {shown(tree)})")])
-    tree = _overridden(tree, overrides)
+    tree = _overridden(tree, overrides, Path(path))
     places, problems = points(tree)
     if not problems:
         problems += swept_overrides(tree, {path: mark for path, _, mark in map(yaml.parse_override, overrides)})
@@ -160,8 +168,13 @@ def load_config(
         if experiment is not None
     )
     there = [] if problems else _places(places, found)
-    seen = outlook(found[0].experiment, len(places), smoke=smoke) if found else None
+    # What was overridden is looked at for information; that claims and figures reach beyond its end is no mistake.
+    lenient = smoke or bool(overrides)
+    seen = outlook(found[0].experiment, len(places), smoke=lenient) if found else None
     claims = read_claims(sheets[0], _metric_names(sheets[0]), there, seen)
+    for sheet, experiment in zip(sheets, experiments, strict=True):
+        if experiment is not None:
+            check_evaluation(sheet, experiment)
     _statistics(sheets[0])
     check_figures(sheets[0], _metric_names(sheets[0]), there, seen if there else None)
     _columns(sheets[0], swept_paths(tree) if there else ())
@@ -178,7 +191,8 @@ def _built(places: Sequence[Point], *, runs: int | None, smoke: bool) -> tuple[l
     made: dict[str, Any] = {}
     with single_thread():
         for place in places:
-            sheet = read(place.tree if not sheets else _without(place.tree, "claims", "figures"))
+            tree = composed(place.tree)
+            sheet = read(tree if not sheets else _without(tree, "claims", "figures"))
             if runs is not None:
                 sheet.values["runs"] = runs
             if smoke:
@@ -191,7 +205,7 @@ def _built(places: Sequence[Point], *, runs: int | None, smoke: bool) -> tuple[l
 def _config(
     path: Path, tree: Map, sheet: Sheet, found: tuple[ConfigPoint, ...], claims: tuple[Claim, ...], *, smoke: bool
 ) -> ExperimentConfig:
-    values = sheet.values
+    values, oracles = sheet.values, found[0].experiment.oracles
     return ExperimentConfig(
         path=path,
         name=values["name"],
@@ -201,10 +215,13 @@ def _config(
         axes=swept_paths(tree),
         statistics=values["statistics"],
         execution=values["execution"],
-        labels={name: parts.label for name, parts in sheet.methods.items()},
+        evaluate=tuple(values["evaluate"]),
+        in_samples=values["time"].duration is None and values["time"].step == 1.0,
+        labels={name: parts.label + (" (oracle)" if name in oracles else "") for name, parts in sheet.methods.items()},
         figures=tuple(part for part in sheet.figures if part is not None),
         claims=claims,
         resolved=resolved(sheet, found[0].experiment, tree, smoke=smoke),
+        first_point=first_point(sheet, found[0].experiment, smoke=smoke),
     )
 
 
@@ -235,16 +252,24 @@ def _columns(sheet: Sheet, axes: Sequence[Sequence[str]]) -> None:
             sheet.note(["metrics", number], f"{name!r} is a column of the sweep already; choose another name")
 
 
-def _overridden(tree: Map, overrides: Sequence[str]) -> Map:
-    """Replace single values; what is wrong with any of them is raised together."""
+def _overridden(tree: Map, overrides: Sequence[str], path: Path) -> Map:
+    """Replace single values and read files; what is wrong with any value is raised together.
+
+    Files are read when it is known which ones, so that the other values can be laid over what comes from them.
+    """
     problems: list[Problem] = []
-    for text in overrides:
-        try:
-            tree = yaml.assign(tree, *yaml.parse_override(text))
-        except ConfigError as error:
-            problems += error.problems
-    if problems:
-        raise ConfigError(problems)
+    naming = [text for text in overrides if re.match(r"(plant|plant\.from|sweep.*?)\s*=", text.strip())]
+    others = [text for text in overrides if text not in naming]
+    for texts in (naming, others):
+        for text in texts:
+            try:
+                where, value, mark = yaml.parse_override(text)
+                tree = yaml.assign(opened(tree, where), where, value, mark)
+            except ConfigError as error:
+                problems += error.problems
+        if problems and texts is others:
+            raise ConfigError(problems)
+        tree = tree if problems else inlined(tree, path)
     return tree
 
 

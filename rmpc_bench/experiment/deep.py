@@ -11,6 +11,7 @@ import numpy as np
 from rmpc_bench.experiment.parts import read_part
 from rmpc_bench.experiment.yaml import Map, Mark
 from rmpc_bench.simulation.linear_loop import LinearPair, linear_pair, spectral_radius
+from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
 from rmpc_bench.simulation.tolerance import Belief, divergence_over_time
 from rmpc_bench.types import Array, DesignError, HasLinearPart, LinearTruth, Method
@@ -137,7 +138,7 @@ def _believed(method: Method, data: Mapping[str, Any], experiment: Experiment) -
 
 def _remade(data: Mapping[str, Any], Ts: float, n_steps: int, *, estimator: bool) -> tuple[Any, Array, Any] | None:
     """Make model, P0 and estimator once more from plain data, the latter for another number of steps."""
-    model = _built("models", data.get("model"), Ts=Ts)
+    model = _built("models", data.get("model"), Ts=Ts, n_steps=n_steps)
     if not isinstance(model, Belief) or np.ndim(model.A) != 2:
         return None
     n = len(model.A)
@@ -146,7 +147,7 @@ def _remade(data: Mapping[str, Any], Ts: float, n_steps: int, *, estimator: bool
         P0 = model.Q_w if isinstance(data["P"], str) else initial_covariance(data["P"], n)
     except DesignError:
         return None
-    provided = {"model": model, "n_steps": n_steps, "x0": x0, "P0": P0}
+    provided = {"model": model, "n_steps": n_steps, "x0": x0, "P0": P0, "plant": None}
     return model, P0, _built("estimators", data.get("estimator"), **provided) if estimator else None
 
 
@@ -197,10 +198,14 @@ def _noise(scenario: Scenario, model: Belief | None) -> Noise:
     return Noise(None, "none" if silent else "unknown")
 
 
+def _without_law(each: _Believed) -> str:
+    return "no controller" if isinstance(each.method.controller, Rest) else "no linear law with known gains"
+
+
 def _divergence(experiment: Experiment, each: _Believed, plants: Sequence[LinearTruth]) -> Divergence | str:
     """Average the parts of (10) over time."""
     if each.pair is None or each.model is None or each.P0 is None:
-        return "no linear law with known gains"
+        return _without_law(each)
     if not plants:
         return "no linear plant"
     stacked = LinearTruth(*(np.stack(matrices) for matrices in zip(*plants, strict=True)))
@@ -237,7 +242,7 @@ def _gain(experiment: Experiment, each: _Believed, known: dict[str, Gain]) -> Ga
 def _convergence(experiment: Experiment, each: _Believed) -> Gain:
     """Find the limit of an estimator's gain by going on with its recursion."""
     if each.pair is None or each.model is None:
-        return Gain(missing="no linear law with known gains")
+        return Gain(missing=_without_law(each))
     Ts, n_steps = experiment.plant.Ts, experiment.n_steps
     schedule, n = each.pair.schedule, n_steps
     if len(schedule.K) == 1 and len(schedule.L) == 1:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from rmpc_bench import registry
 from rmpc_bench.analysis.points import value_text
 from rmpc_bench.experiment.parts import Part
@@ -12,8 +14,12 @@ from rmpc_bench.experiment.places import Place, nowhere
 from rmpc_bench.experiment.sheet import Sheet
 from rmpc_bench.experiment.yaml import plain
 from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.moments import Moments, exact_laws, signals
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Outlook
+from rmpc_bench.types import Method, Outlook
+
+OF_RUNS = ("boxplot", "trajectories", "ellipses")
+"""Kinds of figures that show single runs."""
 
 
 def check_figures(sheet: Sheet, metrics: Sequence[str], places: Sequence[Place], outlook: Outlook | None) -> None:
@@ -29,17 +35,39 @@ def check_figures(sheet: Sheet, metrics: Sequence[str], places: Sequence[Place],
     for number, part in enumerate(sheet.figures):
         if part is not None:
             for key, message in _mistakes(part, sheet, metrics, places):
-                sheet.note(["figures", number, key], message)
+                sheet.note(["figures", number, *([key] if key else [])], message)
             mistakes = getattr(registry.get("figures", part.kind), "mistakes", None)
             for key, message in mistakes(part.parameters, outlook) if mistakes and outlook else ():
                 sheet.note(["figures", number, *([key] if key else [])], message)
 
 
+def check_evaluation(sheet: Sheet, experiment: Experiment) -> None:
+    """Note the methods of which nothing would be computed: there are to be no runs, and they have no exact moments.
+
+    Parameters
+    ----------
+    sheet, experiment : of one point
+    """
+    wanted = sheet.values["evaluate"]
+    if "runs" in wanted:
+        return
+    if "moments" not in wanted:
+        sheet.note(["evaluate"], "an ensemble is one of runs: evaluate: [runs, ensemble]")
+        return
+    for method in experiment.methods:
+        laws = exact_laws(experiment.plant, method, experiment.scenario)
+        if isinstance(laws, str):
+            sheet.note(["evaluate"], f"{method.name} has no exact moments: {laws}; evaluate: [runs, moments]")
+
+
 def _mistakes(part: Part, sheet: Sheet, metrics: Sequence[str], places: Sequence[Place]) -> list[tuple[str, str]]:
     """Check the keys that mean the same in every figure."""
     keys, found = part.parameters, []
-    if keys.get("metric") is not None and keys["metric"] not in metrics:
-        found.append(("metric", unknown(keys["metric"], metrics, "metric of this configuration")))
+    if "runs" not in sheet.values["evaluate"] and part.kind in OF_RUNS:
+        found.append(("", "draws runs, and none are evaluated: add `runs` to `evaluate`"))
+    for key in ("metric", "x", "y"):
+        if keys.get(key) is not None and keys[key] not in metrics:
+            found.append((key, unknown(keys[key], metrics, "metric of this configuration")))
     order = keys.get("order") or []
     if len(set(order)) < len(order):
         found.append(("order", "a method is named twice"))
@@ -52,17 +80,30 @@ def _mistakes(part: Part, sheet: Sheet, metrics: Sequence[str], places: Sequence
     return found
 
 
+def _ensemble(nx: int, method: Method) -> dict[str, tuple[int, ...]]:
+    """Shapes of the ensemble's series."""
+    x_hat = np.zeros((1, len(x0))) if (x0 := getattr(method.estimator, "x0", None)) is not None else np.zeros((1, nx))
+    z = np.concatenate([np.zeros((1, nx)), x_hat], axis=1)
+    return {name: array.shape[1:] for name, array in signals(Moments(z, z[:, :, None] * z[:, None]), nx).items()}
+
+
 def outlook(experiment: Experiment, n_points: int, *, smoke: bool) -> Outlook:
     """Say what the results of an experiment will have, before it runs."""
     plant, recording = experiment.plant, experiment.recording
     widths: Mapping[str, int | None] = {"y": plant.ny, "u": plant.nu, "x": plant.nx, "x_hat": None}
     series: dict[str, tuple[int, ...]] = {}
+    arrays: dict[str, dict[str, tuple[int, ...]]] = {}
     for method in experiment.methods:
         found: Mapping[str, Any] = getattr(method.estimator, "series", dict)()
-        series |= {name: array.shape[1:] for name, array in found.items()}
+        arrays[method.name] = shapes = {name: array.shape for name, array in found.items()}
+        if recording.ensemble:
+            ensemble = _ensemble(plant.nx, method)
+            shapes |= {name: (experiment.n_steps + 1, *entry) for name, entry in ensemble.items()}
+        series |= {name: shape[1:] for name, shape in shapes.items()}
     return Outlook(
         signals={name: widths[name] for name in recording.signals if recording.n_runs},
         end=0.0 if smoke else experiment.n_steps * plant.Ts,
         series=series,
         n_points=n_points,
+        arrays=arrays,
     )

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 from rmpc_bench.experiment.signals import held
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
-from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.scenario import Draws, Experiment
+from rmpc_bench.types import HasDrawn
 
 
 class Task(NamedTuple):
@@ -59,15 +60,39 @@ def work(experiments: Sequence[Experiment], task: Task) -> Done:
     task : what to do
     """
     experiment = experiments[task.point]
-    block = simulate_block(experiment, experiment.method(task.method), task.runs)
-    return Done(task, block, [experiment.scenario.named_values(run) for run in task.runs])
+    draws = _drawn(experiment, task.runs)
+    block = simulate_block(experiment, experiment.method(task.method), task.runs, draws)
+    return Done(task, block, _uncertain_values(experiment, task.runs, draws))
+
+
+def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list[dict[str, float]]:
+    """What every run has drawn once and for all: the named quantities, and what the plant says it has beside."""
+    plant = experiment.plant
+    drawn = plant.drawn(draws.delta) if isinstance(plant, HasDrawn) else {}
+    return [
+        experiment.scenario.named_values(run) | {name: float(values[row]) for name, values in drawn.items()}
+        for row, run in enumerate(runs)
+    ]
+
+
+_last: list[tuple[Experiment, range, Draws]] = []
+"""What was drawn last in this process: the methods of a block come one after the other, and share it."""
+
+
+def _drawn(experiment: Experiment, runs: range) -> Draws:
+    if not (_last and _last[0][0] is experiment and _last[0][1] == runs):
+        _last[:] = [(experiment, runs, experiment.scenario.draw(experiment.plant, runs, experiment.n_steps))]
+    return _last[0][2]
 
 
 def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generator[Done]:
     """Do the tasks in this process, one after the other."""
-    with single_thread():
-        for task in tasks:
-            yield work(experiments, task)
+    try:
+        with single_thread():
+            for task in tasks:
+                yield work(experiments, task)
+    finally:
+        _last.clear()
 
 
 def processes(experiments: Sequence[Experiment], tasks: Sequence[Task], workers: int) -> Generator[Done]:

@@ -24,6 +24,7 @@ _DISTRIBUTIONS: dict[str, type] = {
 
 
 _SAME: Any = dict[str, NonNegative]
+_CROSS: Any = float | list[list[float]]
 
 _TAKEN = ("run", "pi", "sqrt", "sin", "cos")
 
@@ -69,11 +70,17 @@ def read_noise(sheet: Sheet) -> None:
     if not isinstance(noise, Map):
         noise = {"process": noise, "measurement": noise}
         paths: dict[str, list[str | int]] = {name: ["noise"] for name in noise}
+        sheet.cross = "same" if sheet.section("noise") == "same" else None
     else:
         paths = {name: ["noise", name] for name in noise}
     for name, law in noise.items():
-        if name not in ("process", "measurement"):
-            sheet.note(paths[name], registry.unknown(name, ("process", "measurement"), "key"), key=True)
+        if name == "cross":
+            sheet.cross = law if law == "same" else sheet.checked(_CROSS, paths[name])
+            if isinstance(sheet.cross, list) and len({len(row) for row in sheet.cross}) != 1:
+                sheet.note(paths[name], "must be a number or a list of rows of the same length")
+                sheet.cross = None
+        elif name not in ("process", "measurement"):
+            sheet.note(paths[name], registry.unknown(name, ("process", "measurement", "cross"), "key"), key=True)
         else:
             read_law = _law(sheet, law, paths[name])
             if read_law is not None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench import registry
+from rmpc_bench.experiment.quantities import Expression
 from rmpc_bench.experiment.schema import model_of, shown, validate
 from rmpc_bench.experiment.yaml import Map, join, locate
 from rmpc_bench.types import DesignError, Problem
@@ -54,6 +55,10 @@ class Part:
             problems.append(self.problem(f"cannot be computed from these numbers ({error})"))
         return None
 
+    def asks(self, name: str) -> bool:
+        """Whether the design function takes something that the bench provides."""
+        return name in inspect.signature(registry.get(self.group, self.kind)).parameters
+
     def problem(self, message: str, parameter: str = "") -> Problem:
         """Something wrong with this part, at the parameter to blame."""
         steps = parameter.split(".") if parameter else []
@@ -65,7 +70,9 @@ class Part:
 
 
 def plain_data(value: Any) -> Any:
-    """Dataclasses, tuples and NumPy scalars as plain YAML data; keys that are not set are left out."""
+    """Dataclasses, tuples and arithmetic as plain YAML data; keys that are not set are left out."""
+    if isinstance(value, Expression):
+        return "".join(value.text.split())
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return {name.rstrip("_"): plain_data(item) for name, item in fields.items() if item is not None}

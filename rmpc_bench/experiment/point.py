@@ -56,4 +56,6 @@ class ConfigPoint:
     @cached_property
     def uncertainty_key(self) -> str:
         """Hash under which the named uncertain values are stored."""
-        return digest({key: self.shared[key] for key in ("seed", "uncertainty")})
+        law = self.shared["plant"].get("uncertainty", {})
+        own = {"plant": law} if law.get("per") == "run" else {}  # values that the plant draws for a run
+        return digest({key: self.shared[key] for key in ("seed", "uncertainty")} | own)

@@ -28,7 +28,8 @@ def read(tree: Map) -> Sheet:
     read_initial(sheet)
     _methods(sheet)
     sheet.metrics = _named_parts(sheet, "metrics")
-    sheet.figures = _named_parts(sheet, "figures")
+    if "figures" in tree or "runs" in sheet.values["evaluate"]:  # without runs there is nothing for the usual boxplot
+        sheet.figures = _named_parts(sheet, "figures")
     _claims(sheet)
     return sheet
 
@@ -45,6 +46,8 @@ def _top_level(sheet: Sheet) -> None:
             sheet.values[name] = None
         else:
             sheet.values[name] = default
+    evaluate = sheet.values["evaluate"]
+    sheet.values["evaluate"] = [evaluate] if isinstance(evaluate, str) else [*dict.fromkeys(evaluate or ["runs"])]
 
 
 def _part(sheet: Sheet, group: str, name: str, ignore: tuple[str, ...] = ()) -> Part | None:
@@ -121,7 +124,9 @@ def _method_part(sheet: Sheet, own: Map, key: str, path: list[str | int]) -> Par
     default = sheet.tree.get(key)
     tree = own.get(key, default)
     if tree is None:
-        sheet.note(path, f"{key!r} is missing, here and as a default of all methods")
+        others = [other for other in sheet.values["methods"].values() if isinstance(other, Map) and key in other]
+        if key != "controller" or others:  # without any controller the plant is left alone
+            sheet.note(path, f"{key!r} is missing, here and as a default of all methods")
         return None
     if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:
         tree = merge(default, tree)
@@ -158,7 +163,10 @@ def _claims(sheet: Sheet) -> None:
 
 
 def at_their_origin(sheet: Sheet) -> list[Problem]:
-    """Let a mistake in a default speak of the default, and once, not of every method that inherits it."""
+    """Let a mistake in a default speak of the default, and once, not of every method that inherits it.
+
+    One in the plant speaks of the plant, not of the model that comes from it.
+    """
     paths: dict[tuple[str, int, int], list[str]] = {}
 
     def visit(path: list[str | int], node: Any) -> None:
@@ -171,7 +179,16 @@ def at_their_origin(sheet: Sheet) -> list[Problem]:
     for default in ("model", "estimator", "controller"):
         if default in sheet.tree:
             visit([default], sheet.tree[default])
-    return [_moved(problem, paths) for problem in sheet.problems]
+    of_plant = {_without_path(problem) for problem in sheet.problems if problem.path.startswith("plant.")}
+    return [
+        _moved(problem, paths)
+        for problem in sheet.problems
+        if problem.path.startswith("plant.") or _without_path(problem) not in of_plant
+    ]
+
+
+def _without_path(problem: Problem) -> tuple[str, int, int, str]:
+    return problem.file, problem.line, problem.column, problem.message
 
 
 def _moved(problem: Problem, paths: dict[tuple[str, int, int], list[str]]) -> Problem:

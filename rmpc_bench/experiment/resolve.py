@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from rmpc_bench.experiment.compose import TAKEN, comes_from
 from rmpc_bench.experiment.parts import Part, plain_data
 from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
 from rmpc_bench.experiment.sweep import swept_paths
 from rmpc_bench.experiment.yaml import Map, plain, split
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import HasOpponent
 
 
 def shared(sheet: Sheet, experiment: Experiment) -> dict[str, Any]:
@@ -19,10 +22,13 @@ def shared(sheet: Sheet, experiment: Experiment) -> dict[str, Any]:
         "time": {"step": time.step, "steps": time.n_steps},
         "uncertainty": _uncertainty(sheet),
         "plant": _plant(sheet, canonical=True),
-        "noise": _noise(sheet),
+        "noise": _noise(sheet, experiment),
         "x": {"mean": experiment.scenario.x0.tolist(), "law": _law(sheet.initial["law"])},
         "reference": sheet.reference.resolved() if sheet.reference else None,
     }
+    plant = experiment.plant
+    if isinstance(plant, HasOpponent) and plant.opponent is not None:
+        common["against"] = belief(sheet, sheet.methods[plant.opponent[0]])
     laws = [*sheet.noise.values(), sheet.initial["law"]]
     if sheet.model is not None and any(law is not None and law.same is not None for law in laws):
         common["model"] = sheet.model.resolved()
@@ -44,7 +50,7 @@ def _uncertainty(sheet: Sheet) -> dict[str, Any]:
 def _plant(sheet: Sheet, *, canonical: bool = False) -> dict[str, Any]:
     """The plant with its changes: as written, or in a form that does not depend on blanks and parentheses."""
     assert sheet.plant is not None
-    plant = sheet.plant.resolved()
+    plant = _without_nothing(sheet.plant)
     for key, relative in (("perturb", True), ("set", False)):
         changes = {
             name: change.expression.canonical if canonical else change.expression.text
@@ -56,8 +62,11 @@ def _plant(sheet: Sheet, *, canonical: bool = False) -> dict[str, Any]:
     return plant
 
 
-def _noise(sheet: Sheet) -> Any:
-    return {channel: _law(sheet.noise.get(channel)) for channel in ("process", "measurement")}
+def _noise(sheet: Sheet, experiment: Experiment) -> Any:
+    noise: dict[str, Any] = {channel: _law(sheet.noise.get(channel)) for channel in ("process", "measurement")}
+    if experiment.scenario.cross is not None:
+        noise["cross"] = sheet.cross
+    return noise
 
 
 def _law(law: Law | None) -> Any:
@@ -80,8 +89,13 @@ def belief(sheet: Sheet, parts: MethodParts) -> dict[str, Any]:
     return {**resolved, "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]}
 
 
+LATER: Mapping[tuple[str, str], Any] = {("estimators", "form"): "filter", ("metrics", "of"): "output"}
+"""Keys that came after trials had been stored, at their defaults: left out, those trials are still theirs."""
+
+
 def _without_nothing(part: Part) -> dict[str, Any]:
-    return {name: value for name, value in part.resolved().items() if value is not None}
+    later = {name: value for (group, name), value in LATER.items() if group == part.group}
+    return {name: value for name, value in part.resolved().items() if value is not None and later.get(name) != value}
 
 
 def measured(sheet: Sheet, experiment: Experiment) -> dict[str, Any]:
@@ -91,7 +105,7 @@ def measured(sheet: Sheet, experiment: Experiment) -> dict[str, Any]:
         keys = _without_nothing(part) if part is not None else {}
         window = getattr(metric, "window", None)
         if window is not None:
-            keys = {name: value for name, value in keys.items() if name not in ("from", "to")}
+            keys = {name: value for name, value in keys.items() if name not in ("from", "to", "at")}
             keys["window"] = list(window)
         table[metric.info.name] = keys
     return table
@@ -104,8 +118,9 @@ def _metrics(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> list[dict[
         keys = _without_nothing(part) if part is not None else {}
         if smoke and hasattr(metric, "window"):
             tick = sheet.values["time"].tick
-            cut = {"from": metric.window.first * tick, "to": metric.window.last * tick}
-            keys |= {name: value for name, value in cut.items() if name in keys}
+            first, last = (sample * tick for sample in metric.window)
+            cut = {"from": first, "to": last, "at": last}
+            keys |= {name: value for name, value in cut.items() if part is not None and name in part.resolved()}
         entries.append(keys)
     return entries
 
@@ -119,18 +134,21 @@ def resolved(sheet: Sheet, experiment: Experiment, tree: Map, *, smoke: bool) ->
     tree : as given, with the sweep; what it changes in the methods is left as given, or it would miss its place
     smoke : whether the sizes are those of a smoke run
     """
-    whole = _resolved(sheet, experiment, smoke=smoke)
+    whole = first_point(sheet, experiment, smoke=smoke)
     if "sweep" not in tree:
         return whole
-    parts = ("model", "estimator", "controller", "methods")
+    parts: tuple[str, ...] = ("model", "estimator", "controller", "methods")
     roots = {split(path, tree.mark)[0] for axis in swept_paths(tree) for path in axis}
+    if comes_from(tree) and roots & {*parts, "plant"}:
+        parts = (*parts, "plant", *TAKEN)
     if roots & set(parts):
         whole = {key: value for key, value in whole.items() if key not in parts}
         whole |= {key: plain(tree[key]) for key in parts if key in tree}
     return {**whole, "sweep": plain(tree["sweep"])}
 
 
-def _resolved(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:
+def first_point(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:
+    """Return the configuration at the first point of a sweep, with every default filled in."""
     values, time = sheet.values, sheet.values["time"]
     length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
     head = {
@@ -139,19 +157,21 @@ def _resolved(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> dict[str,
     methods = {}
     for name, parts in sheet.methods.items():
         believed = belief(sheet, parts)
-        methods[name] = {"label": parts.label, **{key: believed[key] for key in ("model", "estimator", "controller")}}
+        named: dict[str, Any] = {key: believed[key] for key in ("model", "estimator", "controller") if key in believed}
+        methods[name] = {"label": parts.label, **named}
     return {
         **head,
         "time": {"step": time.step, **length},
         "uncertainty": _uncertainty(sheet),
         "plant": _plant(sheet),
         "model": _without_nothing(sheet.model) if sheet.model else {},
-        "noise": _noise(sheet),
+        "noise": _noise(sheet, experiment),
         "initial": {"x": _initial_x(sheet), "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]},
         "reference": sheet.reference.resolved() if sheet.reference else {},
         "methods": methods,
         "metrics": _metrics(sheet, experiment, smoke=smoke),
         "statistics": plain_data(values["statistics"]),
+        "evaluate": values["evaluate"],
         "record": plain_data(values["record"]),
         "figures": [_without_nothing(part) for part in sheet.figures if part is not None],
         "claims": [plain_data(keys) for keys in sheet.claims if keys is not None],

@@ -6,7 +6,7 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import pandas as pd
@@ -18,6 +18,9 @@ from rmpc_bench.experiment.progress import Progress
 from rmpc_bench.experiment.runner import RESOLVED, compute
 from rmpc_bench.experiment.store import FILE, MissingError, Store
 from rmpc_bench.experiment.sweep import depends
+from rmpc_bench.simulation.ensemble import Group, joined
+from rmpc_bench.simulation.moments import Moments, exact_laws, exact_moments, signals
+from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Method
 
 Known: TypeAlias = dict[tuple[tuple[str, str], ...], pd.DataFrame]
@@ -77,13 +80,13 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
     with Store(directory, writable=False) as store:
         store.check(config.hash, config.shared)
         tables = [_table(config, point, store, known) for point in config.points]
-    filled = [table for table in tables if len(table.methods)]
-    if not filled:
-        raise MissingError(f"{directory}: no trial of this configuration is stored; continue with `rmpc-bench run`")
-    return _joined(config, filled, known) if config.paths else filled[0]
+        filled = [table for table in tables if len(table.methods)]
+        if not filled:
+            raise MissingError(f"{directory}: no trial of this configuration is stored; continue with `rmpc-bench run`")
+        return _joined(config, filled, store, known) if config.paths else filled[0]
 
 
-def _joined(config: ExperimentConfig, tables: Sequence[Trials], known: Known) -> Trials:
+def _joined(config: ExperimentConfig, tables: Sequence[Trials], store: Store, known: Known) -> Trials:
     """Put the tables of all points of a sweep into one."""
     present = {method for table in tables for method in table.methods}
     methods = tuple(method.name for method in config.experiment.methods if method.name in present)
@@ -91,7 +94,7 @@ def _joined(config: ExperimentConfig, tables: Sequence[Trials], known: Known) ->
         tables[0],
         methods=methods,
         frame=pd.concat([with_point(table.frame, table.point) for table in tables], ignore_index=True),
-        series=_all_series(config, methods, known),
+        series=_all_series(config, methods, store, known),
         baseline=config.baseline if config.baseline in methods else methods[0],
         traces={},
         paths=config.paths,
@@ -106,7 +109,9 @@ def _joined(config: ExperimentConfig, tables: Sequence[Trials], known: Known) ->
 def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: Known) -> Trials:
     """Read the table of one point; ``known`` keeps what points share."""
     frames = [_frame(point, store, method.name) for method in point.experiment.methods]
-    methods = tuple(str(frame["method"].iloc[0]) for frame in frames if len(frame))
+    names = [method.name for method in point.experiment.methods]
+    without_runs = "runs" not in config.evaluate
+    methods = tuple(name for name, frame in zip(names, frames, strict=True) if len(frame) or without_runs)
     plant = point.experiment.plant
     return Trials(
         name=config.name,
@@ -114,34 +119,68 @@ def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: Kn
         labels=config.labels,
         metrics=tuple(metric.info for metric in point.experiment.metrics),
         frame=pd.concat(frames, ignore_index=True),
-        series=_series(point, methods, known),
+        series=_series(config, point, methods, store, known),
         baseline=config.baseline if config.baseline in methods else (*methods, "")[0],
         confidence=config.statistics.confidence,
         relevant=config.statistics.relevant,
         seed=point.experiment.scenario.seed,
-        Ts=plant.Ts,
+        Ts=0.0 if config.in_samples else plant.Ts,
         units={"y": plant.y_unit, "u": plant.u_unit},
         traces={name: trace for name in methods if (trace := _traces(point, store, name)) is not None},
         point=point.coordinates,
         title=point.title,
         keys=point.method_keys,
+        oracles=point.experiment.oracles,
     )
 
 
-def _series(point: ConfigPoint, methods: Sequence[str], known: Known) -> pd.DataFrame:
+def _series(
+    config: ExperimentConfig, point: ConfigPoint, methods: Sequence[str], store: Store, known: Known
+) -> pd.DataFrame:
     """Series of some methods at a point; ``known`` keeps them for points that share them."""
-    believed = tuple((name, _filter_key(point, name)) for name in methods)
+    believed = tuple((name, _series_key(config, point, name)) for name in methods)
     if believed not in known and len(methods) > 1:
-        known[believed] = pd.concat([_series(point, [name], known) for name in methods], ignore_index=True)
+        parts = [_series(config, point, [name], store, known) for name in methods]
+        known[believed] = pd.concat(parts, ignore_index=True)
     elif believed not in known:
-        known[believed] = series([point.experiment.method(name) for name in methods])
+        method = point.experiment.method(methods[0]) if methods else None
+        parts = [series([method])] if method is not None else [series([])]
+        if method is not None and point.experiment.recording.ensemble:
+            groups = store.ensemble(point.method_keys[method.name], point.experiment.n_runs)
+            parts += ensembles(point.experiment, method, groups, exact="moments" in config.evaluate)
+        known[believed] = pd.concat(parts, ignore_index=True)
     return known[believed]
 
 
-def _filter_key(point: ConfigPoint, name: str) -> str:
-    """What the series of a method depend on."""
+def _series_key(config: ExperimentConfig, point: ConfigPoint, name: str) -> str:
+    """What the series of a method depend on; those of an ensemble on all that its trials do."""
+    if point.experiment.recording.ensemble:
+        return point.method_keys[name]
     believed = {key: value for key, value in point.methods[name].items() if key != "controller"}
     return json.dumps([believed, point.experiment.n_steps, point.experiment.plant.Ts], sort_keys=True)
+
+
+def ensembles(experiment: Experiment, method: Method, groups: Sequence[Group], *, exact: bool) -> list[pd.DataFrame]:
+    """Mean and covariance of state, estimate and error over the runs: exact where they can be, and from groups of runs.
+
+    Parameters
+    ----------
+    experiment : what the method runs in
+    method : the pair
+    groups : stored groups of its runs, in their order
+    exact : whether exact moments are wanted
+    """
+    parts, nx = [], experiment.plant.nx
+    laws = exact_laws(experiment.plant, method, experiment.scenario)
+    if exact and not isinstance(laws, str):
+        found = exact_moments(cast("Any", experiment.plant), cast("Any", method.estimator), laws, experiment.n_steps)
+        with np.errstate(over="ignore", invalid="ignore"):  # of an error that grows beyond all bounds
+            parts += [_long(method.name, name, values) for name, values in signals(found, nx).items()]
+    if groups:
+        n, mean, cov = joined(groups)
+        sampled = signals(Moments(mean, cov), nx) if n > 1 else {}
+        parts += [_long(method.name, name, values, n) for name, values in sampled.items()]
+    return parts
 
 
 def _frame(point: ConfigPoint, store: Store, name: str) -> pd.DataFrame:
@@ -176,7 +215,7 @@ def n_complete(config: ExperimentConfig, directory: Path) -> dict[str, int]:
         for point in config.points:
             n_runs, recording = point.experiment.n_runs, point.experiment.recording
             for name, key in point.method_keys.items():
-                done = store.finished(key, point.metric_keys.values(), recording)
+                done = store.finished(key, point.metric_keys.values(), recording, n_runs)
                 counts[name] = min(counts.get(name, n_runs), sum(run < n_runs for run in done))
     return counts
 
@@ -196,21 +235,22 @@ def uncertainty(config: ExperimentConfig, directory: Path) -> pd.DataFrame:
 
 def _wide(rows: list[tuple[int, str, float]], names: list[str]) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["run", "name", "value"]).pivot(index="run", columns="name", values="value")
+    names = [*names, *sorted(name for name in table.columns if name not in names)]
     return table.reindex(columns=names).reset_index().rename_axis(columns=None)
 
 
-def _all_series(config: ExperimentConfig, methods: Sequence[str], known: Known) -> pd.DataFrame:
+def _all_series(config: ExperimentConfig, methods: Sequence[str], store: Store, known: Known) -> pd.DataFrame:
     """Series of the designs at all points, each once: the columns of paths it does not depend on are empty."""
     parts = []
     for name in methods:
-        rows = [(point.coordinates, _filter_key(point, name)) for point in config.points]
+        rows = [(point.coordinates, _series_key(config, point, name)) for point in config.points]
         paths = depends(rows, config.axes)
         seen: set[tuple[str, ...]] = set()
         for point in config.points:
             where = {path: point.coordinates[path] if path in paths else "" for path in config.paths}
             if tuple(where.values()) not in seen:
                 seen.add(tuple(where.values()))
-                parts.append(with_point(_series(point, [name], known), where))
+                parts.append(with_point(_series(config, point, [name], store, known), where))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -230,8 +270,8 @@ def series(methods: Collection[Method]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
 
 
-def _long(method: str, quantity: str, values: Array) -> pd.DataFrame:
-    """Spread an array with axis 0 = k over rows, one per k and component."""
+def _long(method: str, quantity: str, values: Array, n: int = 0) -> pd.DataFrame:
+    """Spread an array with axis 0 = k over rows, one per k and component; n = 0 means exact."""
     n_samples, inner = len(values), values.shape[1:]
     components = [",".join(map(str, index)) for index in np.ndindex(*inner)]
     flat = values.reshape(n_samples, -1)
@@ -241,7 +281,7 @@ def _long(method: str, quantity: str, values: Array) -> pd.DataFrame:
             "quantity": quantity,
             "component": np.repeat(np.array(components, dtype=object), n_samples),
             "k": np.tile(np.arange(n_samples), len(components)),
-            "n": 0,
+            "n": n,
             "value": flat.T.ravel(),
         }
     )

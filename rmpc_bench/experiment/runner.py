@@ -29,13 +29,15 @@ def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) ->
     store : what is there
     methods : names of the methods to compute
     """
+    if "runs" not in config.evaluate:
+        return []
     tasks, seen = [], set()
     for number, point in enumerate(config.points):
         n_runs, recording = point.experiment.n_runs, point.experiment.recording
         for name, key in point.method_keys.items():
             if name in methods and key not in seen:
                 seen.add(key)
-                done = store.finished(key, point.metric_keys.values(), recording)
+                done = store.finished(key, point.metric_keys.values(), recording, n_runs)
                 missing = [run for run in range(n_runs) if run not in done]
                 tasks += [Task(name, *bounds, number) for bounds in _ranges(missing, config.execution.block)]
     # All methods of a block of runs come together, so that what an interrupted run leaves is comparable.

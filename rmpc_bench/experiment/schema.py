@@ -30,12 +30,12 @@ from pydantic import (
 from rmpc_bench import registry
 from rmpc_bench.experiment import quantities
 from rmpc_bench.experiment.yaml import Items, Map, Mark, join, locate, locate_key
-from rmpc_bench.types import Problem
+from rmpc_bench.types import OverTime, Problem
 
 PROVIDED: dict[str, frozenset[str]] = {
-    "plants": frozenset({"Ts"}),
-    "models": frozenset({"Ts"}),
-    "estimators": frozenset({"model", "n_steps", "x0", "P0"}),
+    "plants": frozenset({"Ts", "n_steps"}),
+    "models": frozenset({"Ts", "n_steps"}),
+    "estimators": frozenset({"model", "n_steps", "x0", "P0", "plant"}),
     "controllers": frozenset({"model", "n_steps", "estimator"}),
     "references": frozenset({"ny", "Ts"}),
     "noises": frozenset({"n"}),
@@ -56,6 +56,16 @@ def _integer(value: Any) -> Any:
     return int(number) if number == int(number) else number  # pydantic says what is wrong with 2.5
 
 
+def _system_matrix(value: Any) -> Any:
+    """Read the numbers of a matrix; those that depend on the time index k stay functions of it."""
+    if isinstance(value, list):
+        return [_system_matrix(entry) for entry in value]
+    if value is None:
+        return None
+    expression = quantities.parse(value, ("k",))
+    return expression if expression.names else expression()
+
+
 def with_quantities(annotation: Any) -> Any:
     """Let every number inside an annotation be written as a quantity, and choose between the members of a union."""
     if annotation is float:
@@ -65,6 +75,8 @@ def with_quantities(annotation: Any) -> Any:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         inner, *constraints = arguments
+        if any(isinstance(constraint, OverTime) for constraint in constraints):
+            return Annotated[Any, BeforeValidator(_system_matrix)]
         return Annotated[(with_quantities(inner), *constraints)]
     if origin in (list, tuple, dict):
         return origin[tuple(argument if argument is ... else with_quantities(argument) for argument in arguments)]
@@ -137,17 +149,17 @@ _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False,
 
 def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str, Any]:
     keys = {name: key for name, key in inspect.signature(function).parameters.items() if name not in provided}
-    hints = _hints(function, {name: key.annotation for name, key in keys.items()})
+    found = hints(function, {name: key.annotation for name, key in keys.items()})
     fields: dict[str, Any] = {}
     for name, parameter in keys.items():
         default = ... if parameter.default is inspect.Parameter.empty else parameter.default
         alias = name.rstrip("_")
         field = Field(default, alias=alias) if alias != name else Field(default)
-        fields[name] = (with_quantities(hints.get(name, Any)), field)
+        fields[name] = (with_quantities(found.get(name, Any)), field)
     return fields
 
 
-def _hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:
+def hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:
     """Evaluate the annotations of keys only: what is provided may be annotated with names imported for mypy alone."""
     annotations = {name: Any if text is inspect.Parameter.empty else text for name, text in annotations.items()}
     inner = inspect.unwrap(function)

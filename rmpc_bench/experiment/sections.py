@@ -68,6 +68,12 @@ class Execution:
     max_failures: Annotated[int, Ge(0)] = 0
 
 
+Evaluation = Literal["runs", "ensemble", "moments"]
+Evaluate: Any = Evaluation | Annotated[list[Evaluation], Len(1)]
+"""What to compute: the runs one by one, the exact moments over all runs, or both; moments beside runs, or `ensemble`,
+give mean and covariance over the runs, too."""
+
+
 @dataclass(frozen=True)
 class Record:
     """Which trajectories to keep: of no run, of the first N, or of all."""
@@ -134,6 +140,7 @@ SECTIONS: dict[str, Section] = {
     "sweep": Section(dict[str, Any], {}),
     "metrics": Section(list[Any], ["mse"]),
     "statistics": Section(Statistics, Statistics()),
+    "evaluate": Section(Evaluate, ["runs"]),
     "record": Section(Record, Record()),
     "figures": Section(list[Any], ["boxplot"]),
     "claims": Section(list[Any], []),

@@ -52,6 +52,8 @@ class Sheet:
     model: Part | None = None
     reference: Part | None = None
     noise: dict[str, Law] = field(default_factory=dict)
+    cross: Any = None
+    """Cross-covariance of process and measurement noise: numbers, or `same` as the model's."""
     initial: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, MethodParts] = field(default_factory=dict)
     metrics: list[Part | None] = field(default_factory=list)

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from rmpc_bench.analysis.claim import Claim, Stated
 from rmpc_bench.analysis.claim_grammar import COUNTS, ClaimError, parse, parse_expression
-from rmpc_bench.analysis.claim_tree import Term, terms
+from rmpc_bench.analysis.claim_rehearsal import Expected, rehearsed
+from rmpc_bench.analysis.claim_tree import (
+    MOMENTS,
+    SIGNALS,
+    Chain,
+    Expression,
+    Term,
+    misuse,
+    terms,
+    unknown_moment,
+    uses,
+)
 from rmpc_bench.analysis.points import lies_at, value_text
 from rmpc_bench.experiment.places import Place, nowhere
 from rmpc_bench.experiment.sections import ClaimKeys
 from rmpc_bench.experiment.sheet import Sheet
 from rmpc_bench.experiment.yaml import Map, plain
 from rmpc_bench.registry import unknown
-from rmpc_bench.types import Outlook
+from rmpc_bench.types import MetricInfo, Outlook
 
 
 def read_claims(
@@ -31,24 +42,59 @@ def read_claims(
     outlook : what the results will have; None where it is not known because something else is wrong
     """
     claims = []
+    expected = _expected(sheet, metrics, places, outlook) if outlook else None
     for number, keys in enumerate(sheet.claims):
         if keys is not None:
-            checker = _Checker(sheet, number, metrics, places, outlook)
+            checker = _Checker(sheet, number, metrics, places, outlook, expected)
             claims.append(checker.claim(keys))
     return tuple(claims)
+
+
+def _expected(sheet: Sheet, metrics: Sequence[str], places: Sequence[Place], outlook: Outlook) -> Expected | None:
+    """What stands in for the results: of series where a method is what it is at the first point; None if unknown."""
+    if not places or not all(place.keys for place in places):
+        return None
+    columns = [MetricInfo(name, "", "") for name in metrics]
+    tables = [
+        Expected(
+            methods=list(sheet.methods),
+            metrics=columns,
+            shapes={
+                name: shapes
+                for name, shapes in outlook.arrays.items()
+                if place.keys.get(name) == places[0].keys.get(name)
+            },
+            point=place.coordinates,
+            keys=place.keys,
+        )
+        for place in places
+    ]
+    return replace(tables[0], points=tuple(tables))
 
 
 class _Checker:
     """Checks one claim."""
 
     def __init__(
-        self, sheet: Sheet, number: int, metrics: Sequence[str], places: Sequence[Place], outlook: Outlook | None
+        self,
+        sheet: Sheet,
+        number: int,
+        metrics: Sequence[str],
+        places: Sequence[Place],
+        outlook: Outlook | None,
+        expected: Expected | None,
     ) -> None:
-        self.sheet, self.places = sheet, places
+        self.sheet, self.places, self.expected = sheet, places, expected
+        self.smoke = outlook is not None and outlook.end == 0
+        self.of_runs = (*metrics, *COUNTS) if "runs" not in sheet.values["evaluate"] else ()
         self.series = [name for name in outlook.series if name not in metrics] if outlook else []
-        self.known = [*metrics, *COUNTS, *self.series] if outlook else []
+        self.signals = [name for name in SIGNALS if name not in metrics]
+        moments = {f"{moment}({signal})": signal for signal in self.signals for moment in MOMENTS.values()}
+        seen = dict.fromkeys(moments.get(name, name) for name in self.series)
+        self.known = [*metrics, *COUNTS, *seen] if outlook else []
         self.path: list[str | int] = ["claims", number]
         self.misplaced = False
+        self.noted = 0
 
     def claim(self, keys: ClaimKeys) -> Claim:
         check = (keys.check,) if isinstance(keys.check, str) else tuple(keys.check or ())
@@ -63,6 +109,7 @@ class _Checker:
         return claim
 
     def _note(self, key: str, message: str) -> None:
+        self.noted += 1
         self.sheet.note([*self.path, *key.split(".")], message)
 
     def _at(self, given: Any) -> tuple[dict[str, str], ...]:
@@ -93,23 +140,49 @@ class _Checker:
         self.misplaced = len(found) < len(entries) or not entries
         return tuple(found)
 
-    def _terms(self, claim: Claim, text: str, key: str, grammar: Callable[[str], object]) -> None:
-        """Check that a text can be read and speaks of what is there."""
+    def _terms(self, claim: Claim, text: str, key: str, grammar: Callable[[str], Chain | Expression]) -> None:
+        """Check that a text can be read, speaks of what is there, and asks for nothing that no results could answer."""
+        before = self.noted
         try:
-            named = sorted(terms(grammar(text)))
+            tree = grammar(text)
         except ClaimError as error:
             self._note(key, str(error))
             return
+        named = sorted(terms(tree))
         for term in named:
             if self.sheet.methods and term.method not in self.sheet.methods:
                 self._note(key, unknown(term.method, self.sheet.methods, "method"))
-            if self.known and term.quantity not in self.known:
+            if self.known and term.quantity not in (*self.known, *self.signals):
                 self._note(key, unknown(term.quantity, self.known, "metric or series of this configuration"))
+        if any(term.quantity in self.of_runs for term in named):
+            self._note(key, "no runs are evaluated; add `runs` to `evaluate`")
+        for message in dict.fromkeys(self._moment(term, function) for term, function in sorted(uses(tree))):
+            if message:
+                self._note(key, message)
         if self.places and not self.misplaced:
             for at in claim.at or ({},):
                 counts = [self._place(claim, term, {**at, **dict(term.point)}, key) for term in named]
                 if 0 not in counts and len(set(counts)) > 1:
                     self._note(key, "the terms speak of different numbers of points")
+        if self.noted == before and self.expected is not None and not self.misplaced:
+            for message in self._rehearsed(claim, tree):
+                self._note(key, message)
+
+    def _rehearsed(self, claim: Claim, tree: Chain | Expression) -> list[str]:
+        assert self.expected is not None  # its caller has looked
+        points = [rehearsed(tree, self.expected, at, pooled=claim.pooled, short=self.smoke) for at in claim.at or ({},)]
+        return list(dict.fromkeys(message for messages in points for message in messages))
+
+    def _moment(self, term: Term, function: str) -> str:
+        """Say what is wrong with a signal, or with what stands in a function of signals; "" for nothing."""
+        signal = term.quantity in self.signals
+        if not self.known or not (signal or term.quantity in self.known):
+            return ""  # what it is is not known, or has been noted as such
+        message = misuse(term, function, signal=signal)
+        if message or not signal:
+            return message
+        known = f"{MOMENTS[function]}({term.quantity})" in self.series
+        return "" if known else unknown_moment(term, function)
 
     def _place(self, claim: Claim, term: Term, wanted: Mapping[str, str], key: str) -> int:
         """Count the points of a term: one, or in a pooled claim some; 0 when something is wrong with them."""
@@ -126,7 +199,7 @@ class _Checker:
         if not claim.pooled and different > 1:
             self._note(key, f"{what} may be at any of {len(found)} points of the sweep: {self._way_out(term, found)}")
             return 0
-        if claim.pooled and len(found) > 1 and term.quantity in self.series:
+        if claim.pooled and len(found) > 1 and term.quantity in (*self.series, *self.signals):
             self._note(key, f"{what} is a series, of one point: {self._way_out(term, found)}")
             return 0
         if claim.pooled and different < len(found):

@@ -12,6 +12,7 @@ import json
 import math
 import os
 import sqlite3
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -21,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.simulation.closed_loop import Block
+from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import Array, Status
 
@@ -34,8 +36,13 @@ CREATE TABLE uncertainty (draw TEXT, run INTEGER, name TEXT, value REAL NOT NULL
     WITHOUT ROWID;
 CREATE TABLE traces (method TEXT, signal TEXT, run INTEGER, width INTEGER NOT NULL, data BLOB NOT NULL,
     PRIMARY KEY (method, signal, run));
+CREATE TABLE ensemble (method TEXT, first INTEGER, stop INTEGER NOT NULL, n INTEGER NOT NULL, width INTEGER NOT NULL,
+    mean BLOB NOT NULL, second BLOB NOT NULL, PRIMARY KEY (method, first));
 """
 
+
+_ADDED = ("traces", "ensemble")
+"""Tables that a store of an earlier version lacks."""
 
 _NOTHING = Recording()
 _WORDS = {int(status): status.word for status in Status}
@@ -86,7 +93,7 @@ class Store:
         try:
             if writable:
                 self._prepare()
-            for table in ("meta", "traces"):  # the second one is missing in a store of an earlier version
+            for table in ("meta", *_ADDED):
                 self._connection.execute(f"SELECT 1 FROM {table} LIMIT 1")
         except sqlite3.DatabaseError as error:
             self._connection.close()
@@ -97,9 +104,8 @@ class Store:
         execute("PRAGMA locking_mode = EXCLUSIVE")
         execute("PRAGMA journal_mode = DELETE")
         execute("BEGIN EXCLUSIVE")
-        if not execute("SELECT 1 FROM sqlite_master WHERE name = 'meta'").fetchone():
-            for statement in filter(str.strip, _SCHEMA.split(";")):
-                execute(statement)
+        for statement in filter(str.strip, _SCHEMA.split(";")):
+            execute(statement.replace("TABLE", "TABLE IF NOT EXISTS"))  # an earlier version lacks some
         execute("COMMIT")
 
     def __enter__(self) -> Store:
@@ -146,8 +152,13 @@ class Store:
             lines = differences(json.loads(self.meta("shared") or "{}"), json.loads(json.dumps(shared)))
             raise StoreError(f"{self.directory} holds another experiment:\n" + "\n".join(f"  {line}" for line in lines))
 
-    def finished(self, method: str, metrics: Iterable[str], recording: Recording = _NOTHING) -> set[int]:
-        """Runs of a method that are stored with all the given metrics and, where they are to be recorded, signals."""
+    def finished(
+        self, method: str, metrics: Iterable[str], recording: Recording = _NOTHING, n_runs: int = sys.maxsize
+    ) -> set[int]:
+        """Runs of a method that are stored with all the given metrics and, where they are wanted, signals and groups.
+
+        Of the groups those count that `ensemble` returns for ``n_runs``.
+        """
         runs = {run for (run,) in self._read("SELECT run FROM trials WHERE method = ?", (method,))}
         for metric in metrics:
             rows = self._read("SELECT run FROM metrics WHERE method = ? AND metric = ?", (method, metric))
@@ -155,6 +166,9 @@ class Store:
         for signal in recording.signals if recording.n_runs else ():
             rows = self._read("SELECT run FROM traces WHERE method = ? AND signal = ?", (method, signal))
             runs -= set(range(recording.n_runs)) - {run for (run,) in rows}
+        if recording.ensemble:
+            rows = self._read("SELECT first, stop FROM ensemble WHERE method = ? AND stop <= ?", (method, n_runs))
+            runs &= {run for first, stop in rows for run in range(first, stop)}
         return runs
 
     def add_block(
@@ -184,15 +198,23 @@ class Store:
             for run, value in zip(runs, column.tolist(), strict=True)
         ]
         traces = [
-            (method, signal, run, trace.shape[1], np.ascontiguousarray(trace, dtype="<f8").tobytes())
+            (method, signal, run, trace.shape[1], _bytes(trace))
             for signal, recorded in block.traces.items()
             for run, trace in zip(runs, recorded, strict=False)  # the first ones of the block
         ]
         named = [
             (draw, run, name, value) for run, row in zip(runs, uncertainty, strict=True) for name, value in row.items()
         ]
+        span = [(method, runs[0], runs[-1] + 1)]
+        groups = [
+            (method, group.first, group.stop, group.n, group.mean.shape[1], _bytes(group.mean), _bytes(group.second))
+            for group in block.ensemble
+        ]
         self._write(
             [
+                # Groups of an earlier run with other blocks may overlap; what they lose is computed again, too.
+                ("DELETE FROM ensemble WHERE method = ? AND stop > ? AND first < ?", span if groups else []),
+                ("INSERT INTO ensemble VALUES (?, ?, ?, ?, ?, ?, ?)", groups),
                 ("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", trials),
                 ("INSERT OR REPLACE INTO metrics VALUES (?, ?, ?, ?)", values),
                 ("INSERT OR REPLACE INTO traces VALUES (?, ?, ?, ?, ?)", traces),
@@ -216,8 +238,16 @@ class Store:
         """Recorded runs of a method and their trajectories, (recorded, samples, components)."""
         query = "SELECT run, width, data FROM traces WHERE method = ? AND signal = ? AND run < ? ORDER BY run"
         rows = self._read(query, (method, signal, n_runs))
-        recorded = [np.frombuffer(data, dtype="<f8").reshape(-1, width) for _, width, data in rows]
+        recorded = [_array(data).reshape(-1, width) for _, width, data in rows]
         return [run for run, *_ in rows], np.array(recorded) if rows else np.zeros((0, 0, 0))
+
+    def ensemble(self, method: str, n_runs: int) -> list[Group]:
+        """Groups of runs of a method, in their order; one that reaches beyond n_runs is left out."""
+        query = "SELECT first, stop, n, width, mean, second FROM ensemble WHERE method = ? AND stop <= ? ORDER BY first"
+        return [
+            Group(first, stop, n, _array(mean).reshape(-1, width), _array(second).reshape(-1, width, width))
+            for first, stop, n, width, mean, second in self._read(query, (method, n_runs))
+        ]
 
     def uncertainty(self, draw: str, n_runs: int) -> list[tuple[int, str, float]]:
         """All (run, name, value) of the named uncertain quantities, sorted."""
@@ -246,12 +276,20 @@ class Store:
             raise _translated(error, self.directory / FILE) from None
 
 
+def _bytes(array: Array) -> bytes:
+    return np.ascontiguousarray(array, dtype="<f8").tobytes()
+
+
+def _array(data: bytes) -> Array:
+    return np.frombuffer(data, dtype="<f8")
+
+
 def _translated(error: sqlite3.DatabaseError, path: Path) -> Exception:
     text = str(error)
     if "locked" in text:
         return StoreError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
-    if "no such table: traces" in text:
-        return StoreError(f"{path}: holds trials of an earlier version; choose another -o DIR, or --fresh")
+    if any(f"no such table: {table}" in text for table in _ADDED):
+        return StoreError(f"{path}: holds trials of an earlier version; rmpc-bench run completes it")
     if "not a database" in text or "no such table" in text or "malformed" in text:
         return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh")
     return WriteError(f"{path}: {text}")

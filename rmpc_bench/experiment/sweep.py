@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from rmpc_bench.experiment import yaml
+from rmpc_bench.experiment.compose import PATH
 from rmpc_bench.experiment.sweep_reader import NAME, PARTS, Axis, Reader, Value, assigned, columns
 from rmpc_bench.experiment.yaml import Map, Mark
 from rmpc_bench.types import ConfigError, Problem
@@ -66,8 +67,9 @@ def swept_paths(tree: Map) -> tuple[tuple[str, ...], ...]:
 def _point(base: Map, axes: Sequence[Axis], values: Sequence[tuple[Value, ...]]) -> Point:
     tree, words = base, []
     coordinates: dict[str, str] = {}
+    for axis, row in sorted(zip(axes, values, strict=True), key=lambda pair: PATH not in pair[0].paths):
+        tree = assigned(tree, axis.paths, row)  # files first: the others may be laid over what comes from them
     for axis, row in zip(axes, values, strict=True):
-        tree = assigned(tree, axis.paths, row)
         texts = {path: value.text for path, value in zip(axis.paths, row, strict=True)}
         coordinates |= texts
         words += [texts[NAME]] if NAME in texts else [f"{path}={text}" for path, text in texts.items()]

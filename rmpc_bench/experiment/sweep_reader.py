@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from rmpc_bench.analysis.points import lies_at, value_text
 from rmpc_bench.experiment import yaml
+from rmpc_bench.experiment.compose import FILE, PATH, opened
 from rmpc_bench.experiment.yaml import Items, Map, Mark, join, locate, locate_key, plain
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
@@ -52,10 +53,16 @@ def columns(zipped: Any) -> list[str]:
 
 def assigned(tree: Map, paths: Sequence[str], values: Sequence[Value]) -> Map:
     """Lay values over a configuration; ConfigError where a path leads through what is no mapping."""
-    for path, value in zip(paths, values, strict=True):
+    for path, value in sorted(zip(paths, values, strict=True), key=lambda pair: pair[0] != PATH):
         if path != NAME and not value.kept:
-            tree = yaml.assign(tree, path, value.tree, value.mark, value.key_mark)
+            tree = yaml.assign(opened(tree, path), path, value.tree, value.mark, value.key_mark)
     return tree
+
+
+def _text(value: Any) -> str:
+    """Name a value; that of a file that has been read is its name as given."""
+    read = isinstance(value, Map) and isinstance(value.get(FILE), str)
+    return str(value[FILE]) if read else value_text(plain(value))
 
 
 class Reader:
@@ -115,7 +122,7 @@ class Reader:
     def _in_row(self, row: Any, path: str) -> Value:
         if not isinstance(row, Map) or path not in row:
             return Value(self._existing(path), None, self.sweep.mark, self.sweep.mark, kept=True)
-        return Value(value_text(plain(row[path])), row[path], locate(row, [path]), locate_key(row, [path]))
+        return Value(_text(row[path]), row[path], locate(row, [path]), locate_key(row, [path]))
 
     def _existing(self, path: str) -> str:
         """Text of a value as it stands in the file; empty where a default stands for it."""
@@ -195,7 +202,7 @@ class Reader:
         if isinstance(given, Map):
             return [Value(name, item, locate(given, [name]), key_mark) for name, item in given.items()]
         marks = [locate_key(given, [number]) for number in range(len(given))]
-        return [Value(value_text(plain(item)), item, mark, key_mark) for item, mark in zip(given, marks, strict=True)]
+        return [Value(_text(item), item, mark, key_mark) for item, mark in zip(given, marks, strict=True)]
 
     def _check_path(self, place: Sequence[str | int], path: str) -> None:
         try:

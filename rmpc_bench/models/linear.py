@@ -1,4 +1,4 @@
-"""The linear model x(k+1) = A x(k) + B u(k) + w(k), y(k) = C x(k) + v(k)."""
+"""The linear model x(k+1) = A x(k) + B u(k) + f0 + w(k), y(k) = C x(k) + d0 + v(k)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Covariance = Array | Matrix
 
 @dataclass(frozen=True, eq=False, init=False)
 class LinearModel:
-    """A time-invariant linear model with independent white noises.
+    """A linear model with white noises at one k, or at every k where nothing varies.
 
     Parameters
     ----------
@@ -25,6 +25,9 @@ class LinearModel:
     C : (ny, nx) output matrix
     Q_w : (nx, nx) covariance of the process noise w, positive semidefinite; a number or a diagonal will do
     R_v : (ny, ny) covariance of the measurement noise v, likewise
+    S_wv : (nx, ny) cross-covariance E w v', zero unless given
+    f0 : (nx,) constant part of x(k+1), zero unless given
+    d0 : (ny,) constant part of y(k), zero unless given
 
     Raises
     ------
@@ -37,8 +40,22 @@ class LinearModel:
     C: Float[Array, "ny nx"]
     Q_w: Float[Array, "nx nx"]
     R_v: Float[Array, "ny ny"]
+    S_wv: Float[Array, "nx ny"]
+    f0: Float[Array, " nx"]
+    d0: Float[Array, " ny"]
 
-    def __init__(self, A: Rows, B: Rows, C: Rows, Q_w: Covariance, R_v: Covariance) -> None:
+    def __init__(
+        self,
+        A: Rows,
+        B: Rows,
+        C: Rows,
+        Q_w: Covariance,
+        R_v: Covariance,
+        *,
+        S_wv: Rows | None = None,
+        f0: Rows | None = None,
+        d0: Rows | None = None,
+    ) -> None:
         A, B, C = (np.atleast_2d(np.array(matrix, dtype=float)) for matrix in (A, B, C))
         nx, ny = len(A), len(C)
         for name, matrix, wanted in (("A", A, (nx, nx)), ("B", B, (nx, B.shape[1])), ("C", C, (ny, nx))):
@@ -50,6 +67,25 @@ class LinearModel:
                 object.__setattr__(self, name, as_covariance(np.array(cov, dtype=float), n))
             except ValueError as error:
                 raise DesignError(f"{name}: {error}") from None
+        for name, value, shape in (("S_wv", S_wv, (nx, ny)), ("f0", f0, (nx,)), ("d0", d0, (ny,))):
+            array = np.zeros(shape) if value is None else np.array(value, dtype=float)
+            if array.shape != shape:
+                raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices")
+            object.__setattr__(self, name, array)
+
+    def at(self, k: int) -> LinearModel:
+        """The model at k: itself, as nothing varies."""
+        return self
+
+    @property
+    def w_law(self) -> tuple[Float[Array, " nx"], Float[Array, "nx nx"]]:
+        """Mean and covariance of the process noise."""
+        return np.zeros(self.nx), self.Q_w
+
+    @property
+    def v_law(self) -> tuple[Float[Array, " ny"], Float[Array, "ny ny"]]:
+        """Mean and covariance of the measurement noise."""
+        return np.zeros(self.ny), self.R_v
 
     @property
     def nx(self) -> int:

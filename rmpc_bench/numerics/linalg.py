@@ -26,6 +26,12 @@ def mv(A: Float[Array, "n m"] | Float[Array, "runs n m"], x: Float[Array, "runs 
     return product
 
 
+def at_sample(schedule: Array, k: int) -> Array:
+    """Return entry k of a schedule, axis 0 = k; a constant one has length 1."""
+    entry: Array = schedule[k] if len(schedule) > 1 else schedule[0]
+    return entry
+
+
 def as_matrix(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
     """Expand a number (times the identity), a list (the diagonal) or a matrix to ``(n, n)``.
 

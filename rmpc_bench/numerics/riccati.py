@@ -10,6 +10,8 @@ from jaxtyping import Float
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.types import Array
 
+_SINGULAR = 4 * np.finfo(float).eps  # a pivot below this is what rounding leaves of 0
+
 
 class FilterStep(NamedTuple):
     """One period of a filter's covariances and gains."""
@@ -46,6 +48,78 @@ def filter_step(
     rest = np.eye(len(A)) - L.dot(C)
     P = symmetrise(rest.dot(V).dot(rest.T) + L.dot(R_v).dot(L.T))
     return FilterStep(L, A.dot(L), P, symmetrise(A.dot(P).dot(A.T) + Q_w))
+
+
+class PredictorStep(NamedTuple):
+    """One period of a one-step predictor."""
+
+    K: Float[Array, "nx ny"]
+    """Gain: x_pred(k+1) = A x_pred + .. + K e."""
+    P_next: Float[Array, "nx nx"]
+    """Covariance of x_pred(k+1) - x(k+1)."""
+
+
+def predictor_step(M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], P: Float[Array, "nx nx"]) -> PredictorStep:
+    """Best gain of [x(k+1); y] = M x + [w; v] with correlated noises, and the covariance it leads to.
+
+    K = (A P C' + S) (C P C' + R)^+ for M = [A; C] and J = [Q S; S' R]; P_next in Joseph form,
+    (A - K C) P (A - K C)' + [I -K] J [I -K]', which keeps it symmetric and positive semidefinite under rounding, and
+    holds for the K that comes out, exact or not.
+
+    Parameters
+    ----------
+    M : A over C
+    J : covariance of w over v
+    P : covariance of the error of x
+    """
+    nx = len(P)
+    Y = M.dot(P).dot(M[nx:].T)
+    Y += J[:, nx:]
+    K = predictor_gain(Y[:nx], Y[nx:])
+    T = error_map(K)
+    return PredictorStep(K, error_covariance(T, M, J, P))
+
+
+def error_map(K: Float[Array, "nx ny"]) -> Float[Array, "nx nz"]:
+    """Return [I -K], which maps what moves x(k+1) and y to what moves the error of the prediction."""
+    nx, ny = K.shape
+    T = np.zeros((nx, nx + ny))
+    T.ravel()[: nx * (nx + ny) : nx + ny + 1] = 1.0
+    np.negative(K, out=T[:, nx:])
+    return T
+
+
+def error_covariance(
+    T: Float[Array, "nx nz"], M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], P: Float[Array, "nx nx"]
+) -> Float[Array, "nx nx"]:
+    """Return T (M P M' + J) T' as a sum over the state and the noise, each multiplied from inside."""
+    rest = T.dot(M)
+    return symmetrise(rest.dot(P).dot(rest.T) + T.dot(J).dot(T.T))
+
+
+def predictor_gain(N: Float[Array, "nx ny"], Y: Float[Array, "ny ny"]) -> Float[Array, "nx ny"]:
+    """Return N Y^+ for the covariance Y of an innovation, where N lies in the range of Y.
+
+    By elimination, where Y is singular by pseudo-inverse; both with all outputs scaled to variance 1, so that what
+    counts as singular does not depend on their units.
+    """
+    if len(Y) == 1:
+        K: Array = N / Y if Y.item() > 0.0 else np.zeros_like(N)
+        return K
+    scale = np.sqrt(np.maximum(Y.diagonal(), 0.0))
+    scale[scale == 0.0] = 1.0
+    correlation = symmetrise(Y) / (scale[:, None] * scale)
+    N = N / scale
+    try:
+        pivots = np.linalg.cholesky(correlation).diagonal()
+        regular = bool(pivots.min() ** 2 > _SINGULAR * len(Y))
+    except np.linalg.LinAlgError:
+        regular = False
+    if regular:
+        gain: Array = np.linalg.solve(correlation, N.T).T
+    else:
+        gain = N.dot(np.linalg.pinv(correlation, rcond=_SINGULAR * len(Y), hermitian=True))
+    return gain / scale
 
 
 def _gain(S: Float[Array, "ny ny"], CV: Float[Array, "ny nx"]) -> Float[Array, "nx ny"]:

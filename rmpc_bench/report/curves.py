@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -24,6 +24,10 @@ FAR = 1e100  # matplotlib cannot draw the last values on the way to divergence; 
 ROUND = 1e-9  # of a sample: the rounding of a time that is a multiple of the sampling time
 HANDLE, PAD, GAP = 1.7, 0.5, 1.0  # of the legend, in units of the font size
 DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)))
+
+
+Entry: TypeAlias = tuple[list[str], Artist]
+"""Of a legend: the lines of the label, and a sample."""
 
 
 class Look(NamedTuple):
@@ -104,6 +108,18 @@ def looks(methods: Sequence[str], shown: Sequence[str]) -> dict[str, Look]:
     return found
 
 
+def paler(color: str, share: float = 0.6) -> str:
+    """Mix a colour with so much white; unlike one that is seen through, it stays itself where lines cross.
+
+    Parameters
+    ----------
+    color : as "#rrggbb"
+    share : of white
+    """
+    parts = (int(color[place : place + 2], 16) for place in (1, 3, 5))
+    return "#" + "".join(f"{round(part + share * (255 - part)):02x}" for part in parts)
+
+
 def panels(figure: Figure, n: int, *, sharex: bool = True) -> list[Axes]:
     """Stack panels, on a common horizontal axis unless told otherwise."""
     rows = list(figure.subplots(n, sharex=sharex, squeeze=False)[:, 0])
@@ -129,7 +145,21 @@ def make_logarithmic(axes: Axes) -> None:
         axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def finish(figure: Figure, handles: Sequence[tuple[str, Artist]], note: str = "") -> None:
+def make_logarithmic_if_positive(axes: Axes, values: Sequence[Array]) -> str:
+    """Make the vertical axis logarithmic where all numbers are positive; else return what its label must say."""
+    if all((each[np.isfinite(each)] > 0).all() for each in values):
+        make_logarithmic(axes)
+        return ""
+    return "\n(linear: some <= 0)"
+
+
+def finish(
+    figure: Figure,
+    handles: Sequence[tuple[str, Artist]],
+    note: str = "",
+    *,
+    keys: Sequence[tuple[str, Artist]] = (),
+) -> None:
     """Write the note above the panels and the legend above all, then make the layout once for every resolution.
 
     Parameters
@@ -137,15 +167,20 @@ def finish(figure: Figure, handles: Sequence[tuple[str, Artist]], note: str = ""
     figure : the picture, which becomes taller where legend and note need more than a line
     handles : label and sample of what the legend shows
     note : what is drawn, in plain words
+    keys : label and sample of what the kinds of lines mean, which the legend shows in rows of their own
     """
     limit = figure.get_figwidth() * POINTS_PER_INCH - FONT_SIZE
-    texts = [wrapped(typeset(label), limit - (HANDLE + PAD) * FONT_SIZE) for label, _ in handles]
-    n_columns = _columns([max(map(width, lines)) for lines in texts], limit)
+    entries = [(wrapped(typeset(label), limit - (HANDLE + PAD) * FONT_SIZE), handle) for label, handle in handles]
+    if keys:
+        others = [(wrapped(typeset(label), limit - (HANDLE + PAD) * FONT_SIZE), handle) for label, handle in keys]
+        entries, n_columns = _in_rows(entries, others, limit)
+    else:
+        n_columns = _columns([max(map(width, lines)) for lines, _ in entries], limit)
     lines = wrapped(literal(note), limit - 6 * FONT_SIZE) if note else []
-    if texts:
+    if entries:
         figure.legend(
-            [handle for _, handle in handles],
-            ["\n".join(lines) for lines in texts],
+            [handle for _, handle in entries],
+            ["\n".join(lines) for lines, _ in entries],
             loc="outside upper center",
             ncols=n_columns,
             frameon=False,
@@ -158,7 +193,7 @@ def finish(figure: Figure, handles: Sequence[tuple[str, Artist]], note: str = ""
         )
     if lines:
         figure.axes[0].set_title("\n".join(lines))
-    height = -(-sum(map(len, texts)) // n_columns) - 1 + len(lines)
+    height = -(-sum(len(text) for text, _ in entries) // n_columns) - 1 + len(lines)
     figure.set_figheight(figure.get_figheight() + max(0.0, height) * 1.25 * FONT_SIZE / POINTS_PER_INCH)
     figure.align_ylabels()
     figure.draw_without_rendering()
@@ -168,11 +203,36 @@ def finish(figure: Figure, handles: Sequence[tuple[str, Artist]], note: str = ""
 def _columns(widths: Sequence[float], limit: float) -> int:
     """Count the columns of a legend: as few rows as fit into `limit` points, then as few columns as these need."""
     for n in range(len(widths), 1, -1):
-        columns = [max(column) + (HANDLE + PAD) * FONT_SIZE for column in np.array_split(widths, n)]
-        if sum(columns) + GAP * FONT_SIZE * (n - 1) <= limit:
+        if _fits(np.array_split(widths, n), limit):
             n_rows = -(-len(widths) // n)
             return -(-len(widths) // n_rows)
     return 1
+
+
+def _fits(columns: Sequence[Sequence[float] | Array], limit: float) -> bool:
+    """Whether columns of labels with these widths fit into `limit` points."""
+    widths = [max(column) + (HANDLE + PAD) * FONT_SIZE for column in columns]
+    return sum(widths) + GAP * FONT_SIZE * (len(widths) - 1) <= limit
+
+
+def _in_rows(above: Sequence[Entry], below: Sequence[Entry], limit: float) -> tuple[list[Entry], int]:
+    """Order the entries of a legend, which fills its columns first, so that two groups have rows of their own.
+
+    Returns the entries, with empty ones at the ends of rows, and the number of columns: as few rows as fit into `limit`
+    points, then as few columns as these need.
+    """
+    found: list[tuple[int, int, list[list[Entry]]]] = []
+    for n in range(1, max(len(above), len(below)) + 1):
+        cells = [entry for group in (above, below) for entry in [*group, *[_empty()] * (-len(group) % n)]]
+        columns = [cells[place::n] for place in range(n)]
+        if n == 1 or _fits([[max(map(width, lines)) for lines, _ in column] for column in columns], limit):
+            found.append((len(columns[0]), n, columns))
+    _, n_columns, columns = min(found, key=lambda each: each[:2])
+    return [entry for column in columns for entry in column], n_columns
+
+
+def _empty() -> Entry:
+    return [""], Line2D([], [], ls="")
 
 
 def sample(look: Look, *, rough: bool = False) -> Line2D:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeAlias, TypeVar
 
+from rmpc_bench.report.keys import NO_MOMENTS, NO_P
 from rmpc_bench.report.points import MOST_PANELS
 from rmpc_bench.types import Outlook
 
@@ -79,6 +80,44 @@ def of_series(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
     last = ",".join(str(length - 1) for length in shape)
     way_out = f"they go from {','.join('0' for _ in shape)} to {last}" if shape else "it is a number and has none"
     return [("component", f"{component!r} is no component of {name}: {way_out}")]
+
+
+def of_variance_with_bound(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """Ensemble moments and some method's P, with that state, in a window of the experiment."""
+    found = _of_moments(outlook, "cov(e)", "P")
+    return found or _of_state(keys, outlook.series["cov(e)"][0]) + _of_window(keys, outlook.end)
+
+
+def of_means(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """Ensemble moments, with that state, in a window of the experiment."""
+    found = _of_moments(outlook, "mean(x)", "mean(x_hat)")
+    return found or _of_state(keys, outlook.series["mean(x)"][0]) + _of_window(keys, outlook.end)
+
+
+def of_ellipses(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """Ensemble moments and some method's P, with two different states."""
+    found = _of_moments(outlook, "mean(x_hat)", "P")
+    if found:
+        return found
+    n = min(outlook.series["mean(x_hat)"][0], outlook.series["P"][0])
+    for index in keys["components"]:
+        if index >= n:
+            return [("components", f"there is no state {index} (they count from 0 to {n - 1})")]
+    return [] if len(set(keys["components"])) == 2 else [("components", "must be two different states")]
+
+
+def _of_moments(outlook: Outlook, *names: str) -> Mistakes:
+    lacking = [name for name in names if name not in outlook.series]
+    return [("", NO_P if lacking == ["P"] else NO_MOMENTS)] if lacking else []
+
+
+def _of_state(keys: Mapping[str, Any], n: int) -> Mistakes:
+    index = keys["component"]
+    if index is None and n > MOST_PANELS:
+        return [("component", f"there are {n} states, at most {MOST_PANELS} fit: choose one of 0 to {n - 1}")]
+    if index is not None and index >= n:
+        return [("component", f"there is no state {index} (they count from 0 to {n - 1})")]
+    return []
 
 
 def _of_window(keys: Mapping[str, Any], end: float) -> Mistakes:

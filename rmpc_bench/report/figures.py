@@ -5,20 +5,15 @@ This module is light, because a configuration is checked against its signatures:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from annotated_types import Ge, Le
+from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.report import points
 from rmpc_bench.report.demands import demands, of_boxplot, of_series, of_trajectories
+from rmpc_bench.report.keys import Inches, SingleRuns, methods_of, metric_of, recorded, size_of
 from rmpc_bench.report.points import Values
-from rmpc_bench.types import DesignError, MetricInfo, NonNegative, Panel
-
-Inches = Annotated[float, Ge(1), Le(100)]
-SingleRuns = Annotated[int, Ge(0), Le(10)]
+from rmpc_bench.types import NonNegative, Panel
 
 FORMATS: dict[str, dict[str, Any]] = {
     ".svg": {"metadata": {"Date": None, "Creator": None}},
@@ -70,8 +65,8 @@ def boxplot(
     DesignError
         when a metric, method or point is unknown, there are too many points, or the size is below an inch
     """
-    shown, info, methods = points.chosen(trials, at), _metric(trials, metric), _methods(trials, order)
-    size = _size(width, height, 1.0 + 1.4 * len(shown))
+    shown, info, methods = points.chosen(trials, at), metric_of(trials, metric), methods_of(trials, order)
+    size = size_of(width, height, 1.0 + 1.4 * len(shown))
     from rmpc_bench.report.boxplot import draw
 
     return draw(shown, info, methods, size, log=log)
@@ -119,13 +114,13 @@ def trajectories(
         when nothing is recorded, or a signal, method or point is unknown, or the window holds no samples
     """
     point, title = points.only(trials, at)
-    methods = _recorded(point, order)
+    methods = recorded(point, order)
     from rmpc_bench.report.curves import window_of
     from rmpc_bench.report.trajectories import draw, rows_of
 
     rows = rows_of(point, methods, signals)
     window = window_of(point, len(point.traces[methods[0]].r) - 1, from_, to)
-    return draw(point, title, methods, rows, window, runs, _size(width, height, 0.8 + 1.2 * len(rows)))
+    return draw(point, title, methods, rows, window, runs, size_of(width, height, 0.8 + 1.2 * len(rows)))
 
 
 @demands(of_series)
@@ -168,14 +163,14 @@ def series(
         when a quantity, component, method or point is unknown, or the window holds no samples
     """
     point, title = points.only(trials, at)
-    methods = None if order is None else _methods(point, order)
+    methods = None if order is None else methods_of(point, order)
     from rmpc_bench.report.curves import window_of
     from rmpc_bench.report.series import draw, last_of, lines_of, within
 
     lines = lines_of(point, methods, quantity, None if component is None else str(component))
     window = window_of(point, last_of(lines), from_, to)
     lines = within(lines, window)
-    return draw(point, title, quantity, lines, window, _size(width, height, 0.8 + 1.2 * len(lines)), log=log)
+    return draw(point, title, quantity, lines, window, size_of(width, height, 0.8 + 1.2 * len(lines)), log=log)
 
 
 def portrait(panels: Sequence[Panel]) -> Figure:
@@ -227,42 +222,3 @@ def save_as(figure: Figure, file: Path) -> None:
     ending = file.suffix.lower()
     with style():
         figure.savefig(file, format=ending[1:], **FORMATS[ending])
-
-
-def _size(width: float, height: float | None, usual: float) -> tuple[float, float]:
-    for name, size in (("width", width), ("height", height)):
-        if size is not None and not 1 <= size < math.inf:
-            raise DesignError(f"must be at least 1 inch (got {size:g})", name)
-    return width, usual if height is None else height
-
-
-def _metric(trials: Trials, name: str | None) -> MetricInfo:
-    known = {info.name: info for info in trials.metrics}
-    if name is None:
-        return trials.metrics[0]
-    if name not in known:
-        raise DesignError(f"'{name}' is not a metric of this experiment (known: {', '.join(known)})", "metric")
-    return known[name]
-
-
-def _methods(trials: Trials, order: list[str] | None) -> Sequence[str]:
-    if order is None:
-        return trials.methods
-    for name in order:
-        if name not in trials.methods:
-            known = ", ".join(trials.methods)
-            raise DesignError(f"'{name}' is not a method of this experiment (known: {known})", "order")
-    if not order or len(set(order)) < len(order):
-        raise DesignError("must name at least one method, and each one once", "order")
-    return order
-
-
-def _recorded(point: Trials, order: list[str] | None) -> Sequence[str]:
-    """Methods to show, all of which have recorded runs."""
-    having = [name for name in point.methods if name in point.traces and len(point.traces[name].runs)]
-    if not having:
-        raise DesignError("no run is recorded; record some with `record: {runs: 1}`", "")
-    for name in _methods(point, order) if order is not None else ():
-        if name not in having:
-            raise DesignError(f"no run of '{name}' is recorded (recorded: {', '.join(having)})", "order")
-    return having if order is None else order

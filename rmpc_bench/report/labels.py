@@ -9,6 +9,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 from matplotlib.textpath import TextToPath
 
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.style import FONT, FONT_SIZE
 
 POINTS_PER_INCH = 72
@@ -65,3 +66,8 @@ def width(text: str) -> float:
     font = FontProperties(family=FONT, size=FONT_SIZE)
     line = text if formula else text.replace(r"\$", "$")
     return float(TextToPath().get_text_width_height_descent(line, font, formula)[0])
+
+
+def marked(trials: Trials, method: str) -> str:
+    """Name a method in a table; an oracle is marked as one."""
+    return f"{method} (oracle)" if method in trials.oracles else method

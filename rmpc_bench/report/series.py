@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
-import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from rmpc_bench.analysis.trials import Trials
@@ -14,15 +11,9 @@ from rmpc_bench.report import curves
 from rmpc_bench.report.curves import Window
 from rmpc_bench.report.labels import symbol
 from rmpc_bench.report.points import MOST_PANELS
+from rmpc_bench.report.samples import Curve, cut, known
 from rmpc_bench.report.style import style
-from rmpc_bench.types import Array, DesignError
-
-
-class Curve(NamedTuple):
-    """Values of one component over the samples."""
-
-    k: Array
-    values: Array
+from rmpc_bench.types import DesignError
 
 
 def draw(
@@ -55,10 +46,9 @@ def draw(
         for axes, (component, drawn) in zip(panels, lines.items(), strict=True):
             for name, curve in drawn.items():
                 axes.plot(window.sample * curve.k, curves.drawable(curve.values), **looks[name].line())
-            positive = all((curve.values[np.isfinite(curve.values)] > 0).all() for curve in drawn.values())
-            if log and positive:
-                curves.make_logarithmic(axes)
-            axes.set_ylabel(symbol(quantity, component) + ("\n(linear: some <= 0)" if log and not positive else ""))
+            values = [curve.values for curve in drawn.values()]
+            remark = curves.make_logarithmic_if_positive(axes, values) if log else ""
+            axes.set_ylabel(symbol(quantity, component) + remark)
         ends = [end for drawn in lines.values() for curve in drawn.values() for end in (curve.k[0], curve.k[-1])]
         if min(ends) < max(ends):
             panels[-1].set_xlim(window.sample * min(ends), window.sample * max(ends))
@@ -92,12 +82,13 @@ def lines_of(
     table = point.series[point.series["quantity"] == quantity]
     having = [name for name in point.methods if (table["method"] == name).any()]
     if not having:
-        known = ", ".join(dict.fromkeys(point.series["quantity"])) or "none"
-        raise DesignError(f"'{quantity}' is not a series of these methods (known: {known})", "quantity")
+        there = ", ".join(dict.fromkeys(point.series["quantity"])) or "none"
+        raise DesignError(f"'{quantity}' is not a series of these methods (known: {there})", "quantity")
     for name in methods or ():
         if name not in having:
             raise DesignError(f"'{name}' has no series {quantity} (those that have: {', '.join(having)})", "order")
-    table = table[table["method"].isin(methods or having)]
+    shown = methods or having
+    table = table[table["method"].isin(shown)]
     components = [str(name) for name in dict.fromkeys(table["component"])]
     if component is not None and component not in components:
         raise DesignError(f"{quantity} has no component '{component}' (known: {'; '.join(components)})", "component")
@@ -110,9 +101,7 @@ def lines_of(
     found: dict[str, dict[str, Curve]] = {}
     for one in wanted:
         rows = table[table["component"] == one]
-        found[one] = {
-            name: _curve(rows[rows["method"] == name]) for name in methods or having if name in {*rows["method"]}
-        }
+        found[one] = {name: known(rows[rows["method"] == name]).best for name in shown if name in {*rows["method"]}}
     return found
 
 
@@ -129,21 +118,10 @@ def within(lines: Mapping[str, Mapping[str, Curve]], window: Window) -> dict[str
     lines : component -> method -> curve
     window : the samples to show
     """
-    found: dict[str, dict[str, Curve]] = {}
-    for component, drawn in lines.items():
-        found[component] = {}
-        for name, (k, values) in drawn.items():
-            if len(k) == 1:
-                found[component][name] = Curve(np.array([window.first, window.last]), np.repeat(values, 2))
-            else:
-                inside = (k >= window.first) & (k <= window.last)
-                if inside.any():
-                    found[component][name] = Curve(k[inside], values[inside])
-    return found
-
-
-def _curve(rows: pd.DataFrame) -> Curve:
-    """Values over k; where they exist exactly (n = 0) and from runs, the exact ones."""
-    n = rows["n"].to_numpy(dtype=np.int64)
-    rows = rows[n == (0 if (n == 0).any() else n.max())].sort_values("k")
-    return Curve(rows["k"].to_numpy(dtype=np.int64), rows["value"].to_numpy(dtype=float))
+    pieces = {
+        component: {name: cut(curve, window) for name, curve in drawn.items()} for component, drawn in lines.items()
+    }
+    return {
+        component: {name: piece for name, piece in drawn.items() if piece is not None}
+        for component, drawn in pieces.items()
+    }

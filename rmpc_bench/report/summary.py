@@ -11,6 +11,7 @@ import pandas as pd
 
 from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_screen
 from rmpc_bench.report.tables import screen, summary_markdown
 
 MOST_ON_SCREEN = 6
@@ -74,7 +75,9 @@ class Summary(NamedTuple):
     def to_markdown(self) -> str:
         """Return the pages of tables: of all points together where there are many, and of each."""
         pages = [self.pooled] if self.pooled else []
-        return "\n".join(summary_markdown(*page) for page in [*pages, *self.points[:MOST_PAGES]])
+        tables = [summary_markdown(*page) for page in [*pages, *self.points[:MOST_PAGES]] if len(page.trials.frame)]
+        tables += [text for point in self.points[:MOST_PAGES] if (text := ensemble_markdown(point.trials))]
+        return "\n".join(tables)
 
     def to_screen(self, metric: str) -> str:
         """Lay out one metric as the plain text shown at the end of a run.
@@ -89,7 +92,8 @@ class Summary(NamedTuple):
             return f"{text}\n{screen(*self.pooled, metric)}"
         blocks = []
         for point in self.points[:MOST_ON_SCREEN]:
-            block = screen(*point, metric)
+            parts = [screen(*point, metric)] if len(point.trials.frame) else []
+            block = "\n\n".join([*parts, *filter(None, [ensemble_screen(point.trials)])])
             blocks.append(f"{point.trials.title}\n{block}" if point.trials.title else block)
         left = len(self.points) - len(blocks)
         blocks += [f"and {left} more points of the sweep: tables/summary.md"] if left else []

@@ -10,10 +10,16 @@ import pandas as pd
 
 from rmpc_bench.analysis.statistics import decimals, format_with_error, sentence, wilson
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.labels import marked
 from rmpc_bench.types import MetricInfo, Status
 
 GAPS = {"mean": 4, "median": 3, "change": 4, "won": 5, "n": 3, "word": 2}
 """Blanks before each column of the screen."""
+
+BEST = {"zero": "best at 0", "one": "best at 1"}
+
+ENORMOUS = 1e6
+"""Per cent beyond which a change is written with an exponent."""
 
 NOISE = 1e-12
 """Relative errors below this one come from rounding: all runs are equal."""
@@ -23,6 +29,7 @@ class _Line(NamedTuple):
     """A method in the table of one metric, with its row of the summary and, but for the baseline, of comparisons."""
 
     method: str
+    shown: str
     described: Mapping[str, Any]
     compared: Mapping[str, Any] | None
 
@@ -42,7 +49,7 @@ def _table(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, inf
     compared = {row["method"]: row for row in comparisons[comparisons["metric"] == info.name].to_dict("records")}
     return _Table(
         info,
-        [_Line(method, described[method], compared.get(method)) for method in trials.methods],
+        [_Line(method, marked(trials, method), described[method], compared.get(method)) for method in trials.methods],
         info.may_be_never or any(row["never"] for row in described.values()),
         bool(compared),
         any(row["n_failed"] for row in described.values()),
@@ -64,7 +71,7 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
     run failed, and where a run is never its share stands in place of the mean
     """
     table = _table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
-    columns = {"name": [_quantity(table.info), *(line.method for line in table.lines)]}
+    columns = {"name": [_quantity(table.info), *(line.shown for line in table.lines)]}
     # The heads of mean and change leave room for a sign.
     columns["mean"] = [" never" if table.with_never else " mean", *(_mean(line, table) for line in table.lines)]
     columns["median"] = ["median [quartiles]", *(_quartiles(line.described) for line in table.lines)]
@@ -100,9 +107,7 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     parts = [f"# {name}", f"One run of each method at each of {runs} points, all there are." if trials.alike else size]
     for info in trials.metrics:
         table = _table(trials, summary, comparisons, info)
-        parts.append(
-            f"## {_quantity(info)}, {'best at 0' if info.direction == 'zero' else info.direction + ' is better'}"
-        )
+        parts.append(f"## {_quantity(info)}, {BEST.get(info.direction, info.direction + ' is better')}")
         parts.append(_markdown_rows(_markdown_columns(trials, table)))
         parts += ["\n".join(_legend(trials, table))] if _legend(trials, table) else []
         rows = [line.compared for line in table.lines if line.compared]
@@ -116,7 +121,7 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
 
 def _markdown_columns(trials: Trials, table: _Table) -> dict[str, list[str]]:
     lines = table.lines
-    columns = {"method": [line.method for line in lines]}
+    columns = {"method": [line.shown for line in lines]}
     labels = [trials.labels.get(line.method, line.method) for line in lines]
     if labels != columns["method"]:
         columns["label"] = labels
@@ -141,12 +146,14 @@ def _markdown_rows(columns: Mapping[str, Sequence[str]]) -> str:
 def _legend(trials: Trials, table: _Table) -> list[str]:
     """Say what the brackets mean, with those of the first row that has any; no line where there is nothing to say."""
     parts = [f"paired runs, {100 * trials.confidence:g} %"] if table.with_comparisons else []
-    if table.with_comparisons and table.info.direction == "zero":
-        parts.append("compared by distance from 0")
+    if table.with_comparisons and table.info.direction in BEST:
+        parts.append("compared by distance from 0" if table.info.direction == "zero" else "compared by |log|")
     means = [_mean(line, table) for line in table.lines]
     bracket = next((text[text.index("(") : text.index(")") + 1] for text in means if "(" in text), "")
     if bracket and not table.with_never:
         parts.append(f"{bracket} = standard error of the last digits")
+    if any(line.shown != line.method for line in table.lines):
+        parts.append("an oracle is told what no estimator can know")
     if any(line.compared["tied"] for line in table.lines if line.compared):
         parts.append(f"within {100 * trials.relevant:g} % is tied, not won")
     return ["; ".join(parts)] if parts else []
@@ -224,6 +231,8 @@ def _change(line: _Line) -> str:
     change, low, high = (float(line.compared[name]) for name in ("change_pct", "ci_low", "ci_high"))
     if math.isnan(low):
         return f"{change:+.3g} %"
+    if abs(high) >= ENORMOUS:
+        return f"{change:+.3g} % [{low:+.3g}, {high:+.3g}]"
     places = min(3, decimals((high - low) / 2))
     return f"{change:+z.{places}f} % [{low:+z.{places}f}, {high:+z.{places}f}]"
 

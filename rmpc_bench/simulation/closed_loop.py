@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.scenario import Draws, Experiment
-from rmpc_bench.types import Array, Method, Plant, Record, Status, Statuses
+from rmpc_bench.types import Array, Informed, Method, MixesNoise, Plant, Record, Status, Statuses
 
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)  # looked up once: members of an enum are slow to reach
 LARGEST = 1e100
@@ -24,9 +25,11 @@ class Block(NamedTuple):
     """NaN where the run failed."""
     traces: Mapping[str, Float[Array, "recorded samples n"]]
     """Signal -> trajectories of the first runs of the block, as many as are to be recorded."""
+    ensemble: Sequence[Group] = ()
+    """Mean and covariance of (x, x_hat) over groups of runs, where they are to be kept."""
 
 
-def simulate_block(experiment: Experiment, method: Method, runs: range) -> Block:
+def simulate_block(experiment: Experiment, method: Method, runs: range, draws: Draws | None = None) -> Block:
     """Simulate a block of runs with one method and reduce it to its metrics.
 
     Parameters
@@ -34,21 +37,25 @@ def simulate_block(experiment: Experiment, method: Method, runs: range) -> Block
     experiment : what to simulate
     method : the estimator-controller pair
     runs : indices of the runs
+    draws : what befalls them, where it has been drawn already
     """
-    plant, n_steps = experiment.plant, experiment.n_steps
-    draws = experiment.scenario.draw(plant, runs, n_steps)
+    plant, n_steps, recording = experiment.plant, experiment.n_steps, experiment.recording
+    if draws is None:
+        draws = experiment.scenario.draw(plant, runs, n_steps)
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
-    record, status = simulate(plant, method, draws, r, n_steps)
+    needs_P = any(getattr(metric, "needs_P", False) for metric in experiment.metrics)
+    record, status = simulate(plant, method, draws, r, n_steps, with_P=needs_P)
     ok = status == OK
     with np.errstate(over="ignore", invalid="ignore"):  # of failed runs
         values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
-    n_recorded = max(0, min(len(runs), experiment.recording.n_runs - runs.start))
-    traces = {name: getattr(record, name)[:n_recorded] for name in experiment.recording.signals if n_recorded}
-    return Block(status, np.array(values).reshape(len(values), len(ok)), traces)
+    n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
+    traces = {name: getattr(record, name)[:n_recorded] for name in recording.signals if n_recorded}
+    ensemble = groups(record.x, record.x_hat, ok, runs) if recording.ensemble else ()
+    return Block(status, np.array(values).reshape(len(values), len(ok)), traces, ensemble)
 
 
 def simulate(
-    plant: Plant, method: Method, draws: Draws, r: Float[Array, "known ny"], n_steps: int
+    plant: Plant, method: Method, draws: Draws, r: Float[Array, "known ny"], n_steps: int, *, with_P: bool = False
 ) -> tuple[Record, Statuses]:
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
@@ -60,40 +67,73 @@ def simulate(
     draws : what befalls the runs
     r : reference from k = 0 on, n_steps + the controller's preview samples at least
     n_steps : number of control periods N
+    with_P : whether to record the covariance that the estimator believes
     """
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
-    e, c = estimator.init(n_runs), controller.init(n_runs)
-    status = np.full(n_runs, OK)
-    xs, ys, x_hats, us = [], [], [], []
-    still = np.zeros_like(draws.v[:, 0])
+    mixes = isinstance(plant, MixesNoise)
+    w, v = plant.mix(draws.delta, draws.w, draws.v) if isinstance(plant, MixesNoise) else (draws.w, draws.v)
+    e, c = _start(estimator, n_runs, draws.delta), controller.init(n_runs)
+    status, believed, trail = np.full(n_runs, OK), list[Array | None](), _Trail(n_steps)
+    still = np.zeros_like(v[:, 0])
     with np.errstate(over="ignore", invalid="ignore"):  # a run that overflows is marked, not warned of
         for k in range(n_steps + 1):
-            y = plant.output(k, draws.delta, x, draws.v[:, k])
+            y_true = plant.output(k, draws.delta, x, still)
+            y = y_true + v[:, k] if mixes else plant.output(k, draws.delta, x, v[:, k])
             e, estimate = estimator.correct(k, e, y)
-            status = _first(status, estimate.status, _in_range(estimate.x_hat))
-            xs.append(x)
-            ys.append(plant.output(k, draws.delta, x, still))
-            x_hats.append(estimate.x_hat)
+            status = _first(status, estimate.status, estimate.x_hat)
+            trail.at(k, x=x, y=y_true, x_hat=estimate.x_hat)
+            if with_P:
+                believed.append(estimate.P)
             if k == n_steps:
                 break
             c, command = controller.control(k, c, y, estimate, r[k : k + controller.preview])
-            status = _first(status, command.status, _in_range(command.u))
-            motion = plant.step(k, draws.delta, x, command.u, draws.w[:, k])
-            status = _first(status, motion.status, _in_range(motion.x))
-            x = np.where((status == OK)[:, None], motion.x, x)
-            us.append(command.u)
+            status = _first(status, command.status, command.u)
+            motion = plant.step(k, draws.delta, x, command.u, w[:, k])
+            status = _first(status, motion.status, motion.x)
+            x = motion.x if (status == OK).all() else np.where((status == OK)[:, None], motion.x, x)
+            trail.at(k, u=command.u)
             e = estimator.predict(k, e, command.u)
-    # Stacked with the run first and contiguous in memory: sums over time then do not depend on the number of runs.
-    x_all, y_all, x_hat_all, u_all = (np.ascontiguousarray(np.stack(part, axis=1)) for part in (xs, ys, x_hats, us))
-    return Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r[: n_steps + 1]), status
+    P = _stacked(believed) if with_P else None
+    x_all, y_all, x_hat_all, u_all = (trail.of(name) for name in ("x", "y", "x_hat", "u"))
+    return Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r[: n_steps + 1], P), status
 
 
-def _in_range(values: Float[Array, "runs n"]) -> Bool[Array, " runs"]:
-    return np.asarray((np.abs(values) < LARGEST).all(axis=1))  # False for NaN, too
+class _Trail:
+    """What happened: signal by signal, k by k."""
+
+    def __init__(self, n_steps: int) -> None:
+        self.n_steps, self.signals = n_steps, dict[str, Array]()
+
+    def at(self, k: int, **values: Array) -> None:
+        """Keep the values (runs, n) of signals at k; there is no input at the last one."""
+        for name, value in values.items():
+            if k == 0:
+                self.signals[name] = np.empty((self.n_steps + (name != "u"), *value.shape))
+            self.signals[name][k] = value
+
+    def of(self, name: str) -> Float[Array, "runs samples n"]:
+        """Return a signal with the run first and contiguous in memory: sums over time do not depend on other runs."""
+        return np.ascontiguousarray(self.signals[name].transpose(1, 0, 2))
 
 
-def _first(status: Statuses, reported: Statuses, finite: Bool[Array, " runs"]) -> Statuses:
-    """Keep the first failure of every run."""
-    news = np.where(reported != OK, reported, np.where(finite, OK, DIVERGED))
+def _start(estimator: Any, n_runs: int, delta: Any) -> Any:
+    """State of an estimator before the first measurement; an informed one is told what is uncertain."""
+    return estimator.init(n_runs, delta) if isinstance(estimator, Informed) else estimator.init(n_runs)
+
+
+def _stacked(believed: Sequence[Array | None]) -> Array | None:
+    """Stack covariances over k: (samples, nx, nx), or (runs, samples, nx, nx) where every run has its own."""
+    matrices = [P for P in believed if P is not None]
+    if len(matrices) < len(believed):
+        return None
+    return np.ascontiguousarray(np.stack(matrices, axis=matrices[0].ndim - 2))
+
+
+def _first(status: Statuses, reported: Statuses, values: Float[Array, "runs n"]) -> Statuses:
+    """Keep the first failure of every run: what is reported, or values that are too large or no numbers."""
+    if not reported.any() and np.abs(values).max(initial=0.0) < LARGEST:  # False for NaN
+        return status
+    in_range = (np.abs(values) < LARGEST).all(axis=1)
+    news = np.where(reported != OK, reported, np.where(in_range, OK, DIVERGED))
     return np.where(status != OK, status, news)

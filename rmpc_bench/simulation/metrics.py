@@ -1,7 +1,7 @@
 """Metrics: from the trajectories of a run to one number.
 
-Every metric uses the true output (without measurement noise) and the applied input.  `from` and `to` bound the
-samples, both included, in seconds or samples as the experiment's `time` is given; without them k = 0..N-1.
+Every metric uses the true output (without measurement noise), the true state and the applied input.  `from` and `to`
+bound the samples, both included, in seconds or samples as the experiment's `time` is given; without them k = 0..N-1.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, DesignError, MetricInfo, NonNegative, Positive, Record
+from rmpc_bench.simulation.estimates import estimate_error, refuse_other_states
+from rmpc_bench.types import Array, DesignError, Method, MetricInfo, NonNegative, Plant, Positive, Record
 
 Bound = NonNegative | Literal["N"] | None
+Of = Literal["output", "state", "estimate"]
 
 
 class Window(NamedTuple):
@@ -40,6 +42,9 @@ class Units(NamedTuple):
     u: str
     cut: bool = False
     """Whether a window that reaches beyond the last sample ends there (a smoke run is short)."""
+    plant: Plant | None = None
+    methods: tuple[Method, ...] = ()
+    """With the plant, for what a metric must refuse before any run; without them it refuses when it is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +54,27 @@ class SampleMetric:
     info: MetricInfo
     window: Window
     reduce: Callable[[Record, Window], Float[Array, " runs"]]
+    needs_P: bool = False
+    """Whether it reads `Record.P`, which is not kept for other metrics."""
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """One value per run."""
         return self.reduce(record, self.window)
+
+
+@dataclass(frozen=True)
+class MeanError:
+    """Parameters of `mse`, `rmse` and `mae`."""
+
+    of: Of
+    square: bool
+    root: bool = False
+
+    def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
+        """Mean size over the window and the coordinates."""
+        error = _error(record, window, self.of)
+        mean = time_mean(error**2 if self.square else np.abs(error))
+        return np.sqrt(mean) if self.root else mean
 
 
 @dataclass(frozen=True)
@@ -83,33 +105,25 @@ class Tail:
         """Mean signed error at the end of the window."""
         error = _error(record, window)
         n = max(1, round(self.share * error.shape[1]))
-        return _time_mean(error[:, -n:])
+        return time_mean(error[:, -n:])
 
 
-def _error(record: Record, window: Window) -> Float[Array, "runs window ny"]:
+def _error(record: Record, window: Window, of: Of = "output") -> Float[Array, "runs window n"]:
+    if of == "state":
+        return record.x[:, window.slice]
+    if of == "estimate":
+        return estimate_error(record)[:, window.slice]
     return record.y[:, window.slice] - record.r[window.slice]
 
 
-def _time_mean(values: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
+def time_mean(values: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
     """Mean over time and coordinates, row by row on contiguous memory: the bits do not depend on the other rows."""
     means: Array = np.ascontiguousarray(values.reshape(len(values), -1)).mean(axis=1)
     return means
 
 
-def _mean_square_error(record: Record, window: Window) -> Float[Array, " runs"]:
-    return _time_mean(_error(record, window) ** 2)
-
-
-def _root_mean_square_error(record: Record, window: Window) -> Float[Array, " runs"]:
-    return np.sqrt(_mean_square_error(record, window))
-
-
-def _mean_absolute_error(record: Record, window: Window) -> Float[Array, " runs"]:
-    return _time_mean(np.abs(_error(record, window)))
-
-
 def _mean_square_input(record: Record, window: Window) -> Float[Array, " runs"]:
-    return _time_mean(record.u[:, window.slice] ** 2)
+    return time_mean(record.u[:, window.slice] ** 2)
 
 
 def _input_roughness(record: Record, window: Window) -> Float[Array, " runs"]:
@@ -118,10 +132,11 @@ def _input_roughness(record: Record, window: Window) -> Float[Array, " runs"]:
     if not increments.size:
         return np.zeros(len(increments))
     means = np.ascontiguousarray(increments.transpose(0, 2, 1)).mean(axis=2)
-    return np.sqrt(_time_mean((increments - means[:, None, :]) ** 2))
+    return np.sqrt(time_mean((increments - means[:, None, :]) ** 2))
 
 
-def _window(units: Units, start: Bound, end: Bound, default_last: int, limit: int) -> Window:
+def window_of(units: Units, start: Bound, end: Bound, default_last: int, limit: int) -> Window:
+    """Samples between two bounds, up to ``default_last`` unless told; ``limit`` is the last one there is."""
     first, last = (
         limit if bound == "N" else default if bound is None else round(float(bound) / units.tick)
         for bound, default in ((start, 0), (end, default_last))
@@ -136,46 +151,59 @@ def _window(units: Units, start: Bound, end: Bound, default_last: int, limit: in
     return Window(first, last)
 
 
-def mse(units: Units, *, name: str = "mse", from_: Bound = None, to: Bound = None) -> SampleMetric:
-    """Mean square error of the output over k = 0..N-1.
+def _squared(unit: str) -> str:
+    return f"{unit}^2" if unit else ""
+
+
+def _mean_error(units: Units, name: str, reduce: MeanError, start: Bound, end: Bound) -> SampleMetric:
+    """Make a metric of a mean error; states have no unit, as their coordinates differ in it."""
+    if reduce.of == "estimate":
+        refuse_other_states(units.plant, units.methods, "of")
+    unit = units.y if reduce.of == "output" else ""
+    info = MetricInfo(name, _squared(unit) if reduce.square and not reduce.root else unit, "lower")
+    return SampleMetric(info, window_of(units, start, end, units.n_steps - 1, units.n_steps), reduce)
+
+
+def mse(units: Units, *, name: str = "mse", of: Of = "output", from_: Bound = None, to: Bound = None) -> SampleMetric:
+    """Mean square error over k = 0..N-1 and all coordinates, of the output unless told.
 
     Parameters
     ----------
     units : what the metric must know of the experiment
     name : column of the tables
+    of : output is y - r; state is x, its distance from 0; estimate is x_hat - x
     from_ : first sample (seconds or samples, as `time`)
     to : last sample, included; N is the last one of the experiment
     """
-    window = _window(units, from_, to, units.n_steps - 1, units.n_steps)
-    return SampleMetric(MetricInfo(name, f"{units.y}^2", "lower"), window, _mean_square_error)
+    return _mean_error(units, name, MeanError(of, square=True), from_, to)
 
 
-def rmse(units: Units, *, name: str = "rmse", from_: Bound = None, to: Bound = None) -> SampleMetric:
-    """Root of the mean square error of the output over k = 0..N-1.
+def rmse(units: Units, *, name: str = "rmse", of: Of = "output", from_: Bound = None, to: Bound = None) -> SampleMetric:
+    """Root of the mean square error over k = 0..N-1 and all coordinates, of the output unless told.
 
     Parameters
     ----------
     units : what the metric must know of the experiment
     name : column of the tables
+    of : output is y - r; state is x, its distance from 0; estimate is x_hat - x
     from_ : first sample (seconds or samples, as `time`)
     to : last sample, included; N is the last one of the experiment
     """
-    window = _window(units, from_, to, units.n_steps - 1, units.n_steps)
-    return SampleMetric(MetricInfo(name, units.y, "lower"), window, _root_mean_square_error)
+    return _mean_error(units, name, MeanError(of, square=True, root=True), from_, to)
 
 
-def mae(units: Units, *, name: str = "mae", from_: Bound = None, to: Bound = None) -> SampleMetric:
-    """Mean absolute error of the output over k = 0..N-1.
+def mae(units: Units, *, name: str = "mae", of: Of = "output", from_: Bound = None, to: Bound = None) -> SampleMetric:
+    """Mean absolute error over k = 0..N-1 and all coordinates, of the output unless told.
 
     Parameters
     ----------
     units : what the metric must know of the experiment
     name : column of the tables
+    of : output is y - r; state is x, its distance from 0; estimate is x_hat - x
     from_ : first sample (seconds or samples, as `time`)
     to : last sample, included; N is the last one of the experiment
     """
-    window = _window(units, from_, to, units.n_steps - 1, units.n_steps)
-    return SampleMetric(MetricInfo(name, units.y, "lower"), window, _mean_absolute_error)
+    return _mean_error(units, name, MeanError(of, square=False), from_, to)
 
 
 def input_power(units: Units, *, name: str = "input_power", from_: Bound = None, to: Bound = None) -> SampleMetric:
@@ -189,8 +217,8 @@ def input_power(units: Units, *, name: str = "input_power", from_: Bound = None,
     to : last sample, included
     """
     last = units.n_steps - 1  # no input is applied at k = N
-    window = _window(units, from_, to, last, last)
-    return SampleMetric(MetricInfo(name, f"{units.u}^2", "lower"), window, _mean_square_input)
+    window = window_of(units, from_, to, last, last)
+    return SampleMetric(MetricInfo(name, _squared(units.u), "lower"), window, _mean_square_input)
 
 
 def input_roughness(
@@ -206,7 +234,7 @@ def input_roughness(
     to : last sample, included
     """
     last = units.n_steps - 1
-    window = _window(units, from_, to, last, last)
+    window = window_of(units, from_, to, last, last)
     return SampleMetric(MetricInfo(name, units.u, "lower"), window, _input_roughness)
 
 
@@ -224,7 +252,7 @@ def settling_time(
     from_ : where the step begins (seconds or samples, as `time`); the time counts from there
     to : last sample, included; N, the last one of the experiment, unless given
     """
-    window = _window(units, from_, to, units.n_steps, units.n_steps)
+    window = window_of(units, from_, to, units.n_steps, units.n_steps)
     return SampleMetric(MetricInfo(name, "s", "lower", may_be_never=True), window, Settling(band))
 
 
@@ -243,5 +271,5 @@ def steady_state_error(
     """
     if share > 1.0:
         raise DesignError(f"must be at most 1 (got {share:g})", "share")
-    window = _window(units, from_, to, units.n_steps, units.n_steps)
+    window = window_of(units, from_, to, units.n_steps, units.n_steps)
     return SampleMetric(MetricInfo(name, units.y, "zero"), window, Tail(share))

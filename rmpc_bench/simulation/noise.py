@@ -20,12 +20,30 @@ class Noise(Protocol):
         """Noise of one run; a longer draw begins with the shorter one."""
 
 
+@runtime_checkable
+class HasMoments(Protocol):
+    """A law may offer this; ensemble moments are then exact."""
+
+    @property
+    def mean(self) -> Float[Array, " n"]:
+        """Mean of the noise."""
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the noise."""
+
+
 @dataclass(frozen=True, eq=False)
 class Gaussian:
     """Normal noise mean + root z with z ~ N(0, I)."""
 
     mean: Float[Array, " n"]
     root: Float[Array, "n n"]
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the noise."""
+        return self.root @ self.root.T
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run."""

@@ -7,18 +7,18 @@ of runs, so that every method meets the same plants and the same noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import as_covariance, as_vector
+from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.simulation.distributions import Distribution
-from rmpc_bench.simulation.noise import Noise
+from rmpc_bench.simulation.noise import Gaussian, HasMoments, Noise
 from rmpc_bench.simulation.reference import Reference
-from rmpc_bench.types import Array, DesignError, Matrix, Method, Metric, Plant
+from rmpc_bench.types import Array, DesignError, Informed, Matrix, Method, Metric, Plant
 
 
 class Draws(NamedTuple):
@@ -26,7 +26,7 @@ class Draws(NamedTuple):
 
     delta: Any
     x0: Float[Array, "runs nx"]
-    w: Float[Array, "runs steps nw"]
+    w: Float[Array, "runs samples nw"]
     v: Float[Array, "runs samples nv"]
 
 
@@ -84,6 +84,7 @@ class Scenario:
     x0_noise : law of its deviation from the mean, or None
     process, measurement : the terms of w and v; their sum acts
     reference : what the output is meant to follow
+    cross : (nv, nw) matrix T; T (w - mean of w) is added to v, for a cross-covariance; None for independent noises
     """
 
     seed: int
@@ -94,6 +95,7 @@ class Scenario:
     process: tuple[Noise, ...]
     measurement: tuple[Noise, ...]
     reference: Reference
+    cross: Float[Array, "nv nw"] | None = None
 
     def named_values(self, run: int) -> dict[str, float]:
         """Draw the named uncertain quantities of one run."""
@@ -111,17 +113,43 @@ class Scenario:
         runs : indices of the runs
         n_steps : number of control periods N
         """
+        n_samples = n_steps + 1  # y(N) may depend on w(N)
         drawn = [self.named_values(run) for run in runs]
         parameters = {
             name: np.array([self.parameters[name](values) if name in self.parameters else nominal for values in drawn])
             for name, nominal in plant.nominal.items()
         }
+        w = self._sum(self.process, "w", runs, n_samples, plant.nw)
+        v = self._sum(self.measurement, "v", runs, n_samples, plant.nv)
+        if self.cross is not None:
+            deviation = w - sum(term.mean for term in self.process if isinstance(term, HasMoments))
+            v += np.einsum("ij,rkj->rki", self.cross, deviation)
         return Draws(
             delta=plant.draw(parameters, [stream(self.seed, run, "delta") for run in runs], n_steps),
             x0=np.array([self._initial_state(run) for run in runs]),
-            w=self._sum(self.process, "w", runs, n_steps, plant.nw),
-            v=self._sum(self.measurement, "v", runs, n_steps + 1, plant.nv),
+            w=w,
+            v=v,
         )
+
+    def noise_laws(self, nw: int, nv: int) -> tuple[Array, Array] | None:
+        """Mean and covariance of [w; v]; None where a law does not tell its own.
+
+        Parameters
+        ----------
+        nw, nv : lengths of w and v
+        """
+        found = []
+        for terms, n in ((self.process, nw), (self.measurement, nv)):
+            mean, cov = np.zeros(n), np.zeros((n, n))
+            for term in terms:
+                if not isinstance(term, HasMoments):
+                    return None
+                mean, cov = mean + term.mean, cov + term.cov
+            found.append((mean, cov))
+        (w_bar, W), (v_bar, V) = found
+        T = np.zeros((nv, nw)) if self.cross is None else self.cross
+        joint = np.block([[W, W @ T.T], [T @ W, V + T @ W @ T.T]])
+        return np.concatenate([w_bar, v_bar]), joint
 
     def _initial_state(self, run: int) -> Float[Array, " nx"]:
         return self.x0 if self.x0_noise is None else self.x0 + self.x0_noise.draw(stream(self.seed, run, "x0"), 1)[0]
@@ -136,6 +164,44 @@ class Scenario:
         return total
 
 
+def with_cross_covariance(scenario: Scenario, S: Float[Array, "rows columns"], nw: int, nv: int) -> Scenario:
+    """Give w and v a cross-covariance: v = T (w - w_bar) + what of v is left, which is independent of w.
+
+    Parameters
+    ----------
+    scenario : its noises are independent, with the laws that w and v are to have
+    S : E (w - w_bar)(v - v_bar)', of shape (nw, nv)
+    nw, nv : lengths of w and v
+
+    Raises
+    ------
+    DesignError
+        If the shape does not fit, a noise is not one gaussian law, or no noises have these covariances.
+    """
+    laws = (*scenario.process, *scenario.measurement)
+    if S.shape != (nw, nv):
+        raise DesignError(f"shape {S.shape} does not fit: {nw} x {nv} numbers are wanted")
+    if (
+        len(scenario.process) != 1
+        or len(scenario.measurement) != 1
+        or not all(isinstance(law, Gaussian) for law in laws)
+    ):
+        raise DesignError("a cross-covariance needs one gaussian law of either noise")
+    w, v = (law for law in laws if isinstance(law, Gaussian))
+    std_w, std_v = np.sqrt(np.diag(w.cov)), np.sqrt(np.diag(v.cov))
+    units = np.outer(std_w, std_v)
+    # Correlations instead of covariances, so that what is small in its unit does not count for a rounding.
+    scale_w, scale_v = np.where(std_w > 0.0, std_w, 1.0), np.where(std_v > 0.0, std_v, 1.0)
+    shared, W = S / np.outer(scale_w, scale_v), w.cov / np.outer(scale_w, scale_w)
+    T = shared.T @ np.linalg.pinv(W, hermitian=True)
+    left = v.cov / np.outer(scale_v, scale_v) - T @ shared
+    fits = np.allclose(T @ W, shared.T, rtol=1e-9, atol=1e-12) and np.linalg.eigvalsh(left)[0] > -1e-12  # rounding
+    if S[units == 0.0].any() or not fits:
+        raise DesignError("no noises with these covariances have this cross-covariance")
+    rest = Gaussian(v.mean, scale_v[:, None] * psd_sqrt(left))
+    return replace(scenario, measurement=(rest,), cross=scale_v[:, None] * T / scale_w)
+
+
 class Recording(NamedTuple):
     """The trajectories to keep."""
 
@@ -143,6 +209,8 @@ class Recording(NamedTuple):
     """Of `Record`: ``y``, ``u``, ``x``, ``x_hat``."""
     n_runs: int = 0
     """Of how many runs, from the first one on."""
+    ensemble: bool = False
+    """Whether to keep mean and covariance of (x, x_hat) over the runs, at every k."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +234,11 @@ class Experiment:
     n_runs: int
     n_steps: int
     recording: Recording = Recording()
+
+    @property
+    def oracles(self) -> frozenset[str]:
+        """Names of the methods that are told what no estimator can know."""
+        return frozenset(method.name for method in self.methods if isinstance(method.estimator, Informed))
 
     def method(self, name: str) -> Method:
         """Look a method up by its name."""

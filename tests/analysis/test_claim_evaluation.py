@@ -75,6 +75,8 @@ def test_functions(trials, text, expected):
         ("all(mse[A] < mse[B])", "not found"),
         ("v[A] ~ [1] + [0.5] +- 50%", "found"),
         ("v[A] ~ 1.5 +- 34%", "found"),
+        ("v[A] ~ 1.5 +- [0.5, 0.6]", "found"),
+        ("v[A] ~ 1.5 +- [0.4, 0.6]", "not found"),
         ("v[A] ~ 1.5 +- 0.4", "not found"),
         ("never ~ never +- 1", "found"),
         ("1 ~ never +- 5%", "not found"),
@@ -108,7 +110,8 @@ def test_the_entry_that_fails_most_is_shown(trials):
         ("quantile(mse[A], 2)", "from 0 to 1"),
         ("ratio(mse[A] - 3, mse[B])", "positive"),
         ("share(1 < 2)", "share needs"),
-        ("mean([mse[A], 1])", "entries of a list"),
+        ("mean([mse[A], v[A]])", "column over runs and a series over k"),
+        ("mean([v[A], last(P[A])])", "entries of a list must have one shape, got () and (2, 2)"),
         ("0 / 0", "not one number"),
         ("std(3)", "not one number"),
     ],
@@ -137,4 +140,5 @@ def test_failed_runs_leave_every_side(make_trials):
 def test_an_empty_chain_of_entries_needs_no_columns(trials):
     """A check of numbers alone is evaluated too."""
     chain = parse("1 < 2")
-    assert Evaluator(trials, chain).sides(chain.links[0])[0] == 1
+    left, right, tolerance = Evaluator(trials, chain).sides(chain.links[0])
+    assert (left.array, right, tolerance) == (1, 2, 0)

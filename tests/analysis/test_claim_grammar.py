@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rmpc_bench.analysis.claim_evaluation import Evaluator
 from rmpc_bench.analysis.claim_grammar import ClaimError, parse, parse_expression, terms
-from rmpc_bench.analysis.claim_tree import Call, Chain, Link, Number, Operation, Term
+from rmpc_bench.analysis.claim_tree import FUNCTION_HELP, FUNCTIONS, Call, Chain, Link, Number, Operation, Term, uses
 
 
 def named(chain):
@@ -117,6 +117,19 @@ def test_terms_of_everything():
     assert isinstance(chain.links[0].left.arguments[0], Chain)
 
 
+def test_terms_know_what_they_are_the_argument_of():
+    """By themselves, that is: in an operation or a list they are of none; one term may stand in several functions."""
+    chain = parse("share(var(e[A]) < 2 * a[A]) > mean(e[A, c=1]) / quantile([a[A]], b[A]) + n_failed[A] + std(e[A])")
+    assert {(term.quantity, term.point, function) for term, function in uses(chain)} == {
+        ("e", (), "var"),
+        ("e", (), "std"),
+        ("a", (), ""),
+        ("e", (("c", "1"),), "mean"),
+        ("b", (), "quantile"),
+        ("n_failed", (), ""),
+    }
+
+
 @pytest.mark.parametrize(
     ("text", "column", "words"),
     [
@@ -134,6 +147,11 @@ def test_terms_of_everything():
         ("1 < 2 $", 7, "unexpected '$'"),
         ("1 = 2", 3, "unexpected '='"),
         ("quantile(mse[A]) < 1", 1, "takes 2 argument(s), got 1"),
+        ("cov(e[A], 1) < 1", 1, "takes 1 argument(s), got 2"),
+        ("excess(P[A]) < 1", 1, "takes 2 argument(s), got 1"),
+        ("last(since(P[A])) < 1", 6, "takes 2 argument(s), got 1"),
+        ("distance(1, 2) < 1", 1, "takes 3 argument(s), got 2"),
+        ("distanze(1, 2, 3) < 1", 1, "did you mean 'distance'?"),
         ("share(mse[A]) < 1", 13, "expected a comparison"),
         ("1 < all(1 < 2)", 5, "a check of its own"),
         ("all(1 < 2) < 3", 12, "expected the end"),
@@ -172,3 +190,15 @@ def test_values_are_numpy_arrays(make_numbers):
     """Lists become vectors and matrices, a sign goes to every entry."""
     np.testing.assert_array_equal(make_numbers.value(parse_expression("-[[1, 2], [3, 4]]")).array, [[-1, -2], [-3, -4]])
     assert float(make_numbers.value(parse_expression("never - never")).array) == 0
+
+
+def test_every_function_has_a_line():
+    """Which shows how it is written: what it shows can be parsed, or is a check of its own."""
+    assert list(FUNCTION_HELP) == list(FUNCTIONS)
+    for name, line in FUNCTION_HELP.items():
+        usage, _, text = line.partition(": ")
+        arguments = usage.removeprefix(f"{name}(").removesuffix(")").split(", ")
+        assert usage == f"{name}({', '.join(arguments)})" and len(arguments) == FUNCTIONS[name]
+        assert text and len(line) <= 120 and "\n" not in line
+        filled = usage.replace("a < b", "1 < 2") if "<" in usage else f"{name}({', '.join('1' for _ in arguments)})"
+        assert parse(filled if name == "all" else f"{filled} < 3").links

@@ -182,6 +182,8 @@ def test_never(make_trials):
         "n": 16,
         "left_out": 0,
         "at": None,
+        "k": None,
+        "entry": None,
     }
     assert table[3]["numbers"][0]["left"] == "-never"
 

@@ -214,3 +214,11 @@ def test_format_keeps_value_within_its_error(value, se):
     body = format_with_error(value, se)
     shown = float(body[: body.index("(")] + body[body.index(")") + 1 :])
     assert abs(shown - value) <= 0.5 * se * 1.001
+
+
+def test_best_at_one_compares_ratios(make_trials):
+    """Oracle: |log| by hand; 0.5 is as far from 1 as 2, and 4 is twice as far."""
+    trials = make_trials({"nees": {"A": [0.5, 2.0, 1.0], "B": [2.0, 4.0, 0.5]}}, directions={"nees": "one"})
+    (row,) = comparisons(trials).to_dict("records")
+    assert (row["won"], row["lost"], row["tied"]) == (2, 0, 1)
+    assert " in |log nees|: " in sentence(row, MetricInfo("nees", "", "one"))

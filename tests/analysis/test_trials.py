@@ -52,3 +52,19 @@ def test_an_absent_series_is_a_key_error(make_trials):
     """The message names method and quantity."""
     with pytest.raises(KeyError, match="A has no series M"):
         make_trials({"mse": {"A": [1.0]}}).matrix_series("M", "A")
+
+
+def test_the_number_of_runs_behind_a_series(make_trials):
+    """0 where it is exact, else that of its rows; of an absent one 0."""
+    rows = [("A", "v", "", 0, n, 1.0) for n in (500, 0)] + [("A", "w", "", 0, 500, 1.0)]
+    trials = make_trials({"mse": {"A": [1.0]}}, rows)
+    assert [trials.n_of(name, "A") for name in ("v", "w", "z")] == [0, 500, 0]
+
+
+def test_points_without_runs_are_no_population(make_trials):
+    """Oracle: a population has one run at every point; exact moments alone have none."""
+    one = make_trials({"mse": {"A": [1.0]}})
+    none = replace(one, frame=one.frame.iloc[:0])
+    sweep = replace(one, alike=True, points=(replace(one, keys={"A": "1"}), replace(one, keys={"A": "2"})))
+    assert sweep.is_population
+    assert not replace(sweep, points=(replace(none, keys={"A": "1"}), replace(none, keys={"A": "2"}))).is_population

@@ -62,7 +62,7 @@ def test_describe_finds_a_name_in_several_groups():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("kalmn", "'kalmn' is not a known part; did you mean 'kalman'?"),
+        ("kalmn", "'kalmn' is not a known part or configuration; did you mean 'kalman'?"),
         ("plants/kalman", "'kalman' is not a known part; known: servo, servo-linear"),
         ("planets/servo", "'planets' is not a known group; did you mean 'plants'?"),
     ],
@@ -165,3 +165,129 @@ def test_friction_of_the_servo(tmp_path):
     result = cli("describe", "plants/servo", "--plot", file)
     assert result.exit_code == 0 and file.read_bytes().startswith(b"<?xml")
     assert "there is one of plants/servo)" in cli("describe", "servo-linear", "--plot", file).stderr.replace("\n", " ")
+
+
+@pytest.fixture
+def configs(tmp_path, monkeypatch):
+    """Stand where there are configurations, one of them with a sweep, two of the same name, and a part's namesake."""
+    for folder, file, keys in [
+        ("paper", "fig1", {"title": "A figure"}),
+        ("paper", "swept", {"sweep": "{grid: {plant.perturb.J_l: [1 + eps, 2]}}"}),
+        ("paper", "twice", {}),
+        ("other", "twice", {}),
+        ("", "kalman", {"title": "A namesake"}),
+    ]:
+        directory = tmp_path / "configs" / folder
+        directory.mkdir(parents=True, exist_ok=True)
+        write(directory, file=f"{file}.yaml", **keys)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "configs"
+
+
+DESCRIBED = """\
+configs/paper/fig1.yaml
+A figure
+
+plant servo-linear
+
+noise:
+  process: none
+  measurement: {gaussian: {mean: 0.0, std: 0.01, scale: 1.0}}
+initial: {x: 0.0, x_hat: 0.0, P: process}
+
+methods
+  S-MPC
+  R-MPC
+"""
+
+
+@pytest.mark.parametrize("name", ["fig1", "paper/fig1", "configs/paper/fig1.yaml"])
+def test_describe_a_configuration(configs, name):
+    """By its name, by its place below configs, or by its file: what is true, where it starts, who is compared."""
+    assert cli("describe", name).stdout == DESCRIBED
+
+
+def test_describe_a_configuration_anywhere(configs, tmp_path):
+    """A file need not be below configs; without a title its name stands for it, and labels stand with the methods."""
+    methods = "{S-MPC: {estimator: {kind: kalman}, label: Standard}}"
+    path = write(tmp_path, file="mine.yaml", methods=methods)
+    lines = cli("describe", path).stdout.splitlines()
+    assert lines[:2] == [str(path), "tiny"] and lines[-2:] == ["methods", "  S-MPC  Standard"]
+
+
+def test_describe_a_sweep(configs):
+    """What is shown is of the first point, and that is said."""
+    shown = cli("describe", "swept").stdout
+    assert "\nat the first of 2 points, plant.perturb.J_l=1 + eps\n\nplant servo-linear\n" in shown
+
+
+def test_describe_shows_what_is_known_of_the_plant(configs, monkeypatch):
+    """Labels in one column, texts of several lines below each other."""
+    from rmpc_bench.plants import servo
+
+    facts = [("A", "0  -0.5\n1     1"), ("spectral radius", "0.707107")]
+    monkeypatch.setattr(servo.ServoLinear, "facts", lambda self: facts, raising=False)
+    shown = cli("describe", "fig1").stdout
+    assert (
+        "\nplant servo-linear\n  A                0  -0.5\n                   1     1\n  spectral radius  0.707107\n"
+        in shown
+    )
+
+
+def test_a_part_wins_over_a_configuration(configs):
+    """The configuration of the same name is found by its file."""
+    assert cli("describe", "kalman").stdout.startswith("estimators/kalman\n")
+    assert cli("describe", "configs/kalman.yaml").stdout.startswith("configs/kalman.yaml\nA namesake\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("fig2", "'fig2' is not a known part or configuration; did you mean 'fig1'? (rmpc-bench list)"),
+        ("papers/fig1", "'papers/fig1' is not a known configuration; did you mean 'paper/fig1'?"),
+        ("configs/paper/fig2.yaml", "did you mean 'configs/paper/fig1.yaml'? (rmpc-bench list configs)"),
+        ("twice", "'twice' may be any of configs/other/twice.yaml, configs/paper/twice.yaml"),
+        ("plants/fig1", "'fig1' is not a known part; known: servo"),
+        ("kalmn", "'kalmn' is not a known part or configuration; did you mean 'kalman'?"),
+        ("configs", "'configs' is not a known part or configuration"),
+    ],
+)
+def test_describe_an_unknown_configuration(configs, name, message):
+    """Exit 2 and the way out."""
+    result = cli("describe", name)
+    assert result.exit_code == 2 and message in " ".join(result.stderr.split()) and result.stdout == ""
+
+
+def test_describe_a_configuration_with_mistakes(configs):
+    """Exit 2 with their places, as of any verb."""
+    write(configs, file="wrong.yaml", runs=0)
+    result = cli("describe", "wrong")
+    assert result.exit_code == 2 and "configs/wrong.yaml:4:" in result.stderr and result.stdout == ""
+
+
+def test_describe_a_configuration_with_a_picture(configs, monkeypatch):
+    """The portrait of its plant, with the parameters it has there; the usual message where there is none."""
+    result = cli("describe", "fig1", "--plot", "plant.svg")
+    message = " ".join(result.stderr.split())
+    assert result.exit_code == 2 and "fig1 has no picture (there is one of plants/servo" in message
+    write(configs, file="friction.yaml", plant="{kind: servo}")
+    result = cli("describe", "friction", "--plot", "plant.svg")
+    assert result.exit_code == 0 and result.stderr == "written plant.svg\n"
+    assert result.stdout.startswith("configs/friction.yaml\n")
+    assert (configs.parent / "plant.svg").read_bytes().startswith(b"<?xml")
+
+
+def test_list_of_the_functions_of_claims():
+    """Oracle: the grammar's own table."""
+    from rmpc_bench.analysis.claim_tree import FUNCTIONS
+
+    lines = cli("list", "functions").stdout.splitlines()
+    assert [line.split("(")[0] for line in lines] == [*FUNCTIONS]
+
+
+def test_keys_inside_a_key_are_described():
+    """Oracle: the fields of the dataclasses, with their meanings, and the default as YAML."""
+    shown = cli("describe", "plants/uncertain-linear").stdout
+    assert "(default {law: uniform, low: -1, high: 1, per: step})" in shown
+    assert "        against : of a greedy law, the method whose error is made as large as can be\n" in shown
+    assert "        w : added to the largest singular value" in cli("describe", "enhanced-robust").stdout

@@ -154,7 +154,6 @@ def test_only_deep_imports_what_it_needs(tmp_path):
         "rmpc_bench.cli.deep",
         "rmpc_bench.experiment.deep",
         "rmpc_bench.simulation.tolerance",
-        "rmpc_bench.simulation.linear_loop",
     }
     for options, expected in (([], set()), (["--deep"], own)):
         command = [sys.executable, "-c", program, "check", str(write(tmp_path)), *options]

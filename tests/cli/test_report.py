@@ -103,10 +103,10 @@ def test_report_of_an_interrupted_first_run(here, monkeypatch):
     """What is stored can be looked at."""
     simulate = engines.simulate_block
 
-    def interrupted(experiment, method, runs):
+    def interrupted(experiment, method, runs, *draws):
         if runs.start >= 3:
             raise KeyboardInterrupt
-        return simulate(experiment, method, runs)
+        return simulate(experiment, method, runs, *draws)
 
     monkeypatch.setattr(engines, "simulate_block", interrupted)
     path = write(here)

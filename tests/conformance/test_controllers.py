@@ -62,7 +62,7 @@ def inputs(design, x_hat, y, r):
 
 
 def test_it_is_a_controller(case):
-    """Oracle: the protocol of types.py; a design is frozen; r(k) at least is seen."""
+    """Oracle: the protocol of types/parts.py; a design is frozen; r(k) at least is seen."""
     design = case[0]
     assert isinstance(design, Controller)
     assert design.preview >= 1

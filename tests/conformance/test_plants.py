@@ -6,16 +6,33 @@ import numpy as np
 import pytest
 
 from rmpc_bench import registry
-from rmpc_bench.types import Plant, Status
+from rmpc_bench.plants.uncertainty import Uncertainty
+from rmpc_bench.types import MixesNoise, Plant, Status
 
 KINDS = registry.names("plants")
+RUNS, STEPS = 9, 10
+UNCERTAIN = {
+    "n_steps": STEPS, "A": [[0.5, 1.0, 0.1], [0.0, 0.3, -1.0], [0.2, 0.0, 0.9]],
+    "B": [[1.0, 0.5], [0.0, 1.0], [-1.0, 2.0]], "C": [[1.0, 2.0, -1.0], [0.0, 1.0, 0.3]],
+    "Bw": 1.5, "Bv": [[0.1, 0.2], [0.3, 0.0], [0.7, -0.1]],
+    "Dw": [[0.3, 0.1, -0.9], [1.0, 0.0, 0.3]], "Dv": [2.0, lambda at: 1.0 + at["k"]],
+    "H_A": [[0.1, 0.3], [0.7, -0.1], [0.2, 0.2]], "H_C": [[0.1, 0.9], [0.3, -0.4]],
+    "G_x": [[1.0, 0.3, 0.1], [0.1, 0.7, 0.3], [0.9, -0.2, 0.4]],
+    "H_Bw": [[0.1], [0.2], [0.3]], "H_Dw": [[0.7], [0.1]], "G_w": [[0.1, lambda at: 0.1 * at["k"], 0.3]],
+    "H_Bv": 0.3, "H_Dv": [[0.1, 0.7, 0.2], [0.3, 0.1, 0.9]], "G_v": [[0.9, 0.1], [0.3, 0.7]],
+}  # fmt: skip
 PARAMETERS = {
     "servo": [{}, {"alpha_l0": 0.0, "alpha_l1": 0.0}],
     "servo-linear": [{}],
+    "uncertain-linear": [
+        {"n_steps": STEPS, "A": 0.9, "B": 1.0, "C": 1.0, "Bw": 1.0, "H_A": 0.1, "H_C": 0.2, "G_x": 1.0},
+        UNCERTAIN,
+        UNCERTAIN | {"uncertainty": Uncertainty("extremes", -0.3, 0.7, per="run")},
+        UNCERTAIN | {"uncertainty": Uncertainty("fixed", value={"x": -1.0})},
+    ],
 }
 """Parameters that make a design of each kind; a new kind gets a line here."""
 CASES = [(kind, number) for kind in KINDS for number in range(len(PARAMETERS.get(kind, [])))]
-RUNS, STEPS = 9, 10
 
 
 def test_every_registered_kind_is_tested():
@@ -39,14 +56,21 @@ def generators(rows):
     return [np.random.default_rng((99, int(row))) for row in rows]
 
 
+def drawn(plant, parameters, w, v, rows=range(RUNS)):
+    """What a plant draws for some rows, and the noises that its step and output get: samples k = 0..STEPS-1."""
+    delta = plant.draw(parameters, generators(rows), w.shape[1] - 1)
+    return delta, *(plant.mix(delta, w, v) if isinstance(plant, MixesNoise) else (w, v))
+
+
 def run(plant, parameters, x, u, w, v, rows=range(RUNS)):
     """States, outputs and statuses of some rows over time: (rows, samples, nx), (rows, samples, ny), (rows,)."""
     rows = list(rows)
-    delta = plant.draw({name: values[rows] for name, values in parameters.items()}, generators(rows), STEPS)
+    parameters = {name: values[rows] for name, values in parameters.items()}
+    delta, w, v = drawn(plant, parameters, w[rows], v[rows], rows)
     x, xs, ys = x[rows], [], []
     for k in range(STEPS):
-        ys.append(plant.output(k, delta, x, v[rows, k]))
-        x, status = plant.step(k, delta, x, u[rows, k], w[rows, k])
+        ys.append(plant.output(k, delta, x, v[:, k]))
+        x, status = plant.step(k, delta, x, u[rows, k], w[:, k])
         xs.append(x)
     return np.stack(xs, axis=1), np.stack(ys, axis=1), status
 
@@ -58,7 +82,7 @@ def same(left, right):
 
 
 def test_it_is_a_plant(case):
-    """Oracle: the protocol of types.py; a design is frozen."""
+    """Oracle: the protocol of types/parts.py; a design is frozen."""
     plant = case[0]
     assert isinstance(plant, Plant)
     assert plant.Ts == 0.1
@@ -80,18 +104,18 @@ def test_arguments_are_left_alone(case):
     """Oracle: copies of all arrays, those of delta included, taken before the calls."""
     plant, parameters, x, u, w, v = case
     before = [values.copy() for values in (*parameters.values(), x, u, w, v)]
-    delta = plant.draw(parameters, generators(range(RUNS)), STEPS)
-    drawn = [values.copy() for values in delta]
-    plant.step(0, delta, x, u[:, 0], w[:, 0])
-    plant.output(0, delta, x, v[:, 0])
+    delta, mixed_w, mixed_v = drawn(plant, parameters, w, v)
+    kept = [values.copy() for values in (*delta, mixed_w, mixed_v)]
+    plant.step(0, delta, x, u[:, 0], mixed_w[:, 0])
+    plant.output(0, delta, x, mixed_v[:, 0])
     same((*parameters.values(), x, u, w, v), before)
-    same(delta, drawn)
+    same((*delta, mixed_w, mixed_v), kept)
 
 
 def test_the_same_call_twice_gives_the_same_bits(case):
     """Oracle: the plant has no memory."""
-    plant, parameters, x, u, w, _ = case
-    delta = plant.draw(parameters, generators(range(RUNS)), STEPS)
+    plant, parameters, x, u, w, v = case
+    delta, w, _ = drawn(plant, parameters, w, v)
     same(plant.step(0, delta, x, u[:, 0], w[:, 0]), plant.step(0, delta, x, u[:, 0], w[:, 0]))
     same(run(*case), run(*case))
 
@@ -129,11 +153,21 @@ def test_a_missing_number_leaves_the_other_runs_alone(case, broken):
     assert np.isnan(ours[0][4]).any()
 
 
+@pytest.mark.parametrize("broken", ["w", "v"])
+def test_a_missing_noise_leaves_the_other_runs_alone(case, broken):
+    """Oracle: the block without it, bit for bit."""
+    plant, parameters, x, u, w, v = case
+    expected, (w, v) = run(*case), (w.copy(), v.copy())
+    (w if broken == "w" else v)[4, 3] = np.nan
+    ours = run(plant, parameters, x, u, w, v)
+    same([np.delete(part, 4, axis=0) for part in ours], [np.delete(part, 4, axis=0) for part in expected])
+
+
 def test_the_nominal_parameters_are_admissible(case):
     """Oracle: every name that `perturb` may use has a finite value and no status."""
     plant = case[0]
     assert all(np.isfinite(value) for value in plant.nominal.values())
     parameters = {name: np.array([value]) for name, value in plant.nominal.items()}
-    delta = plant.draw(parameters, generators([0]), 1)
-    motion = plant.step(0, delta, np.zeros((1, plant.nx)), np.zeros((1, plant.nu)), np.zeros((1, plant.nw)))
+    delta, w, _ = drawn(plant, parameters, np.zeros((1, 2, plant.nw)), np.zeros((1, 2, plant.nv)), [0])
+    motion = plant.step(0, delta, np.zeros((1, plant.nx)), np.zeros((1, plant.nu)), w[:, 0])
     np.testing.assert_array_equal(motion.status, [Status.OK])

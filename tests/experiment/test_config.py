@@ -159,7 +159,7 @@ def test_a_method_of_the_same_kind_changes_single_keys(load):
 
 
 def test_a_method_of_another_kind_replaces_the_default(load):
-    """Nothing of the default's keys remains."""
+    """Nothing of the default's keys remains; `form`, which came later, is left out at its default."""
     config = load(
         estimator="{kind: robust-kalman, c: 0.1}",
         methods="{a: {estimator: {kind: kalman}}, b: {estimator: {kind: risk-sensitive, theta_from: {c: 0.1}}}}",

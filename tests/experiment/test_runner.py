@@ -155,10 +155,10 @@ def test_an_interrupted_run_continues_where_it_was(noisy, tmp_path, monkeypatch)
     """Blocks that are stored are not computed again, and the bytes are those of an uninterrupted run."""
     simulate = engines.simulate_block
 
-    def interrupted(experiment, method, runs):
+    def interrupted(experiment, method, runs, *draws):
         if runs.start >= 9:
             raise KeyboardInterrupt
-        return simulate(experiment, method, runs)
+        return simulate(experiment, method, runs, *draws)
 
     monkeypatch.setattr(engines, "simulate_block", interrupted)
     command = ("-s", "execution.block=3")

@@ -30,16 +30,20 @@ def test_names_and_order_of_truths_are_not_the_experiment(tmp_path, monkeypatch,
     assert result.exit_code == 0 and not blocks
 
 
-def test_a_store_of_an_earlier_version(tmp_path):
-    """It is one, and the message says which way out there is."""
+def test_a_store_of_an_earlier_version(tmp_path, monkeypatch):
+    """It cannot be read, and the message says which way out there is: a run completes it and computes nothing again."""
     path = write(tmp_path)
-    ran(path, tmp_path / "a")
+    first = ran(path, tmp_path / "a")
     with sqlite3.connect(tmp_path / "a" / "trials.sqlite") as connection:
         connection.execute("DROP TABLE traces")
+        connection.execute("DROP TABLE ensemble")
     connection.close()
-    result = cli("run", path, "-o", tmp_path / "a", "-j", 1)
+    result = cli("report", tmp_path / "a")
     assert result.exit_code == 5
-    assert "holds trials of an earlier version; choose another -o DIR, or --fresh" in result.stderr
+    assert "holds trials of an earlier version; rmpc-bench run completes it" in result.stderr
+    blocks = spied(monkeypatch)
+    assert ran(path, tmp_path / "a") == first and blocks == []
+    assert cli("report", tmp_path / "a").exit_code == 0
 
 
 def test_points_with_different_methods_keep_their_series_apart(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from conftest import ROUND, random_model, random_psd
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.numerics.riccati import error_radius, filter_step
+from rmpc_bench.numerics.riccati import error_map, error_radius, filter_step, predictor_gain, predictor_step
 
 
 @pytest.mark.parametrize(("nx", "ny"), [(1, 1), (4, 1), (3, 2), (2, 3)])
@@ -64,3 +64,55 @@ def test_the_radius_of_the_error_is_that_of_each_matrix(rng):
     assert error_radius(A, K[:1], C).shape == (1,)
     one = error_radius(np.array([[[0.5]]]), np.array([[[2.0]], [[0.0]]]), np.array([[[1.0]]]))
     np.testing.assert_array_equal(one, [1.5, 0.5])
+
+
+def joint_noise(rng, nx, ny):
+    """Random covariance of two correlated noises."""
+    return random_psd(rng, nx + ny)
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(1, 1), (4, 1), (3, 2), (2, 3)])
+def test_the_predictor_step_is_the_textbooks(nx, ny, rng):
+    """Oracle: the gain and the Riccati equation with correlated noises, written out with an explicit inverse."""
+    m, J, P = random_model(rng, nx, 1, ny), joint_noise(rng, nx, ny), random_psd(rng, nx)
+    Q, S, R = J[:nx, :nx], J[:nx, nx:], J[nx:, nx:]
+    step = predictor_step(np.vstack([m.A, m.C]), J, P)
+    Y = m.C @ P @ m.C.T + R
+    K = (m.A @ P @ m.C.T + S) @ np.linalg.inv(Y)
+    np.testing.assert_allclose(step.K, K, atol=1e-11)
+    np.testing.assert_allclose(step.P_next, m.A @ P @ m.A.T + Q - K @ Y @ K.T, atol=1e-11)
+    np.testing.assert_array_equal(step.P_next, step.P_next.T)
+    np.testing.assert_array_equal(error_map(K), np.hstack([np.eye(nx), -K]))
+
+
+def test_the_steady_predictor_solves_the_algebraic_equation(rng):
+    """Oracle: scipy.linalg.solve_discrete_are with a cross term."""
+    m, J, P = random_model(rng, 3, 1, 2), joint_noise(rng, 3, 2), np.eye(3)
+    for _ in range(500):
+        P = predictor_step(np.vstack([m.A, m.C]), J, P).P_next
+    np.testing.assert_allclose(P, solve_discrete_are(m.A.T, m.C.T, J[:3, :3], J[3:, 3:], s=J[:3, 3:]), rtol=1e-9)
+
+
+def test_a_predictor_of_a_perfectly_known_output_learns_nothing_from_it(rng):
+    """Oracle: by hand; the innovation is 0, so that K = 0 and P+ = A P A' + Q."""
+    m, J = random_model(rng, 3, 1, 1), np.zeros((4, 4))
+    J[:3, :3] = random_psd(rng, 3)
+    step = predictor_step(np.vstack([m.A, m.C]), J, np.zeros((3, 3)))
+    np.testing.assert_array_equal(step.K, np.zeros((3, 1)))
+    np.testing.assert_array_equal(step.P_next, J[:3, :3])
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e9])
+def test_redundant_sensors_share_their_gain(unit, rng):
+    """Oracle: one sensor alone, whatever the unit of its twin; K y is the same for measurements that agree."""
+    N, P = rng.standard_normal((3, 1)), 2.0
+    once = predictor_gain(N, np.array([[P]]))
+    scale = np.array([[1.0], [unit]])
+    twice = predictor_gain(N @ scale.T, P * scale @ scale.T)
+    np.testing.assert_allclose(twice @ scale, once, rtol=1e-12)
+
+
+def test_a_precise_sensor_beside_a_poor_one_is_not_taken_for_singular():
+    """Oracle: by hand; variances 1e-18 and 1 apart."""
+    K = predictor_gain(np.array([[1e-18, 0.5]]), np.diag([1e-18, 1.0]))
+    np.testing.assert_allclose(K, [[1.0, 0.5]], **ROUND)

@@ -70,3 +70,18 @@ def record():
         return replace(trials, traces=traces, Ts=Ts, units={"y": "rad", "u": "V"})
 
     return add
+
+
+@pytest.fixture
+def with_series():
+    """Return a function that adds series to a table, each as (method, quantity, component, values over k, n)."""
+
+    def add(trials, *series):
+        parts = [
+            pd.DataFrame({**dict(zip(names, head, strict=True)), "k": np.arange(len(values)), "value": values, "n": n})
+            for *head, values, n in series
+        ]
+        return replace(trials, series=pd.concat([trials.series, *parts] if len(trials.series) else parts))
+
+    names = ("method", "quantity", "component")
+    return add

@@ -3,8 +3,10 @@
 import pytest
 from small_experiment import write
 
-from rmpc_bench import load_config
-from rmpc_bench.types import ConfigError
+from rmpc_bench import load_config, registry
+from rmpc_bench.experiment.schema import model_of, validate
+from rmpc_bench.experiment.yaml import parse
+from rmpc_bench.types import ConfigError, Outlook
 
 
 @pytest.mark.parametrize(
@@ -75,3 +77,66 @@ def test_a_smoke_run_is_shorter_than_its_figures(tmp_path):
     """A window beyond its end is no mistake of the file."""
     path = write(tmp_path, record="{runs: 2}", figures="[{kind: trajectories, from: 0.7}]", smoke="{runs: 1, steps: 2}")
     assert load_config(path, smoke=True).figures
+
+
+MOMENTS = {"mean(x)": (2,), "mean(x_hat)": (2,), "mean(e)": (2,), "cov(x)": (2, 2), "cov(e)": (2, 2)}
+P = {"P": (2, 2)}
+NEEDS = ("", "needs ensemble moments: evaluate: [runs, moments]")
+
+
+def mistakes(kind, text, series, end=10.0):
+    """What a figure says against an outlook."""
+    problems = []
+    keys = validate(model_of("figures", kind), parse(text, "f.yaml"), [], problems)
+    assert not problems
+    parameters = {name: getattr(keys, name) for name in type(keys).model_fields}
+    return registry.get("figures", kind).mistakes(parameters, Outlook({}, end, series, 1))
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "series", "found"),
+    [
+        ("means", "{}", MOMENTS, []),
+        ("means", "{}", P, [NEEDS]),
+        ("means", "{component: 2}", MOMENTS, [("component", "there is no state 2 (they count from 0 to 1)")]),
+        ("means", "{from: 5, to: 2}", MOMENTS, [("from", "the window from 5 to 2 s is empty")]),
+        ("variance-with-bound", "{log: true, component: 1}", MOMENTS | P, []),
+        ("variance-with-bound", "{}", {}, [NEEDS]),
+        ("variance-with-bound", "{}", P, [NEEDS]),
+        ("variance-with-bound", "{}", MOMENTS, [("", "none of these methods tells a covariance P of its own")]),
+        (
+            "variance-with-bound",
+            "{}",
+            {"cov(e)": (7, 7), "P": (7, 7)},
+            [("component", "there are 7 states, at most 6 fit: choose one of 0 to 6")],
+        ),
+        ("variance-with-bound", "{component: 6}", {"cov(e)": (7, 7), "P": (7, 7)}, []),
+        ("ellipses", "{x: a, y: b}", MOMENTS | P, []),
+        ("ellipses", "{x: a, y: b}", P, [NEEDS]),
+        ("ellipses", "{x: a, y: b}", MOMENTS, [("", "none of these methods tells a covariance P of its own")]),
+        (
+            "ellipses",
+            "{x: a, y: b, components: [0, 2]}",
+            MOMENTS | P,
+            [("components", "there is no state 2 (they count from 0 to 1)")],
+        ),
+        (
+            "ellipses",
+            "{x: a, y: b, components: [1, 1]}",
+            MOMENTS | P,
+            [("components", "must be two different states")],
+        ),
+    ],
+)
+def test_what_figures_of_an_ensemble_ask_for(kind, text, series, found):
+    """Moments, and for a bound or an ellipse a P; a state that there is."""
+    assert mistakes(kind, text, series) == found
+
+
+@pytest.mark.parametrize("figure", ["means", "variance-with-bound", "{kind: ellipses, x: mse, y: input_power}"])
+def test_an_experiment_without_moments(tmp_path, figure):
+    """The way out is in the message, at the figure."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, figures=f"[{figure}]"))
+    (problem,) = caught.value.problems
+    assert (problem.path, problem.message) == ("figures.0", NEEDS[1])

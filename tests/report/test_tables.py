@@ -1,6 +1,7 @@
 """Screen, Markdown page and CSV files."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -184,3 +185,20 @@ def test_csv_of_the_derived_tables(make_trials, tmp_path):
     assert (tmp_path / "comparisons.csv").read_text().splitlines()[
         1
     ] == "B,A,mse,100.0,,,0,1,0,0.0,1.000,1,not separated"
+
+
+def test_an_oracle_is_marked_on_screen_and_page(make_trials):
+    """Oracle: the word, beside the method that is told what it should estimate, and what it means."""
+    trials = make_trials({"mse": {"B": [2.0, 3.0, 2.6], "genie": [1.0, 2.0, 1.5]}})
+    trials = replace(trials, oracles=frozenset({"genie"}))
+    text = on_screen(trials)
+    assert "genie (oracle) " in text and "B (oracle)" not in text
+    assert "an oracle is told what no estimator can know" in text
+    assert "| genie (oracle) |" in page(trials)
+
+
+def test_an_enormous_change_has_an_exponent(make_trials):
+    """Oracle: the digits fit into the column; 1e101 against 50 would have a hundred of them."""
+    text = on_screen(make_trials({"mse": {"B": [50.0, 60.0, 55.0], "A": [1e101, 3e101, 2e101]}}))
+    assert max(map(len, text.split("\n"))) < 140
+    assert "e+101 % [" in text

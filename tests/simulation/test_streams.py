@@ -58,7 +58,7 @@ def test_noise_is_drawn_from_the_streams_of_its_terms():
     """Oracle: the golden streams; the standard deviations times standard normals."""
     draws = scenario().draw(Walk(), range(5, 8), 10)
     for row, run in enumerate(range(5, 8)):
-        np.testing.assert_array_equal(draws.w[row], 0.1 * golden(run, "w/0").standard_normal((10, 1)))
+        np.testing.assert_array_equal(draws.w[row], 0.1 * golden(run, "w/0").standard_normal((11, 1)))
         np.testing.assert_array_equal(draws.v[row], 0.2 * golden(run, "v/0").standard_normal((11, 1)))
 
 
@@ -94,7 +94,7 @@ def test_the_first_50_runs_of_200_are_the_50_runs():
 def test_a_longer_experiment_begins_with_the_shorter_one():
     """Oracle: samples are drawn in the order of time."""
     short, long = scenario().draw(Walk(), range(3), 10), scenario().draw(Walk(), range(3), 30)
-    np.testing.assert_array_equal(long.w[:, :10], short.w)
+    np.testing.assert_array_equal(long.w[:, :11], short.w)
     np.testing.assert_array_equal(long.v[:, :11], short.v)
 
 
@@ -110,7 +110,7 @@ def test_a_second_term_of_noise_adds_to_the_first():
     """Oracle: independent streams per term, summed."""
     one = scenario().draw(Walk(), range(3), 10).w
     two = scenario(process=(gaussian(1, std=0.1), gaussian(1, std=1.0))).draw(Walk(), range(3), 10).w
-    second = [stream(SEED, run, "w/1").standard_normal((10, 1)) for run in range(3)]
+    second = [stream(SEED, run, "w/1").standard_normal((11, 1)) for run in range(3)]
     np.testing.assert_array_equal(two, one + second)
 
 
@@ -135,7 +135,7 @@ def test_without_noise_nothing_is_random():
     """Oracle: zeros."""
     draws = scenario(x0_noise=None, process=(), measurement=(), x0=np.array([2.0])).draw(Walk(), range(3), 4)
     np.testing.assert_array_equal(draws.x0, np.full((3, 1), 2.0))
-    np.testing.assert_array_equal(draws.w, np.zeros((3, 4, 1)))
+    np.testing.assert_array_equal(draws.w, np.zeros((3, 5, 1)))
     np.testing.assert_array_equal(draws.v, np.zeros((3, 5, 1)))
 
 

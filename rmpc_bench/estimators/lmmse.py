@@ -1,0 +1,157 @@
+"""Best linear predictor of an uncertain system whose uncertainty is white with a known law.
+
+Model   the system of uncertain_system.py; every F is zero but for its diagonal, whose entries are independent of each
+        other, over time and of everything else, with one mean and one variance.
+        P is the exact covariance of x_pred - x over noises and uncertainty, X the second moment E x x' (here u = 0:
+        inputs make x larger, and with H_A or H_C also the error).
+Source  linear least-squares estimation with multiplicative white noise: Nahi, IEEE Trans. Information Theory 15 (1969);
+        De Koning, Automatica 20 (1984); written for this system from the moments of [x(k+1); y(k)] given the past.
+Limit   without uncertainty, or with variance 0, the Kalman predictor of the mean system.
+Cost    as every gain schedule.
+Fails   design error where E x x' overflows: the system is not stable in the mean square.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, Model, predictor_schedule
+from rmpc_bench.models.belief import Belief, beliefs
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.numerics.kl_ball import LARGEST
+from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.riccati import predictor_step
+from rmpc_bench.types import Array, DesignError, NonNegative
+
+
+@dataclass(frozen=True)
+class Law:
+    """Law of the diagonal entries of the F, `{low: -1, high: 1}` or `{mean: 0, variance: 1/3}`.
+
+    Parameters
+    ----------
+    low, high : bounds of a uniform law
+    mean, variance : all that the predictor needs of any other law
+    """
+
+    low: float | None = None
+    high: float | None = None
+    mean: float | None = None
+    variance: NonNegative | None = None
+
+    def __post_init__(self) -> None:
+        """Insist on one of the two ways to say it."""
+        uniform, moments = (self.low, self.high), (self.mean, self.variance)
+        if None in (moments if uniform == (None, None) else uniform) or (None, None) not in (uniform, moments):
+            raise ValueError("give either low and high or mean and variance")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"low ({self.low:g}) must not exceed high ({self.high:g})")
+
+    @property
+    def moments(self) -> tuple[float, float]:
+        """Mean and variance."""
+        if self.low is not None and self.high is not None:
+            return 0.5 * (self.low + self.high), (self.high - self.low) ** 2 / 12.0
+        return self.mean or 0.0, self.variance or 0.0
+
+
+class Source(NamedTuple):
+    """An uncertain part of [x(k+1); y] without its mean: H (F - E F) G times something."""
+
+    H: Float[Array, "nz r"]
+    G: Float[Array, "s n"]
+
+    def covariance(self, second: Float[Array, "n n"], variance: float) -> Float[Array, "nz nz"]:
+        """Return H diag(variance (G E[q q'] G')_ii) H' for the second moment of q."""
+        r = min(self.H.shape[1], len(self.G))
+        H, G = self.H[:, :r], self.G[:r]
+        product: Array = (H * (variance * (G.dot(second) * G).sum(axis=1))).dot(H.T)
+        return product
+
+
+def design(
+    model: Model,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    law: Law | None = None,
+) -> GainScheduleFilter:
+    """Best linear predictor under white uncertainty of a known law.
+
+    Parameters
+    ----------
+    model : uncertain model
+    n_steps : number of control periods N; gains are made for k = 0..N
+    x0 : (nx,) mean of the initial state
+    P0 : (nx, nx) its covariance
+    law : of the diagonal entries of the F: `{low: -1, high: 1}` is uniform, and taken unless one is given; else
+        `{mean: 0, variance: 1/3}`
+
+    Raises
+    ------
+    DesignError
+        If E x x' overflows.
+    """
+    mean, variance = (law or Law(low=-1.0, high=1.0)).moments
+    believed = beliefs(model, n_steps)
+    moments = None
+    models, P, K, X = [], [P0], [], []
+    mu, cov = x0, P0
+    for k, now in enumerate(believed):
+        if moments is None or now is not moments.belief:
+            moments = Moments(now, mean, variance)
+        second = cov + np.outer(mu, mu)
+        J = moments.noise(second)
+        step = predictor_step(moments.M, J, P[-1])
+        models.append(moments.model)
+        X.append(second)
+        K.append(step.K)
+        P.append(step.P_next)
+        nx = len(mu)
+        mu = moments.model.A.dot(mu) + moments.model.f0
+        cov = symmetrise(moments.model.A.dot(cov).dot(moments.model.A.T) + J[:nx, :nx])
+        if not cov.trace() + mu.dot(mu) < LARGEST:  # true for nan
+            raise DesignError(
+                f"the second moment of the state grows beyond {LARGEST:g} at k = {k + 1}: the system is not stable in "
+                "the mean square; choose a smaller variance or fewer steps"
+            )
+    return predictor_schedule(models, x0, K, P[:-1], extra={"X": np.array(X)})
+
+
+class Moments:
+    """The system in the mean at one k, and the covariance of what is left."""
+
+    def __init__(self, belief: Belief, mean: float, variance: float) -> None:
+        self.belief, self.variance = belief, variance
+        m, old = belief.m, belief.nominal
+        nx = len(m.A)
+        self.x = Source(np.vstack([m.H_A, m.H_C]), m.G_x)
+        w, v = Source(np.vstack([m.H_Bw, m.H_Dw]), m.G_w), Source(np.vstack([m.H_Bv, m.H_Dv]), m.G_v)
+        self.M: Array = np.vstack([m.A, m.C]) + _mean_part(self.x, mean)
+        extra_w, extra_v = _mean_part(w, mean), _mean_part(v, mean)
+        enters = np.hstack([np.vstack([m.Bw, m.Dw]) + extra_w, np.vstack([m.Bv, m.Dv]) + extra_v])
+        joint = np.block([[belief.W, belief.S], [belief.S.T, belief.V]])
+        W = belief.W + np.outer(belief.wbar, belief.wbar)
+        V = belief.V + np.outer(belief.vbar, belief.vbar)
+        uncertain = w.covariance(W, variance) + v.covariance(V, variance)
+        self.J: Array = symmetrise(enters.dot(joint).dot(enters.T) + uncertain)
+        shift = extra_w.dot(belief.wbar) + extra_v.dot(belief.vbar)
+        Q, R, S = self.J[:nx, :nx], self.J[nx:, nx:], self.J[:nx, nx:]
+        f0, d0 = old.f0 + shift[:nx], old.d0 + shift[nx:]
+        self.model = LinearModel(self.M[:nx], m.B, self.M[nx:], Q, R, S_wv=S, f0=f0, d0=d0)
+
+    def noise(self, second: Float[Array, "nx nx"]) -> Float[Array, "nz nz"]:
+        """Covariance of what enters [x(k+1); y] beside its mean, for E x x'."""
+        return self.J + self.x.covariance(second, self.variance)
+
+
+def _mean_part(source: Source, mean: float) -> Float[Array, "nz n"]:
+    """H E[F] G."""
+    r = min(source.H.shape[1], len(source.G))
+    product: Array = mean * source.H[:, :r].dot(source.G[:r])
+    return product

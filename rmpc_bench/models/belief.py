@@ -1,0 +1,70 @@
+"""What an estimator believes at one k, in the matrices of an uncertain linear system, whatever its model is.
+
+Model   an UncertainModel as it is; any other model as a system without uncertainty, x(k+1) = A x + B u + f0 + w,
+        y = C x + d0 + v: Bw = I, Dv = I, Bv = 0, Dw = 0, H = 0, G = 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.uncertain_linear import UncertainModel
+from rmpc_bench.models.uncertain_system import SIZES, Matrices
+from rmpc_bench.types import Array
+
+
+@runtime_checkable
+class ModelOverTime(Protocol):
+    """A linear model, possibly another one at every k."""
+
+    def at(self, k: int, /) -> LinearModel:
+        """The nominal model at k."""
+
+
+class Belief(NamedTuple):
+    """An uncertain system with its noises at one k."""
+
+    nominal: LinearModel
+    """The part without uncertainty, with the constant parts f0 and d0."""
+    m: Matrices
+    W: Float[Array, "nw nw"]
+    V: Float[Array, "nv nv"]
+    S: Float[Array, "nw nv"]
+    wbar: Float[Array, " nw"]
+    """Mean of w; zero for a model without uncertainty, where f0 and d0 say it all."""
+    vbar: Float[Array, " nv"]
+
+
+def beliefs(model: ModelOverTime, n_steps: int, scale: float = 1.0) -> list[Belief]:
+    """Beliefs at k = 0..N, the same object as long as nothing varies.
+
+    Parameters
+    ----------
+    model : an UncertainModel, or any other, which is taken for one without uncertainty
+    n_steps : N
+    scale : factor of all uncertainty
+    """
+    found: list[Belief] = []
+    if isinstance(model, UncertainModel):
+        system = model.system.scaled(scale)
+        noises = (model.W, model.V, model.S, model.wbar, model.vbar)
+        for k in range(n_steps + 1 if system.varies else 1):
+            found.append(Belief(model.at(k), system.at(k), *noises))
+        return found if system.varies else found * (n_steps + 1)
+    for k in range(n_steps + 1):
+        now = model.at(k)
+        found.append(found[-1] if found and found[-1].nominal is now else _certain(now))
+    return found
+
+
+def _certain(now: LinearModel) -> Belief:
+    nx, ny = now.nx, now.ny
+    sizes = {name: 1 for pair in SIZES.values() for name in pair} | {"nx": nx, "nu": now.nu, "ny": ny}
+    sizes |= {"nw": nx, "nv": ny}
+    zero = {name: np.zeros((sizes[rows], sizes[columns])) for name, (rows, columns) in SIZES.items()}
+    m = Matrices(**{**zero, "A": now.A, "B": now.B, "C": now.C, "Bw": np.eye(nx), "Dv": np.eye(ny)})
+    return Belief(now, m, now.Q_w, now.R_v, now.S_wv, np.zeros(nx), np.zeros(ny))

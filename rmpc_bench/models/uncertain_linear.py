@@ -1,0 +1,153 @@
+"""What a method believes of an uncertain linear system: nominal matrices, bounds of the uncertainty, noises.
+
+Model   the system of uncertain_system.py with white noises, w with mean wbar and covariance W, v with vbar and V, their
+        cross-covariance E (w - wbar)(v - vbar)' = S.
+        Filters without uncertainty see the nominal part, x(k+1) = A x + B u + f0 + w~, y = C x + d0 + v~, with
+        f0 = Bw wbar + Bv vbar, d0 = Dw wbar + Dv vbar and the covariances of w~ = Bw w + Bv v and v~ = Dw w + Dv v.
+Source  souto2011, (8), (9), (20), (21).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.uncertain_system import Matrices, UncertainSystem, takes_matrices, uncertain_system
+from rmpc_bench.numerics.linalg import as_covariance, as_vector, symmetrise
+from rmpc_bench.types import Array, DesignError, Matrix, SystemMatrix
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainModel:
+    """An uncertain linear system with what is believed of its noises."""
+
+    system: UncertainSystem
+    W: Float[Array, "nw nw"]
+    V: Float[Array, "nv nv"]
+    S: Float[Array, "nw nv"]
+    wbar: Float[Array, " nw"]
+    vbar: Float[Array, " nv"]
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return self.system.size("nx")
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.system.size("nu")
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.system.size("ny")
+
+    @property
+    def Q_w(self) -> Float[Array, "nx nx"]:
+        """Covariance of w~ at k = 0."""
+        return self.at(0).Q_w
+
+    @property
+    def w_law(self) -> tuple[Float[Array, " nw"], Float[Array, "nw nw"]]:
+        """Mean and covariance of the process noise w."""
+        return self.wbar, self.W
+
+    @property
+    def v_law(self) -> tuple[Float[Array, " nv"], Float[Array, "nv nv"]]:
+        """Mean and covariance of the measurement noise v."""
+        return self.vbar, self.V
+
+    @property
+    def noise(self) -> tuple[Float[Array, " nn"], Float[Array, "nn nn"]]:
+        """Mean and covariance of [w; v]."""
+        joint = np.block([[self.W, self.S], [self.S.T, self.V]])
+        return np.concatenate([self.wbar, self.vbar]), joint
+
+    @property
+    def correlated(self) -> bool:
+        """Whether w and v have a cross-covariance."""
+        return bool(self.S.any())
+
+    def at(self, k: int) -> LinearModel:
+        """The nominal part at k."""
+        return self._nominal_at(self.system.at(k)) if self.system.varies else self._always
+
+    @cached_property
+    def _always(self) -> LinearModel:
+        return self._nominal_at(self.system.at(0))
+
+    def _nominal_at(self, m: Matrices) -> LinearModel:
+        mean, joint = self.noise
+        B, D = np.hstack([m.Bw, m.Bv]), np.hstack([m.Dw, m.Dv])
+        Q_w, R_v = symmetrise(B @ joint @ B.T), symmetrise(D @ joint @ D.T)
+        return LinearModel(m.A, m.B, m.C, Q_w, R_v, S_wv=B @ joint @ D.T, f0=B @ mean, d0=D @ mean)
+
+
+@takes_matrices
+def design(
+    n_steps: int,
+    *,
+    W: Matrix = 0.0,
+    V: Matrix = 0.0,
+    S: float | list[list[float]] = 0.0,
+    wbar: float | list[float] = 0.0,
+    vbar: float | list[float] = 0.0,
+    **matrices: SystemMatrix,
+) -> UncertainModel:
+    """Uncertain linear model; with `from: plant` the matrices that are not given are those of the plant.
+
+    A matrix that is not given is zero; a number is that number times the identity, a list the diagonal; entries may
+    depend on the time index k.
+
+    Parameters
+    ----------
+    n_steps : number of control periods N
+    matrices : the matrices of the system
+    W : (nw, nw) covariance of w
+    V : (nv, nv) covariance of v
+    S : (nw, nv) cross-covariance of w and v
+    wbar : (nw,) mean of w
+    vbar : (nv,) mean of v
+
+    Raises
+    ------
+    DesignError
+        If sizes do not fit together, or the covariances do not belong to any w and v.
+    """
+    system = uncertain_system(n_steps, matrices)
+    nw, nv = system.size("nw"), system.size("nv")
+    cov_w, cov_v = _sized("W", as_covariance, W, nw), _sized("V", as_covariance, V, nv)
+    mean_w, mean_v = _sized("wbar", as_vector, wbar, nw), _sized("vbar", as_vector, vbar, nv)
+    return UncertainModel(system, cov_w, cov_v, _cross(S, cov_w, cov_v), mean_w, mean_v)
+
+
+def _sized(name: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array:
+    """Expand a short form; a size that does not fit is the parameter's fault."""
+    try:
+        return expand(value, n)
+    except ValueError as error:
+        raise DesignError(str(error), name) from None
+
+
+def _cross(S: float | list[list[float]], W: Array, V: Array) -> Float[Array, "nw nv"]:
+    """Expand a cross-covariance and check that there are noises that have it."""
+    shape = (len(W), len(V))
+    try:
+        given = np.array(S, dtype=float)
+    except ValueError:
+        raise DesignError("must be a list of rows of the same length", "S") from None
+    cross = np.zeros(shape) if given.ndim == 0 and not given.any() else np.atleast_2d(given)
+    if cross.shape != shape:
+        raise DesignError(f"shape {cross.shape} does not fit: {shape[0]} x {shape[1]} numbers are wanted", "S")
+    try:
+        as_covariance(np.block([[W, cross], [cross.T, V]]), sum(shape))
+    except ValueError:
+        raise DesignError("no noises with covariances W and V have this cross-covariance", "S") from None
+    return cross

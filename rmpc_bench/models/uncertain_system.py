@@ -1,0 +1,221 @@
+"""The matrices of an uncertain linear system, and their sizes.
+
+System  x(k+1) = (A + H_A F_x G_x) x + B u + (Bw + H_Bw F_w G_w) w + (Bv + H_Bv F_v G_v) v,
+        y(k)   = (C + H_C F_x G_x) x       + (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v,
+        F_x' F_x <= I, F_w' F_w <= I, F_v' F_v <= I, else free and different at every k.
+Source  souto2011, (24), (25), (34)-(38), with an input u.
+Form    matrices with separate uncertainties, (26)-(31), share an F with more columns here: H_A = [h 0], H_C = [0 h'].
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.linalg import at_sample
+from rmpc_bench.types import Array, DesignError, SystemMatrix
+
+
+class Matrices(NamedTuple):
+    """All matrices at one k, or with axis 0 = k of length 1 or N + 1."""
+
+    A: Float[Array, "*k nx nx"]
+    B: Float[Array, "*k nx nu"]
+    Bw: Float[Array, "*k nx nw"]
+    Bv: Float[Array, "*k nx nv"]
+    C: Float[Array, "*k ny nx"]
+    Dw: Float[Array, "*k ny nw"]
+    Dv: Float[Array, "*k ny nv"]
+    H_A: Float[Array, "*k nx rx"]
+    H_C: Float[Array, "*k ny rx"]
+    G_x: Float[Array, "*k sx nx"]
+    H_Bw: Float[Array, "*k nx rw"]
+    H_Dw: Float[Array, "*k ny rw"]
+    G_w: Float[Array, "*k sw nw"]
+    H_Bv: Float[Array, "*k nx rv"]
+    H_Dv: Float[Array, "*k ny rv"]
+    G_v: Float[Array, "*k sv nv"]
+
+
+SIZES: Mapping[str, tuple[str, str]] = {
+    "A": ("nx", "nx"), "B": ("nx", "nu"), "Bw": ("nx", "nw"), "Bv": ("nx", "nv"),
+    "C": ("ny", "nx"), "Dw": ("ny", "nw"), "Dv": ("ny", "nv"),
+    "H_A": ("nx", "rx"), "H_C": ("ny", "rx"), "G_x": ("sx", "nx"),
+    "H_Bw": ("nx", "rw"), "H_Dw": ("ny", "rw"), "G_w": ("sw", "nw"),
+    "H_Bv": ("nx", "rv"), "H_Dv": ("ny", "rv"), "G_v": ("sv", "nv"),
+}  # fmt: skip
+"""Matrix -> what its rows and columns count: states, inputs, outputs, noises, rows and columns of the F."""
+
+MEANINGS: Mapping[str, str] = {
+    "A": "state matrix", "B": "input matrix", "C": "output matrix",
+    "Bw": "how the process noise w enters the state", "Bv": "how the measurement noise v enters the state",
+    "Dw": "how w enters the output", "Dv": "how v enters the output",
+    "H_A": "how F_x enters A", "H_C": "how F_x enters C", "G_x": "what F_x sees of the state",
+    "H_Bw": "how F_w enters Bw", "H_Dw": "how F_w enters Dw", "G_w": "what F_w sees of w",
+    "H_Bv": "how F_v enters Bv", "H_Dv": "how F_v enters Dv", "G_v": "what F_v sees of v",
+}  # fmt: skip
+REQUIRED = ("A", "C")
+
+CHANNELS: Mapping[str, tuple[str, str, str]] = {
+    "x": ("H_A", "H_C", "G_x"),
+    "w": ("H_Bw", "H_Dw", "G_w"),
+    "v": ("H_Bv", "H_Dv", "G_v"),
+}
+"""Name of an F -> where it enters x(k+1), where it enters y(k), what it sees."""
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainSystem:
+    """An uncertain linear system; `over_time` has axis 0 = k, of length 1 where nothing varies."""
+
+    over_time: Matrices
+
+    def at(self, k: int) -> Matrices:
+        """Matrices at k; of a system that does not vary, those that hold always."""
+        return self._always if self._always is not None else Matrices(*(at_sample(M, k) for M in self.over_time))
+
+    @cached_property
+    def _always(self) -> Matrices | None:
+        constant = all(len(M) == 1 for M in self.over_time)
+        return Matrices(*(M[0] for M in self.over_time)) if constant else None
+
+    @property
+    def varies(self) -> bool:
+        """Whether any matrix depends on k."""
+        return self._always is None
+
+    def size(self, name: str) -> int:
+        """Length that a name of `SIZES` stands for, such as ``nx``."""
+        matrix, axis = next((matrix, sizes.index(name)) for matrix, sizes in SIZES.items() if name in sizes)
+        return int(getattr(self.over_time, matrix).shape[1 + axis])
+
+    @cached_property
+    def active(self) -> frozenset[str]:
+        """Names of the matrices that are not zero, and of the channels whose F changes anything."""
+        matrices = {name for name, M in self.over_time._asdict().items() if M.any()}
+        channels = {name for name, (H, H_out, G) in CHANNELS.items() if G in matrices and {H, H_out} & matrices}
+        return frozenset(matrices | channels)
+
+    def scaled(self, factor: float) -> UncertainSystem:
+        """Return the system with all uncertainty times a factor."""
+        new = {name: factor * getattr(self.over_time, name) for names in CHANNELS.values() for name in names[:2]}
+        return UncertainSystem(self.over_time._replace(**new))
+
+
+Design = TypeVar("Design", bound=Callable[..., Any])
+
+
+def takes_matrices(design: Design) -> Design:
+    """Give a design function the matrices of a system as keywords, those of its own ``**matrices``.
+
+    Its signature, from which the keys of a configuration come, and its docstring list them one by one.
+    """
+    signature = inspect.signature(design)
+    own = [parameter for parameter in signature.parameters.values() if parameter.kind != parameter.VAR_KEYWORD]
+    matrices = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=inspect.Parameter.empty if name in REQUIRED else None,
+            annotation=SystemMatrix,
+        )
+        for name in MEANINGS
+    ]
+    positional = [parameter for parameter in own if parameter.kind == parameter.POSITIONAL_OR_KEYWORD]
+    rest = [parameter for parameter in own if parameter.kind == parameter.KEYWORD_ONLY]
+    vars(design)["__signature__"] = signature.replace(parameters=[*positional, *matrices, *rest])
+    lines = [f"{name} : ({', '.join(SIZES[name])}) {meaning}" for name, meaning in MEANINGS.items()]
+    text = inspect.getdoc(design) or ""
+    design.__doc__ = text.replace("matrices : the matrices of the system", "\n".join(lines))
+    return design
+
+
+def uncertain_system(n_steps: int, given: Mapping[str, SystemMatrix]) -> UncertainSystem:
+    """Read the matrices of a system and fill in what is not given.
+
+    Parameters
+    ----------
+    n_steps : N; matrices that vary are made for k = 0..N
+    given : matrices by the names of `SIZES`; each None (zero), a number (times the identity), a list (the diagonal), a
+        matrix as a list of rows, or an array (k, rows, columns); entries may be functions of ``{"k": k}``
+
+    Raises
+    ------
+    DesignError
+        If a name is not known or missing, sizes do not fit together, or an entry has no value at some k.
+    """
+    for name in sorted({*given} - {*SIZES}):
+        raise DesignError(f"{name!r} is no matrix of an uncertain system; there are {', '.join(SIZES)}", name)
+    for name in REQUIRED:
+        if given.get(name) is None:
+            raise DesignError(f"the matrix {name} is missing", name)
+    read = {name: _read(name, value, n_steps) for name, value in given.items() if value is not None}
+    sizes = _sizes(read)
+    full: dict[str, Array] = {}
+    for name, (rows, columns) in SIZES.items():
+        shape = (sizes[rows], sizes[columns])
+        matrix = read.get(name)
+        full[name] = np.zeros((1, *shape)) if matrix is None else _expanded(name, matrix, shape)
+    for H, H_out, G in CHANNELS.values():
+        if G not in read and any(name in read and full[name].any() for name in (H, H_out)):
+            raise DesignError(f"{H} and {H_out} need {G}: the uncertainty is {H} F {G}", H if H in read else H_out)
+    return UncertainSystem(Matrices(**full))
+
+
+def _read(name: str, value: Any, n_steps: int) -> Array:
+    """Return an array (k,) of numbers, (k, n) of diagonals or (k, rows, columns) of matrices."""
+    if isinstance(value, np.ndarray) and value.ndim == 3:
+        if len(value) not in (1, n_steps + 1):
+            raise DesignError(f"has {len(value)} entries over k; 1 or {n_steps + 1} are wanted", name)
+        return np.array(value, dtype=float)
+    entries = np.array(value, dtype=object)
+    if entries.ndim > 2 or any(isinstance(entry, list) for entry in entries.flat):
+        raise DesignError("must be a number, a list (the diagonal) or a list of rows of the same length", name)
+    varies = any(callable(entry) for entry in entries.flat)
+    found = [_values(name, entries, k) for k in range(n_steps + 1 if varies else 1)]
+    return np.array(found)
+
+
+def _values(name: str, entries: Array, k: int) -> Array:
+    try:
+        values = [entry({"k": k}) if callable(entry) else entry for entry in entries.flat]
+    except ValueError as error:
+        raise DesignError(f"has no value at k = {k}: {error}", name) from None
+    return np.array(values, dtype=float).reshape(entries.shape)
+
+
+def _sizes(read: Mapping[str, Array]) -> dict[str, int]:
+    """Find what the rows and columns of all matrices count: from matrices and diagonals, then from numbers."""
+    sizes: dict[str, int] = {}
+
+    def learn(name: str, shape: tuple[int, ...]) -> None:
+        for what, size, length in zip(("rows", "columns"), SIZES[name], shape, strict=True):
+            if sizes.setdefault(size, length) != length:
+                raise DesignError(f"has {length} {what}; {sizes[size]} fit the other matrices ({size})", name)
+
+    for name, matrix in read.items():
+        if matrix.ndim > 1:
+            learn(name, matrix.shape[1:] if matrix.ndim == 3 else matrix.shape[1:] * 2)
+    numbers = [name for name, matrix in read.items() if matrix.ndim == 1 and matrix.any()]
+    for name in numbers * len(numbers):  # again and again: a number may tell a size that an earlier one needs
+        known = [sizes[size] for size in SIZES[name] if size in sizes]
+        if len(set(known)) == 1:
+            learn(name, (known[0], known[0]))
+    return {size: sizes.get(size, 1) for pair in SIZES.values() for size in pair}
+
+
+def _expanded(name: str, matrix: Array, shape: tuple[int, int]) -> Float[Array, "k rows columns"]:
+    if matrix.ndim == 3:
+        return matrix
+    if matrix.ndim == 1 and not matrix.any():
+        return np.zeros((1, *shape))
+    if shape[0] != shape[1]:
+        message = f"a number stands for a multiple of the identity, but {shape[0]} x {shape[1]} entries are wanted"
+        raise DesignError(message, name)
+    return matrix.reshape(len(matrix), 1, -1) * np.eye(shape[0])

@@ -1,0 +1,89 @@
+"""The zeros of a linear system with any number of inputs and outputs.
+
+A zero is a z at which [A - zI, B; C, D] has a lower rank than at almost every other z.  Zeros at infinity are taken
+out by orthogonal transformations first, until D is square and regular: as eigenvalues of the whole pencil they would be
+numbers of the order of 1e16^(1/d) for a relative degree d, which nothing tells from zeros.
+
+Source  Emami-Naeini and Van Dooren, Automatica 18 (1982).
+Limit   D square and regular: the eigenvalues of A - B D^-1 C.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from rmpc_bench.numerics.stability import balanced
+from rmpc_bench.types import Array
+
+SMALL = 10.0 * float(np.finfo(float).eps)
+"""Singular values below this times the size and norm of the system are rounding."""
+
+System = tuple[Array, Array, Array, Array]
+
+
+def zeros(
+    A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"], D: Float[Array, "p m"] | None = None
+) -> Complex[Array, " zeros"]:
+    """Return the finite zeros in no order; hidden modes that lower the rank are among them.
+
+    Parameters
+    ----------
+    A : (n, n) state matrix
+    B : (n, m) input matrix
+    C : (p, n) output matrix
+    D : (p, m) feedthrough, zero unless given
+    """
+    from scipy.linalg import eigvals
+
+    system = _scaled(A, B, C, np.zeros((len(C), B.shape[1])) if D is None else D)
+    tol = SMALL * sum(np.shape(system[3]) + np.shape(A)) * float(np.linalg.norm(np.block(_blocks(system))))
+    A, B, C, D = _dual(_without_infinite(_dual(_without_infinite(system, tol)), tol))
+    n, outputs = len(A), np.hstack([C, D])
+    if n == 0:
+        return np.empty(0, dtype=complex)
+    W = np.linalg.svd(outputs)[2][len(outputs) :].T  # the states and inputs (n + r, n) that give no output
+    found: Array = eigvals(np.hstack([A, B]) @ W, W[:n]).astype(complex)
+    return found
+
+
+def _without_infinite(system: System, tol: float) -> System:
+    """Take out zeros at infinity, until D has full row rank.
+
+    Outputs that no input reaches at once are functions of the state; kept at zero they fix some of its directions,
+    which therefore stay zero: what would move them is the new output.
+    """
+    A, B, C, D = system
+    while True:
+        U, rank = _range(D, tol)
+        C, D = U.T @ C, (U.T @ D)[:rank]
+        V, fixed = _range(C[rank:].T, tol)
+        A, B, C = V.T @ A @ V, V.T @ B, C[:rank] @ V
+        if fixed == 0:
+            return A, B, C, D
+        C, D = np.vstack([C[:, fixed:], A[:fixed, fixed:]]), np.vstack([D, B[:fixed]])
+        A, B = A[fixed:, fixed:], B[fixed:]
+
+
+def _range(M: Array, tol: float) -> tuple[Array, int]:
+    """Orthogonal matrix whose first columns span the range of M, and how many they are."""
+    U, s, _ = np.linalg.svd(M)
+    return U, int((s > tol).sum())
+
+
+def _dual(system: System) -> System:
+    A, B, C, D = system
+    return A.T, C.T, B.T, D.T
+
+
+def _scaled(A: Array, B: Array, C: Array, D: Array) -> System:
+    """Choose units in which A, B and C are about as large; zeros do not depend on them."""
+    A, B, C = balanced(A, B, C)
+    size = float(np.linalg.norm(A)) or 1.0
+    b, c = (size / (float(np.linalg.norm(M)) or size) for M in (B, C))
+    return A, b * B, c * C, b * c * D
+
+
+def _blocks(system: System) -> list[list[Array]]:
+    A, B, C, D = system
+    return [[A, B], [C, D]]

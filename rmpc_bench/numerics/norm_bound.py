@@ -1,0 +1,231 @@
+"""Bounds of a covariance for every F of norm at most 1.
+
+For a > lambda_max(G P G') and every F with F' F <= I,
+
+        (M + H F G) P (M + H F G)' <= M Pc M' + a H H',   Pc = P + P G' (a I - G P G')^-1 G P.
+
+The excess t = a - lambda_max(G P G') > 0 is what is chosen; a I - G P G' is made from t, never by a difference, so that
+a small t keeps its digits.  An uncertainty that sees nothing (P G' = 0) needs no a: at t = 0 the bound is M P M'.
+
+Symbols a is 1/alpha: a_x, a_w, a_v = 1/alpha_x, 1/alpha_w, 1/alpha_v; Pc, Wc, Vc are P, W, V widened as above.
+Source  souto2011, Lemma 1, (46)-(49), Table 2, Steps 1 and 2, (85)-(87).  Not from there: the a that makes a trace
+        least (`best_excess`), and those that leave it no larger than another does (`no_worse`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types import Array
+
+_FLOOR, _CEILING = 1e-9, 1e9
+"""A chosen excess stays within these multiples of the scale of G P G': beyond, the bound is flat or overflows."""
+
+
+@dataclass(frozen=True)
+class Excess:
+    """How far a lies above lambda_max(G P G'): by `eps`, or by `gamma` times lambda_max itself."""
+
+    eps: float | None = None
+    gamma: float | None = None
+
+    def over(self, largest: float) -> float:
+        """Return t for the largest eigenvalue of G P G'."""
+        if self.eps is not None:
+            return self.eps  # (85)-(87)
+        return (self.gamma or 0.0) * largest
+
+
+class Widening(NamedTuple):
+    """The multiplier a, the gap a I - G P G' and its inverse; the inverse is 0 where F sees nothing and t = 0."""
+
+    a: float
+    gap: Float[Array, "s s"]
+    inverse: Float[Array, "s s"]
+
+
+def spectrum(GPG: Float[Array, "s s"]) -> tuple[Float[Array, " s"], Float[Array, "s s"]]:
+    """Return the eigenvalues, ascending and none of them negative, and the eigenvectors of G P G'."""
+    if len(GPG) == 1:
+        return np.maximum(GPG[0], 0.0), np.ones((1, 1))
+    lam, U = np.linalg.eigh(GPG)
+    return np.maximum(lam, 0.0), U
+
+
+def widen(GPG: Float[Array, "s s"], excess: Excess) -> Widening:
+    """Choose a for G P G' and invert a I - G P G'.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If the chosen excess is 0 although something is seen.
+    """
+    if len(GPG) == 1:
+        largest = max(GPG.item(), 0.0)
+        t = excess.over(largest)
+        if t > 0.0:
+            return Widening(largest + t, np.array([[t]]), np.array([[1.0 / t]]))
+        return _seeing_nothing(largest, 1)
+    lam, U = spectrum(GPG)
+    largest = float(lam[-1])
+    t = excess.over(largest)
+    if not t > 0.0:
+        return _seeing_nothing(largest, len(lam))
+    gaps = (largest - lam) + t
+    return Widening(largest + t, (U * gaps).dot(U.T), (U / gaps).dot(U.T))
+
+
+def _seeing_nothing(largest: float, s: int) -> Widening:
+    if largest > 0.0:
+        raise ZeroDivisionError("a must exceed the largest eigenvalue of G P G'")
+    return Widening(0.0, np.zeros((s, s)), np.zeros((s, s)))
+
+
+def keep_a(old: Widening, difference: Float[Array, "s s"]) -> Widening | None:
+    """Use the same a for another covariance; None where a is too small for it.
+
+    Parameters
+    ----------
+    old : for G P G'
+    difference : G P G' less its successor
+    """
+    if not difference.any():
+        return old
+    gap = old.gap + difference
+    smallest = gap.item() if len(gap) == 1 else float(np.linalg.eigvalsh(gap)[0])
+    return Widening(old.a, gap, 1.0 / gap if len(gap) == 1 else np.linalg.inv(gap)) if smallest > 0.0 else None
+
+
+def best_excess(lam: Float[Array, " s"], p: Float[Array, " s"], q: float) -> float:
+    """Return the t = a - lambda_max that makes sum_i p_i / (a - lam_i) + q a least.
+
+    The derivative vanishes where sum_i p_i / (a - lam_i)^2 = q; with one eigenvalue at t = sqrt(p / q).
+
+    Parameters
+    ----------
+    lam : eigenvalues, ascending
+    p : weights, not negative
+    q : price of a, not negative
+    """
+    largest = float(lam[-1])
+    floor, ceiling = _FLOOR * largest, _CEILING * largest
+    if q <= 0.0 or not np.isfinite(p).all():
+        return ceiling if q <= 0.0 and p.any() else floor
+    return min(max(_fall_to(q, p, largest - lam, 2), floor), ceiling)
+
+
+def no_worse(lam: Float[Array, " s"], p: Float[Array, " s"], q: float, t0: float) -> tuple[float, float]:
+    """Return the least and the largest t at which sum_i p_i / (a - lam_i) + q a is not larger than at t0.
+
+    The sum is convex in t, so that t0 is one end; with d_i = lambda_max - lam_i, the other is where
+    sum_i p_i / ((t0 + d_i) (t + d_i)) = q; with one eigenvalue at t = p / (q t0).
+
+    Parameters
+    ----------
+    lam, p, q : as in `best_excess`
+    t0 : > 0
+    """
+    if q <= 0.0:
+        return (t0 if p.any() else 0.0), math.inf
+    gaps = lam[-1] - lam
+    other = _fall_to(q, p / (t0 + gaps), gaps, 1)
+    return min(t0, other), max(t0, other)
+
+
+def _fall_to(q: float, p: Float[Array, " s"], gaps: Float[Array, " s"], power: int) -> float:
+    """Return the t where sum_i p_i / (t + gaps_i)^power falls to q, 0 where it is never larger.
+
+    The sum falls and is convex, so that Newton's method from the left comes from one side; it begins where one term
+    alone falls to q.
+    """
+    terms = [(one / q, gap) for one, gap in zip(p.tolist(), gaps.tolist(), strict=True) if one > 0.0]
+    t = max((weight ** (1.0 / power) - gap for weight, gap in terms), default=0.0)
+    if t <= 0.0:
+        t = 0.0
+        if sum(weight / gap**power for weight, gap in terms) <= 1.0:
+            return 0.0
+    for _ in range(100 if len(terms) > 1 and t < math.inf else 0):
+        ratios = [(weight / (t + gap) ** power, t + gap) for weight, gap in terms]
+        step = (sum(r for r, _ in ratios) - 1.0) / (power * sum(r / d for r, d in ratios))
+        t += step
+        if step <= 1e-12 * t:
+            break
+    return t
+
+
+class NoiseChannel:
+    """Bound of (M + H F G) W (M + H F G)' for one white noise, as a function of the excess t.
+
+    In Table 2, for w: M = [Bw; Dw] and H = [H_Bw; H_Dw], so that M Wc M' + a_w H H' is what w adds to
+    [B U_c B' + Delta_3, Psi_1; Psi_1', Psi_2].
+
+    Parameters
+    ----------
+    M, H : (nz, n), (nz, r) how the noise and its F enter [x(k+1); y]
+    G : (s, n) what F sees of the noise
+    W : (n, n) covariance of the noise
+    """
+
+    def __init__(
+        self, M: Float[Array, "nz n"], H: Float[Array, "nz r"], G: Float[Array, "s n"], W: Float[Array, "n n"]
+    ) -> None:
+        self.base: Array = M.dot(W).dot(M.T)
+        self.lam, U = spectrum(G.dot(W).dot(G.T))
+        self.present = bool(H.any() and self.lam[-1] > 0.0)
+        """Whether the uncertainty changes anything."""
+        self.cross: Array = M.dot(W).dot(G.T).dot(U)
+        self.H = H
+        self._HH: Array = H.dot(H.T)
+
+    def excess(self, rule: Excess) -> float:
+        """Return t as a rule gives it; 0 where there is no uncertainty."""
+        return rule.over(float(self.lam[-1])) if self.present else 0.0  # Step 1, (86), (87)
+
+    def best(self, T: Float[Array, "nx nz"], within: tuple[float, float] = (0.0, math.inf)) -> float:
+        """Return the t that makes trace(T bound T') least; 0 where that is the limit.
+
+        Parameters
+        ----------
+        T : (nx, nz) what the bound is seen through
+        within : least and largest t to choose from
+        """
+        if not self.present or not self.cross.any():
+            return 0.0
+        return min(max(best_excess(self.lam, *self._prices(T)), within[0]), within[1])
+
+    def no_worse(self, T: Float[Array, "nx nz"], t0: float) -> tuple[float, float]:
+        """Return the least and the largest t at which trace(T bound T') is not larger than at t0 > 0."""
+        return no_worse(self.lam, *self._prices(T), t0) if self.present else (0.0, math.inf)
+
+    def _prices(self, T: Float[Array, "nx nz"]) -> tuple[Float[Array, " s"], float]:
+        """Return the p and q of trace(T bound T') = constant + sum_i p_i / (a - lam_i) + q a."""
+        seen, own = T.dot(self.cross), T.dot(self.H)
+        return (seen * seen).sum(axis=0), float((own * own).sum())
+
+    def a(self, t: float) -> float:
+        """Multiplier; 0 where there is no uncertainty."""
+        return float(self.lam[-1]) + t if self.present else 0.0  # Step 1, (48), (49)
+
+    def nominal(self, t: float) -> Float[Array, "nz nz"]:
+        """Return M Wc M'.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If t = 0 although the nominal noise shares directions with the uncertainty.
+        """
+        if not self.present or not self.cross.any():
+            return self.base
+        if not t > 0.0:
+            raise ZeroDivisionError("a must exceed the largest eigenvalue of G W G'")
+        bound: Array = self.base + (self.cross / ((self.lam[-1] - self.lam) + t)).dot(self.cross.T)  # Step 2
+        return bound
+
+    def own(self, t: float) -> Float[Array, "nz nz"]:
+        """Return a H H'."""
+        return self.a(t) * self._HH  # Step 1: Delta_3, Delta_1, Delta_2

@@ -1,0 +1,189 @@
+"""How far an uncertain loop is from instability: for every uncertainty of norm 1, and in the mean square.
+
+Loop    x(k+1) = (A + H F(k) G) x(k).  It is quadratically stable for all F(k) with F'F <= I, free at every k, exactly
+        where rho(A) < 1 and the H-infinity norm of G (zI - A)^-1 H is below 1; its second moments settle under white F
+        exactly where the spectral radius of X -> E (A + H F G) X (A + H F G)' is below 1.
+Source  norm: Bruinsma and Steinbuch, Systems & Control Letters 14 (1990); quadratic stability: Packard and Doyle, IEEE
+        Trans. Automatic Control 35 (1990); the mean square by Kronecker products.
+Chosen  the angles of *all* eigenvalues of the symplectic pencil are tried, and those half-way between neighbours: where
+        the gain exceeds a level, the ends of the interval are among them, so that no tolerance has to tell which
+        eigenvalues are on the unit circle.
+"""
+
+from __future__ import annotations
+
+from math import inf, nan, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types import Array
+
+ACCURACY = 1e-10
+"""Relative; the pencil's double eigenvalues, right to sqrt(1e-16), tell no less."""
+GRID = 64
+"""Angles of the first guess, beside those of the eigenvalues of A."""
+INSIDE = 1.0 - 1e-12
+"""An eigenvalue of larger modulus is on the unit circle in all but rounding."""
+NOTHING = 1e-13
+"""Share of a number that may be rounding."""
+
+System = tuple[Array, Array, Array]
+
+
+class Peak(NamedTuple):
+    """Where the gain of a system is largest."""
+
+    norm: float
+    angle: float
+    """Frequency [rad per step], 0 to pi; NaN where the gain is infinite or the same everywhere."""
+
+
+def spectral_radius(A: Float[Array, "n n"]) -> float:
+    """Return the largest modulus of an eigenvalue."""
+    return float(np.abs(np.linalg.eigvals(A)).max())
+
+
+def hinf_norm(
+    A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"], D: Float[Array, "p m"] | None = None
+) -> float:
+    """Return the H-infinity norm of C (zI - A)^-1 B + D; see `hinf_peak`."""
+    return hinf_peak(A, B, C, D).norm
+
+
+def hinf_peak(
+    A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"], D: Float[Array, "p m"] | None = None
+) -> Peak:
+    """Find the largest gain of C (zI - A)^-1 B + D on the unit circle.
+
+    The norm is one of the transfer matrix: it is infinite where a mode with |z| >= 1 leads from B to C, and a mode
+    that B does not excite or C does not see leaves no trace in it, stable or not.  Whether rho(A) < 1 is another
+    question, which quadratic stability asks, too.  It is right to a relative 1e-10, or to what rounding of A leaves:
+    about 1e-15 over the distance of the poles from the unit circle.
+
+    Parameters
+    ----------
+    A : (n, n) state matrix
+    B : (n, m) input matrix
+    C : (p, n) output matrix
+    D : (p, m) feedthrough, zero unless given
+    """
+    D = np.zeros((len(C), B.shape[1])) if D is None else D
+    A, B, C = balanced(A, B, C)
+    if spectral_radius(A) > INSIDE:
+        stable, unstable, errors = _split(A, B, C)
+        if not _vanishes(unstable, errors):
+            return Peak(inf, nan)
+        A, B, C = stable
+        nothing = _vanishes(stable, errors)
+    else:
+        nothing = _vanishes((A, B, C))
+    if nothing:
+        return Peak(float(np.linalg.norm(D, 2)), nan)
+    first = np.concatenate([np.linspace(0.0, pi, GRID), np.abs(np.angle(np.linalg.eigvals(A)))])
+    peak = _highest((A, B, C), D, first)
+    while True:  # each turn raises the peak; the error is squared
+        level = peak.norm * (1.0 + ACCURACY)
+        found = _highest((A, B, C), D, _candidates((A, B, C), D, level))
+        if found.norm <= level:  # nothing exceeds the level
+            return max(peak, found)
+        peak = found
+
+
+def balanced(A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"]) -> System:
+    """Return the system in units of the states in which rows and columns are about as large; exact, by powers of two.
+
+    What is balanced are the states and one more, which all outputs feed and which feeds all inputs.
+    """
+    from scipy.linalg import matrix_balance
+
+    n = len(A)
+    sizes = np.zeros((n + 1, n + 1))
+    sizes[:n, :n], sizes[:n, n], sizes[n, :n] = np.abs(A), np.abs(B).sum(axis=1), np.abs(C).sum(axis=0)
+    units = matrix_balance(sizes, permute=False, separate=True)[1][0][:n]
+    return A * units / units[:, None], B / units[:, None], C * units
+
+
+def _highest(system: System, D: Array, angles: Float[Array, " angles"]) -> Peak:
+    """Find the largest gain at some angles."""
+    A, B, C = system
+    resolvent = np.exp(1j * angles)[:, None, None] * np.eye(len(A)) - A
+    gains = np.linalg.norm(C @ np.linalg.solve(resolvent, B) + D, 2, axis=(-2, -1))
+    best = int(np.argmax(gains))
+    return Peak(float(gains[best]), float(angles[best]))
+
+
+def _candidates(system: System, D: Array, level: float) -> Float[Array, " angles"]:
+    """Angles of which one has a gain above a level, if any angle has.
+
+    Where level is a singular value of G(z), |z| = 1, there are u and v with G u = level v and G* v = level u; written
+    with the states of G and of its adjoint, that is a generalised eigenvalue problem for z, without any inverse.
+    """
+    from scipy.linalg import block_diag, eig
+
+    A, B, C = system
+    n, m, p = len(A), B.shape[1], len(C)
+    share = sqrt(float(np.linalg.norm(C) / np.linalg.norm(B)))  # a unit of the state in which B and C are as large
+    B, C, D = B * (share / sqrt(level)), C / (share * sqrt(level)), D / level
+    M, N = np.zeros((2, 2 * n + m + p, 2 * n + m + p))
+    x, q, u, v = np.split(np.arange(len(M)), [n, 2 * n, 2 * n + m])
+    M[np.ix_(x, x)], M[np.ix_(x, u)] = A, B  # z x = A x + B u
+    M[np.ix_(q, q)] = np.eye(n)  # q = z (A' q + C' v)
+    M[np.ix_(v, x)], M[np.ix_(v, u)], M[np.ix_(v, v)] = C, D, -np.eye(p)  # level v = C x + D u
+    M[np.ix_(u, q)], M[np.ix_(u, v)], M[np.ix_(u, u)] = B.T, D.T, -np.eye(m)  # level u = B' q + D' v
+    N[: 2 * n, : 2 * n], N[np.ix_(q, v)] = block_diag(np.eye(n), A.T), C.T
+    alpha, beta = eig(M, N, right=False, homogeneous_eigvals=True)
+    ends = np.concatenate([[0.0], np.sort(np.abs(np.angle(alpha * beta.conj()))), [pi]])
+    return np.concatenate([ends, 0.5 * (ends[1:] + ends[:-1])])
+
+
+def _split(A: Array, B: Array, C: Array) -> tuple[System, System, tuple[float, float]]:
+    """Part a system into the stable modes and the others, which add up to it; with the rounding of their B and C."""
+    from scipy.linalg import schur, solve_sylvester
+
+    T, Z, n = schur(A, output="real", sort=lambda re, im: abs(complex(re, im)) <= INSIDE)
+    X = solve_sylvester(T[:n, :n], -T[n:, n:], -T[:n, n:]) if 0 < n < len(A) else np.zeros((n, len(A) - n))
+    error = NOTHING * (1.0 + float(np.linalg.norm(X)))
+    errors = error * float(np.linalg.norm(B)), error * float(np.linalg.norm(C))
+    B, C = Z.T @ B, C @ Z
+    stable = T[:n, :n], B[:n] - X @ B[n:], C[:, :n]
+    unstable = T[n:, n:], B[n:], C[:, :n] @ X + C[:, n:]
+    return stable, unstable, errors
+
+
+def _vanishes(system: System, errors: tuple[float, float] | None = None) -> bool:
+    """Whether C (zI - A)^-1 B is zero but for rounding, which is to say C A^j B for all j < n.
+
+    The entries of B and C may be wrong by `errors`, those of a system as it was given by a share of themselves.
+    """
+    A, B, C = system
+    size, seen = np.abs(B), np.abs(C)
+    B_error = NOTHING * size if errors is None else np.full(B.shape, errors[0])
+    C_error = NOTHING * seen if errors is None else np.full(C.shape, errors[1])
+    for _ in range(len(A)):
+        if (np.abs(C @ B) > seen @ B_error + C_error @ size).any():
+            return False
+        B, size, B_error = A @ B, np.abs(A) @ size, np.abs(A) @ B_error
+    return True
+
+
+def mean_square_radius(
+    A: Float[Array, "n n"], H: Float[Array, "n r"], G: Float[Array, "s n"], mean: float, variance: float
+) -> float:
+    """Return the spectral radius of X -> E (A + H F G) X (A + H F G)'.
+
+    Parameters
+    ----------
+    A : (n, n) state matrix
+    H : (n, r) how F enters
+    G : (s, n) what F sees; F is (r, s), zero off its diagonal, with independent entries there
+    mean : of an entry of F
+    variance : of an entry of F
+    """
+    n_entries = min(H.shape[1], len(G))
+    H, G = H[:, :n_entries], G[:n_entries]
+    expected = A + mean * (H @ G)
+    pairs = np.einsum("ai,ib->iab", H, G)
+    moment = np.kron(expected, expected) + variance * sum((np.kron(M, M) for M in pairs), np.zeros((len(A) ** 2,) * 2))
+    return spectral_radius(moment)

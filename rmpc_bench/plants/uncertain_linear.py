@@ -1,0 +1,244 @@
+"""An uncertain linear system as the truth.
+
+Model   x(k+1) = (A + H_A F_x G_x) x + B u + w~,  w~ = (Bw + H_Bw F_w G_w) w + (Bv + H_Bv F_v G_v) v,
+        y(k)   = (C + H_C F_x G_x) x + v~,        v~ = (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v.
+        Noises w and v come from the section `noise`; F_x, F_w and F_v follow the law `uncertainty`.  Through the
+        uncertain matrices w~ and v~ have uncertain means, covariances and cross-covariance.
+Source  souto2011, (20)-(25), (34)-(38); B is ours.
+Cost    the noises of a block are mixed at once; a step is then five small products per run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.uncertain_system import CHANNELS, Matrices, UncertainSystem, takes_matrices, uncertain_system
+from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.plants.uncertainty import NAMES, Sequences, Uncertainty
+from rmpc_bench.types import Array, Channel, Motion, Period, Status, SystemMatrix
+
+OK = np.int8(Status.OK)
+WHITE = Uncertainty()
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainLinear:
+    """An uncertain linear system with the law of its uncertainty; `worst` is an adversary's sequence, k = 0..N."""
+
+    system: UncertainSystem
+    uncertainty: Uncertainty
+    Ts: float
+    worst: tuple[Array, Array, Array] | None = None
+
+    y_unit = u_unit = ""
+
+    @property
+    def nominal(self) -> Mapping[str, float]:
+        """Nothing here has a name that `perturb` could use."""
+        return {}
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return self.system.size("nx")
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.system.size("nu")
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.system.size("ny")
+
+    @property
+    def nw(self) -> int:
+        """Number of process noises."""
+        return self.system.size("nw")
+
+    @property
+    def nv(self) -> int:
+        """Number of measurement noises."""
+        return self.system.size("nv")
+
+    @property
+    def shapes(self) -> tuple[tuple[int, int], ...]:
+        """(r, s) of F_x, F_w, F_v."""
+        return tuple((self.system.size(f"r{name}"), self.system.size(f"s{name}")) for name in NAMES)
+
+    @property
+    def opponent(self) -> tuple[str, float] | None:
+        """Name of the method that a greedy law works against, and the largest norm of its F."""
+        against, radius = self.uncertainty.against, self.uncertainty.radius
+        return None if against is None or radius is None else (against, radius)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know of the truth."""
+        law = self.uncertainty
+        largest = {"fixed": max(map(abs, law.fixed.values())), "greedy": law.radius or 0.0}.get(
+            law.law, max(map(abs, law.bounds))
+        )
+        if largest <= 1.0:
+            return ()
+        return (f"F reaches a norm of {largest:g}; what is designed for F' F <= I has no guarantee here",)
+
+    def drawn(self, delta: Sequences) -> dict[str, Float[Array, " runs"]]:
+        """Uncertain values that a run has once and for all, by name, such as ``F_x.0``."""
+        if self.uncertainty.per != "run":
+            return {}
+        found = {}
+        for channel, name, F in zip(NAMES, delta._fields, delta, strict=True):
+            for i in range(min(F.shape[2:]) if channel in self.system.active else 0):
+                found[f"{name}.{i}"] = F[:, 0, i, i]
+        return found
+
+    def against(self, worst: tuple[Array, Array, Array]) -> UncertainLinear:
+        """Return the plant with an adversary's sequences (samples, r, s) of F_x, F_w, F_v."""
+        return replace(self, worst=worst)
+
+    def draw(
+        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
+    ) -> Sequences:
+        """Draw the matrices F of a block."""
+        if self.worst is not None:
+            return Sequences(*(np.broadcast_to(F, (len(rngs), *F.shape)) for F in self.worst))
+        if self.opponent is not None:
+            raise ValueError("a greedy law has no F before `against` has given it a sequence")
+        return self.uncertainty.draw(rngs, n_steps + 1, self.shapes)
+
+    def mix(
+        self, delta: Sequences, w: Float[Array, "runs samples nw"], v: Float[Array, "runs samples nv"]
+    ) -> tuple[Float[Array, "runs samples nx"], Float[Array, "runs samples ny"]]:
+        """Turn w and v into w~ and v~, of all samples at once."""
+        if not self.system.varies:
+            return self._mixed(self.system.at(0), delta, slice(None), w, v)
+        parts = [self._mixed(self.system.at(k), delta, slice(k, k + 1), w, v) for k in range(w.shape[1])]
+        return np.concatenate([w for w, _ in parts], axis=1), np.concatenate([v for _, v in parts], axis=1)
+
+    def _mixed(self, m: Matrices, delta: Sequences, window: slice, w: Array, v: Array) -> tuple[Array, Array]:
+        w, v = w[:, window], v[:, window]
+        rows = (w.shape[0] * w.shape[1], -1)
+        w_rows, v_rows = w.reshape(rows), v.reshape(rows)
+        seen_w = seen_v = None
+        if "w" in self.system.active:
+            seen_w = mv(delta.F_w[:, window].reshape(-1, *delta.F_w.shape[2:]), mv(m.G_w, w_rows))
+        if "v" in self.system.active:
+            seen_v = mv(delta.F_v[:, window].reshape(-1, *delta.F_v.shape[2:]), mv(m.G_v, v_rows))
+
+        def total(*terms: tuple[Array, Array | None]) -> Array:
+            """Sum what matrices make of noises, but for matrices that are zero."""
+            parts = [mv(matrix, noise) for matrix, noise in terms if noise is not None and matrix.any()]
+            mixed: Array = sum(parts) if parts else np.zeros((len(w_rows), len(terms[0][0])))  # type: ignore[assignment]
+            return mixed.reshape(*w.shape[:2], -1)
+
+        return (
+            total((m.Bw, w_rows), (m.H_Bw, seen_w), (m.Bv, v_rows), (m.H_Bv, seen_v)),  # (20)
+            total((m.Dw, w_rows), (m.H_Dw, seen_w), (m.Dv, v_rows), (m.H_Dv, seen_v)),  # (21)
+        )
+
+    def step(
+        self,
+        k: int,
+        delta: Sequences,
+        x: Float[Array, "runs nx"],
+        u: Float[Array, "runs nu"],
+        w: Float[Array, "runs nx"],
+    ) -> Motion:
+        """Move to x(k+1); ``w`` is w~ of `mix`."""
+        m = self.system.at(k)
+        x_next = mv(m.A, x) + w
+        if "x" in self.system.active:
+            x_next += _through(m.H_A, delta.F_x[:, k], mv(m.G_x, x))
+        if "B" in self.system.active:
+            x_next += mv(m.B, u)
+        return Motion(x_next, np.full(len(x), OK))
+
+    def output(
+        self, k: int, delta: Sequences, x: Float[Array, "runs nx"], v: Float[Array, "runs ny"]
+    ) -> Float[Array, "runs ny"]:
+        """Measure y(k); ``v`` is v~ of `mix`."""
+        m = self.system.at(k)
+        y = mv(m.C, x)
+        if "x" in self.system.active:
+            y += _through(m.H_C, delta.F_x[:, k], mv(m.G_x, x))
+        return y + v
+
+    def period(self, k: int) -> Period | None:
+        """How (x, [w; v]) becomes (x(k+1), y(k)), with mean and variance of F; None where F is not white."""
+        if not self.uncertainty.white:
+            return None
+        return self._period(k) if self.system.varies or self.worst is not None else self._always
+
+    @cached_property
+    def _always(self) -> Period:
+        return self._period(0)
+
+    def _period(self, k: int) -> Period:
+        m = self.system.at(k)
+        M = np.block([[m.A, m.Bw, m.Bv], [m.C, m.Dw, m.Dv]])
+        places = np.cumsum([0, self.nx, self.nw, self.nv])
+        channels = []
+        for number, name in enumerate(NAMES):
+            H, H_out, G = (getattr(m, part) for part in CHANNELS[name])
+            wide = np.zeros((len(G), M.shape[1]))
+            wide[:, places[number] : places[number + 1]] = G
+            channels.append(Channel(np.vstack([H, H_out]), wide, *self._law(k, number)))
+        return Period(M, m.B, tuple(channels))
+
+    def _law(self, k: int, number: int) -> tuple[Array, float]:
+        """Mean of an F and variance of its diagonal entries at k."""
+        if self.worst is not None:
+            return self.worst[number][k], 0.0
+        mean, variance = self.uncertainty.entry(NAMES[number]) if self.uncertainty.law != "greedy" else (0.0, 0.0)
+        return mean * np.eye(*self.shapes[number]), variance
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What is known of the system before any run: label and text."""
+        from rmpc_bench.models.uncertain_facts import facts  # only whoever asks needs the solvers behind it
+
+        known = self.uncertainty.law != "greedy" and self.uncertainty.white
+        entries = {name: self.uncertainty.entry(name) for name in NAMES} if known else None
+        return facts(self.system, entries)
+
+
+def _through(H: Float[Array, "n r"], F: Float[Array, "runs r s"], seen: Float[Array, "runs s"]) -> Array:
+    """Return H F z of every run; the usual scalar F needs no sums."""
+    if F.shape[1:] == (1, 1):
+        return (F[:, 0] * seen) * H[:, 0]
+    return mv(H, mv(F, seen))
+
+
+@takes_matrices
+def design(
+    Ts: float,
+    n_steps: int,
+    *,
+    uncertainty: Uncertainty = WHITE,
+    **matrices: SystemMatrix,
+) -> UncertainLinear:
+    """Uncertain linear system.
+
+    A matrix that is not given is zero; a number is that number times the identity, a list the diagonal; entries may
+    depend on the time index k.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    n_steps : number of control periods N
+    matrices : the matrices of the system
+    uncertainty : law of the F: {law: uniform|extremes, low: -1, high: 1, per: step|run}, {law: fixed, value: 1} or
+        {law: greedy, against: METHOD}
+
+    Raises
+    ------
+    DesignError
+        If sizes do not fit together.
+    """
+    return UncertainLinear(uncertain_system(n_steps, matrices), uncertainty, Ts)

@@ -1,0 +1,61 @@
+"""Ensemble moments as a table: bias and variance of the error at the end, beside what the estimator believes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.labels import marked
+from rmpc_bench.types import Array
+
+
+def ensemble_rows(trials: Trials) -> list[list[str]]:
+    """Return a head and a row per method; nothing where no moments were evaluated.
+
+    Parameters
+    ----------
+    trials : the table of one point
+    """
+    rows = [["error at the end", "bias x - x_hat", "variance", "mean square", "own P", ""]]
+    for method in trials.methods:
+        mean, cov, P = (_last(trials, quantity, method) for quantity in ("mean(e)", "cov(e)", "P"))
+        if mean is None or cov is None:
+            continue
+        variance = np.diagonal(cov)
+        believed = "-" if P is None else _numbers(np.diagonal(P))
+        square = f"{float(variance.sum() + mean @ mean):.4g}"
+        n = trials.n_of("cov(e)", method)
+        cells = [_numbers(np.where(np.abs(mean) < 1e-9 * np.sqrt(variance.max()), 0.0, mean)), _numbers(variance)]
+        rows.append([marked(trials, method), *cells, square, believed, f"from {n} runs" if n else "exact"])
+    return rows if len(rows) > 1 else []
+
+
+def _last(trials: Trials, quantity: str, method: str) -> Array | None:
+    try:
+        last: Array = trials.matrix_series(quantity, method)[-1]
+    except KeyError:
+        return None
+    return last
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(f"{value:.4g}" for value in values)
+
+
+def ensemble_screen(trials: Trials) -> str:
+    """Lay the table out as plain text; empty where there is none."""
+    rows = ensemble_rows(trials)
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))] if rows else []
+    return "\n".join(
+        "   ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    )
+
+
+def ensemble_markdown(trials: Trials) -> str:
+    """Lay the table out as Markdown; empty where there is none."""
+    rows = ["| " + " | ".join(row) + " |" for row in ensemble_rows(trials)]
+    if not rows:
+        return ""
+    title = f": {trials.title}" if trials.title else ""
+    head = f"## Ensemble of the error at the end{title}"
+    return "\n".join([head, "", rows[0], "|" + " --- |" * 6, *rows[1:], "", "Bias, variance and P by component.", ""])

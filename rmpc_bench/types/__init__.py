@@ -1,0 +1,91 @@
+"""Protocols and records that every other module speaks.
+
+Axis 0 of every array is the run; ``k`` is the time index.  A design is frozen and shared by all runs, a state is a
+NamedTuple of arrays, a step is pure.  The only imports are NumPy, jaxtyping and annotated-types.
+"""
+
+from rmpc_bench.types.abilities import (
+    Channel,
+    HasDrawn,
+    HasLinearPart,
+    HasOpponent,
+    HasPeriod,
+    HasRemarks,
+    Informed,
+    LinearTruth,
+    MixesNoise,
+    Period,
+)
+from rmpc_bench.types.basics import (
+    Array,
+    ConfigError,
+    Count,
+    DesignError,
+    Horizon,
+    Matrix,
+    NonNegative,
+    OfTime,
+    OverTime,
+    Positive,
+    Problem,
+    Status,
+    Statuses,
+    SystemMatrix,
+)
+from rmpc_bench.types.parts import (
+    Command,
+    Controller,
+    Estimate,
+    Estimator,
+    Method,
+    Metric,
+    MetricInfo,
+    Motion,
+    Plant,
+    Record,
+)
+from rmpc_bench.types.shown import (
+    Line,
+    Outlook,
+    Panel,
+)
+
+__all__ = [
+    "Array",
+    "Channel",
+    "Command",
+    "ConfigError",
+    "Controller",
+    "Count",
+    "DesignError",
+    "Estimate",
+    "Estimator",
+    "HasDrawn",
+    "HasLinearPart",
+    "HasOpponent",
+    "HasPeriod",
+    "HasRemarks",
+    "Horizon",
+    "Informed",
+    "Line",
+    "LinearTruth",
+    "Matrix",
+    "Method",
+    "Metric",
+    "MetricInfo",
+    "MixesNoise",
+    "Motion",
+    "NonNegative",
+    "OfTime",
+    "Outlook",
+    "OverTime",
+    "Panel",
+    "Period",
+    "Plant",
+    "Positive",
+    "Problem",
+    "Record",
+    "Status",
+    "Statuses",
+    "SystemMatrix",
+]

@@ -1,0 +1,107 @@
+"""What a part may offer beyond its protocol; whoever wants it asks with isinstance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from jaxtyping import Float
+
+from rmpc_bench.types.basics import Array
+
+
+@runtime_checkable
+class HasRemarks(Protocol):
+    """A plant or an estimator may offer this; ``check`` shows it."""
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know of it."""
+
+
+@runtime_checkable
+class Informed(Protocol):
+    """An estimator that is told what is uncertain: an oracle, marked in every table."""
+
+    @property
+    def informed(self) -> bool:
+        """True."""
+
+    def init(self, n_runs: int, delta: Any) -> Any:
+        """State before the first measurement, given the plant's record of what was drawn."""
+
+
+@runtime_checkable
+class HasOpponent(Protocol):
+    """A plant whose uncertainty may be chosen by an adversary."""
+
+    @property
+    def opponent(self) -> tuple[str, float] | None:
+        """Name of the method it works against and the largest norm of its F; None where there is no adversary."""
+
+    def against(self, worst: tuple[Array, ...]) -> Any:
+        """Return the plant with the sequences (samples, r, s) that the adversary has chosen."""
+
+
+@runtime_checkable
+class MixesNoise(Protocol):
+    """A plant may offer this; its `step` and `output` then get what `mix` makes of the noises.
+
+    Its output is the true one plus what `mix` has made of v.
+    """
+
+    def mix(
+        self, delta: Any, w: Float[Array, "runs samples nw"], v: Float[Array, "runs samples nv"]
+    ) -> tuple[Float[Array, "runs samples mw"], Float[Array, "runs samples mv"]]:
+        """Pass w and v of all samples k = 0..N through the uncertain matrices of every run."""
+
+
+@runtime_checkable
+class HasDrawn(Protocol):
+    """A plant may offer this; what it has drawn once for a run is then stored beside the named quantities."""
+
+    def drawn(self, delta: Any) -> Mapping[str, Float[Array, " runs"]]:
+        """Values by name."""
+
+
+class Channel(NamedTuple):
+    """Uncertainty H F G: the diagonal entries of F are white and independent, with one variance."""
+
+    H: Float[Array, "nz r"]
+    G: Float[Array, "s nq"]
+    mean: Float[Array, "r s"]
+    variance: float
+
+
+class Period(NamedTuple):
+    """One period of a linear plant: [x(k+1); y(k)] = (M + sum of H F G) [x; w; v] + [B u; 0]."""
+
+    M: Float[Array, "nz nq"]
+    B: Float[Array, "nx nu"]
+    channels: tuple[Channel, ...]
+
+
+@runtime_checkable
+class HasPeriod(Protocol):
+    """A plant may offer this; ensemble moments are then exact."""
+
+    def period(self, k: int) -> Period | None:
+        """The period at k; None where its uncertainty is not white."""
+
+
+class LinearTruth(NamedTuple):
+    """A plant without its nonlinear parts: x(k+1) = A x(k) + B u(k), y(k) = C x(k); a model's state is E x(k)."""
+
+    A: Float[Array, "*runs n n"]
+    B: Float[Array, "*runs n nu"]
+    C: Float[Array, "*runs ny n"]
+    E: Float[Array, "*runs nx n"]
+    """Picks the states that a model knows out of the plant's."""
+
+
+@runtime_checkable
+class HasLinearPart(Protocol):
+    """A plant may offer this; ``check --deep`` then measures how far it is from a model."""
+
+    def linear(self, parameters: Mapping[str, float]) -> LinearTruth | None:
+        """Drop what is not linear and sample the rest; None where the parameters of the run have no meaning."""

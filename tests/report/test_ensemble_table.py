@@ -1,0 +1,90 @@
+"""Bias and variance of the error at the end, beside what the estimator believes: numbers by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_rows, ensemble_screen
+
+TWO = {"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0]}}
+
+
+def moments(method, mean, variance, n):
+    """Mean and covariance of e at k = 0, 1; the first sample is another one."""
+    entries = [(method, "mean(e)", str(i), [99.0, value], n) for i, value in enumerate(mean)]
+    for i, value in enumerate(variance):
+        entries += [(method, "cov(e)", f"{i},{j}", [99.0, value if i == j else 0.25], n) for j in range(len(variance))]
+    return entries
+
+
+def believed(method, values):
+    """Diagonal P over k."""
+    return [(method, "P", f"{i},{j}", [99.0, value if i == j else 0.0], 0) for i, value in enumerate(values)
+            for j in range(len(values))]  # fmt: skip
+
+
+def test_numbers_of_the_last_sample(make_trials, with_series):
+    """The mean square is the trace of the covariance and the square of the bias: 4 + 9 + 1 + 0.25."""
+    entries = moments("A", [1.0, -0.5], [4.0, 9.0], 500) + believed("A", [5.0, 6.0])
+    head, row = ensemble_rows(with_series(make_trials(TWO), *entries))
+    assert head == ["error at the end", "bias x - x_hat", "variance", "mean square", "own P", ""]
+    assert row == ["A", "1 -0.5", "4 9", "14.25", "5 6", "from 500 runs"]
+
+
+def test_exact_ones_win(make_trials, with_series):
+    """Beside those of runs; a method may have either, and no P."""
+    entries = moments("A", [1.0], [4.0], 500) + moments("A", [0.5], [2.0], 0) + moments("B", [0.0], [3.0], 20)
+    rows = ensemble_rows(with_series(make_trials(TWO), *entries))[1:]
+    assert rows == [["A", "0.5", "2", "2.25", "-", "exact"], ["B", "0", "3", "3", "-", "from 20 runs"]]
+
+
+def test_a_bias_that_is_rounding_is_zero(make_trials, with_series):
+    """Relative to the standard deviation, so that a small bias of a small error stays."""
+    entries = moments("A", [1e-17, 1e-5], [1.0, 1.0], 0) + moments("B", [1e-17], [1e-30], 0)
+    rows = ensemble_rows(with_series(make_trials(TWO), *entries))[1:]
+    assert [row[1] for row in rows] == ["0 1e-05", "1e-17"]
+
+
+def test_oracles_are_marked(make_trials, with_series):
+    """As in the other tables."""
+    trials = with_series(make_trials(TWO), *moments("A", [0.0], [1.0], 0), *moments("B", [0.0], [1.0], 0))
+    rows = ensemble_rows(replace(trials, oracles=frozenset({"B"})))[1:]
+    assert [row[0] for row in rows] == ["A", "B (oracle)"]
+
+
+def test_nothing_without_moments(make_trials, with_series):
+    """Neither a headline nor an empty table; a method without them has no row."""
+    for trials in (make_trials(TWO), with_series(make_trials(TWO), *believed("A", [1.0]))):
+        assert ensemble_rows(trials) == []
+        assert ensemble_screen(trials) == ensemble_markdown(trials) == ""
+    rows = ensemble_rows(with_series(make_trials(TWO), *moments("B", [0.0], [1.0], 0)))
+    assert [row[0] for row in rows[1:]] == ["B"]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_an_error_beyond_all_bounds(make_trials, with_series, value):
+    """It is shown as it is, without a warning."""
+    (_, row) = ensemble_rows(with_series(make_trials(TWO), *moments("A", [0.0], [value], 0)))
+    assert row[2] == row[3] == str(value)
+
+
+def test_columns_stand_below_each_other(make_trials, with_series):
+    """On the screen; no blanks at the ends of lines."""
+    entries = moments("A", [1.0], [4.0], 500) + moments("B", [-12.25], [3.0], 0)
+    head, *lines = ensemble_screen(with_series(make_trials(TWO), *entries)).splitlines()
+    assert [line[head.index("variance") :].split()[0] for line in lines] == ["4", "3"]
+    assert [line[head.index("own P") :].split()[0] for line in lines] == ["-", "-"]
+    assert all(line == line.rstrip() for line in (head, *lines))
+
+
+def test_a_page_of_a_point(make_trials, with_series):
+    """Markdown with the name of the point."""
+    trials = with_series(make_trials(TWO), *moments("A", [1.0], [4.0], 500))
+    page = ensemble_markdown(replace(trials, title="both signs")).splitlines()
+    assert page[0] == "## Ensemble of the error at the end: both signs"
+    assert page[2:5] == [
+        "| error at the end | bias x - x_hat | variance | mean square | own P |  |",
+        "| --- | --- | --- | --- | --- | --- |",
+        "| A | 1 | 4 | 5 | - | from 500 runs |",
+    ]

@@ -1,0 +1,93 @@
+"""Mean and covariance over runs in groups: any blocks give those of NumPy."""
+
+import numpy as np
+import pytest
+
+from rmpc_bench.simulation.ensemble import SIZE, groups, joined
+
+RUNS, SAMPLES = 173, 5
+
+
+@pytest.fixture
+def trajectories(rng):
+    """States and estimates of many runs far from zero, of which some failed with wild numbers."""
+    x = 100.0 + rng.standard_normal((RUNS, SAMPLES, 2)) * [1.0, 30.0]
+    x_hat = -5.0 + rng.standard_normal((RUNS, SAMPLES, 3))
+    ok = rng.random(RUNS) > 0.1
+    x[~ok], x_hat[~ok] = np.nan, np.inf
+    return x, x_hat, ok
+
+
+def split(parts, trajectories):
+    """Gather the runs in blocks with these ends."""
+    x, x_hat, ok = trajectories
+    found = []
+    for start, stop in zip([0, *parts], [*parts, RUNS], strict=True):
+        found += groups(x[start:stop], x_hat[start:stop], ok[start:stop], range(start, stop))
+    return found
+
+
+def close(ours, trajectories):
+    """Compare with NumPy over all good runs: rounding is 1e-16 of the squares, (100)^2, over variances near 1."""
+    x, x_hat, ok = trajectories
+    z = np.concatenate([x, x_hat], axis=2)[ok]
+    n, mean, cov = ours
+    assert n == ok.sum()
+    np.testing.assert_allclose(mean, z.mean(axis=0), rtol=1e-12)
+    for k in range(SAMPLES):
+        np.testing.assert_allclose(cov[k], np.cov(z[:, k].T), rtol=1e-12, atol=1e-10)
+
+
+@pytest.mark.parametrize("parts", [[], [50, 100, 150], [1], [7, 8, 60, 130], [49, 51], list(range(1, RUNS)), [100]])
+def test_any_blocks_give_the_mean_and_covariance_of_all_runs(parts, trajectories):
+    """Oracle: numpy mean and cov of the good runs."""
+    close(joined(split(parts, trajectories)), trajectories)
+
+
+@pytest.mark.parametrize("parts", [[50], [100, 150], [50, 100, 150]])
+def test_blocks_of_whole_groups_give_the_same_bytes(parts, trajectories):
+    """Oracle: one block, bit for bit."""
+    whole, ours = split([], trajectories), split(parts, trajectories)
+    assert len(whole) == len(ours)
+    for a, b in zip(joined(whole), joined(ours), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_groups_are_fixed_ranges_of_runs(trajectories):
+    """Oracle: multiples of 50, cut by the block; how many ended well."""
+    _, _, ok = trajectories
+    found = split([60], trajectories)
+    assert SIZE == 50
+    assert [(part.first, part.stop) for part in found] == [(0, 50), (50, 60), (60, 100), (100, 150), (150, RUNS)]
+    assert [part.n for part in found] == [int(ok[part.first : part.stop].sum()) for part in found]
+
+
+@pytest.mark.parametrize("good", [[], [4], [60], [4, 60], [0, 172]])
+def test_few_good_runs(good, trajectories):
+    """Oracle: no run has no mean (zero) and no covariance; one run is its own mean; two have a covariance."""
+    x, x_hat, _ = trajectories
+    x, x_hat = np.nan_to_num(x), np.nan_to_num(x_hat, posinf=0.0)
+    ok = np.isin(np.arange(RUNS), good)
+    n, mean, cov = joined(groups(x, x_hat, ok, range(RUNS)))
+    z = np.concatenate([x, x_hat], axis=2)[ok]
+    assert n == len(good)
+    np.testing.assert_allclose(mean, z.mean(axis=0) if good else np.zeros((SAMPLES, 5)), rtol=1e-12)
+    assert np.isnan(cov).all() if n < 2 else np.allclose(cov[2], np.cov(z[:, 2].T), rtol=1e-12)
+
+
+def test_runs_that_agree_have_no_covariance():
+    """Oracle: zero, exactly: the mean of equal binary fractions is one of them."""
+    x = np.full((120, 3, 1), 0.375)
+    n, mean, cov = joined(groups(x, x, np.ones(120, dtype=bool), range(120)))
+    assert n == 120
+    np.testing.assert_array_equal(mean, np.full((3, 2), 0.375))
+    np.testing.assert_array_equal(cov, np.zeros((3, 2, 2)))
+
+
+def test_a_large_mean_does_not_swamp_a_small_spread(rng):
+    """Oracle: covariance of the deviations, which are known; squares of 1e8 would leave no digit of 1e-1."""
+    deviation = 2.0 ** np.round(rng.uniform(-8, -1, (200, 2, 1)))
+    n, _, cov = joined(groups(1e8 + deviation, -deviation, np.ones(200, dtype=bool), range(200)))
+    expected = np.cov(np.hstack([deviation[:, 0], -deviation[:, 0]]).T)
+    # A mean near 1e8 is known to 1e-8, which is what remains in a deviation of 1e-1.
+    np.testing.assert_allclose(cov[0], expected, rtol=1e-6)
