@@ -1,0 +1,76 @@
+"""Speed of the predictors of souto2011; `make perf` prints the table.  Nothing here asserts a time."""
+
+import numpy as np
+import pytest
+
+from rmpc_bench.estimators import enhanced_robust, kalman_predictor, lmmse
+from rmpc_bench.experiment.config import load_config
+from rmpc_bench.experiment.engines import Task, serial, single_thread
+from rmpc_bench.models import uncertain_linear
+from rmpc_bench.simulation.moments import exact_laws, exact_moments
+
+pytestmark = pytest.mark.perf
+
+FIG4 = "configs/souto2011/fig4.yaml"
+STEPS = 1500
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    """Fig. 4 at its first point: 500 runs, 1500 steps, two predictors."""
+    return load_config(FIG4).experiment
+
+
+@pytest.mark.parametrize("kind", ["error", "state", "tuned", "classic", "lmmse"])
+def test_gains_of_1500_steps(benchmark, kind):
+    """One design of the benchmark system; halved uncertainty for the rule that refuses it in full."""
+    part = load_config(FIG4).methods["ERP"]["model"]
+    model = uncertain_linear.design(STEPS, **{name: value for name, value in part.items() if name != "kind"})
+    start = {"x0": np.array([2.0, 1.0]), "P0": 0.1 * np.eye(2)}
+    designs = {
+        "error": lambda: enhanced_robust.design(model, STEPS, **start, eps=0.1),
+        "state": lambda: enhanced_robust.design(model, STEPS, **start, rule="state", gamma=1.0, design_scale=0.5),
+        "tuned": lambda: enhanced_robust.design(model, STEPS, **start, eps=0.1, tuned=True),
+        "classic": lambda: kalman_predictor.design(model, STEPS, **start, R=0.0),
+        "lmmse": lambda: lmmse.design(model, STEPS, **start),
+    }
+    with single_thread():
+        benchmark(designs[kind])
+
+
+def test_500_runs_of_1500_steps_with_two_predictors(benchmark, experiment):
+    """Draws, simulation, metrics and ensemble moments, on one core; files and processes not."""
+    tasks = [Task(method.name, 0, 500) for method in experiment.methods]
+    benchmark.pedantic(lambda: list(serial([experiment], tasks)), rounds=5, warmup_rounds=1)
+
+
+def test_the_same_run_by_run(benchmark, experiment):
+    """One run of one predictor as a script would do it; a thousand of them are the test above."""
+    plant, schedule = experiment.plant, experiment.methods[0].estimator
+    draws = experiment.scenario.draw(plant, range(1), STEPS)
+    m = plant.system.at(0)
+
+    def script():
+        x, x_hat, squares = draws.x0[0], schedule.x0, 0.0
+        for k in range(STEPS):
+            F_x, F_w, F_v = (F[0, k] for F in draws.delta)
+            w, v = draws.w[0, k], draws.v[0, k]
+            y = (m.C + m.H_C @ F_x @ m.G_x) @ x + (m.Dv + m.H_Dv @ F_v @ m.G_v) @ v
+            squares += np.sum((x_hat - x) ** 2)
+            x_hat = schedule.F[k] @ x_hat + schedule.f[0] + schedule.K[k] @ (y - m.C @ x_hat)
+            x = (m.A + m.H_A @ F_x @ m.G_x) @ x + (m.Bw + m.H_Bw @ F_w @ m.G_w) @ w
+        return squares / (2 * STEPS)
+
+    with single_thread():
+        by_script = benchmark.pedantic(script, rounds=5)
+        done = next(iter(serial([experiment], [Task(experiment.methods[0].name, 0, 1)])))
+    np.testing.assert_allclose(by_script, done.block.metrics[0, 0], rtol=1e-9)  # the same arithmetic, in another order
+
+
+@pytest.mark.parametrize("number", [0, 1], ids=["ERP", "classic"])
+def test_exact_moments_of_1500_steps(benchmark, experiment, number):
+    """Mean and covariance of state and estimate at every k, in place of all runs."""
+    plant, method = experiment.plant, experiment.methods[number]
+    laws = exact_laws(plant, method, experiment.scenario)
+    with single_thread():
+        benchmark(lambda: exact_moments(plant, method.estimator, laws, STEPS))
