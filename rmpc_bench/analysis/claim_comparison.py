@@ -9,8 +9,8 @@ import numpy as np
 
 from rmpc_bench.analysis import claim_tree as tree
 from rmpc_bench.analysis.claim_evaluation import Evaluator
-from rmpc_bench.analysis.claim_value import Value, compare, difference, quantile
-from rmpc_bench.analysis.intervals import Interval, geometric, student, wilson
+from rmpc_bench.analysis.claim_value import Value, compare
+from rmpc_bench.analysis.intervals import Interval, difference, geometric, quantile, student, wilson
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1000

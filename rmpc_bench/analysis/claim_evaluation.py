@@ -20,9 +20,9 @@ from rmpc_bench.analysis.claim_value import (
     aligned,
     combine,
     compare,
-    difference,
     listed,
 )
+from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.analysis.points import lies_at
 from rmpc_bench.types import Array, MetricInfo
 

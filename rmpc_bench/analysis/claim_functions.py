@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from rmpc_bench.analysis.claim_matrices import distance, excess, of_matrix
-from rmpc_bench.analysis.claim_value import EvaluationError, NoSample, NoValue, Value, combine, quantile
+from rmpc_bench.analysis.claim_value import EvaluationError, NoSample, NoValue, Value, combine
+from rmpc_bench.analysis.intervals import quantile
 from rmpc_bench.types import Array
 
 

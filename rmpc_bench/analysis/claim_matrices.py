@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.claim_value import EvaluationError, NoValue, Value, aligned, combine, difference, joined
+from rmpc_bench.analysis.claim_value import EvaluationError, NoValue, Value, aligned, combine, joined
+from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.types import Array
 
 _SINGULAR = 1e-12  # of the largest eigenvalue; below it one cannot be told from 0

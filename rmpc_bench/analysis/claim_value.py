@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.types import Array
 
 
@@ -57,26 +57,6 @@ class Value:
     def of(self, array: npt.ArrayLike) -> Value:
         """Return another array on the same runs or samples."""
         return replace(self, array=np.asarray(array))
-
-
-def difference(a: Array, b: Array) -> Array:
-    """Subtract entry by entry, where never against never is 0.
-
-    Like `quantile` it stands here because `intervals` imports scipy.stats, which takes plain ``check`` half a second.
-    """
-    with np.errstate(invalid="ignore"):
-        return np.where(a == b, 0.0, a - b)
-
-
-def quantile(values: Array, q: float) -> Array:
-    """Quantile along axis 0, linear between order statistics, with inf between two infs; NaN of an empty sample."""
-    if not len(values):
-        return np.full(values.shape[1:], np.nan)
-    ordered = np.sort(values, axis=0)
-    place = q * (len(values) - 1)
-    low, high = ordered[math.floor(place)], ordered[math.ceil(place)]
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where(low == high, low, low + (high - low) * (place - math.floor(place))))
 
 
 def joined(*values: Value) -> list[Value]:

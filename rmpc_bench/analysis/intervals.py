@@ -1,4 +1,7 @@
-"""Intervals and tests for one sample of numbers."""
+"""Intervals and tests for one sample of numbers.
+
+SciPy's statistics take half a second to import, so they are imported where they are needed.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 
 from rmpc_bench.types import Array
 
@@ -34,6 +36,8 @@ def student(values: Array, confidence: float) -> Interval:
     -------
     low, high; NaN below two values or where one is never
     """
+    from scipy import stats
+
     se = standard_error(values)
     if math.isnan(se):
         return NONE
@@ -76,6 +80,8 @@ def wilson(k: float, n: int, confidence: float) -> Interval:
     -------
     low, high; NaN when n is 0
     """
+    from scipy import stats
+
     if n == 0:
         return NONE
     z = float(stats.norm.ppf((1 + confidence) / 2))
@@ -115,6 +121,8 @@ def difference(a: Array, b: Array) -> Array:
 
 def signed_rank_p(differences: Array) -> float:
     """Two-sided Wilcoxon signed-rank p of paired differences; 1 when all are 0, NaN when there are none."""
+    from scipy import stats
+
     if not len(differences):
         return math.nan
     if not differences.any():

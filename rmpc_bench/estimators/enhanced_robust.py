@@ -36,8 +36,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, Model, predictor_schedule
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.belief import Belief, beliefs
+from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.numerics.noise_pair import FREE, NoisePair, Noises

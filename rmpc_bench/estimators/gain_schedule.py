@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.linear import LinearModel, Model
 from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv
 from rmpc_bench.numerics.riccati import error_radius, filter_step
@@ -24,14 +24,6 @@ from rmpc_bench.types import Array, DesignError, Estimate, Status
 OK = np.int8(Status.OK)
 
 Form: TypeAlias = Literal["filter", "predictor"]
-
-
-@runtime_checkable
-class Model(Protocol):
-    """A linear model, possibly another one at every k."""
-
-    def at(self, k: int, /) -> LinearModel:
-        """The model at k."""
 
 
 class FilterState(NamedTuple):

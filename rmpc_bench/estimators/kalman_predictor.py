@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, Model, predictor_schedule, refuse_overflow
-from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule, refuse_overflow
+from rmpc_bench.models.linear import LinearModel, Model
 from rmpc_bench.numerics.linalg import as_covariance, symmetrise
 from rmpc_bench.numerics.riccati import predictor_step
 from rmpc_bench.types import Array, DesignError, Matrix

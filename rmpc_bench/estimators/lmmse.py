@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, Model, predictor_schedule
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.belief import Belief, beliefs
-from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.linear import LinearModel, Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.numerics.riccati import predictor_step

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, Model, riccati_schedule
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
+from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import Inflation, Reading, Tau, inflate, inflate_to_radius, right_side
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.types import Array, DesignError, Positive

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, Model, riccati_schedule
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
+from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import Reading, Tau, inflate_to_radius, right_side
 from rmpc_bench.types import Array, Positive
 

@@ -22,14 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import (
-    Form,
-    GainScheduleFilter,
-    Model,
-    predictor_schedule,
-    refuse_overflow,
-)
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule, refuse_overflow
 from rmpc_bench.models.belief import Belief, beliefs
+from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import as_covariance, symmetrise
 from rmpc_bench.numerics.riccati import filter_step

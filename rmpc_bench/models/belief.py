@@ -6,23 +6,15 @@ Model   an UncertainModel as it is; any other model as a system without uncertai
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.linear import LinearModel, Model
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import SIZES, Matrices
 from rmpc_bench.types import Array
-
-
-@runtime_checkable
-class ModelOverTime(Protocol):
-    """A linear model, possibly another one at every k."""
-
-    def at(self, k: int, /) -> LinearModel:
-        """The nominal model at k."""
 
 
 class Belief(NamedTuple):
@@ -39,7 +31,7 @@ class Belief(NamedTuple):
     vbar: Float[Array, " nv"]
 
 
-def beliefs(model: ModelOverTime, n_steps: int, scale: float = 1.0) -> list[Belief]:
+def beliefs(model: Model, n_steps: int, scale: float = 1.0) -> list[Belief]:
     """Beliefs at k = 0..N, the same object as long as nothing varies.
 
     Parameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -101,3 +102,11 @@ class LinearModel:
     def ny(self) -> int:
         """Number of outputs."""
         return len(self.C)
+
+
+@runtime_checkable
+class Model(Protocol):
+    """A linear model, possibly another one at every k."""
+
+    def at(self, k: int, /) -> LinearModel:
+        """The model at k."""

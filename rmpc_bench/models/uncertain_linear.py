@@ -70,11 +70,6 @@ class UncertainModel:
         joint = np.block([[self.W, self.S], [self.S.T, self.V]])
         return np.concatenate([self.wbar, self.vbar]), joint
 
-    @property
-    def correlated(self) -> bool:
-        """Whether w and v have a cross-covariance."""
-        return bool(self.S.any())
-
     def at(self, k: int) -> LinearModel:
         """The nominal part at k."""
         return self._nominal_at(self.system.at(k)) if self.system.varies else self._always

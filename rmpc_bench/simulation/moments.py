@@ -97,13 +97,14 @@ def exact_moments(plant: HasPeriod, schedule: GainSchedule, laws: Laws, n_steps:
     cov = np.zeros((nx + n_hat, nx + n_hat))
     cov[:nx, :nx] = laws.X
     means, covs = [], []
+    corrects = schedule.L.any()
     with np.errstate(over="ignore", invalid="ignore"):  # of an error that grows beyond all bounds
         for k in range(n_steps + 1):
             period = plant.period(k)
             assert period is not None  # or there would be no `exact_laws`
             reached = mean_matrix(period)
             added = spread(period, mean[:nx], cov[:nx, :nx], laws)
-            if schedule.L.any():
+            if corrects:
                 reported = _reported(reached, schedule, k, nx)
                 means.append(_mean(reported, mean, laws.n))
                 covs.append(moved(reported, cov, laws.U, added))
@@ -170,8 +171,8 @@ def _joint(M: Array, gain: Array, kept: Array, f: Array | float, schedule: GainS
 
 
 def _mean(joint: Joint, mean: Array, n: Array) -> Array:
-    mean = joint.A.dot(mean) + joint.B.dot(n) + joint.c
-    return mean
+    moved_mean: Array = joint.A.dot(mean) + joint.B.dot(n) + joint.c
+    return moved_mean
 
 
 def moved(joint: Joint, cov: Array, U: Array, added: Array) -> Array:

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from rmpc_bench.analysis import claim_value, intervals
 from rmpc_bench.analysis.claims import Claim, claims_markdown, claims_table, judge
 
 VAR = np.array([[0.1, 0.1], [3.62498, 10], [5, 20]])
@@ -87,13 +86,3 @@ def test_the_place_in_the_table(trials):
     rows = [row["numbers"][0] for row in json.loads(json.dumps(claims_table(verdicts)))]
     places = [(row["k"], row["entry"]) for row in rows]
     assert places == [(1, [0]), (None, [0, 0]), (None, None), (None, None)]
-
-
-def test_the_light_functions_are_those_of_the_statistics(rng):
-    """Which import scipy.stats."""
-    values = rng.normal(size=(9, 3))
-    values[rng.random((9, 3)) < 0.2] = np.inf
-    for q in (0, 0.3, 0.5, 1):
-        np.testing.assert_array_equal(claim_value.quantile(values, q), intervals.quantile(values, q))
-    other = values[::-1]
-    np.testing.assert_array_equal(claim_value.difference(values, other), intervals.difference(values, other))

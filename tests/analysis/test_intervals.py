@@ -1,6 +1,8 @@
 """Intervals against definitions and direct calls."""
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -60,6 +62,20 @@ def test_quantile_with_never():
     values = np.array([1.0, np.inf, np.inf, 2.0])
     assert [float(quantile(values, q)) for q in (0.0, 1 / 3, 0.5, 0.9)] == [1, 2, math.inf, math.inf]
     assert math.isnan(quantile(np.array([]), 0.5))
+
+
+def test_quantile_of_columns(rng):
+    """Along axis 0: every column by itself."""
+    values = rng.normal(size=(9, 3))
+    values[rng.random((9, 3)) < 0.2] = np.inf
+    for q in (0, 0.3, 0.5, 1):
+        np.testing.assert_array_equal(quantile(values, q), [float(quantile(column, q)) for column in values.T])
+
+
+def test_no_heavy_import():
+    """Plain check evaluates claims and must not pay for SciPy's statistics."""
+    code = "import sys, rmpc_bench.analysis.claim_comparison; assert 'scipy.stats' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": ":".join(filter(None, sys.path))})
 
 
 def test_difference_of_nevers_is_0():

@@ -45,7 +45,7 @@ def test_the_nominal_part_has_the_noises_of_the_chapter(sizes, n_steps, rng):
             np.testing.assert_allclose(ours, theirs, atol=1e-12)  # sums of a few numbers near 1
         np.testing.assert_array_equal(now.Q_w, now.Q_w.T)
         np.testing.assert_array_equal(now.R_v, now.R_v.T)
-    assert model.correlated and (model.nx, model.nu, model.ny) == (sizes["nx"], sizes["nu"], sizes["ny"])
+    assert model.S.any() and (model.nx, model.nu, model.ny) == (sizes["nx"], sizes["nu"], sizes["ny"])
     np.testing.assert_array_equal(model.Q_w, model.at(0).Q_w)
 
 
@@ -64,7 +64,7 @@ def test_the_second_simplification(rng):
     given = random_given(rng, SIZES[3])
     noises = random_noises(rng, 3, 2) | {"S": 0.0}
     model, m = design(0, **given, **noises), at(given, 0)
-    assert not model.correlated
+    assert not model.S.any()
     S = m["Bw"] @ noises["W"] @ m["Dw"].T + m["Bv"] @ noises["V"] @ m["Dv"].T
     np.testing.assert_allclose(model.at(0).S_wv, S, atol=1e-13)
 

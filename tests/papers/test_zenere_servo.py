@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rmpc_bench import load_config, run
 from rmpc_bench.analysis.claims import judge
 
 pytestmark = pytest.mark.slow
@@ -16,20 +15,6 @@ CONFIGS = [
     for paper in ("zenere2017", "zenere2018")
     for path in sorted((ROOT / paper).iterdir())
 ]
-
-
-@pytest.fixture(scope="module")
-def trials_of(tmp_path_factory):
-    """Return a function from the name of a configuration to its trials, which are computed once."""
-    known = {}
-
-    def trials(name):
-        if name not in known:
-            config = load_config(ROOT / f"{name}.yaml")
-            known[name] = config, run(config, directory=tmp_path_factory.mktemp(name.replace("/", "-")), jobs=2)
-        return known[name]
-
-    return trials
 
 
 @pytest.mark.parametrize("name", CONFIGS)
