@@ -16,11 +16,13 @@ Design = Callable[..., Any]
 
 BUILT_IN: dict[str, dict[str, str]] = {
     "plants": {
+        "linear": "rmpc_bench.plants.linear:design",
         "servo": "rmpc_bench.plants.servo:design",
         "servo-linear": "rmpc_bench.plants.servo:design_linear",
         "uncertain-linear": "rmpc_bench.plants.uncertain_linear:design",
     },
     "models": {
+        "linear": "rmpc_bench.models.mixed_noise:design",
         "servo-linear": "rmpc_bench.models.servo:design",
         "uncertain-linear": "rmpc_bench.models.uncertain_linear:design",
     },
@@ -33,16 +35,24 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "enhanced-robust": "rmpc_bench.estimators.enhanced_robust:design",
         "sayed-bdu": "rmpc_bench.estimators.sayed_bdu:design",
         "lmmse": "rmpc_bench.estimators.lmmse:design",
+        "mixed": "rmpc_bench.estimators.mixed:design",
+        "set-membership": "rmpc_bench.estimators.set_membership:design",
+        "kalman-disturbance": "rmpc_bench.estimators.kalman_disturbance:design",
     },
     "controllers": {
         "mpc": "rmpc_bench.controllers.mpc:design",
+        "minimax-lq": "rmpc_bench.controllers.minimax_lq:design",
+        "lqr": "rmpc_bench.controllers.state_feedback:lqr",
+        "game-gain": "rmpc_bench.controllers.state_feedback:game_gain",
     },
     "references": {
         "constant": "rmpc_bench.simulation.reference:constant",
         "square": "rmpc_bench.simulation.reference:square",
     },
     "noises": {
+        "ellipsoid": "rmpc_bench.simulation.bounded_noise:ellipsoid",
         "gaussian": "rmpc_bench.simulation.noise:gaussian",
+        "uniform": "rmpc_bench.simulation.bounded_noise:uniform",
     },
     "metrics": {
         "mse": "rmpc_bench.simulation.metrics:mse",
@@ -55,11 +65,15 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "estimation_mse": "rmpc_bench.simulation.estimation_metrics:estimation_mse",
         "nees": "rmpc_bench.simulation.estimation_metrics:nees",
         "sample": "rmpc_bench.simulation.single_sample:sample",
+        "inside": "rmpc_bench.simulation.set_metrics:inside",
+        "cost": "rmpc_bench.simulation.cost_metric:cost",
+        "certificate": "rmpc_bench.simulation.certificate:certificate",
     },
     "figures": {
         "boxplot": "rmpc_bench.report.figures:boxplot",
         "trajectories": "rmpc_bench.report.figures:trajectories",
         "series": "rmpc_bench.report.figures:series",
+        "tubes": "rmpc_bench.report.tube_figure:tubes",
         "means": "rmpc_bench.report.ensemble_figures:means",
         "variance-with-bound": "rmpc_bench.report.ensemble_figures:variance_with_bound",
         "ellipses": "rmpc_bench.report.ensemble_figures:ellipses",

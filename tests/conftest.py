@@ -5,12 +5,16 @@ House rule: a tolerance is one of the four words below, or the line that holds i
 
 import os
 import sys
+from pathlib import Path
 
 from jaxtyping import install_import_hook
 
-# First of all, before any test imports the package.  `rmpc_bench.plants.servo` does not cover `servo_kernel`, whose
-# numba functions cannot be wrapped (jaxtyping matches whole dotted names; plants/test_servo.py asserts it).
-CHECKED = [f"rmpc_bench.{part}" for part in ("numerics", "models", "estimators", "controllers", "simulation")]
+# First of all, before any test imports the package.  Compiled functions cannot be wrapped: their modules are left out
+# (jaxtyping matches whole dotted names; plants/test_servo.py asserts that `servo` does not cover `servo_kernel`).
+COMPILED = {"game_kernel", "game_lookup"}
+NUMERICS = {file.stem for file in (Path(__file__).parents[1] / "rmpc_bench" / "numerics").glob("*.py")}
+CHECKED = [f"rmpc_bench.{part}" for part in ("models", "estimators", "controllers", "simulation")]
+CHECKED += [f"rmpc_bench.numerics.{name}" for name in sorted(NUMERICS - COMPILED)]
 if "RMPC_BENCH_UNCHECKED" not in os.environ:  # `make perf` measures the code as users run it
     install_import_hook([*CHECKED, "rmpc_bench.plants.servo"], "beartype.beartype")
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again

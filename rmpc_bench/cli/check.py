@@ -47,7 +47,7 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines = [f"{path}: valid", f"  {config.title or config.name}"]
     rows = [("", "truth", "belief"), *_truth_and_belief(config)]
     widths = [2 + max(len(row[column]) for row in rows) for column in (0, 1)]
-    lines += ["", *(f"  {name:{widths[0]}}{truth:{widths[1]}}{belief}" for name, truth, belief in rows)]
+    lines += ["", *(f"  {name:{widths[0]}}{truth:{widths[1]}}{belief}".rstrip() for name, truth, belief in rows)]
     lines += ["", "  what differs between the methods"]
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     remarks = _remarks(config)
@@ -118,10 +118,25 @@ def _truth_and_belief(config: ExperimentConfig) -> list[tuple[str, str, str]]:
     for name in dict.fromkeys([*plant, *model]):
         truth = _short(plant.get(name, "-"))
         rows.append((name, f"{truth} x ({changed[name]})" if name in changed else truth, _short(model.get(name, "-"))))
-    rows.append(("noise", _short(resolved["noise"]), "-" if assumed is None else _short(assumed)))
     initial = resolved["initial"]
-    rows.append(("start", f"x = {_short(initial['x'])}", f"x_hat = {initial['x_hat']}, P = {initial['P']}"))
-    return rows
+    start = ", ".join(f"{key} = {initial[key]}" for key in ("x_hat", "P", "M") if key in initial)
+    noise = resolved["noise"]
+    rows += _beside("noise", _sums(noise) or [_short(noise)], "-" if assumed is None else _short(assumed))
+    return rows + _beside("start", _sums({"x": initial["x"]}) or [f"x = {_short(initial['x'])}"], start)
+
+
+def _sums(laws: dict[str, Any]) -> list[str]:
+    """Laws with every term of a sum on a line of its own; no lines where nothing is a sum."""
+    lines = []
+    for name, law in laws.items():
+        terms = law["sum"] if isinstance(law, dict) and "sum" in law else [law]
+        lines += [f"{'+' if number else f'{name} ='} {_short(term)}" for number, term in enumerate(terms)]
+    return lines if len(lines) > len(laws) else []
+
+
+def _beside(name: str, truth: list[str], belief: str) -> list[tuple[str, str, str]]:
+    """Rows of a truth of several lines."""
+    return [("" if number else name, line, "" if number else belief) for number, line in enumerate(truth)]
 
 
 def _differences(config: ExperimentConfig) -> list[tuple[str, str]]:

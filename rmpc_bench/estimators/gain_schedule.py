@@ -16,9 +16,12 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.mixed_noise import NoiseSets
+from rmpc_bench.numerics.ellipsoid import sum_shape, weight
 from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
-from rmpc_bench.numerics.linalg import at_sample, mv
-from rmpc_bench.numerics.riccati import error_radius, filter_step
+from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
+from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step
+from rmpc_bench.numerics.riccati import blind_step, error_radius, filter_step
 from rmpc_bench.types import Array, DesignError, Estimate, Status
 
 OK = np.int8(Status.OK)
@@ -43,10 +46,12 @@ class GainScheduleFilter:
     x0 : (nx,) prediction before the first measurement
     F, B, C : (1 or samples, ...) model matrices
     K, L : (1 or samples, nx, ny) gains of the prediction and of the correction
-    P : (1 or samples, nx, nx) covariance of x_hat - x
+    P : (1 or samples, nx, nx) covariance of x_hat - x, None where nothing is said of it
     extra : further series of the design, axis 0 = k
     f, d : (1 or samples, nx), (1 or samples, ny) constant parts, None where they are zero
     remarks : what a user should know of this design; `rmpc-bench check` shows it
+    M : (1 or samples, nx, nx) shape of the set that x_hat - x lies in, None where nothing is said of it
+    sets : what M is made of, the sets of the noises
     """
 
     x0: Float[Array, " nx"]
@@ -55,11 +60,13 @@ class GainScheduleFilter:
     C: Float[Array, "kC ny nx"]
     K: Float[Array, "kK nx ny"]
     L: Float[Array, "kL nx ny"]
-    P: Float[Array, "kP nx nx"]
+    P: Float[Array, "kP nx nx"] | None
     extra: Mapping[str, Array] = field(default_factory=dict)
     f: Float[Array, "kf nx"] | None = None
     d: Float[Array, "kd ny"] | None = None
     remarks: tuple[str, ...] = ()
+    M: Float[Array, "kM nx nx"] | None = None
+    sets: NoiseSets | None = None
 
     def init(self, n_runs: int) -> FilterState:
         """Start every run at ``x0``."""
@@ -71,7 +78,9 @@ class GainScheduleFilter:
         if self.d is not None:
             e = e - at_sample(self.d, k)
         x_hat = state.x_pred + mv(at_sample(self.L, k), e) if self._corrects else state.x_pred
-        return FilterState(state.x_pred, e), Estimate(x_hat, at_sample(self.P, k), None, np.full(len(y), OK), {"e": e})
+        P = None if self.P is None else at_sample(self.P, k)
+        M = None if self.M is None else at_sample(self.M, k)
+        return FilterState(state.x_pred, e), Estimate(x_hat, P, M, np.full(len(y), OK), {"e": e})
 
     def predict(self, k: int, state: FilterState, u: Float[Array, "runs nu"]) -> FilterState:
         """Go to k+1: x_pred+ = F x_pred + B u + K e."""
@@ -94,8 +103,9 @@ class GainScheduleFilter:
         return bool(self.B.any())
 
     def series(self) -> dict[str, Array]:
-        """Gains and covariances over k, and rho, the spectral radius of F - K C, made here because few need it."""
-        return {"K": self.K, "L": self.L, "P": self.P, "rho": error_radius(self.F, self.K, self.C), **self.extra}
+        """Gains, covariances and sets over k, and rho, the spectral radius of F - K C, made here as few need it."""
+        believed = {name: matrices for name, matrices in (("P", self.P), ("M", self.M)) if matrices is not None}
+        return {"K": self.K, "L": self.L, **believed, "rho": error_radius(self.F, self.K, self.C), **self.extra}
 
 
 def over_time(matrices: Sequence[Array]) -> Array:
@@ -152,6 +162,7 @@ def riccati_schedule(
     P0: Float[Array, "nx nx"],
     inflate: Callable[[int, Array], Inflation],
     form: Form = "filter",
+    use_y0: bool = True,
 ) -> GainScheduleFilter:
     """Run a Riccati recursion whose prediction covariance is replaced by ``inflate(k, P_pred)`` before it is used.
 
@@ -163,6 +174,7 @@ def riccati_schedule(
     P0 : (nx, nx) its covariance
     inflate : maps (k, P_pred) to the covariance V to use and the multiplier theta that led to it
     form : `filter` uses y(k) for x_hat(k), `predictor` does not: its P is V
+    use_y0 : whether y(0) counts
 
     Raises
     ------
@@ -170,19 +182,16 @@ def riccati_schedule(
         If the innovation covariance is singular at some step, a covariance grows beyond 1e100, or the model's noises
         are correlated.
     """
-    models = [model.at(k) for k in range(n_steps + 1)]
-    if any(each.S_wv.any() for each in models):
-        raise DesignError("this filter needs process and measurement noise without correlation; use kalman-predictor")
+    models = uncorrelated(model, n_steps)
     P_pred, V, P, K, L, theta = [P0], [], [], [], [], []
     for k, now in enumerate(models):
         try:
             inflation = inflate(k, P_pred[-1])
-            step = filter_step(now.A, now.C, now.Q_w, now.R_v, inflation.V)
+            counts = k > 0 or use_y0
+            step = (filter_step if counts else blind_step)(now.A, now.C, now.Q_w, now.R_v, inflation.V)
         except np.linalg.LinAlgError:
             refuse_overflow(P_pred)
-            raise DesignError(
-                f"the covariance of the innovation is singular at k = {k}: give the model measurement noise"
-            ) from None
+            raise singular_innovation(k) from None
         V.append(inflation.V)
         theta.append(inflation.theta)
         P.append(step.P)
@@ -195,11 +204,84 @@ def riccati_schedule(
     return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=np.array(P))
 
 
-def refuse_overflow(P_pred: Sequence[Array]) -> None:
-    """Insist on covariances that are numbers, and not so large that their gains are none."""
+def mixed_schedule(
+    model: Model,
+    n_steps: int,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"] | None,
+    M0: Float[Array, "nx nx"],
+    sets: NoiseSets,
+    rule: Rule = "fixed-point",
+    use_y0: bool = True,
+) -> GainScheduleFilter:
+    """Run a recursion for the covariance P of one part of the error and the ellipsoid E(0, M) of the rest.
+
+    Parameters
+    ----------
+    model : what the filter believes
+    n_steps : N; gains are made for the samples k = 0..N
+    x0 : (nx,) prediction of x(0)
+    P0 : (nx, nx) covariance of the stochastic part of its error; None leaves all that is stochastic out
+    M0 : (nx, nx) shape of the set of the bounded part
+    sets : sets of the bounded noises
+    rule : how the weight q of a correction is found, see `mixed_step`
+    use_y0 : whether y(0) counts
+
+    Raises
+    ------
+    DesignError
+        If the innovation is without noise at some step, a matrix grows beyond 1e100, or the model's noises are
+        correlated.
+    """
+    models, counted = uncorrelated(model, n_steps), 0.0 if P0 is None else 1.0
+    P_pred, M_pred, steps, p, q = [np.zeros_like(M0) if P0 is None else P0], [M0], list[MixedStep](), [], 1.0
+    for k, now in enumerate(models):
+        prior = Prior(now.C, P_pred[-1], M_pred[-1], counted * now.R_v, sets.measurement(k))
+        try:
+            step = mixed_step(prior, rule, q) if k > 0 or use_y0 else prior.kept()
+        except np.linalg.LinAlgError:
+            refuse_overflow(P_pred)
+            refuse_overflow(M_pred, "set")
+            raise singular_innovation(k) from None
+        moved, noise = symmetrise(now.A.dot(step.M).dot(now.A.T)), sets.process(k)
+        P_pred.append(symmetrise(now.A.dot(step.P).dot(now.A.T) + counted * now.Q_w))  # (17)
+        M_pred.append(sum_shape(moved, noise))  # (18)
+        p.append(weight(moved, noise))  # (23)
+        q = step.q
+        steps.append(step)
+    refuse_overflow(P_pred)
+    refuse_overflow(M_pred, "set")
+    covariance = {} if P0 is None else {"P_pred": np.array(P_pred[:-1])}
+    extra = {**covariance, "M_pred": np.array(M_pred[:-1]), "p": np.array(p), "q": np.array([each.q for each in steps])}
+    K, P = [now.A.dot(step.L) for now, step in zip(models, steps, strict=True)], [step.P for step in steps]
+    predictor = predictor_schedule(models, x0, K, P, extra=extra)
+    return replace(
+        predictor,
+        L=np.array([step.L for step in steps]),
+        P=None if P0 is None else np.array(P),
+        M=np.array([step.M for step in steps]),
+        sets=sets,
+    )
+
+
+def uncorrelated(model: Model, n_steps: int) -> list[LinearModel]:
+    """Return the model at k = 0..N and insist on process and measurement noise without correlation."""
+    models = [model.at(k) for k in range(n_steps + 1)]
+    if any(each.S_wv.any() for each in models):
+        raise DesignError("this filter needs process and measurement noise without correlation; use kalman-predictor")
+    return models
+
+
+def singular_innovation(k: int) -> DesignError:
+    """Say that the measurement at k has a part without noise."""
+    return DesignError(f"the covariance of the innovation is singular at k = {k}: give the model measurement noise")
+
+
+def refuse_overflow(P_pred: Sequence[Array], noun: str = "covariance") -> None:
+    """Insist on matrices that are numbers, and not so large that their gains are none."""
     fits = (np.abs(np.array(P_pred)) < LARGEST).all(axis=(1, 2))  # false for nan
     if not fits.all():
         raise DesignError(
-            f"the covariance of the prediction grows beyond {LARGEST:g} at k = {np.flatnonzero(~fits)[0]}: the "
+            f"the {noun} of the prediction grows beyond {LARGEST:g} at k = {np.flatnonzero(~fits)[0]}: the "
             "measurements do not bound the error; choose less uncertainty or fewer steps"
         )

@@ -10,16 +10,26 @@ Fails   design error where C P_pred C' + R_v is singular.
 
 from __future__ import annotations
 
+import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import Model
+from rmpc_bench.models.mixed_noise import NoiseKind, matched
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.types import Array
 
 
 def design(
-    model: Model, n_steps: int, *, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"], form: Form = "filter"
+    model: Model,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    M0: Float[Array, "nx nx"] | None = None,
+    form: Form = "filter",
+    noise: NoiseKind = "nominal",
+    use_y0: bool = True,
 ) -> GainScheduleFilter:
     """Kalman filter, time varying from P0 on.
 
@@ -29,6 +39,11 @@ def design(
     n_steps : number of control periods N; gains are made for k = 0..N
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) its covariance
+    M0 : (nx, nx) shape of the ellipsoid of a bounded part of x(0) - x0, none unless given
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
+    noise : `nominal` knows the stochastic noises only; `matched` adds the covariance of bounded ones that are uniform
+        on their ellipsoids, M / (n + 2)
+    use_y0 : `false` takes x0 and P0 for the estimate at k = 0 itself and leaves y(0) out
     """
-    return riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form)
+    believed, P0 = (model, P0) if noise == "nominal" else matched(model, P0, np.zeros_like(P0) if M0 is None else M0)
+    return riccati_schedule(believed, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)

@@ -13,16 +13,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-import numpy as np
-
+from rmpc_bench.experiment.build_noise import NoiseLaws
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.quantities import Expression, QuantityError
-from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
+from rmpc_bench.experiment.sheet import MethodParts, Sheet
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.metrics import Units
 from rmpc_bench.simulation.moments import exact_laws
-from rmpc_bench.simulation.noise import Noise, gaussian
 from rmpc_bench.simulation.reference import Reference
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import (
@@ -31,7 +29,6 @@ from rmpc_bench.simulation.scenario import (
     Scenario,
     initial_covariance,
     initial_state,
-    with_cross_covariance,
 )
 from rmpc_bench.types import Array, DesignError, HasOpponent, Method, Metric, Plant, Problem
 
@@ -90,14 +87,15 @@ class _Builder:
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
         return self.once(["model", size, part.resolved()], lambda: part.build(self.sheet.problems, **size))
 
-    def start(self, model: Any) -> tuple[Array, Array] | None:
-        """Return x_hat and P at the start, for the size of a model."""
+    def start(self, model: Any) -> dict[str, Array] | None:
+        """Return x0, P0 and M0 of the estimators, for the size of a model."""
         given, P = self.sheet.initial, self.sheet.initial["P"]
-        if given["x_hat"] is None or P is None:
+        if any(given[key] is None for key in ("x_hat", "P", "M")):
             return None
         x0 = self.sized("x_hat", initial_state, given["x_hat"], model.nx)
         P0 = model.Q_w if isinstance(P, str) else self.sized("P", initial_covariance, P, model.nx)
-        return None if x0 is None or P0 is None else (x0, P0)
+        M0 = self.sized("M", initial_covariance, given["M"], model.nx)
+        return None if x0 is None or P0 is None or M0 is None else {"x0": x0, "P0": P0, "M0": M0}
 
     def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array | None:
         """Expand a short form under `initial`; a size that does not fit is noted there."""
@@ -122,7 +120,7 @@ class _Builder:
         start = self.start(model)
         estimator = None
         if parts.estimator is not None and start is not None:
-            provided = {"model": model, "n_steps": self.n_steps, "x0": start[0], "P0": start[1], "plant": plant}
+            provided = {"model": model, "n_steps": self.n_steps, **start, "plant": plant}
             estimator = self.estimator(parts, provided)
         if parts.controller is None:
             controller: Any = Rest(model.nu)
@@ -177,53 +175,17 @@ class _Builder:
 
     def _size(self) -> list[Any]:
         """What all designs depend on beside their own keys."""
-        return [self.time.step, self.n_steps, self.sheet.initial["x_hat"], self.sheet.initial["P"]]
-
-    def noise(self, law: Law | None, n: int, channel: str) -> tuple[Noise, ...]:
-        """Build the terms of one channel's noise."""
-        if law is None:
-            return ()
-        if law.part is not None:
-            made = law.part.build(self.sheet.problems, n=n)
-            return (made,) if made is not None else ()
-        model = self.model(self.sheet.model)
-        if model is None:
-            return ()
-        mean, cov = model.v_law if channel == "measurement" else model.w_law
-        if channel == "initial":
-            mean, cov = np.zeros(n), model.Q_w
-        if channel == "initial" and len(cov) < n:
-            cov = np.pad(cov, (0, n - len(cov)))  # states that the model does not know start at their mean
-        if len(cov) != n:
-            path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
-            self.sheet.note(path, f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
-            return ()
-        return (gaussian(n, mean=mean.tolist(), cov=cov, scale=law.same or 0.0),)
-
-    def correlated(self, plant: Plant, scenario: Scenario) -> Scenario:
-        """Give the noises of a scenario their cross-covariance."""
-        cross = self.sheet.cross
-        if cross == "same":
-            cross = getattr(self.model(self.sheet.model), "S", 0.0)
-        if cross is None or not np.any(cross):
-            return scenario
-        try:
-            return with_cross_covariance(scenario, np.atleast_2d(np.array(cross, dtype=float)), plant.nw, plant.nv)
-        except DesignError as error:
-            given = self.sheet.tree.get("noise")
-            self.sheet.note(
-                ["noise", "cross"] if isinstance(given, Mapping) and "cross" in given else ["noise"], str(error)
-            )
-            return scenario
+        return [self.time.step, self.n_steps, *(self.sheet.initial[key] for key in ("x_hat", "P", "M"))]
 
     def scenario(self, plant: Plant, reference: Reference) -> Scenario | None:
         """Gather what befalls every run."""
         sheet = self.sheet
         x = sheet.initial["x"]
         x0 = None if x is None else self.sized("x", initial_state, x, plant.nx)
-        x0_noise = self.noise(sheet.initial["law"], plant.nx, "initial")
-        process = self.noise(sheet.noise.get("process"), plant.nw, "process")
-        measurement = self.noise(sheet.noise.get("measurement"), plant.nv, "measurement")
+        laws = NoiseLaws(sheet, lambda: self.model(sheet.model))
+        x0_noise = laws.terms(sheet.initial["laws"], plant.nx, "initial")
+        process = laws.terms(sheet.noise.get("process", ()), plant.nw, "process")
+        measurement = laws.terms(sheet.noise.get("measurement", ()), plant.nv, "measurement")
         if x0 is None or sheet.values["seed"] is None or not set(sheet.changes) <= set(plant.nominal):
             return None
         scenario = Scenario(
@@ -234,12 +196,12 @@ class _Builder:
                 for name, change in sheet.changes.items()
             },
             x0=x0,
-            x0_noise=x0_noise[0] if x0_noise else None,
+            x0_noise=x0_noise,
             process=process,
             measurement=measurement,
             reference=reference,
         )
-        return self.correlated(plant, scenario)
+        return laws.correlated(plant, scenario)
 
     def metrics(self, plant: Plant, methods: tuple[Method, ...]) -> tuple[Metric, ...]:
         """Build the metrics; two of the same name are refused."""

@@ -18,7 +18,7 @@ from rmpc_bench.simulation.moments import Moments, exact_laws, signals
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Method, Outlook
 
-OF_RUNS = ("boxplot", "trajectories", "ellipses")
+OF_RUNS = ("boxplot", "trajectories", "ellipses", "tubes")
 """Kinds of figures that show single runs."""
 
 
@@ -106,4 +106,5 @@ def outlook(experiment: Experiment, n_points: int, *, smoke: bool) -> Outlook:
         series=series,
         n_points=n_points,
         arrays=arrays,
+        n_recorded=recording.n_runs,
     )

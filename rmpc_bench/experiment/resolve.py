@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from rmpc_bench.experiment.compose import TAKEN, comes_from
 from rmpc_bench.experiment.parts import Part, plain_data
 from rmpc_bench.experiment.sheet import Law, MethodParts, Sheet
@@ -23,14 +25,14 @@ def shared(sheet: Sheet, experiment: Experiment) -> dict[str, Any]:
         "uncertainty": _uncertainty(sheet),
         "plant": _plant(sheet, canonical=True),
         "noise": _noise(sheet, experiment),
-        "x": {"mean": experiment.scenario.x0.tolist(), "law": _law(sheet.initial["law"])},
+        "x": {"mean": experiment.scenario.x0.tolist(), "law": _laws(sheet.initial["laws"])},
         "reference": sheet.reference.resolved() if sheet.reference else None,
     }
     plant = experiment.plant
     if isinstance(plant, HasOpponent) and plant.opponent is not None:
         common["against"] = belief(sheet, sheet.methods[plant.opponent[0]])
-    laws = [*sheet.noise.values(), sheet.initial["law"]]
-    if sheet.model is not None and any(law is not None and law.same is not None for law in laws):
+    laws = [law for terms in (*sheet.noise.values(), sheet.initial["laws"]) for law in terms]
+    if sheet.model is not None and any(law.same is not None for law in laws):
         common["model"] = sheet.model.resolved()
     return common
 
@@ -63,15 +65,19 @@ def _plant(sheet: Sheet, *, canonical: bool = False) -> dict[str, Any]:
 
 
 def _noise(sheet: Sheet, experiment: Experiment) -> Any:
-    noise: dict[str, Any] = {channel: _law(sheet.noise.get(channel)) for channel in ("process", "measurement")}
+    noise: dict[str, Any] = {channel: _laws(sheet.noise.get(channel, ())) for channel in ("process", "measurement")}
     if experiment.scenario.cross is not None:
         noise["cross"] = sheet.cross
     return noise
 
 
-def _law(law: Law | None) -> Any:
-    if law is None:
-        return "none"
+def _laws(terms: tuple[Law, ...]) -> Any:
+    """The terms of a noise as they are written; a sum of one is that one."""
+    laws = [_law(term) for term in terms]
+    return {"sum": laws} if len(laws) > 1 else laws[0] if laws else "none"
+
+
+def _law(law: Law) -> Any:
     if law.part is None:
         return {"same": {"scale": law.same}}
     keys = law.part.resolved()
@@ -79,17 +85,28 @@ def _law(law: Law | None) -> Any:
 
 
 def _initial_x(sheet: Sheet) -> Any:
-    return _law(sheet.initial["law"]) if sheet.initial["law"] is not None else sheet.initial["x"]
+    return _laws(sheet.initial["laws"]) if sheet.initial["laws"] else sheet.initial["x"]
+
+
+def _start(sheet: Sheet) -> dict[str, Any]:
+    """Where the estimators start; without the set that came after trials had been stored, unless it is given."""
+    start = {key: sheet.initial[key] for key in ("x_hat", "P", "M")}
+    return start if np.any(start["M"]) else {key: start[key] for key in ("x_hat", "P")}
 
 
 def belief(sheet: Sheet, parts: MethodParts) -> dict[str, Any]:
     """What identifies a method: its parts and where its estimator starts."""
     named = {"model": parts.model, "estimator": parts.estimator, "controller": parts.controller}
     resolved = {name: _without_nothing(part) for name, part in named.items() if part is not None}
-    return {**resolved, "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]}
+    return {**resolved, **_start(sheet)}
 
 
-LATER: Mapping[tuple[str, str], Any] = {("estimators", "form"): "filter", ("metrics", "of"): "output"}
+LATER: Mapping[tuple[str, str], Any] = {
+    ("estimators", "form"): "filter",
+    ("estimators", "noise"): "nominal",
+    ("estimators", "use_y0"): True,
+    ("metrics", "of"): "output",
+}
 """Keys that came after trials had been stored, at their defaults: left out, those trials are still theirs."""
 
 
@@ -166,7 +183,7 @@ def first_point(sheet: Sheet, experiment: Experiment, *, smoke: bool) -> dict[st
         "plant": _plant(sheet),
         "model": _without_nothing(sheet.model) if sheet.model else {},
         "noise": _noise(sheet, experiment),
-        "initial": {"x": _initial_x(sheet), "x_hat": sheet.initial["x_hat"], "P": sheet.initial["P"]},
+        "initial": {"x": _initial_x(sheet), **_start(sheet)},
         "reference": sheet.reference.resolved() if sheet.reference else {},
         "methods": methods,
         "metrics": _metrics(sheet, experiment, smoke=smoke),

@@ -35,7 +35,7 @@ from rmpc_bench.types import OverTime, Problem
 PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps"}),
     "models": frozenset({"Ts", "n_steps"}),
-    "estimators": frozenset({"model", "n_steps", "x0", "P0", "plant"}),
+    "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant"}),
     "controllers": frozenset({"model", "n_steps", "estimator"}),
     "references": frozenset({"ny", "Ts"}),
     "noises": frozenset({"n"}),

@@ -51,7 +51,8 @@ class Sheet:
     plant: Part | None = None
     model: Part | None = None
     reference: Part | None = None
-    noise: dict[str, Law] = field(default_factory=dict)
+    noise: dict[str, tuple[Law, ...]] = field(default_factory=dict)
+    """Channel -> the terms of its noise."""
     cross: Any = None
     """Cross-covariance of process and measurement noise: numbers, or `same` as the model's."""
     initial: dict[str, Any] = field(default_factory=dict)

@@ -156,12 +156,12 @@ def uncertain_system(n_steps: int, given: Mapping[str, SystemMatrix]) -> Uncerta
         if given.get(name) is None:
             raise DesignError(f"the matrix {name} is missing", name)
     read = {name: _read(name, value, n_steps) for name, value in given.items() if value is not None}
-    sizes = _sizes(read)
+    sizes = sizes_of(read, SIZES)
     full: dict[str, Array] = {}
     for name, (rows, columns) in SIZES.items():
         shape = (sizes[rows], sizes[columns])
         matrix = read.get(name)
-        full[name] = np.zeros((1, *shape)) if matrix is None else _expanded(name, matrix, shape)
+        full[name] = np.zeros((1, *shape)) if matrix is None else expanded(name, matrix, shape)
     for H, H_out, G in CHANNELS.values():
         if G not in read and any(name in read and full[name].any() for name in (H, H_out)):
             raise DesignError(f"{H} and {H_out} need {G}: the uncertainty is {H} F {G}", H if H in read else H_out)
@@ -174,15 +174,26 @@ def _read(name: str, value: Any, n_steps: int) -> Array:
         if len(value) not in (1, n_steps + 1):
             raise DesignError(f"has {len(value)} entries over k; 1 or {n_steps + 1} are wanted", name)
         return np.array(value, dtype=float)
-    entries = np.array(value, dtype=object)
-    if entries.ndim > 2 or any(isinstance(entry, list) for entry in entries.flat):
-        raise DesignError("must be a number, a list (the diagonal) or a list of rows of the same length", name)
-    varies = any(callable(entry) for entry in entries.flat)
-    found = [_values(name, entries, k) for k in range(n_steps + 1 if varies else 1)]
+    entries = entries_of(name, value)
+    found = [values_at(name, entries, k) for k in range(n_steps + 1 if depends_on_k(entries) else 1)]
     return np.array(found)
 
 
-def _values(name: str, entries: Array, k: int) -> Array:
+def entries_of(name: str, value: Any) -> Array:
+    """Return the entries of a short form or of a list of rows, numbers or functions of ``{"k": k}``, as objects."""
+    entries = np.array(value, dtype=object)
+    if entries.ndim > 2 or any(isinstance(entry, list) for entry in entries.flat):
+        raise DesignError("must be a number, a list (the diagonal) or a list of rows of the same length", name)
+    return entries
+
+
+def depends_on_k(entries: Array) -> bool:
+    """Whether any entry is a function of k."""
+    return any(callable(entry) for entry in entries.flat)
+
+
+def values_at(name: str, entries: Array, k: int) -> Array:
+    """Return the numbers that entries stand for at k."""
     try:
         values = [entry({"k": k}) if callable(entry) else entry for entry in entries.flat]
     except ValueError as error:
@@ -190,12 +201,18 @@ def _values(name: str, entries: Array, k: int) -> Array:
     return np.array(values, dtype=float).reshape(entries.shape)
 
 
-def _sizes(read: Mapping[str, Array]) -> dict[str, int]:
-    """Find what the rows and columns of all matrices count: from matrices and diagonals, then from numbers."""
+def sizes_of(read: Mapping[str, Array], table: Mapping[str, tuple[str, str]]) -> dict[str, int]:
+    """Find what the rows and columns of all matrices count: from matrices and diagonals, then from numbers.
+
+    Parameters
+    ----------
+    read : numbers (k,), diagonals (k, n) and matrices (k, rows, columns) by name
+    table : what their rows and columns count, as `SIZES` says it
+    """
     sizes: dict[str, int] = {}
 
     def learn(name: str, shape: tuple[int, ...]) -> None:
-        for what, size, length in zip(("rows", "columns"), SIZES[name], shape, strict=True):
+        for what, size, length in zip(("rows", "columns"), table[name], shape, strict=True):
             if sizes.setdefault(size, length) != length:
                 raise DesignError(f"has {length} {what}; {sizes[size]} fit the other matrices ({size})", name)
 
@@ -204,13 +221,14 @@ def _sizes(read: Mapping[str, Array]) -> dict[str, int]:
             learn(name, matrix.shape[1:] if matrix.ndim == 3 else matrix.shape[1:] * 2)
     numbers = [name for name, matrix in read.items() if matrix.ndim == 1 and matrix.any()]
     for name in numbers * len(numbers):  # again and again: a number may tell a size that an earlier one needs
-        known = [sizes[size] for size in SIZES[name] if size in sizes]
+        known = [sizes[size] for size in table[name] if size in sizes]
         if len(set(known)) == 1:
             learn(name, (known[0], known[0]))
-    return {size: sizes.get(size, 1) for pair in SIZES.values() for size in pair}
+    return {size: sizes.get(size, 1) for pair in table.values() for size in pair}
 
 
-def _expanded(name: str, matrix: Array, shape: tuple[int, int]) -> Float[Array, "k rows columns"]:
+def expanded(name: str, matrix: Array, shape: tuple[int, int]) -> Float[Array, "k rows columns"]:
+    """Expand numbers (k,) and diagonals (k, n) to matrices."""
     if matrix.ndim == 3:
         return matrix
     if matrix.ndim == 1 and not matrix.any():

@@ -44,10 +44,22 @@ def filter_step(
         If C V C' + R_v is singular.
     """
     CV = C.dot(V)
-    L = _gain(CV.dot(C.T) + R_v, CV)
+    L = filter_gain(CV.dot(C.T) + R_v, CV)
     rest = np.eye(len(A)) - L.dot(C)
     P = symmetrise(rest.dot(V).dot(rest.T) + L.dot(R_v).dot(L.T))
     return FilterStep(L, A.dot(L), P, symmetrise(A.dot(P).dot(A.T) + Q_w))
+
+
+def blind_step(
+    A: Float[Array, "nx nx"],
+    C: Float[Array, "ny nx"],
+    Q_w: Float[Array, "nx nx"],
+    R_v: Float[Array, "ny ny"],
+    V: Float[Array, "nx nx"],
+) -> FilterStep:
+    """Propagate a covariance without a measurement."""
+    nothing = np.zeros((len(A), len(C)))
+    return FilterStep(nothing, nothing, V, symmetrise(A.dot(V).dot(A.T) + Q_w))
 
 
 class PredictorStep(NamedTuple):
@@ -122,8 +134,14 @@ def predictor_gain(N: Float[Array, "nx ny"], Y: Float[Array, "ny ny"]) -> Float[
     return gain / scale
 
 
-def _gain(S: Float[Array, "ny ny"], CV: Float[Array, "ny nx"]) -> Float[Array, "nx ny"]:
-    """Return V C' S^-1."""
+def filter_gain(S: Float[Array, "ny ny"], CV: Float[Array, "ny nx"]) -> Float[Array, "nx ny"]:
+    """Return V C' S^-1.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If S is singular.
+    """
     if len(S) > 1:
         return np.linalg.solve(symmetrise(S), CV).T
     if S.item() == 0.0:

@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeAlias, TypeVar
 
-from rmpc_bench.report.keys import NO_MOMENTS, NO_P
-from rmpc_bench.report.points import MOST_PANELS
+from rmpc_bench.report.keys import NO_BELIEF, NO_MOMENTS, NO_P, NO_STATES, other_states
+from rmpc_bench.report.points import MOST_PANELS, TOO_MANY
 from rmpc_bench.types import Outlook
 
 Mistakes: TypeAlias = list[tuple[str, str]]
@@ -19,6 +19,9 @@ Mistakes: TypeAlias = list[tuple[str, str]]
 USUAL = ("y", "u")
 """Signals that trajectories show unless told otherwise."""
 
+LACKING = "tells neither a set M nor a covariance P of its own"
+
+_Belief = TypeVar("_Belief")
 Figure = TypeVar("Figure", bound=Callable[..., Any])
 
 
@@ -80,6 +83,35 @@ def of_series(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
     last = ",".join(str(length - 1) for length in shape)
     way_out = f"they go from {','.join('0' for _ in shape)} to {last}" if shape else "it is a number and has none"
     return [("component", f"{component!r} is no component of {name}: {way_out}")]
+
+
+def of_tubes(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """A recorded run with states and estimates, methods that believe a set of them, and as many panels as fit."""
+    if not {"x", "x_hat"} <= set(outlook.signals):
+        return [("", NO_STATES)]
+    sizes = {name: belief[-1] for name, shapes in outlook.arrays.items() if (belief := believed(shapes))}
+    shown, states, found = keys["order"] or list(sizes), keys["components"], []
+    if not sizes:
+        return [("", NO_BELIEF)]
+    found += [("order", f"'{name}' {LACKING}") for name in shown if name in outlook.arrays and name not in sizes]
+    if keys["run"] >= outlook.n_recorded:
+        found.append(("run", f"run {keys['run']} is not recorded (recorded: {outlook.n_recorded}, from 0 on)"))
+    n = min((sizes[name] for name in shown if name in sizes), default=max(states) + 1)
+    n_x = outlook.signals["x"]
+    others = [other_states(name, sizes[name], n_x) for name in shown if name in sizes and sizes[name] != n_x]
+    found += [("order" if keys["order"] else "", message) for message in others]
+    found += [("components", f"there is no state {i} (they count from 0 to {n - 1})") for i in states if i >= n][:1]
+    if len(set(states)) < (2 if keys["over"] == "plane" else len(states)):
+        found.append(("components", "must be two different states"))
+    n_panels = len(shown) * (len(states) if keys["over"] == "time" else 1)
+    if n_panels > MOST_PANELS:
+        found.append(("order", f"{n_panels} panels {TOO_MANY}"))
+    return found + _of_window(keys, outlook.end)
+
+
+def believed(shapes: Mapping[str, _Belief]) -> _Belief | None:
+    """Choose what a method believes of its error: the set M, else the covariance P; None where it tells neither."""
+    return shapes.get("M", shapes.get("P"))
 
 
 def of_variance_with_bound(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:

@@ -80,6 +80,7 @@ def trajectories(
     from_: NonNegative | None = None,
     to: NonNegative | None = None,
     runs: SingleRuns = 1,
+    edges: bool = False,
     width: Inches = 3.5,
     height: Inches | None = None,
     order: list[str] | None = None,
@@ -98,6 +99,7 @@ def trajectories(
     from_ : first time to show [s]
     to : last time to show [s]
     runs : how many single runs to show beside median and band, from the first one on
+    edges : lines around the bands, which tell those of several methods apart where they lie on each other
     width : of the whole picture [in]
     height : of the whole picture [in], if not given 0.8 and 1.2 for every panel; what legend and title need beyond a
         line is added
@@ -120,7 +122,8 @@ def trajectories(
 
     rows = rows_of(point, methods, signals)
     window = window_of(point, len(point.traces[methods[0]].r) - 1, from_, to)
-    return draw(point, title, methods, rows, window, runs, size_of(width, height, 0.8 + 1.2 * len(rows)))
+    size = size_of(width, height, 0.8 + 1.2 * len(rows))
+    return draw(point, title, methods, rows, window, runs, size, edges=edges)
 
 
 @demands(of_series)

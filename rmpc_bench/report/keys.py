@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
-from annotated_types import Ge, Le, Len
+from annotated_types import Ge, Gt, Le, Len, Lt
 
 from rmpc_bench.types import DesignError, MetricInfo, Positive
 
@@ -19,11 +19,20 @@ if TYPE_CHECKING:
 Inches = Annotated[float, Ge(1), Le(100)]
 SingleRuns = Annotated[int, Ge(0), Le(10)]
 Index = Annotated[int, Ge(0)]
+OneOrTwo = Annotated[tuple[Index, ...], Len(1, 2)]
+Level = Annotated[float, Gt(0), Lt(1)]
 MOST_RADII = 4
 Radii = Annotated[tuple[Positive, ...], Len(1, MOST_RADII)]
 
 NO_MOMENTS = "needs ensemble moments: evaluate: [runs, moments]"
 NO_P = "none of these methods tells a covariance P of its own"
+NO_BELIEF = "none of these methods tells a set M or a covariance P of its own"
+NO_STATES = "needs recorded states and estimates: record: {runs: 1, signals: [x, x_hat]}"
+
+
+def other_states(method: str, n_hat: int, n: int | None) -> str:
+    """Say that estimates cannot be compared with states."""
+    return f"x_hat of '{method}' has {n_hat} components and x of the plant {n}: leave the method out with `order`"
 
 
 def size_of(width: float, height: float | None, usual: float) -> tuple[float, float]:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 MOST_PANELS = 6
+TOO_MANY = f"do not fit (at most {MOST_PANELS}): name fewer methods or states"
 Values: TypeAlias = dict[str, Any]
 """Values by path of the sweep, such as ``{controller.Hp: 10}``; every one as the sweep gives it, or its name."""
 
@@ -50,6 +51,23 @@ def chosen(trials: Trials, at: Sequence[Values] | None) -> tuple[Trials, ...]:
             "at",
         )
     return tuple(points)
+
+
+def fitting(n_panels: int) -> int:
+    """Return a number of panels, if so many fit.
+
+    Parameters
+    ----------
+    n_panels : how many are asked for
+
+    Raises
+    ------
+    DesignError
+        when they are more than `MOST_PANELS`
+    """
+    if n_panels > MOST_PANELS:
+        raise DesignError(f"{n_panels} panels {TOO_MANY}", "order")
+    return n_panels
 
 
 def only(trials: Trials, at: Values | None) -> tuple[Trials, str]:

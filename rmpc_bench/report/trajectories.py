@@ -52,6 +52,8 @@ def draw(
     window: Window,
     n_single: int,
     size: tuple[float, float],
+    *,
+    edges: bool = False,
 ) -> Figure:
     """Draw the recorded runs; see `figures.trajectories`.
 
@@ -64,6 +66,7 @@ def draw(
     window : the samples to show
     n_single : number of single runs beside median and band
     size : width and height [in]
+    edges : whether bands have lines around them
     """
     looks = curves.looks(point.methods, methods)
     shown = {name: _shown(point, name) for name in methods}
@@ -84,7 +87,8 @@ def draw(
             for name in sorted(methods, key=lambda name: shown[name].failed):
                 t, values = _curves(point.traces[name], row, window, shown[name].rows)
                 limits = axes.get_ylim()
-                _draw_runs(axes, t, values, looks[name].line(held=row.signal in HELD, rough=solid), n_single)
+                main = looks[name].line(held=row.signal in HELD, rough=solid)
+                _draw_runs(axes, t, values, main, n_single, edges=edges)
                 if shown[name].failed and not all_failed:
                     axes.set_ylim(limits)  # what fails may go far away; it must not shrink the others
             axes.set_ylabel(row.label)
@@ -150,7 +154,7 @@ def _is_rough(point: Trials, row: Row, window: Window, shown: Mapping[str, Shown
     return any(np.nansum(np.abs(np.diff(values))) > MOST_TRAVEL * reach for values in main)
 
 
-def _draw_runs(axes: Axes, t: Array, values: Array, main: Mapping[str, Any], n_single: int) -> None:
+def _draw_runs(axes: Axes, t: Array, values: Array, main: Mapping[str, Any], n_single: int, *, edges: bool) -> None:
     """Draw one run as it is; of several the band, some single runs and the median."""
     if len(values) == 1:
         axes.plot(t, values[0], **main)
@@ -158,6 +162,8 @@ def _draw_runs(axes: Axes, t: Array, values: Array, main: Mapping[str, Any], n_s
     low, median, high = np.quantile(values, [BAND[0], 0.5, BAND[1]], axis=0)
     step: Any = "post" if main["drawstyle"] == "steps-post" else None
     axes.fill_between(t, low, high, step=step, color=main["color"], alpha=0.18, linewidth=0, zorder=1.5)
+    for edge in (low, high) if edges else ():
+        axes.plot(t, edge, **{**main, "lw": 0.6, "zorder": main["zorder"] - 0.6})
     for run in values[:n_single]:
         axes.plot(t, run, **{**main, "lw": 0.4, "ls": "-", "alpha": 0.8, "zorder": main["zorder"] - 0.5})
     axes.plot(t, median, **main)

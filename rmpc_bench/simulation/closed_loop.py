@@ -43,8 +43,8 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     if draws is None:
         draws = experiment.scenario.draw(plant, runs, n_steps)
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
-    needs_P = any(getattr(metric, "needs_P", False) for metric in experiment.metrics)
-    record, status = simulate(plant, method, draws, r, n_steps, with_P=needs_P)
+    P, M = (any(getattr(metric, name, False) for metric in experiment.metrics) for name in ("needs_P", "needs_M"))
+    record, status = simulate(plant, method, draws, r, n_steps, with_P=P, with_M=M)
     ok = status == OK
     with np.errstate(over="ignore", invalid="ignore"):  # of failed runs
         values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
@@ -55,7 +55,14 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
 
 
 def simulate(
-    plant: Plant, method: Method, draws: Draws, r: Float[Array, "known ny"], n_steps: int, *, with_P: bool = False
+    plant: Plant,
+    method: Method,
+    draws: Draws,
+    r: Float[Array, "known ny"],
+    n_steps: int,
+    *,
+    with_P: bool = False,
+    with_M: bool = False,
 ) -> tuple[Record, Statuses]:
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
@@ -67,14 +74,14 @@ def simulate(
     draws : what befalls the runs
     r : reference from k = 0 on, n_steps + the controller's preview samples at least
     n_steps : number of control periods N
-    with_P : whether to record the covariance that the estimator believes
+    with_P, with_M : whether to record the covariance and the set that the estimator believes
     """
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
     mixes = isinstance(plant, MixesNoise)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if isinstance(plant, MixesNoise) else (draws.w, draws.v)
     e, c = _start(estimator, n_runs, draws.delta), controller.init(n_runs)
-    status, believed, trail = np.full(n_runs, OK), list[Array | None](), _Trail(n_steps)
+    status, trail, P, M = np.full(n_runs, OK), _Trail(n_steps), list[Array | None](), list[Array | None]()
     still = np.zeros_like(v[:, 0])
     with np.errstate(over="ignore", invalid="ignore"):  # a run that overflows is marked, not warned of
         for k in range(n_steps + 1):
@@ -83,8 +90,8 @@ def simulate(
             e, estimate = estimator.correct(k, e, y)
             status = _first(status, estimate.status, estimate.x_hat)
             trail.at(k, x=x, y=y_true, x_hat=estimate.x_hat)
-            if with_P:
-                believed.append(estimate.P)
+            P.append(estimate.P if with_P else None)
+            M.append(estimate.M if with_M else None)
             if k == n_steps:
                 break
             c, command = controller.control(k, c, y, estimate, r[k : k + controller.preview])
@@ -94,9 +101,9 @@ def simulate(
             x = motion.x if (status == OK).all() else np.where((status == OK)[:, None], motion.x, x)
             trail.at(k, u=command.u)
             e = estimator.predict(k, e, command.u)
-    P = _stacked(believed) if with_P else None
     x_all, y_all, x_hat_all, u_all = (trail.of(name) for name in ("x", "y", "x_hat", "u"))
-    return Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r[: n_steps + 1], P), status
+    r = r[: n_steps + 1]
+    return Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r, _stacked(P), _stacked(M), controller), status
 
 
 class _Trail:
@@ -123,8 +130,8 @@ def _start(estimator: Any, n_runs: int, delta: Any) -> Any:
 
 
 def _stacked(believed: Sequence[Array | None]) -> Array | None:
-    """Stack covariances over k: (samples, nx, nx), or (runs, samples, nx, nx) where every run has its own."""
-    matrices = [P for P in believed if P is not None]
+    """Stack matrices over k: (samples, nx, nx), or (runs, samples, nx, nx) where every run has its own."""
+    matrices = [matrix for matrix in believed if matrix is not None]
     if len(matrices) < len(believed):
         return None
     return np.ascontiguousarray(np.stack(matrices, axis=matrices[0].ndim - 2))

@@ -1,13 +1,18 @@
-"""What metrics of estimates ask of estimators: as many components as the plant has states, and a covariance."""
+"""What metrics of estimates ask of estimators: as many components as the plant has states, a covariance, a set."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types import Array, DesignError, Estimate, Informed, Method, Plant, Record
+
+Belief = Literal["P", "M"]
+BELIEFS: dict[Belief, str] = {"P": "the covariance P", "M": "the set M"}
+"""What an estimator may say of its error."""
 
 
 def first_estimates(plant: Plant, methods: Sequence[Method]) -> Iterator[tuple[str, Estimate]]:
@@ -37,22 +42,27 @@ def refuse_other_states(plant: Plant | None, methods: Sequence[Method], paramete
             raise DesignError(_other_states(f" of method {name!r}", estimate.x_hat.shape[1], plant.nx), parameter)
 
 
-def refuse_without_P(plant: Plant | None, methods: Sequence[Method]) -> None:
-    """Insist that every method has a covariance P beside its x_hat.
+def refuse_without(plant: Plant | None, methods: Sequence[Method], *names: Belief, parameter: str = "") -> None:
+    """Insist that every method has, beside its x_hat, at least one of what is named.
 
     Raises
     ------
     DesignError
-        Naming the methods that have none.
+        Naming the methods that have none, at ``parameter``.
     """
     if plant is None:
         return
-    without = [name for name, estimate in first_estimates(plant, methods) if estimate.P is None]
+    without = [
+        method
+        for method, estimate in first_estimates(plant, methods)
+        if all(getattr(estimate, name) is None for name in names)
+    ]
     if without:
-        names = ", ".join(map(repr, without))
+        wanted = " or ".join(BELIEFS[name] for name in names)
         raise DesignError(
-            f"needs the covariance P of the estimate, which the estimator of {names} does not give; "
-            "leave the metric or the method out"
+            f"needs {wanted} of the estimate, which the estimator of {', '.join(map(repr, without))} does not give; "
+            "leave the metric or the method out",
+            parameter,
         )
 
 

@@ -56,6 +56,8 @@ class SampleMetric:
     reduce: Callable[[Record, Window], Float[Array, " runs"]]
     needs_P: bool = False
     """Whether it reads `Record.P`, which is not kept for other metrics."""
+    needs_M: bool = False
+    """Whether it reads `Record.M`, likewise."""
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """One value per run."""

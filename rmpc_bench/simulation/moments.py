@@ -19,7 +19,6 @@ from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import at_sample
 from rmpc_bench.simulation.linear_loop import GainSchedule
-from rmpc_bench.simulation.noise import HasMoments
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Array, HasPeriod, Method, Period, Plant
@@ -55,12 +54,10 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
         return "the gains of the estimator depend on the run"
     if not isinstance(method.controller, Rest):
         return "there is an input"
-    noises = scenario.noise_laws(plant.nw, plant.nv)
-    deviation = scenario.x0_noise
-    if noises is None or not (deviation is None or isinstance(deviation, HasMoments)):
-        return "a law of noise does not tell its moments"
-    x, X = scenario.x0, np.zeros((plant.nx, plant.nx))
-    return Laws(x, X, *noises) if deviation is None else Laws(x + deviation.mean, deviation.cov, *noises)
+    start, noises = scenario.initial_law(), scenario.noise_laws(plant.nw, plant.nv)
+    if start is None or noises is None:
+        return f"a law of {'the initial state' if start is None else 'noise'} does not tell its moments"
+    return Laws(*start, *noises)
 
 
 class Moments(NamedTuple):

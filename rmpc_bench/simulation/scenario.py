@@ -80,8 +80,8 @@ class Scenario:
     seed : seed of all streams
     uncertainty : law of every named quantity
     parameters : plant parameters that depend on them, each a function of the named values of a run
-    x0 : mean of the true initial state (nx,)
-    x0_noise : law of its deviation from the mean, or None
+    x0 : the true initial state (nx,) but for its deviation
+    x0_noise : the terms of its deviation from that; their sum acts
     process, measurement : the terms of w and v; their sum acts
     reference : what the output is meant to follow
     cross : (nv, nw) matrix T; T (w - mean of w) is added to v, for a cross-covariance; None for independent noises
@@ -91,7 +91,7 @@ class Scenario:
     uncertainty: Mapping[str, Distribution]
     parameters: Mapping[str, Callable[[Mapping[str, float]], float]]
     x0: Float[Array, " nx"]
-    x0_noise: Noise | None
+    x0_noise: tuple[Noise, ...]
     process: tuple[Noise, ...]
     measurement: tuple[Noise, ...]
     reference: Reference
@@ -138,21 +138,24 @@ class Scenario:
         ----------
         nw, nv : lengths of w and v
         """
-        found = []
-        for terms, n in ((self.process, nw), (self.measurement, nv)):
-            mean, cov = np.zeros(n), np.zeros((n, n))
-            for term in terms:
-                if not isinstance(term, HasMoments):
-                    return None
-                mean, cov = mean + term.mean, cov + term.cov
-            found.append((mean, cov))
-        (w_bar, W), (v_bar, V) = found
+        w, v = _moments(self.process, nw), _moments(self.measurement, nv)
+        if w is None or v is None:
+            return None
+        (w_bar, W), (v_bar, V) = w, v
         T = np.zeros((nv, nw)) if self.cross is None else self.cross
         joint = np.block([[W, W @ T.T], [T @ W, V + T @ W @ T.T]])
         return np.concatenate([w_bar, v_bar]), joint
 
+    def initial_law(self) -> tuple[Array, Array] | None:
+        """Mean and covariance of the true initial state; None where a law does not tell its own."""
+        deviation = _moments(self.x0_noise, len(self.x0))
+        return None if deviation is None else (self.x0 + deviation[0], deviation[1])
+
     def _initial_state(self, run: int) -> Float[Array, " nx"]:
-        return self.x0 if self.x0_noise is None else self.x0 + self.x0_noise.draw(stream(self.seed, run, "x0"), 1)[0]
+        x0 = self.x0
+        for number, term in enumerate(self.x0_noise):
+            x0 = x0 + term.draw(stream(self.seed, run, f"x0/{number}" if number else "x0"), 1)[0]
+        return x0
 
     def _sum(
         self, terms: tuple[Noise, ...], name: str, runs: range, n_samples: int, n: int
@@ -162,6 +165,16 @@ class Scenario:
             for number, term in enumerate(terms):
                 total[row] += term.draw(stream(self.seed, run, f"{name}/{number}"), n_samples)
         return total
+
+
+def _moments(terms: tuple[Noise, ...], n: int) -> tuple[Array, Array] | None:
+    """Mean and covariance of a sum of independent laws; None where one does not tell its own."""
+    mean, cov = np.zeros(n), np.zeros((n, n))
+    for term in terms:
+        if not isinstance(term, HasMoments):
+            return None
+        mean, cov = mean + term.mean, cov + term.cov
+    return mean, cov
 
 
 def with_cross_covariance(scenario: Scenario, S: Float[Array, "rows columns"], nw: int, nv: int) -> Scenario:

@@ -6,6 +6,8 @@ NamedTuple of arrays, a step is pure.  The only imports are NumPy, jaxtyping and
 
 from rmpc_bench.types.abilities import (
     Channel,
+    EstimatesMean,
+    HasCertificate,
     HasDrawn,
     HasLinearPart,
     HasOpponent,
@@ -58,8 +60,10 @@ __all__ = [
     "Controller",
     "Count",
     "DesignError",
+    "EstimatesMean",
     "Estimate",
     "Estimator",
+    "HasCertificate",
     "HasDrawn",
     "HasLinearPart",
     "HasOpponent",

@@ -32,6 +32,15 @@ class Informed(Protocol):
 
 
 @runtime_checkable
+class EstimatesMean(Protocol):
+    """An estimator may offer this: the info of its estimates has the mean of the process noise, `w_mean` (runs, nx)."""
+
+    @property
+    def estimates_mean(self) -> bool:
+        """True."""
+
+
+@runtime_checkable
 class HasOpponent(Protocol):
     """A plant whose uncertainty may be chosen by an adversary."""
 
@@ -41,6 +50,20 @@ class HasOpponent(Protocol):
 
     def against(self, worst: tuple[Array, ...]) -> Any:
         """Return the plant with the sequences (samples, r, s) that the adversary has chosen."""
+
+
+@runtime_checkable
+class HasCertificate(Protocol):
+    """A controller may offer this; a metric then compares what its bound says with what allowed noise can do."""
+
+    def certificate(
+        self, k: int, x_hat: Float[Array, "runs nx"], starts: int
+    ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
+        """Return rho and the worst of every run: costs from k on, beyond the least one without bounded noise.
+
+        rho is what the controller certifies; the worst is the largest that a local search over allowed noise has found
+        from so many starts, hence a lower bound of the true one.
+        """
 
 
 @runtime_checkable

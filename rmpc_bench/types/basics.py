@@ -56,6 +56,7 @@ class Status(IntEnum):
     DIVERGED = 1, "a state, an estimate or an input grew beyond 1e100 or stopped being a number"
     OUT_OF_RANGE = 2, "a drawn parameter lies where the model has no meaning (a mass that is not positive, say)"
     TOO_MANY_EVENTS = 3, "friction stopped and released a body more often in one sample than can be followed"
+    EMPTY_SET = 4, "the measurement and the predicted set have no state in common"
 
     @property
     def word(self) -> str:

@@ -149,6 +149,10 @@ class Record(NamedTuple):
     r: Float[Array, "samples ny"]
     P: Float[Array, "samples nx_hat nx_hat"] | Float[Array, "runs samples nx_hat nx_hat"] | None = None
     """Covariance of x_hat - x as the estimator believes it; None unless a metric has ``needs_P`` and every k one."""
+    M: Float[Array, "samples nx_hat nx_hat"] | Float[Array, "runs samples nx_hat nx_hat"] | None = None
+    """Shape matrix of the set that x_hat - x is believed to lie in; None as P is, with ``needs_M``."""
+    controller: Any = None
+    """The method's controller, for a metric that asks it something; None where nobody knows."""
 
 
 @runtime_checkable

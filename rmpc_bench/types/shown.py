@@ -41,3 +41,5 @@ class Outlook(NamedTuple):
     """Points of the sweep."""
     arrays: Mapping[str, Mapping[str, tuple[int, ...]]] = {}
     """Method -> series at the first point -> shape, axis 0 = k, of length 1 where it is the same at all k."""
+    n_recorded: int = 0
+    """Runs whose signals are kept, the first ones."""

@@ -206,6 +206,11 @@ def test_parts_of_series(trials, text, expected):
         ("mean(since(v[A], 4))", 20.5),
         ("slope(since(v[A], 4))", 9),
         ("share(since(v[A], 3) > 10)", 2 / 3),
+        ("mean(det(since(P[A], 1)))", np.linalg.det(2 * COV[1:]).mean()),
+        ("mean(trace(since(P[A], 1)))", (2 * (3 + 4 * np.arange(1, N))).mean()),
+        ("max(det(upto(P[A], 2)))", 4 * (3 * 8 - 0.25)),
+        ("mean(entry(var(e[A]), 1))", (2 + 3 * np.arange(N)).mean()),
+        ("mean(entry(since(std(e[A]), 2), 0))", np.sqrt(1 + np.arange(2, N)).mean()),
         ("share(0 < since(v[A], 3) < since(trace(cov(e[A])), 3))", 2 / 3),
     ],
 )

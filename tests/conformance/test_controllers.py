@@ -1,5 +1,6 @@
 """Every registered controller: the rules of the protocol, bit for bit."""
 
+import inspect
 import pickle
 
 import numpy as np
@@ -8,6 +9,7 @@ from conftest import random_model
 
 from rmpc_bench import registry
 from rmpc_bench.controllers.mpc import Limits, Scale
+from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.types import Controller, Estimate, Status
 
 KINDS = registry.names("controllers")
@@ -17,6 +19,13 @@ PARAMETERS = {
         {"Hp": 3, "Hu": 3, "Q": 1.0, "R": 0.1, "scale": Scale(u=2.0, y=3.0)},
         {"Hp": 4, "Hu": 2, "Q": 1.0, "R": 0.1, "law": "printed"},
     ],
+    "minimax-lq": [
+        {"horizon": 7, "Q_x": 1.0, "R_u": 0.1},
+        {"horizon": 5, "Q_x": 1.0, "R_u": 0.1, "set": "product"},
+        {"horizon": 4, "Q_x": 1.0, "R_u": 0.1, "set": "stages"},
+    ],
+    "lqr": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1}],
+    "game-gain": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "ratio": 1.5}],
 }
 """Parameters that make a design of each kind; a new kind gets a line here."""
 SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]
@@ -35,7 +44,10 @@ def case(request):
     kind, number, (nx, nu, ny) = request.param
     rng = np.random.default_rng(12)
     model = random_model(rng, nx, nu, ny, 0.9)
-    design = registry.get("controllers", kind)(model, **PARAMETERS[kind][number])
+    make, provided = registry.get("controllers", kind), {}
+    if "estimator" in inspect.signature(make).parameters:
+        provided = {"n_steps": STEPS, "estimator": kalman(model, STEPS, x0=np.zeros(nx), P0=np.eye(nx))}
+    design = make(model, **provided, **PARAMETERS[kind][number])
     r = rng.standard_normal((STEPS + design.preview, ny))
     return design, rng.standard_normal((RUNS, STEPS, nx)), rng.standard_normal((RUNS, STEPS, ny)), r, model
 

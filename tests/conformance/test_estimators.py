@@ -4,12 +4,13 @@ import pickle
 
 import numpy as np
 import pytest
-from conftest import random_model
+from conftest import random_model, random_psd
 
 from rmpc_bench import registry
 from rmpc_bench.estimators.enhanced_robust import Margins
 from rmpc_bench.estimators.lmmse import Law
 from rmpc_bench.estimators.risk_sensitive import Radius
+from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
 from rmpc_bench.plants.uncertain_linear import design as uncertain_plant
 from rmpc_bench.plants.uncertainty import Uncertainty
@@ -18,15 +19,25 @@ from rmpc_bench.types import Estimator, Status
 KINDS = registry.names("estimators")
 PARAMETERS = {
     "genie": [{}],
-    "kalman": [{}],
+    "kalman": [{}, {"noise": "matched", "use_y0": False}],
     "robust-kalman": [{"c": 0.1}, {"c": 0.1, "kl": "half", "tau": 0.5}],
     "risk-sensitive": [{"theta": 0.01}, {"theta_from": Radius(c=0.01)}, {"theta": 0.01, "tau": 1.0}],
     "kalman-predictor": [{}, {"R": 2.0, "gain": "steady"}],
     "enhanced-robust": [{}, {"eps": Margins(x=0.1, w=0.2, v=0.3), "tuned": True}, {"rule": "state"}],
     "sayed-bdu": [{}, {"alpha": 0.1, "form": "predictor"}],
     "lmmse": [{}, {"law": Law(mean=0.2, variance=0.1)}],
+    "mixed": [{}, {"q": "lag", "use_y0": False}, {"q": "one-pass"}],
+    "set-membership": [
+        {},
+        {"inflate": False},
+        {"update": "maksarov-norton", "level": 0.9999},
+        {"update": "maksarov-norton", "level": 0.9999, "criterion": "volume", "use_y0": False},
+    ],
+    "kalman-disturbance": [{}, {"drift": 0.1, "D0": 2.0, "noise": "matched"}],
 }
 """Parameters beyond the start that make a design of each kind; a new kind gets a line here."""
+BOUNDED = ("kalman", "mixed", "set-membership", "kalman-disturbance")
+"""Kinds that know bounded noises."""
 SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]
 CASES = [(kind, parameters, size) for kind in KINDS for parameters in PARAMETERS.get(kind, []) for size in SIZES]
 RUNS, STEPS = 9, 12
@@ -48,6 +59,13 @@ def uncertain(rng, model):
     return uncertain_model(STEPS, **given, W=model.Q_w.tolist(), V=model.R_v.tolist()), {"plant": truth}
 
 
+def bounded(rng, model):
+    """Give a model bounded noises, the process noise another one at every k."""
+    M_w = np.array([(1.0 + 0.5 * np.sin(k)) * random_psd(rng, model.nx) for k in range(STEPS + 1)])
+    given = {"A": model.A, "B": model.B, "C": model.C, "P_w": model.Q_w, "P_v": model.R_v}
+    return mixed_model(STEPS, **given, M_w=M_w, M_v=30.0 * model.R_v, w_mean=0.3, v_mean=-0.1)
+
+
 @pytest.fixture(params=CASES, ids=lambda case: f"{case[0]}-{'-'.join(case[1])}-{case[2][0]}{case[2][1]}{case[2][2]}")
 def case(request):
     """Return a design with measurements (runs, samples, ny) and inputs (runs, samples, nu)."""
@@ -56,7 +74,10 @@ def case(request):
     model = random_model(rng, nx, nu, ny, 0.9)
     if kind == "genie":
         model, parameters = uncertain(rng, model)
-    design = registry.get("estimators", kind)(model, STEPS, x0=rng.standard_normal(nx), P0=model.Q_w, **parameters)
+    start = {"x0": rng.standard_normal(nx), "P0": model.Q_w}
+    if kind in BOUNDED and (kind != "kalman" or parameters):
+        model, parameters = bounded(rng, model), parameters | {"M0": 40.0 * model.Q_w}
+    design = registry.get("estimators", kind)(model, STEPS, **start, **parameters)
     return design, rng.standard_normal((RUNS, STEPS + 1, ny)), rng.standard_normal((RUNS, STEPS + 1, nu)), model
 
 

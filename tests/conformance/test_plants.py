@@ -22,6 +22,15 @@ UNCERTAIN = {
     "H_Bv": 0.3, "H_Dv": [[0.1, 0.7, 0.2], [0.3, 0.1, 0.9]], "G_v": [[0.9, 0.1], [0.3, 0.7]],
 }  # fmt: skip
 PARAMETERS = {
+    "linear": [
+        {"n_steps": STEPS, "A": 0.9, "B": 1.0, "C": 1.0},
+        {
+            "n_steps": STEPS,
+            "A": [[0.5, lambda at: 0.1 * at["k"]], [0.0, 0.9]],
+            "B": [[1.0], [0.3]],
+            "C": [[0.2, 1.0], [1.0, 0.0], [0.3, 0.1]],
+        },  # fmt: skip
+    ],
     "servo": [{}, {"alpha_l0": 0.0, "alpha_l1": 0.0}],
     "servo-linear": [{}],
     "uncertain-linear": [

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import ROUND, random_model, random_psd, within_stat
+from estimators.mixed_systems import M0, M_V, M_W, P0, X0, in_ellipsoid, paper_model, random_mixed, simulated
 from filterpy.kalman import KalmanFilter
 from scipy.linalg import solve_discrete_are
 
@@ -154,3 +155,45 @@ def test_a_covariance_without_bound_is_a_design_error():
     for n_steps in (170, 600):
         with pytest.raises(DesignError, match=r"beyond 1e\+100 at k = 166"), np.errstate(all="ignore"):
             design(model, n_steps, x0=np.zeros(1), P0=np.eye(1))
+
+
+def test_matched_noise_counts_the_sets_as_uniform_laws(rng):
+    """Oracle: the filter on a model with Q_w + M_w / 4, R_v + M_v / 3 and P0 + M0 / 4; nominal ignores the sets."""
+    model, zero = paper_model(), np.zeros((2, 2))
+    start = {"x0": X0, "P0": P0, "M0": M0}
+    ours = design(model, 30, **start, noise="matched")
+    wider = paper_model(P_w=(0.25 * np.eye(2) + np.array(M_W) / 4).tolist(), P_v=0.25 + M_V / 3)
+    theirs = design(wider, 30, x0=X0, P0=P0 + M0 / 4)
+    for name in ("L", "K", "P"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), **ROUND)
+    plain = design(paper_model(M_w=0.0, M_v=0.0), 30, x0=X0, P0=P0)
+    for keys in (start, start | {"M0": zero}):
+        np.testing.assert_array_equal(design(model, 30, **keys).P, plain.P)
+    np.testing.assert_array_equal(design(model, 30, x0=X0, P0=P0, noise="matched").extra["P_pred"][0], P0)
+
+
+def test_matched_noise_promises_the_right_covariance(rng):
+    """Oracle: Monte Carlo, 20,000 runs with uniform bounded noises beside the Gaussian ones."""
+    model, runs, shape = random_mixed(rng, 2, 1, 8), 20_000, random_psd(rng, 2)
+    ours = design(model, 8, x0=np.zeros(2), P0=np.eye(2), M0=shape, noise="matched")
+    start = rng.standard_normal((runs, 2)) + in_ellipsoid(rng, shape, runs)
+    x, y = simulated(rng, model, runs, 8, start)
+    error = run(ours, y, np.zeros((runs, 9, 1)))[0][:, -1] - x[:, -1]
+    assert within_stat(error[:, :, None] * error[:, None, :], ours.P[-1])
+    nominal = design(model, 8, x0=np.zeros(2), P0=np.eye(2), M0=shape)
+    assert not within_stat(error[:, :, None] * error[:, None, :], nominal.P[-1])
+
+
+def test_y0_is_left_out_on_request(small_model, rng):
+    """Oracle: the filter that begins one sample later with the prediction from x0 and P0."""
+    x0, P0 = rng.standard_normal(3), random_psd(rng, 3)
+    y, u = rng.standard_normal((2, 9, 2)), rng.standard_normal((2, 9, 2))
+    ours = design(small_model, 8, x0=x0, P0=P0, use_y0=False)
+    x_hat, x_pred = run(ours, y, u)
+    np.testing.assert_array_equal(x_hat[:, 0], [x0, x0])
+    np.testing.assert_array_equal(ours.P[0], P0)
+    m = small_model
+    later = design(m, 7, x0=m.A @ x0, P0=m.A @ P0 @ m.A.T + m.Q_w)
+    for ours_k, theirs_k in ((ours.P[1:], later.P), (ours.L[1:], later.L)):
+        np.testing.assert_allclose(ours_k, theirs_k, rtol=1e-9)  # another order of products
+    np.testing.assert_allclose(x_pred[:, 1], x0 @ m.A.T + u[:, 0] @ m.B.T, atol=1e-13)

@@ -117,9 +117,10 @@ def test_initial_state_is_a_vector_or_a_law(load):
     assert load(initial="{x: [1, 2, 3, 50%]}").experiment.scenario.x0.tolist() == [1.0, 2.0, 3.0, 0.5]
     scenario = load(initial="{x: {gaussian: {std: 2, mean: 1}}}").experiment.scenario
     assert scenario.x0.tolist() == [0.0] * 4
-    assert scenario.x0_noise.mean.tolist() == [1.0] * 4
-    assert scenario.x0_noise.root.tolist() == (2 * np.eye(4)).tolist()
-    assert load().experiment.scenario.x0_noise is None
+    [deviation] = scenario.x0_noise
+    assert deviation.mean.tolist() == [1.0] * 4
+    assert deviation.root.tolist() == (2 * np.eye(4)).tolist()
+    assert load().experiment.scenario.x0_noise == ()
 
 
 def test_start_of_the_estimators(load):

@@ -84,13 +84,14 @@ P = {"P": (2, 2)}
 NEEDS = ("", "needs ensemble moments: evaluate: [runs, moments]")
 
 
-def mistakes(kind, text, series, end=10.0):
+def mistakes(kind, text, series, end=10.0, **more):
     """What a figure says against an outlook."""
     problems = []
     keys = validate(model_of("figures", kind), parse(text, "f.yaml"), [], problems)
     assert not problems
     parameters = {name: getattr(keys, name) for name in type(keys).model_fields}
-    return registry.get("figures", kind).mistakes(parameters, Outlook({}, end, series, 1))
+    outlook = Outlook({}, end, series, 1)._replace(**more)
+    return registry.get("figures", kind).mistakes(parameters, outlook)
 
 
 @pytest.mark.parametrize(
@@ -140,3 +141,63 @@ def test_an_experiment_without_moments(tmp_path, figure):
         load_config(write(tmp_path, figures=f"[{figure}]"))
     (problem,) = caught.value.problems
     assert (problem.path, problem.message) == ("figures.0", NEEDS[1])
+
+
+BELIEFS = {"KF": {"P": (1, 2, 2)}, "MIX": {"P": (101, 2, 2), "M": (101, 2, 2)}, "LP": {"L": (1, 2, 1)}}
+STATES = {"y": 1, "x": 2, "x_hat": None}
+NEITHER = "tells neither a set M nor a covariance P of its own"
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{}", []),
+        ("{run: 1, over: time, components: [1], order: [MIX], level: 99%}", []),
+        ("{run: 2}", [("run", "run 2 is not recorded (recorded: 2, from 0 on)")]),
+        ("{order: [LP, MIX]}", [("order", f"'LP' {NEITHER}")]),
+        ("{order: [unknown]}", []),  # which is said of every figure
+        ("{components: [0, 2]}", [("components", "there is no state 2 (they count from 0 to 1)")]),
+        ("{components: [1]}", [("components", "must be two different states")]),
+        ("{components: [0, 0], over: time}", [("components", "must be two different states")]),
+        ("{from: 5, to: 2}", [("from", "the window from 5 to 2 s is empty")]),
+    ],
+)
+def test_what_tubes_ask_for(text, found):
+    """A recorded run, methods that believe something, states that there are."""
+    assert mistakes("tubes", text, {}, signals=STATES, arrays=BELIEFS, n_recorded=2) == found
+
+
+@pytest.mark.parametrize("signals", [{}, {"y": 1, "u": 1}, {"x": 2}, {"x_hat": None}])
+def test_tubes_need_states_and_estimates(signals):
+    """Both; the way out is in the message."""
+    message = "needs recorded states and estimates: record: {runs: 1, signals: [x, x_hat]}"
+    assert mistakes("tubes", "{}", {}, signals=signals, arrays=BELIEFS, n_recorded=2) == [("", message)]
+
+
+def test_tubes_of_methods_that_cannot_be_shown():
+    """None believes anything; or a filter knows other states than the plant has."""
+    silent = mistakes("tubes", "{}", {}, signals=STATES, arrays={"LP": {}}, n_recorded=1)
+    assert silent == [("", "none of these methods tells a set M or a covariance P of its own")]
+    other = {"KF": {"P": (1, 2, 2)}, "S": {"P": (1, 4, 4)}}
+    message = "x_hat of 'S' has 4 components and x of the plant 2: leave the method out with `order`"
+    for text, key in (("{}", ""), ("{order: [S, KF]}", "order")):
+        assert mistakes("tubes", text, {}, signals=STATES, arrays=other, n_recorded=1) == [(key, message)]
+    assert mistakes("tubes", "{order: [KF]}", {}, signals=STATES, arrays=other, n_recorded=1) == []
+
+
+def test_more_tubes_than_panels():
+    """Four methods and two states over time; in a plane there is one panel for each method."""
+    arrays = {name: {"P": (1, 2, 2)} for name in "ABCD"}
+    message = "8 panels do not fit (at most 6): name fewer methods or states"
+    for text, found in (("{over: time}", [("order", message)]), ("{}", []), ("{over: time, components: [0]}", [])):
+        assert mistakes("tubes", text, {}, signals=STATES, arrays=arrays, n_recorded=1) == found
+
+
+def test_tubes_of_an_experiment(tmp_path):
+    """Refused at load where nothing is recorded, and for the run that is not."""
+    record = "{runs: 2, signals: [x, x_hat]}"
+    assert load_config(write(tmp_path, record=record, figures="[{kind: tubes, run: 1, components: [0, 3]}]")).figures
+    with pytest.raises(ConfigError, match=r"figures\.0\.run: run 2 is not recorded"):
+        load_config(write(tmp_path, record=record, figures="[{kind: tubes, run: 2}]"))
+    with pytest.raises(ConfigError, match=r"figures\.0: needs recorded states and estimates"):
+        load_config(write(tmp_path, figures="[tubes]"))

@@ -72,6 +72,18 @@ def test_several_runs_are_median_and_band(make_trials, record):
     assert len(drawn(figure, 0, COLOURS[0])) == 1 and figure.axes[0].get_title().endswith("of 50 runs")
 
 
+def test_bands_have_edges_if_told(make_trials, record):
+    """At 5 and 95 %, thinner than the median; of a single run there is no band and no edge."""
+    trials = record(make_trials(TWO), {"A": 50, "B": 50})
+    values = trials.traces["B"].signals["y"][:, :, 0]
+    low, high, median = drawn(trajectories(trials, runs=0, edges=True), 0, COLOURS[1])
+    for line, share in ((low, 0.05), (high, 0.95)):
+        assert np.array_equal(line.get_ydata(), np.quantile(values, share, axis=0))
+        assert line.get_linewidth() < median.get_linewidth() and line.get_linestyle() == median.get_linestyle()
+    one = record(make_trials(TWO), {"A": 1, "B": 1})
+    assert len(drawn(trajectories(one, edges=True), 0, COLOURS[1])) == 1
+
+
 @pytest.mark.parametrize("smooth", [True, False])
 def test_steps_have_dashes_where_they_are_smooth(make_trials, record, smooth):
     """As in the legend; where they would be lost in rough steps, an earlier line is an edge about a later one."""

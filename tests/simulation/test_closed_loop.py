@@ -116,7 +116,7 @@ def experiment(plant, method, scenario, n_runs, n_steps):
 def toy_experiment(parameter):
     """Eight runs of the toy plant whose parameter is a function of the named value p in 0..1."""
     noise = (gaussian(1, std=0.1),)
-    parts = {"x0": np.ones(1), "x0_noise": None, "process": noise, "measurement": noise}
+    parts = {"x0": np.ones(1), "x0_noise": (), "process": noise, "measurement": noise}
     law, names = {"p": Uniform(0.0, 1.0)}, {"a": lambda values: parameter(values["p"])}
     scenario = Scenario(seed=1, uncertainty=law, parameters=names, reference=constant(1, value=2.0), **parts)
     return experiment(Walk(), TOY, scenario, 8, 40)
@@ -147,7 +147,7 @@ def servo_experiment():
             "K_t": lambda values: nominal["K_t"] * (1.0 + values["eps_max"]),
         },
         x0=np.zeros(5),
-        x0_noise=None,
+        x0_noise=(),
         process=(gaussian(4, std=0.01),),
         measurement=(gaussian(1, std=0.01),),
         reference=constant(1, value=np.pi / 2),

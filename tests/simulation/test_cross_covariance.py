@@ -18,7 +18,7 @@ from rmpc_bench.types import DesignError
 def independent(W, V, w_bar, v_bar, nx=1, ny=1):
     """A scenario with independent normal noises."""
     return Scenario(
-        seed=3, uncertainty={}, parameters={}, x0=np.zeros(nx), x0_noise=None,
+        seed=3, uncertainty={}, parameters={}, x0=np.zeros(nx), x0_noise=(),
         process=(gaussian(len(W), mean=list(map(float, w_bar)), cov=np.array(W)),),
         measurement=(gaussian(len(V), mean=list(map(float, v_bar)), cov=np.array(V)),),
         reference=constant(ny, value=0.0),

@@ -163,7 +163,7 @@ def test_a_plant_that_does_not_mix_is_simulated_as_before(rng):
 def experiment(plant, method, **recording):
     """Runs of a plant with noise."""
     noises = {"process": (gaussian(plant.nw, std=0.5),), "measurement": (gaussian(plant.nv, std=0.5),)}
-    start = {"x0": np.zeros(plant.nx), "x0_noise": gaussian(plant.nx, std=1.0)}
+    start = {"x0": np.zeros(plant.nx), "x0_noise": (gaussian(plant.nx, std=1.0),)}
     some = Scenario(seed=9, uncertainty={}, parameters={}, reference=constant(plant.ny, value=0.0), **start, **noises)
     return Experiment(plant, (method,), some, (), 120, STEPS, Recording(**recording))
 

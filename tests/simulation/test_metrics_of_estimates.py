@@ -18,14 +18,15 @@ SIZES = {metrics.mse: lambda e: e * e, metrics.rmse: lambda e: e * e, metrics.ma
 
 
 def trajectories(rng, runs=RUNS, n_steps=N, nx=NX, per_run=None):
-    """Random trajectories, with a random covariance that is shared (False), per run (True) or not there (None)."""
+    """Random trajectories, with random P and M that are shared (False), per run (True) or not there (None)."""
     x, x_hat = rng.standard_normal((2, runs, n_steps + 1, nx))
     y, u = rng.standard_normal((runs, n_steps + 1, 2)), rng.standard_normal((runs, n_steps, 1))
-    P = None
+    P = M = None
     if per_run is not None:
         shape = (runs, n_steps + 1) if per_run else (n_steps + 1,)
         P = np.array([random_psd(rng, nx) for _ in range(np.prod(shape))]).reshape(*shape, nx, nx)
-    return Record(0.5, x, y, x_hat, u, rng.standard_normal((n_steps + 1, 2)), P)
+        M = np.array([8.0 * random_psd(rng, nx) for _ in range(np.prod(shape))]).reshape(*shape, nx, nx)
+    return Record(0.5, x, y, x_hat, u, rng.standard_normal((n_steps + 1, 2)), P, M)
 
 
 def plant(nx):

@@ -15,14 +15,16 @@ MAKES = [
     *(lambda units, make=make, of=of: make(units, of=of) for make in SIZES for of in ("state", "estimate")),
     estimation_metrics.estimation_mse,
     estimation_metrics.nees,
+    *(lambda units, of=of: registry.get("metrics", "inside")(units, of=of) for of in (None, "set", "gaussian", "sum")),
+    lambda units: registry.get("metrics", "cost")(units, Q_x=[3.0, 0.1, 1.0], R_u=0.7),
     *(lambda units, of=of: registry.get("metrics", "sample")(units, of=of) for of in ("x.1", "e.2", "y.1", "u.0")),
 ]
 
 
 def row(block, i):
     """Run i as a batch of one, in memory of its own."""
-    P = block.P if block.P is None or block.P.ndim == 3 else block.P[i : i + 1].copy()
-    return Record(block.Ts, *(part[i : i + 1].copy() for part in block[1:5]), block.r, P)
+    beliefs = (part if part.ndim == 3 else part[i : i + 1].copy() for part in (block.P, block.M))
+    return Record(block.Ts, *(part[i : i + 1].copy() for part in block[1:5]), block.r, *beliefs)
 
 
 @pytest.mark.parametrize("make", MAKES)
@@ -37,7 +39,7 @@ def test_a_row_has_the_bits_it_has_alone(make, per_run, n_steps, rng):
         np.testing.assert_array_equal(metric.evaluate(row(block, i)), values[i : i + 1])
     order = rng.permutation(11)
     moved = block._replace(**{name: getattr(block, name)[order] for name in ("x", "y", "x_hat", "u")})
-    moved = moved._replace(P=block.P[order]) if per_run else moved
+    moved = moved._replace(P=block.P[order], M=block.M[order]) if per_run else moved
     np.testing.assert_array_equal(metric.evaluate(moved), values[order])
 
 
@@ -48,12 +50,12 @@ def test_a_wild_run_leaves_the_others_alone(make, bad, rng):
     block = trajectories(rng, per_run=True)
     metric = make(UNITS)
     values = metric.evaluate(block)
-    wild = Record(0.5, *(part.copy() for part in block[1:5]), block.r, block.P.copy())
+    wild = Record(0.5, *(part.copy() for part in block[1:5]), block.r, block.P.copy(), block.M.copy())
     for part in (wild.x, wild.x_hat, wild.y, wild.u):
         part[1, 2:] = bad
-    wild.P[1, 3:] = bad
+    wild.P[1, 3:] = wild.M[1, 3:] = bad
     with np.errstate(all="ignore"):
-        kept = [part.copy() for part in wild[1:]]
+        kept = [part.copy() for part in wild[1:8]]
         np.testing.assert_array_equal(np.delete(metric.evaluate(wild), 1), np.delete(values, 1))
-    for part, before in zip(wild[1:], kept, strict=True):
+    for part, before in zip(wild[1:8], kept, strict=True):
         np.testing.assert_array_equal(part, before)

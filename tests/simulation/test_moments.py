@@ -108,7 +108,7 @@ def scenario(rng, plant, laws, nw):
     """A scenario with these laws; its cross-covariance by `with_cross_covariance`."""
     root = np.linalg.cholesky(laws.X)
     independent = Scenario(
-        seed=4, uncertainty={}, parameters={}, x0=laws.x, x0_noise=Gaussian(np.zeros(len(laws.x)), root),
+        seed=4, uncertainty={}, parameters={}, x0=laws.x, x0_noise=(Gaussian(np.zeros(len(laws.x)), root),),
         process=(Gaussian(laws.n[:nw], np.linalg.cholesky(laws.U[:nw, :nw])),),
         measurement=(Gaussian(laws.n[nw:], np.linalg.cholesky(laws.U[nw:, nw:])),),
         reference=constant(plant.ny, value=0.0),
@@ -264,7 +264,7 @@ def small():
     filter_ = kalman_predictor.design(model, 5, x0=np.zeros(1), P0=np.eye(1))
     one = Gaussian(np.zeros(1), np.eye(1))
     parts = {"seed": 1, "uncertainty": {}, "parameters": {}, "reference": constant(1, value=0.0)}
-    some = Scenario(x0=np.ones(1), x0_noise=None, process=(one, one), measurement=(), **parts)
+    some = Scenario(x0=np.ones(1), x0_noise=(), process=(one, one), measurement=(), **parts)
     return plant, Method("m", filter_, Rest(1)), some, model
 
 
@@ -275,7 +275,7 @@ def test_laws_are_gathered_from_all_terms():
     np.testing.assert_array_equal(laws.U, [[2.0, 0.0], [0.0, 0.0]])
     np.testing.assert_array_equal(laws.X, [[0.0]])
     np.testing.assert_array_equal(laws.x, [1.0])
-    shifted = Scenario(**{**vars(some), "x0_noise": Gaussian(np.array([2.0]), np.array([[3.0]]))})
+    shifted = Scenario(**{**vars(some), "x0_noise": (Gaussian(np.array([2.0]), np.array([[3.0]])),)})
     laws = exact_laws(plant, method, shifted)
     np.testing.assert_array_equal(laws.x, [3.0])
     np.testing.assert_array_equal(laws.X, [[9.0]])
@@ -303,7 +303,7 @@ def test_words_for_what_has_no_exact_moments(what, why):
     elif what == "noise":
         some = Scenario(**{**vars(some), "process": (Heavy(),)})
     else:
-        some = Scenario(**{**vars(some), "x0_noise": Heavy()})
+        some = Scenario(**{**vars(some), "x0_noise": (Heavy(),)})
     answer = exact_laws(plant, method, some)
     assert isinstance(answer, str) and why in answer
 

@@ -17,6 +17,8 @@ WORDS = {
     "delta": (0x10944A4F, 0x95F8CDFF),  # 4f4a9410 ffcdf895
     "w/0": (0x0CF89BA9, 0xAA5DD7CF),  # a99bf80c cfd75daa
     "v/0": (0x5B2D6D71, 0xF621A304),  # 716d2d5b 04a321f6
+    "x0": (0xEE140AB7, 0xAAD7151E),  # b70a14ee 1e15d7aa
+    "x0/1": (0x084357B5, 0xFF2E4DE9),  # b5574308 e94d2eff
 }
 
 
@@ -32,7 +34,7 @@ def scenario(**changes):
         "uncertainty": {"eps_max": Uniform(-0.2, 0.2), "eps_min": Uniform(-0.1, 0.1)},
         "parameters": {"a": lambda values: 0.9 * (1.0 + values["eps_min"])},
         "x0": np.zeros(1),
-        "x0_noise": gaussian(1, std=0.5),
+        "x0_noise": (gaussian(1, std=0.5),),
         "process": (gaussian(1, std=0.1),),
         "measurement": (gaussian(1, std=0.2),),
         "reference": constant(1, value=1.0),
@@ -82,7 +84,7 @@ def everything(draws):
 
 def test_the_first_50_runs_of_200_are_the_50_runs():
     """Oracle: promise 1 of product.md section 6, bit for bit."""
-    for plant, changes in ((Walk(), {}), (servo.design(0.1), {"x0": np.zeros(5), "x0_noise": None, "parameters": {}})):
+    for plant, changes in ((Walk(), {}), (servo.design(0.1), {"x0": np.zeros(5), "x0_noise": (), "parameters": {}})):
         some = scenario(**changes)
         if plant.nx == 5:
             some = scenario(**changes, process=(gaussian(4, std=0.1),))
@@ -114,6 +116,18 @@ def test_a_second_term_of_noise_adds_to_the_first():
     np.testing.assert_array_equal(two, one + second)
 
 
+def test_the_terms_of_the_initial_state_have_streams_too():
+    """Oracle: the golden streams `x0` and `x0/1`; the first is the only one where there is one term."""
+    laws = gaussian(1, std=0.5), gaussian(1, std=3.0, mean=1.0)
+    one, two = (scenario(x0_noise=laws[:n], x0=np.array([4.0])).draw(Walk(), range(5), 2).x0 for n in (1, 2))
+    for run in range(5):
+        first, second = (golden(run, name).standard_normal() for name in ("x0", "x0/1"))
+        assert one[run] == 4.0 + 0.5 * first
+        assert two[run] == one[run] + (1.0 + 3.0 * second)
+    mean, cov = scenario(x0_noise=laws, x0=np.array([4.0])).initial_law()
+    assert (mean.tolist(), cov.tolist()) == ([5.0], [[9.25]])
+
+
 @pytest.mark.parametrize("bound", [0.4, 0.05])
 def test_a_doubled_bound_doubles_the_same_draws(bound):
     """Oracle: inverse transform; +-80 % is +-40 % times two, exactly."""
@@ -133,7 +147,7 @@ def test_parameters_follow_the_named_values_and_the_others_stay_nominal():
 
 def test_without_noise_nothing_is_random():
     """Oracle: zeros."""
-    draws = scenario(x0_noise=None, process=(), measurement=(), x0=np.array([2.0])).draw(Walk(), range(3), 4)
+    draws = scenario(x0_noise=(), process=(), measurement=(), x0=np.array([2.0])).draw(Walk(), range(3), 4)
     np.testing.assert_array_equal(draws.x0, np.full((3, 1), 2.0))
     np.testing.assert_array_equal(draws.w, np.zeros((3, 5, 1)))
     np.testing.assert_array_equal(draws.v, np.zeros((3, 5, 1)))

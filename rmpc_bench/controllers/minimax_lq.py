@@ -1,0 +1,198 @@
+"""Minimax linear-quadratic control under stochastic and bounded noise.
+
+Model   at every k, with x(k) - x_hat(k) = e in E(0, M(k)) and w_b(t) in E(0, M_w(t)): choose all u(k..k+N-1) such that
+        the largest sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t), in the mean over the stochastic noise, is
+        small, and apply u(k).  No measurement to come is modelled, so that v does not matter (ma2025, (P_k)).
+        M and M_w are those that the estimator believes in; of one without sets the 95 % ellipsoids of its P and Q_w.
+        Towards x = 0; a reference is not followed.
+Source  ma2025, Theorem 1: the semidefinite program (57), solved exactly by the recursion of numerics/lq_game.py.
+Sets    `stacked`  sum over t of w' M_w^-1 w <= 1, as (62) and (65) are printed: it leaves out allowed noise, so that
+                   rho is no bound for the stated problem.
+        `product`  M_w -> N M_w, which contains every sequence of allowed w(t): rho is a bound.
+        `stages`   one multiplier per stage: rho is the tightest bound of the three (a search for every state: slow).
+Limit   M = 0 and M_w = 0 give the control of lqr.
+Cost    stacked, product: tables are made once per method, of all k; a state is then looked up, or where its table does
+        not hold solved for exactly.  stages: some twenty passes over the horizon per state.
+Fails   design error where a weight is not one, or the model has constant parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.controllers.state_feedback import LEVEL, NoState, problem_of, process_sets, stages_of
+from rmpc_bench.models.linear import Model
+from rmpc_bench.numerics.ellipsoid import confidence
+from rmpc_bench.numerics.game_table import HALF, MIDDLE, Tables, tables
+from rmpc_bench.numerics.linalg import at_sample, mv
+from rmpc_bench.numerics.lq_game import Problem, Solution, plan, roots, solve, solve_stages
+from rmpc_bench.numerics.lq_windows import Stages, window_law
+from rmpc_bench.numerics.worst_noise import worst_cost
+from rmpc_bench.types import Array, Command, DesignError, Estimate, Horizon, Matrix, Status
+
+OK = np.int8(Status.OK)
+
+
+@dataclass(frozen=True, eq=False)
+class MinimaxLq:
+    """The minimax law; build it with `design`.
+
+    Parameters
+    ----------
+    stages : system and weights to the end of the last window
+    horizon : N
+    set : which sequences of noise the bound counts with
+    M_roots : roots of the sets of e, axis 0 = k; None where they come with the estimates
+    w_roots : roots of the sets of w
+    """
+
+    stages: Stages
+    horizon: int
+    set: str
+    M_roots: Float[Array, "k nx nx"] | None
+    w_roots: Float[Array, "t nx nx"]
+    preview: int = 1
+
+    def init(self, n_runs: int) -> NoState:
+        """There is nothing to remember."""
+        return NoState()
+
+    def control(
+        self,
+        k: int,
+        state: NoState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[NoState, Command]:
+        """Apply the first input of the minimiser."""
+        M_roots = _stacked_roots(estimate.M) if self.M_roots is None else at_sample(self.M_roots, k)[None]
+        x = np.ascontiguousarray(estimate.x_hat)
+        first = self._first_of_stages(k, M_roots, x) if self.set == "stages" else self._first(k, M_roots, x)
+        return state, Command(-mv(self._feedback[k], first), np.full(len(x), OK), {})
+
+    def certificate(
+        self, k: int, x_hat: Float[Array, "runs nx"], starts: int
+    ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
+        """Return rho, and the largest cost that allowed noise is found to cause, both beyond the least without noise.
+
+        Parameters
+        ----------
+        k : sample
+        x_hat : estimates; the sets are those of the design
+        starts : of the search for the worst noise
+        """
+        if self.M_roots is None:
+            raise DesignError("the sets of this estimator depend on the data; their certificate is not tested")
+        window, M_root = slice(k, k + self.horizon), at_sample(self.M_roots, k)
+        stages = Stages(*(each[window] for each in self.stages))
+        S = window_law(stages, self.horizon, np.zeros((self.horizon, len(M_root), 1))).S[0]
+        rho, worst = np.empty(len(x_hat)), np.empty(len(x_hat))
+        for row, x in enumerate(x_hat):
+            found = self.solution(k, M_root, x)
+            U = plan(self.problem(k), self._feedback[window], found)
+            rho[row] = found.rho
+            worst[row] = worst_cost(stages, U, x, M_root, self.w_roots[window], starts) - x @ S @ x
+        return rho, worst
+
+    def problem(self, k: int) -> Problem:
+        """The game at k."""
+        return self._problem.window(k, self.horizon)
+
+    def solution(self, k: int, M_root: Float[Array, "nx nx"], x: Float[Array, " nx"]) -> Solution:
+        """Solve for one state, exactly."""
+        return (solve_stages if self.set == "stages" else solve)(self.problem(k), M_root, x)
+
+    def warm_up(self) -> None:
+        """Make the tables, which brings compiled code along, before the design goes to workers."""
+        _ = self._tables
+
+    @cached_property
+    def _problem(self) -> Problem:
+        wider = np.sqrt(self.horizon) if self.set == "product" else 1.0
+        return problem_of(self.stages, self.w_roots * wider)
+
+    @cached_property
+    def _feedback(self) -> Float[Array, "t nu nx"]:
+        """R_u^-1 B'."""
+        return np.linalg.solve(self.stages.R, self.stages.B.mT)
+
+    @cached_property
+    def _tables(self) -> Tables:
+        """Tables of every k, without a set of e where it comes with the estimates: these states are solved for."""
+        n_windows = len(self.stages.A) - self.horizon + 1
+        M_roots = np.zeros_like(self.w_roots[:1]) if self.M_roots is None else self.M_roots
+        return tables([self.problem(k) for k in range(n_windows)], M_roots)
+
+    def _first(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:
+        from rmpc_bench.numerics.game_kernel import rows_kernel
+        from rmpc_bench.numerics.game_lookup import lookup_kernel
+
+        made = self._tables
+        first, holds = np.full_like(x, np.nan), np.zeros(len(x), dtype=bool)
+        if self.M_roots is not None and made.usable[k]:
+            lookup_kernel(made.series[k], MIDDLE, HALF, x, first, holds)
+        rest = np.flatnonzero(~holds)
+        if rest.size:
+            rows_kernel(*self.problem(k), M_roots, made.tau_min[k], made.s[k], x, rest, first)
+        return first
+
+    def _first_of_stages(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:
+        first = np.full_like(x, np.nan)
+        for row in np.flatnonzero(np.isfinite(x).all(axis=1)):
+            first[row] = self.solution(k, M_roots[row if len(M_roots) > 1 else 0], x[row]).first
+        return first
+
+
+def design(
+    model: Model,
+    n_steps: int,
+    estimator: Any,
+    *,
+    horizon: Horizon,
+    Q_x: Matrix,
+    R_u: Matrix,
+    set: Literal["stacked", "product", "stages"] = "stacked",
+) -> MinimaxLq:
+    """Minimax linear-quadratic control of the estimate over a receding horizon.
+
+    Parameters
+    ----------
+    model : what the controller believes
+    n_steps : number of control periods; there are games for k = 0..n_steps-1
+    estimator : its sets of the estimation error and of the process noise count
+    horizon : N [samples]
+    Q_x : weight of the state: a number, a diagonal or a matrix
+    R_u : weight of the input, positive definite
+    set : sequences of noise that count: `stacked` as printed, `product` a valid bound, `stages` the tightest one
+
+    Raises
+    ------
+    DesignError
+        If a weight is not one, or the model has constant parts.
+    """
+    stages = stages_of(model, n_steps, horizon, Q_x, R_u)
+    if any(model.at(k).f0.any() for k in range(len(stages.A))):
+        raise DesignError("has no place for a known mean of the process noise; take lqr, or a model without it")
+    w_roots = roots(process_sets(model, estimator, len(stages.A)))
+    return MinimaxLq(stages, horizon, set, _error_roots(estimator), w_roots)
+
+
+def _error_roots(estimator: Any) -> Float[Array, "k nx nx"] | None:
+    """Roots of the sets of x - x_hat that an estimator believes in."""
+    if getattr(estimator, "sets", None) is not None:
+        return None if estimator.M is None else roots(estimator.M)
+    P = getattr(estimator, "P", None)
+    if P is None:
+        raise DesignError("the estimator shows neither a set nor a covariance of its error over time")
+    return roots(confidence(LEVEL, P.shape[1]) * P)
+
+
+def _stacked_roots(M: Array | None) -> Float[Array, "runs nx nx"]:
+    assert M is not None, "an estimator with sets gives M"
+    return roots(M if M.ndim == 3 else M[None])

@@ -1,0 +1,222 @@
+"""State feedback over a receding horizon: linear-quadratic (`lqr`) and against a maximiser (`game-gain`).
+
+Model   from the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t) of
+        x(t+1) = A_t x + B_t u + d + w, and apply u(k): certainty equivalence, towards x = 0; no reference is followed.
+        lqr        d is the mean of the process noise that the model knows, that the estimator has found (info
+                   `w_mean`), or is not looked at; w = 0.
+        game-gain  w works against the cost at the price tau w' M_w^-1 w, tau = ratio times the smallest price for which
+                   the maximiser alone is bounded; M_w is the estimator's set of the process noise.
+Source  lqr: textbook.  game-gain: mixed-noise comparison of minimax laws beside ma2025, an H-infinity control of finite
+        horizon; the recursion of numerics/lq_game.py.
+Limit   ratio -> infinity gives lqr; horizon -> infinity of lqr gives the stationary Riccati gain.
+Cost    one small matrix-vector product per run and step.
+Fails   design error where a weight is not one (R_u must be positive definite).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from annotated_types import Gt
+from jaxtyping import Float
+
+from rmpc_bench.models.linear import Model
+from rmpc_bench.models.mixed_noise import NoiseSets
+from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv
+from rmpc_bench.numerics.lq_game import Problem, first_map, roots, smallest_price
+from rmpc_bench.numerics.lq_windows import Stages, window_law
+from rmpc_bench.types import Array, Command, DesignError, Estimate, EstimatesMean, Horizon, Matrix, Status
+
+OK = np.int8(Status.OK)
+LEVEL = 0.95
+"""Confidence of the ellipsoid that stands for a covariance where an estimator believes in no sets."""
+
+
+class NoState(NamedTuple):
+    """What the next step needs: nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lqr:
+    """u = -K x_hat - K_d d - u_0; axis 0 of the gains is k."""
+
+    K: Float[Array, "k nu nx"]
+    K_d: Float[Array, "k nu nx"]
+    """Gain of the mean of the process noise that the estimator has found."""
+    u_0: Float[Array, "k nu"]
+    """What the mean that the model knows asks for."""
+    preview: int = 1
+
+    def init(self, n_runs: int) -> NoState:
+        """There is nothing to remember."""
+        return NoState()
+
+    def control(
+        self,
+        k: int,
+        state: NoState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[NoState, Command]:
+        """Apply the first input of the window."""
+        u = -mv(at_sample(self.K, k), estimate.x_hat) - at_sample(self.u_0, k)
+        if self.K_d.any():
+            u = u - mv(at_sample(self.K_d, k), estimate.info["w_mean"])
+        return state, Command(u, np.full(len(u), OK), {})
+
+    def series(self) -> dict[str, Array]:
+        """Gains over k."""
+        return {"L": self.K}
+
+
+def lqr(
+    model: Model,
+    n_steps: int,
+    estimator: Any,
+    *,
+    horizon: Horizon,
+    Q_x: Matrix,
+    R_u: Matrix,
+    mean: Literal["known", "estimated", "ignored"] = "known",
+) -> Lqr:
+    """Linear-quadratic control of the estimate over a receding horizon.
+
+    Parameters
+    ----------
+    model : what the controller believes
+    n_steps : number of control periods; gains are made for k = 0..n_steps-1
+    estimator : must find the mean of the process noise where `mean` is estimated
+    horizon : N [samples]
+    Q_x : weight of the state: a number, a diagonal or a matrix
+    R_u : weight of the input, positive definite
+    mean : of the process noise: `known` takes that of the model, `estimated` adds what the estimator has found beside,
+        `ignored` is 0
+
+    Raises
+    ------
+    DesignError
+        If a weight is not one, or the estimator does not estimate the mean.
+    """
+    stages = stages_of(model, n_steps, horizon, Q_x, R_u)
+    nx = stages.A.shape[1]
+    f0 = np.array([model.at(k).f0 for k in range(len(stages.A))])[:, :, None]
+    law = window_law(stages, horizon, np.concatenate([f0, np.broadcast_to(np.eye(nx), stages.A.shape)], axis=2))
+    if mean == "estimated" and not isinstance(estimator, EstimatesMean):
+        raise DesignError("the estimator does not find it; take kalman-disturbance, or `known`", "mean")
+    u_0 = np.zeros_like(law.K_d[:, :, 0]) if mean == "ignored" else law.K_d[:, :, 0]
+    K_d = law.K_d[:, :, 1:] if mean == "estimated" else np.zeros_like(law.K)
+    return Lqr(law.K, np.ascontiguousarray(K_d), u_0)
+
+
+@dataclass(frozen=True, eq=False)
+class GameGain:
+    """u = -L x_hat, with a gain that expects the worst noise; build it with `game_gain`."""
+
+    stages: Stages
+    G: Float[Array, "t nx nx"]
+    """Roots of the sets of the process noise."""
+    horizon: int
+    ratio: float
+    preview: int = 1
+
+    def init(self, n_runs: int) -> NoState:
+        """There is nothing to remember."""
+        return NoState()
+
+    def control(
+        self,
+        k: int,
+        state: NoState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[NoState, Command]:
+        """Apply the first input of the window."""
+        u = -mv(self.gains[k], estimate.x_hat)
+        return state, Command(u, np.full(len(u), OK), {})
+
+    @cached_property
+    def gains(self) -> Float[Array, "k nu nx"]:
+        """R_u^-1 B' Pi_1 (I + (B R_u^-1 B' - M_w / tau) Pi_1)^-1 A of every window."""
+        whole, found = problem_of(self.stages, self.G), []
+        for k in range(len(self.G) - self.horizon + 1):
+            problem = whole.window(k, self.horizon)
+            first = first_map(problem, self.ratio * smallest_price(problem))
+            found.append(np.linalg.solve(self.stages.R[k], self.stages.B[k].T @ first))
+        return np.array(found)
+
+    def warm_up(self) -> None:
+        """Make the gains, which brings compiled code along, before the design goes to workers."""
+        _ = self.gains
+
+    def series(self) -> dict[str, Array]:
+        """Gains over k."""
+        return {"L": self.gains}
+
+
+def game_gain(
+    model: Model,
+    n_steps: int,
+    estimator: Any,
+    *,
+    horizon: Horizon,
+    Q_x: Matrix,
+    R_u: Matrix,
+    ratio: Annotated[float, Gt(1)] = 1.1,
+) -> GameGain:
+    """Linear-quadratic control against a maximiser who pays for its noise, an H-infinity control of finite horizon.
+
+    Parameters
+    ----------
+    model : what the controller believes
+    n_steps : number of control periods; gains are made for k = 0..n_steps-1
+    estimator : its set of the process noise counts
+    horizon : N [samples]
+    Q_x : weight of the state: a number, a diagonal or a matrix
+    R_u : weight of the input, positive definite
+    ratio : price of the noise over the smallest one for which the maximiser alone is bounded
+
+    Raises
+    ------
+    DesignError
+        If a weight is not one.
+    """
+    stages = stages_of(model, n_steps, horizon, Q_x, R_u)
+    return GameGain(stages, roots(process_sets(model, estimator, len(stages.A))), horizon, ratio)
+
+
+def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix) -> Stages:
+    """Matrices of the model and weights from k = 0 to the end of the window of k = n_steps - 1.
+
+    Raises
+    ------
+    DesignError
+        If a weight is not one.
+    """
+    models = [model.at(k) for k in range(n_steps + horizon - 1)]
+    A, B = np.array([each.A for each in models]), np.array([each.B for each in models])
+    weights = []
+    for name, weight, n in (("Q_x", Q_x, A.shape[1]), ("R_u", R_u, B.shape[2])):
+        try:
+            weights.append(np.broadcast_to(as_covariance(weight, n), (len(A), n, n)))
+        except ValueError as error:
+            raise DesignError(str(error), name) from None
+    if np.linalg.eigvalsh(weights[1][0])[0] <= 0.0:
+        raise DesignError("must be positive definite", "R_u")
+    return Stages(A, B, *weights)
+
+
+def process_sets(model: Model, estimator: Any, length: int) -> Float[Array, "t nx nx"]:
+    """Sets of the process noise that an estimator believes in, or the confidence ellipsoids of its covariances."""
+    sets = getattr(estimator, "sets", None) or NoiseSets(model, LEVEL, bounded=False)
+    return np.array([sets.process(k) for k in range(length)])
+
+
+def problem_of(stages: Stages, G: Float[Array, "t nx nx"]) -> Problem:
+    """The game of all stages, of which windows are taken."""
+    S_B = stages.B @ np.linalg.solve(stages.R, stages.B.mT)
+    return Problem(stages.A, S_B, np.ascontiguousarray(stages.Q), G)

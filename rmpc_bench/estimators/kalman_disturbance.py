@@ -1,0 +1,145 @@
+"""Kalman filter that estimates the mean of the process noise, too.
+
+Model   x(k+1) = A x(k) + B u(k) + f0 + d(k) + w(k),  y(k) = C x(k) + d0 + v(k),  d(k+1) = d(k) + xi(k),
+        w ~ N(0, Q_w), v ~ N(0, R_v), xi ~ N(0, drift I), white, independent; d(0) ~ N(0, D0).
+        P is the covariance of x_hat - x; d_hat is `w_mean` in what the estimate tells, what f0 has not told already.
+Source  ours; the baseline for noise whose mean is not zero, which ma2025 leaves out.
+Limit   D0 = 0 and drift = 0 give the Kalman filter.
+Cost    as a gain schedule with twice the states.
+Fails   design error where the covariance of the innovation is singular.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.estimators.gain_schedule import FilterState, GainScheduleFilter, riccati_schedule
+from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.mixed_noise import NoiseKind, matched
+from rmpc_bench.numerics.kl_ball import Inflation
+from rmpc_bench.numerics.linalg import as_covariance
+from rmpc_bench.types import Array, DesignError, Estimate, Matrix, NonNegative
+
+
+@dataclass(frozen=True, eq=False)
+class DriftingModel:
+    """A model whose process noise has an unknown mean, which is part of the state: [x; d]."""
+
+    model: Model
+    drift: float
+
+    def at(self, k: int) -> LinearModel:
+        """The model at k."""
+        now = self.model.at(k)
+        nx, nothing, same = now.nx, np.zeros((now.nx, now.nx)), np.eye(now.nx)
+        return LinearModel(
+            np.block([[now.A, same], [nothing, same]]),
+            np.vstack([now.B, np.zeros_like(now.B)]),
+            np.hstack([now.C, np.zeros_like(now.C)]),
+            np.block([[now.Q_w, nothing], [nothing, self.drift * same]]),
+            now.R_v,
+            S_wv=np.vstack([now.S_wv, np.zeros_like(now.S_wv)]),
+            f0=np.concatenate([now.f0, np.zeros(nx)]),
+            d0=now.d0,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class DisturbanceFilter:
+    """A filter for [x; d] that hands out x; `w_mean` is its d."""
+
+    full: GainScheduleFilter
+
+    estimates_mean = True
+    M = None
+    sets = None
+
+    @property
+    def nx(self) -> int:
+        """Number of states without the mean."""
+        return len(self.full.x0) // 2
+
+    @property
+    def P(self) -> Float[Array, "k nx nx"]:
+        """Covariance of x_hat - x, axis 0 = k."""
+        covariance: Array = _of(self.full.P)[:, : self.nx, : self.nx]
+        return covariance
+
+    def init(self, n_runs: int) -> FilterState:
+        """Start every run at ``x0`` without a mean."""
+        return self.full.init(n_runs)
+
+    def correct(self, k: int, state: FilterState, y: Float[Array, "runs ny"]) -> tuple[FilterState, Estimate]:
+        """Use y(k)."""
+        state, full = self.full.correct(k, state, y)
+        nx = self.nx
+        x_hat, w_mean = (np.ascontiguousarray(part) for part in (full.x_hat[:, :nx], full.x_hat[:, nx:]))
+        return state, Estimate(x_hat, _of(full.P)[:nx, :nx], None, full.status, {**full.info, "w_mean": w_mean})
+
+    def predict(self, k: int, state: FilterState, u: Float[Array, "runs nu"]) -> FilterState:
+        """Go to k+1."""
+        return self.full.predict(k, state, u)
+
+    def series(self) -> dict[str, Array]:
+        """Gains of [x; d] over k, and the covariances of both parts, P and P_d."""
+        return {**self.full.series(), "P": self.P, "P_d": _of(self.full.P)[:, self.nx :, self.nx :]}
+
+
+def _of(P: Array | None) -> Array:
+    assert P is not None  # a Riccati recursion has one
+    return P
+
+
+def design(
+    model: Model,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    M0: Float[Array, "nx nx"] | None = None,
+    drift: NonNegative = 0.0,
+    D0: Matrix = 1.0,
+    noise: NoiseKind = "nominal",
+    use_y0: bool = True,
+) -> DisturbanceFilter:
+    """Kalman filter for the state and the mean of the process noise, time varying from P0 and D0 on.
+
+    Parameters
+    ----------
+    model : what the filter believes; its f0 is the part of the mean that is known
+    n_steps : number of control periods N; gains are made for k = 0..N
+    x0 : (nx,) mean of the initial state
+    P0 : (nx, nx) its covariance
+    M0 : (nx, nx) shape of the ellipsoid of a bounded part of x(0) - x0, none unless given
+    drift : variance that each component of the mean gains in a step; 0 takes the mean for constant
+    D0 : (nx, nx) covariance of the mean before any data
+    noise : `nominal` knows the stochastic noises only; `matched` adds the covariance of bounded ones that are uniform
+        on their ellipsoids, M / (n + 2)
+    use_y0 : `false` takes x0 and P0 for the estimate at k = 0 itself and leaves y(0) out
+
+    Raises
+    ------
+    DesignError
+        If D0 is no covariance, the covariance of the innovation is singular at some step, a covariance grows beyond
+        1e100, or the model's noises are correlated.
+    """
+    nx = len(x0)
+    try:
+        D = as_covariance(D0, nx)
+    except ValueError as error:
+        raise DesignError(str(error), "D0") from None
+    believed, P0 = (model, P0) if noise == "nominal" else matched(model, P0, np.zeros_like(P0) if M0 is None else M0)
+    start = np.block([[P0, np.zeros((nx, nx))], [np.zeros((nx, nx)), D]])
+    return DisturbanceFilter(
+        riccati_schedule(
+            DriftingModel(believed, drift),
+            n_steps,
+            np.concatenate([x0, np.zeros(nx)]),
+            start,
+            lambda k, P_pred: Inflation(P_pred, 0.0),
+            use_y0=use_y0,
+        )
+    )

@@ -1,0 +1,295 @@
+"""What a method believes of a linear system with stochastic and bounded noises.
+
+Model   x(k+1) = A_k x + B_k u + w,  w = w_mean + w_s + w_b,  w_s ~ N(0, P_w(k)),  w_b in E(0, M_w(k)),
+        y(k)   = C_k x + v,          v = v_mean + v_s + v_b,  v_s ~ N(0, P_v(k)),  v_b in E(0, M_v(k)),
+        E(0, M) = {z : z' M^-1 z <= 1}; a singular M is a flat set, M = 0 no bounded noise.
+Source  ma2025, (3)-(10); the paper's P^w_k, M^w_k and H_k are P_w(k), M_w(k) and C_k here, the known means are ours.
+Time    a controller looks beyond the last step, so that a matrix has a value at every k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.uncertain_system import depends_on_k, entries_of, expanded, sizes_of, values_at
+from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
+from rmpc_bench.numerics.linalg import as_covariance, as_vector
+from rmpc_bench.types import Array, DesignError, SystemMatrix
+
+TABLE: Mapping[str, tuple[str, str]] = {
+    "A": ("nx", "nx"), "B": ("nx", "nu"), "C": ("ny", "nx"),
+    "P_w": ("nx", "nx"), "M_w": ("nx", "nx"), "P_v": ("ny", "ny"), "M_v": ("ny", "ny"),
+}  # fmt: skip
+"""Matrix -> what its rows and columns count: states, inputs, outputs."""
+
+BELIEFS = ("A", "B", "C", "P_w", "P_v")
+"""Matrices that a `LinearModel` is made of."""
+
+
+@runtime_checkable
+class HasSets(Protocol):
+    """A model that knows sets in which the noises lie."""
+
+    def M_w(self, k: int, /) -> Float[Array, "nx nx"]:
+        """Shape of the set of the bounded process noise at k."""
+
+    def M_v(self, k: int, /) -> Float[Array, "ny ny"]:
+        """Shape of the set of the bounded measurement noise at k."""
+
+
+class MatrixOverTime(NamedTuple):
+    """A matrix that may be another one at every k: as it was given, and its size."""
+
+    name: str
+    given: Array
+    """Entries as objects, numbers or functions of ``{"k": k}``, or an array (k, rows, columns)."""
+    shape: tuple[int, int]
+
+    @property
+    def varies(self) -> bool:
+        """Whether it depends on k."""
+        return len(self.given) > 1 if self.given.ndim == 3 else depends_on_k(self.given)
+
+    def at(self, k: int) -> Float[Array, "rows columns"]:
+        """Return the matrix at k."""
+        if self.given.ndim == 3 and self.varies and k >= len(self.given):
+            raise DesignError(
+                f"has {len(self.given)} entries over k, but k = {k} is asked for: a controller looks beyond the last "
+                "step",
+                self.name,
+            )
+        matrix = expanded(self.name, _values(self.name, self.given, k), self.shape)[0]
+        try:
+            found: Array = matrix if self.name in ("A", "B", "C") else as_covariance(matrix, len(matrix))
+        except ValueError as error:
+            raise DesignError(f"{error} (k = {k})" if self.varies else str(error), self.name) from None
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class MixedModel:
+    """A linear model with stochastic and bounded noises.
+
+    Parameters
+    ----------
+    matrices : matrices by the names of `TABLE`
+    w_mean, v_mean : (nx,), (ny,) known means of the noises
+    """
+
+    matrices: Mapping[str, MatrixOverTime]
+    w_mean: Float[Array, " nx"]
+    v_mean: Float[Array, " ny"]
+    _made: dict[tuple[str, int], Any] = field(default_factory=dict, repr=False)
+    """What has been asked for; what does not vary is made once and kept at k = 0."""
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return self.matrices["A"].shape[0]
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.matrices["B"].shape[1]
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return self.matrices["C"].shape[0]
+
+    @property
+    def Q_w(self) -> Float[Array, "nx nx"]:
+        """Covariance of the stochastic process noise at k = 0."""
+        return self.at(0).Q_w
+
+    @property
+    def w_law(self) -> tuple[Float[Array, " nx"], Float[Array, "nx nx"]]:
+        """Mean and covariance of the stochastic process noise at k = 0."""
+        return self.w_mean, self.at(0).Q_w
+
+    @property
+    def v_law(self) -> tuple[Float[Array, " ny"], Float[Array, "ny ny"]]:
+        """Mean and covariance of the stochastic measurement noise at k = 0."""
+        return self.v_mean, self.at(0).R_v
+
+    @property
+    def w_set(self) -> Float[Array, "nx nx"]:
+        """Shape of the set of the bounded process noise at k = 0."""
+        return self.M_w(0)
+
+    @property
+    def v_set(self) -> Float[Array, "ny ny"]:
+        """Shape of the set of the bounded measurement noise at k = 0."""
+        return self.M_v(0)
+
+    def at(self, k: int) -> LinearModel:
+        """The model at k >= 0; its noises are the stochastic ones."""
+        k = k if any(self.matrices[name].varies for name in BELIEFS) else 0
+        if ("", k) not in self._made:
+            A, B, C, P_w, P_v = (self._at(name, k) for name in BELIEFS)
+            self._made["", k] = LinearModel(A, B, C, P_w, P_v, f0=self.w_mean, d0=self.v_mean)
+        made: LinearModel = self._made["", k]
+        return made
+
+    def M_w(self, k: int) -> Float[Array, "nx nx"]:
+        """Shape of the set of the bounded process noise at k >= 0."""
+        return self._at("M_w", k)
+
+    def M_v(self, k: int) -> Float[Array, "ny ny"]:
+        """Shape of the set of the bounded measurement noise at k >= 0."""
+        return self._at("M_v", k)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave what has been made behind: a worker makes what it needs."""
+        return {**vars(self), "_made": {}}
+
+    def _at(self, name: str, k: int) -> Array:
+        k = k if self.matrices[name].varies else 0
+        if (name, k) not in self._made:
+            self._made[name, k] = self.matrices[name].at(k)
+        made: Array = self._made[name, k]
+        return made
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSets:
+    """The sets that an estimator believes the noises to lie in.
+
+    Parameters
+    ----------
+    model : what the estimator believes; one that knows no sets has M = 0
+    level : confidence of the ellipsoid that stands for the stochastic noise; None leaves that noise out
+    bounded : whether the bounded noise counts
+    """
+
+    model: Model
+    level: float | None = None
+    bounded: bool = True
+
+    def process(self, k: int) -> Float[Array, "nx nx"]:
+        """Shape of the set of the process noise at k."""
+        now = self.model.at(k)
+        return self._set(now.Q_w, self.model.M_w(k) if isinstance(self.model, HasSets) else np.zeros_like(now.Q_w))
+
+    def measurement(self, k: int) -> Float[Array, "ny ny"]:
+        """Shape of the set of the measurement noise at k."""
+        now = self.model.at(k)
+        return self._set(now.R_v, self.model.M_v(k) if isinstance(self.model, HasSets) else np.zeros_like(now.R_v))
+
+    def initial(self, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]) -> Float[Array, "nx nx"]:
+        """Shape of the set of x(0) - x0, whose parts have the covariance P0 and the set M0."""
+        return self._set(P0, M0)
+
+    def _set(self, P: Array, M: Array) -> Array:
+        M = M if self.bounded else np.zeros_like(M)
+        return M if self.level is None else sum_shape(M, confidence(self.level, len(P)) * P)
+
+
+NoiseKind: TypeAlias = Literal["nominal", "matched"]
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedModel:
+    """A model whose covariances count bounded noises as uniform ones on their ellipsoids."""
+
+    model: Model
+
+    def at(self, k: int) -> LinearModel:
+        """The model at k: Q_w + M_w / (nx + 2), R_v + M_v / (ny + 2)."""
+        now, sets = self.model.at(k), NoiseSets(self.model)
+        M_w, M_v = sets.process(k), sets.measurement(k)
+        if not (M_w.any() or M_v.any()):
+            return now
+        Q_w, R_v = now.Q_w + uniform_covariance(M_w), now.R_v + uniform_covariance(M_v)
+        return LinearModel(now.A, now.B, now.C, Q_w, R_v, S_wv=now.S_wv, f0=now.f0, d0=now.d0)
+
+
+def uniform_covariance(M: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Return the covariance of the uniform law on E(0, M)."""
+    cov: Array = M / (len(M) + 2)
+    return cov
+
+
+def matched(
+    model: Model, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]
+) -> tuple[MatchedModel, Float[Array, "nx nx"]]:
+    """Return a model and an initial covariance that count what is bounded as uniform."""
+    return MatchedModel(model), P0 + uniform_covariance(M0)
+
+
+def design(
+    n_steps: int,
+    *,
+    A: SystemMatrix,
+    B: SystemMatrix = None,
+    C: SystemMatrix,
+    P_w: SystemMatrix = 0.0,
+    M_w: SystemMatrix = 0.0,
+    P_v: SystemMatrix = 0.0,
+    M_v: SystemMatrix = 0.0,
+    w_mean: float | list[float] = 0.0,
+    v_mean: float | list[float] = 0.0,
+) -> MixedModel:
+    """Linear model with stochastic and bounded noises; with `from: plant` it takes the plant's A, B and C.
+
+    A matrix that is not given is zero; a number is that number times the identity, a list the diagonal; entries may
+    depend on the time index k.
+
+    Parameters
+    ----------
+    n_steps : number of control periods N
+    A : (nx, nx) state matrix
+    B : (nx, nu) input matrix
+    C : (ny, nx) output matrix
+    P_w : (nx, nx) covariance of the stochastic process noise
+    M_w : (nx, nx) shape of the ellipsoid E(0, M_w) that the bounded process noise lies in
+    P_v : (ny, ny) covariance of the stochastic measurement noise
+    M_v : (ny, ny) shape of the ellipsoid E(0, M_v) that the bounded measurement noise lies in
+    w_mean : (nx,) mean of the process noise, as far as it is known
+    v_mean : (ny,) mean of the measurement noise, as far as it is known
+
+    Raises
+    ------
+    DesignError
+        If sizes do not fit together, or a matrix has no value at some k or is not positive semidefinite there.
+    """
+    matrices = _read({"A": A, "B": B, "C": C, "P_w": P_w, "M_w": M_w, "P_v": P_v, "M_v": M_v})
+    means = {}
+    for name, mean, matrix in (("w_mean", w_mean, "P_w"), ("v_mean", v_mean, "P_v")):
+        try:
+            means[name] = as_vector(mean, matrices[matrix].shape[0])
+        except ValueError as error:
+            raise DesignError(str(error), name) from None
+    for each in matrices.values():  # what is wrong at any k of the experiment shows now
+        for k in range(n_steps + 1 if each.varies else 1):
+            each.at(k)
+    return MixedModel(matrices, means["w_mean"], means["v_mean"])
+
+
+def _read(values: Mapping[str, Any]) -> dict[str, MatrixOverTime]:
+    """Read the matrices by name, of which A and C must be there, and find their sizes."""
+    for name in ("A", "C"):
+        if values[name] is None:
+            raise DesignError(f"the matrix {name} is missing", name)
+    given = {name: _entries(name, 0.0 if value is None else value) for name, value in values.items()}
+    sizes = sizes_of({name: _values(name, entries, 0) for name, entries in given.items()}, TABLE)
+    return {name: MatrixOverTime(name, given[name], (sizes[a], sizes[b])) for name, (a, b) in TABLE.items()}
+
+
+def _entries(name: str, value: Any) -> Array:
+    if isinstance(value, np.ndarray) and value.ndim == 3:
+        return np.array(value, dtype=float)
+    return entries_of(name, value)
+
+
+def _values(name: str, given: Array, k: int) -> Array:
+    """Return the numbers at k, with an axis of length 1 before them."""
+    if given.ndim == 3:
+        return given[k : k + 1] if len(given) > 1 else given
+    return values_at(name, given, k)[None]

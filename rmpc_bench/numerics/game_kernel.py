@@ -1,0 +1,392 @@
+"""The compiled inner loops of the soft-constrained linear-quadratic game; lq_game.py says what is computed.
+
+A problem is (A, S_B, Q, G, M_root): axis 0 of the first four is the stage t = 0..N-1, A the transition from stage t,
+S_B = B R^-1 B', Q the weight of the state after it, G G' = M_w the set of its noise, M_root the root of the set of the
+first state's error.  Every matrix is n x n.  Prices of noise are tau_t > 0; the scalar form has one for all stages.
+
+The module is imported at the first step only, because it brings numba along, and it is one file, because numba's cache
+does not see that a function from another one has changed.
+"""
+
+from __future__ import annotations
+
+from math import exp, inf, log, nan, sqrt
+from typing import Any
+
+import numba
+import numpy as np
+
+PI, DELTA, Y, D_PI, D_Y, FIRST = 0, 1, 2, 3, 4, 5  # places of what a backward pass finds
+NEAREST, FARTHEST = -30.0, 60.0  # of s = log(tau / tau_min - 1); exp(-30) is a few hundred roundings
+MOST_STEPS = 100  # of a root; four to six are usual
+
+
+@numba.njit(cache=True)
+def _mul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
+    """Write a b."""
+    n = len(a)
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for m in range(n):
+                total += a[i, m] * b[m, j]
+            out[i, j] = total
+
+
+@numba.njit(cache=True)
+def _tmul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
+    """Write a' b."""
+    n = len(a)
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for m in range(n):
+                total += a[m, i] * b[m, j]
+            out[i, j] = total
+
+
+@numba.njit(cache=True)
+def _symmetric(a: Any) -> None:  # pragma: no cover
+    """Drop what rounding has moved off the mirror."""
+    for i in range(len(a)):
+        for j in range(i):
+            a[i, j] = a[j, i] = 0.5 * (a[i, j] + a[j, i])
+
+
+@numba.njit(cache=True)
+def _solve(F: Any, b: Any, out: Any) -> None:  # pragma: no cover
+    """Write F^-1 b by elimination with row pivots; F is destroyed."""
+    n = len(F)
+    out[:] = b
+    for i in range(n):
+        p = i
+        for j in range(i + 1, n):
+            if abs(F[j, i]) > abs(F[p, i]):
+                p = j
+        if p != i:
+            for m in range(n):
+                F[i, m], F[p, m] = F[p, m], F[i, m]
+                out[i, m], out[p, m] = out[p, m], out[i, m]
+        for j in range(i + 1, n):
+            factor = F[j, i] / F[i, i]
+            for m in range(i, n):
+                F[j, m] -= factor * F[i, m]
+            for m in range(n):
+                out[j, m] -= factor * out[i, m]
+    for i in range(n - 1, -1, -1):
+        for m in range(n):
+            total = out[i, m]
+            for j in range(i + 1, n):
+                total -= F[i, j] * out[j, m]
+            out[i, m] = total / F[i, i]
+
+
+@numba.njit(cache=True)
+def _cholesky(W: Any) -> bool:  # pragma: no cover
+    """Turn the lower half of W into its factor; whether W is positive definite."""
+    n = len(W)
+    for i in range(n):
+        for j in range(i + 1):
+            total = W[i, j]
+            for m in range(j):
+                total -= W[i, m] * W[j, m]
+            if i > j:
+                W[i, j] = total / W[j, j]
+            elif total > 0.0:
+                W[i, i] = sqrt(total)
+            else:
+                return False
+    return True
+
+
+@numba.njit(cache=True)
+def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any) -> bool:  # pragma: no cover
+    """One stage of the maximiser alone: A' X (I - M_w X / tau)^-1 A, T = (I - M_w X / tau)^-1 A and p = G' X T.
+
+    Whether tau is above what the stage needs; in the form that keeps symmetry and sign beside the edge.
+    """
+    n = len(A)
+    XA, GXA, W, XG = s[0], s[1], s[2], s[3]
+    _mul(X, A, XA)
+    _tmul(G, XA, GXA)
+    _mul(X, G, XG)
+    _tmul(G, XG, W)
+    for i in range(n):
+        for j in range(n):
+            W[i, j] = (1.0 if i == j else 0.0) - W[i, j] / tau
+    if not _cholesky(W):
+        return False
+    for m in range(n):  # GXA becomes V = L^-1 G' X A
+        for i in range(n):
+            total = GXA[i, m]
+            for j in range(i):
+                total -= W[i, j] * GXA[j, m]
+            GXA[i, m] = total / W[i, i]
+    _tmul(A, XA, new)
+    for i in range(n):
+        for j in range(n):
+            for m in range(n):
+                new[i, j] += GXA[m, i] * GXA[m, j] / tau
+    for m in range(n):  # p = L^-T V, since G' X T = W^-1 G' X A
+        for i in range(n - 1, -1, -1):
+            total = GXA[i, m]
+            for j in range(i + 1, n):
+                total -= W[j, i] * p[j, m]
+            p[i, m] = total / W[i, i]
+    _mul(G, p, T)
+    for i in range(n):
+        for j in range(n):
+            T[i, j] = A[i, j] + T[i, j] / tau
+    _symmetric(new)
+    return True
+
+
+@numba.njit(cache=True)
+def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: Any) -> bool:  # pragma: no cover
+    """Write the matrices of the first stage into X (6, n, n); whether all prices are above what the game needs.
+
+    D_PI, D_Y are derivatives by a common change of all prices.  ``paths`` (4, N, n, n) gets T and Pi T of the
+    game, T and G' Y T of the maximiser alone, unless N is 0 in it.
+    """
+    N, n = A.shape[0], A.shape[1]
+    s = np.empty((14, n, n))
+    PT, Pi, Delta, Ya, dPi, dY = X[FIRST], X[PI], X[DELTA], X[Y], X[D_PI], X[D_Y]
+    S_now, T_Y, p_Y, T, p, T_S, F, M = s[4], s[5], s[6], s[7], s[8], s[9], s[10], s[11]
+    S_now[:], Pi[:], Ya[:] = Q[N - 1], Q[N - 1], Q[N - 1]
+    Delta[:], dPi[:], dY[:] = 0.0, 0.0, 0.0
+    for t in range(N - 1, -1, -1):
+        price = tau[t]
+        if not _alone(A[t], G[t], price, Ya, s[12], T_Y, p_Y, s):
+            return False
+        Ya[:] = s[12]
+        _carry(T_Y, p_Y, price, dY, s)
+        for i in range(n):  # M = M_w / tau
+            for j in range(n):
+                M[i, j] = 0.0
+                for m in range(n):
+                    M[i, j] += G[t, i, m] * G[t, j, m] / price
+        _mul(S_B[t] - M, Pi, F)
+        for i in range(n):
+            F[i, i] += 1.0
+        _solve(F, A[t], T)  # T = (I + (S_B - M_w / tau) Pi)^-1 A
+        _mul(Pi, T, PT)
+        _tmul(G[t], PT, p)
+        _carry(T, p, price, dPi, s)
+        _mul(S_B[t], S_now, F)
+        for i in range(n):
+            F[i, i] += 1.0
+        _solve(F, A[t], T_S)
+        # Delta = Pi - S has a recursion of its own, without which large states would cancel.
+        _mul(M, S_now, s[12])
+        _mul(Pi, s[12], s[13])
+        s[13][:] += Delta
+        _mul(s[13], T_S, s[12])
+        _tmul(T, s[12], Delta)
+        _mul(S_now, T_S, s[12])
+        _tmul(A[t], s[12], S_now)
+        _symmetric(Delta)
+        _symmetric(S_now)
+        if t > 0:
+            S_now[:] += Q[t - 1]
+            Ya[:] += Q[t - 1]
+        Pi[:] = S_now + Delta
+        if paths.shape[1] > 0:
+            paths[0, t], paths[1, t], paths[2, t], paths[3, t] = T, PT, T_Y, p_Y
+    return True
+
+
+@numba.njit(cache=True)
+def _carry(T: Any, p: Any, tau: float, dX: Any, s: Any) -> None:  # pragma: no cover
+    """Replace dX by T' dX T - p' p / tau^2."""
+    n = len(T)
+    _mul(dX, T, s[0])
+    _tmul(T, s[0], dX)
+    for i in range(n):
+        for j in range(n):
+            for m in range(n):
+                dX[i, j] -= p[m, i] * p[m, j] / tau**2
+    _symmetric(dX)
+
+
+@numba.njit(cache=True)
+def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float, float, float]:  # pragma: no cover
+    """Choose the price tau_1 of the first state's error for given prices of the noise.
+
+    Writes the worst first state x_w = x + e and the direction ``top`` in which tau_1 cannot be lower.  Returns tau_1,
+    the slack mu = 1 - e' M^-1 e that the edge of the domain leaves, and the cost beyond that without noise.
+    """
+    n = len(x)
+    lam, V = np.linalg.eigh(M_root.T.dot(X[PI]).dot(M_root))
+    edge, U = np.linalg.eigh(M_root.T.dot(X[Y]).dot(M_root))
+    top[:] = M_root.dot(np.ascontiguousarray(U[:, n - 1]))
+    g = V.T.dot(M_root.T.dot(X[PI].dot(x)))
+    tau, size, f = max(edge[n - 1], 0.0), 0.0, np.zeros(n)
+    for i in range(n):
+        if g[i] != 0.0:
+            size += (g[i] / (tau - lam[i])) ** 2 if tau > lam[i] else inf
+    if size > 1.0:  # the optimum lies inside the domain: sum (g / (tau - lam))^2 = 1, from below
+        for i in range(n):
+            tau = max(tau, lam[i] + abs(g[i]))
+        for _ in range(MOST_STEPS):
+            size, slope = 0.0, 0.0
+            for i in range(n):
+                if g[i] != 0.0:
+                    size += (g[i] / (tau - lam[i])) ** 2
+                    slope += g[i] ** 2 / (tau - lam[i]) ** 3
+            step = (sqrt(size) - 1.0) * size / slope if slope > 0.0 else 0.0
+            tau += step
+            if not step > 1e-15 * tau:
+                break
+        size = 1.0
+    excess = tau + x.dot(X[DELTA].dot(x))
+    for i in range(n):
+        if g[i] != 0.0:
+            f[i] = g[i] / (tau - lam[i])
+            excess += g[i] * f[i]
+    x_w[:] = x + M_root.dot(V.dot(f))
+    return tau, 1.0 - size, excess
+
+
+@numba.njit(cache=True)
+def _slope(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> float:  # pragma: no cover
+    """How fast the cost falls with the price of the noise, beside the price itself: 1 at the optimum."""
+    slack = _first_error(X, M_root, x, x_w, top)[1]
+    return float(-x_w.dot(X[D_PI].dot(x_w)) - slack * top.dot(X[D_Y].dot(top)))
+
+
+@numba.njit(cache=True)
+def _optimum(
+    A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, s: float, X: Any
+) -> float:  # pragma: no cover
+    """Optimal s = log(tau / tau_min - 1), from a guess: log D(s) = 0 for the slope D, nearly a straight line.
+
+    A secant, which falls back to halving; where D < 1 at the edge of the domain the optimum is that edge.
+    """
+    n = len(x)
+    tau, x_w, top, paths = np.empty(len(A)), np.empty(n), np.empty(n), np.empty((4, 0, n, n))
+    low, high, last_s, last = NEAREST, FARTHEST, nan, nan
+    for number in range(MOST_STEPS):
+        tau[:] = tau_min * (1.0 + exp(s))
+        slope = _slope(X, M_root, x, x_w, top) if backward_kernel(A, S_B, Q, G, tau, X, paths) else inf
+        if slope != slope:
+            return nan
+        value = log(slope) if 0.0 < slope < inf else (inf if slope > 0.0 else -inf)
+        if value <= 0.0 and s == NEAREST:
+            return s
+        low, high = (s, high) if value > 0.0 else (low, s)
+        new = s + 0.5 * value if number == 0 else s - value * (s - last_s) / (value - last)
+        if new <= NEAREST == low:
+            new = NEAREST
+        elif not low < new < high or number > 12:
+            new = 0.5 * (low + high)
+        if abs(new - s) <= 1e-12 or high - low <= 1e-13:
+            return new
+        last_s, last, s = s, value, new
+    return s
+
+
+@numba.njit(cache=True)
+def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cover
+    """Whether the maximiser alone is bounded at the price tau at all stages."""
+    X = Q[len(A) - 1].copy()
+    for t in range(len(A) - 1, -1, -1):
+        if not _alone(A[t], G[t], tau, X, s[4], s[5], s[6], s):
+            return False
+        X[:] = s[4]
+        if t > 0:
+            X += Q[t - 1]
+    return True
+
+
+@numba.njit(cache=True)
+def smallest_price_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
+    """Smallest price that bounds the maximiser alone, from above: the norm of the map from noise to cost.
+
+    It lies between the trace of that map and the trace over its size; halved until neighbouring numbers are left.
+    """
+    N, n = A.shape[0], A.shape[1]
+    X, s, high = Q[N - 1].copy(), np.empty((7, n, n)), 0.0
+    for t in range(N - 1, -1, -1):
+        _mul(X, G[t], s[0])
+        _tmul(G[t], s[0], s[1])
+        high += np.trace(s[1])
+        _mul(X, A[t], s[0])
+        _tmul(A[t], s[0], X)
+        if t > 0:
+            X += Q[t - 1]
+    if not 0.0 < high < inf:
+        return high
+    low, high = high / (n * N) * (1.0 - 1e-9), high * (1.0 + 1e-9)  # rounding of the sum
+    while True:
+        middle = sqrt(low * high) if high > 1.1 * low else 0.5 * (low + high)
+        if not low < middle < high:
+            return high
+        low, high = (low, middle) if _fits(A, Q, G, middle, s) else (middle, high)
+
+
+@numba.njit(cache=True)
+def solve_kernel(
+    A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, guess: float, first: Any, x_w: Any
+) -> tuple[float, float, float]:  # pragma: no cover
+    """Solve one problem exactly: (rho, tau_1, tau_2); ``first`` gets Pi_1 T x_w, so that u = -R^-1 B' first."""
+    n = len(x)
+    X, tau, top, paths = np.empty((6, n, n)), np.ones(len(A)), np.empty(n), np.empty((4, 0, n, n))
+    price = 0.0
+    if tau_min > 0.0:
+        s = _optimum(A, S_B, Q, G, M_root, x, tau_min, guess, X)
+        price = tau_min * (1.0 + exp(s))
+        tau[:] = price
+    if not backward_kernel(A, S_B, Q, G, tau, X, paths):
+        first[:] = x_w[:] = nan
+        return nan, nan, nan
+    tau_1, _, excess = _first_error(X, M_root, x, x_w, top)
+    first[:] = X[FIRST].dot(x_w)
+    return price + excess, tau_1, price
+
+
+@numba.njit(cache=True)
+def stages_kernel(
+    A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau: Any, gradient: Any, first: Any, x_w: Any
+) -> tuple[float, float]:  # pragma: no cover
+    """Cost bound (with its tau_1) of one price per stage, and its gradient; inf outside the domain."""
+    N, n = A.shape[0], A.shape[1]
+    X, top, paths = np.empty((6, n, n)), np.empty(n), np.empty((4, N, n, n))
+    if not backward_kernel(A, S_B, Q, G, tau, X, paths):
+        return inf, inf
+    tau_1, slack, excess = _first_error(X, M_root, x, x_w, top)
+    first[:] = X[FIRST].dot(x_w)
+    z, y = x_w.copy(), top.copy()
+    for t in range(N):
+        w, v = G[t].T.dot(paths[1, t].dot(z)), paths[3, t].dot(y)
+        gradient[t] = 1.0 - (w.dot(w) + slack * v.dot(v)) / tau[t] ** 2
+        z, y = paths[0, t].dot(z), paths[2, t].dot(y)
+    return tau.sum() + excess, tau_1
+
+
+@numba.njit(cache=True)
+def nodes_kernel(
+    A: Any, S_B: Any, Q: Any, G: Any, tau_min: float, offsets: Any, M_root: Any, found: Any
+) -> float:  # pragma: no cover
+    """Backward passes at the optimal s for x_hat = 0 plus each offset, into ``found`` (nodes, 6, n, n); that s."""
+    n = len(M_root)
+    tau, paths, zero = np.empty(len(A)), np.empty((4, 0, n, n)), np.zeros(n)
+    s = _optimum(A, S_B, Q, G, M_root, zero, tau_min, 0.0, found[0])
+    for node in range(len(offsets)):
+        tau[:] = tau_min * (1.0 + exp(s + offsets[node]))
+        if not backward_kernel(A, S_B, Q, G, tau, found[node], paths):
+            found[node] = nan
+    return s
+
+
+@numba.njit(cache=True)
+def rows_kernel(
+    A: Any, S_B: Any, Q: Any, G: Any, M_roots: Any, tau_min: float, guess: float, x: Any, rows: Any, first: Any
+) -> None:  # pragma: no cover
+    """Solve the problems of some rows of x, each by itself, and write their rows of ``first``."""
+    x_w = np.empty(x.shape[1])
+    for row in rows:
+        if np.isfinite(x[row]).all():
+            M_root = M_roots[row if len(M_roots) > 1 else 0]
+            solve_kernel(A, S_B, Q, G, M_root, x[row], tau_min, guess, first[row], x_w)
+        else:
+            first[row] = nan

@@ -1,0 +1,162 @@
+"""The linear-quadratic game behind a minimax control law: a scalar problem per state, no semidefinite program.
+
+Problem  minimise over U, for the worst e in E(0, M) and w(0..N-1), the cost sum_{t=0..N-1} x(t+1)' Q x(t+1) + u' R u of
+         x(t+1) = A x + B u + w, x(0) = x_hat + e.  The S-procedure prices the noise: rho = min over tau of
+         tau_1 + tau_2 - x_hat' S x_hat + min over U of max over e, w of [cost - tau_1 e' M^-1 e - tau_2 w' M_w^-1 w],
+         the last term summed over t; S is the LQ Riccati matrix, so that rho is the cost beyond that without noise.
+Solution For fixed prices it is a linear-quadratic game.  Pi_N = Q,
+         Pi_t = Q + A' Pi (I + (B R^-1 B' - M_w / tau_2) Pi)^-1 A with Q dropped at t = 0; the maximiser alone (B = 0)
+         has Y_t, and the domain is tau_2 M_w^-1 > Y_t at all t, tau_1 >= lambda_max(M^1/2 Y_0 M^1/2).  The optimum
+         usually lies on the edge of the latter, so that the gradient is not zero there.  tau_2 solves log D(s) = 0 for
+         D = -d(rho - tau_2)/d tau_2 and s = log(tau_2 / tau_min - 1), which is nearly a straight line.
+         No matrix M or M_w is inverted, so both may be singular.
+Sets     one price for all stages belongs to the set sum over t of w' M_w^-1 w <= 1, a price of its own for every stage
+         to every w(t) in its own ellipsoid.
+Source   ma2025, Theorem 1; the reduction is ours (tests: it equals the semidefinite program and a dense form of it).
+Cost     about 4 passes over the horizon of 5 n^3 multiplications each; from a table (1 + 3 n^2) polynomials.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.linalg import psd_sqrt
+from rmpc_bench.types import Array, DesignError
+
+
+class Problem(NamedTuple):
+    """A game; axis 0 is the stage t = 0..N-1."""
+
+    A: Float[Array, "N n n"]
+    S_B: Float[Array, "N n n"]
+    """B R^-1 B'."""
+    Q: Float[Array, "N n n"]
+    """Weight of x(t+1)."""
+    G: Float[Array, "N n n"]
+    """Root of the set of w(t)."""
+
+    def window(self, first: int, length: int) -> Problem:
+        """Stages from ``first`` on."""
+        return Problem(*(each[first : first + length] for each in self))
+
+
+class Solution(NamedTuple):
+    """Where a game ends."""
+
+    rho: float
+    """Bound of the cost beyond that without noise."""
+    tau_1: float
+    tau: Float[Array, " N"]
+    """Price of the noise of every stage; all the same, their sum counted once, unless every stage has its own."""
+    x_w: Float[Array, " n"]
+    """The worst first state, x_hat + e."""
+    first: Float[Array, " n"]
+    """Pi_1 T x_w: u(0) = -R^-1 B' first."""
+
+
+def roots(M: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
+    """Symmetric roots of a stack of positive semidefinite matrices."""
+    return np.array([psd_sqrt(each) for each in M])
+
+
+def smallest_price(problem: Problem) -> float:
+    """Smallest price tau_min of noise for which the maximiser alone is bounded."""
+    from rmpc_bench.numerics.game_kernel import smallest_price_kernel
+
+    return float(smallest_price_kernel(problem.A, problem.Q, problem.G))
+
+
+def solve(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
+    """Solve the game with one price of noise.
+
+    Parameters
+    ----------
+    problem : the game
+    M_root : root of the set of e
+    x : estimate x_hat
+    """
+    from rmpc_bench.numerics.game_kernel import solve_kernel
+
+    x = np.ascontiguousarray(x, dtype=float)
+    first, x_w = np.empty_like(x), np.empty_like(x)
+    rho, tau_1, tau_2 = solve_kernel(*problem, M_root, x, smallest_price(problem), 0.0, first, x_w)
+    return Solution(rho, tau_1, np.full(len(problem.A), tau_2), x_w, first)
+
+
+def solve_stages(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
+    """Solve the game with one price per stage, from the optimum of one price for all, in which w fills N M_w.
+
+    The bound is convex in the prices, smooth but where eigenvalues of M^1/2 Y_0 M^1/2 cross, and infinite outside its
+    domain; minimised over the logarithms of the prices.
+
+    Parameters
+    ----------
+    problem : the game; G is the root of the set of w(t) at each stage
+    M_root : root of the set of e
+    x : estimate x_hat
+
+    Raises
+    ------
+    DesignError
+        If the search for the prices fails.
+    """
+    from scipy.optimize import minimize
+
+    from rmpc_bench.numerics.game_kernel import stages_kernel
+
+    x, N = np.ascontiguousarray(x, dtype=float), len(problem.A)
+    start = solve(problem._replace(G=problem.G * np.sqrt(N)), M_root, x)
+    first, x_w, gradient = np.empty_like(x), np.empty_like(x), np.empty(N)
+    scale = start.rho
+
+    def bound(logs: Float[Array, " N"]) -> tuple[float, Array]:
+        tau = np.exp(logs)
+        value, _ = stages_kernel(*problem, M_root, x, tau, gradient, first, x_w)
+        return value / scale, gradient * tau / scale
+
+    found = minimize(bound, np.log(start.tau / N), jac=True, method="BFGS", options={"gtol": 1e-9, "maxiter": 1000})
+    tau = np.exp(found.x)
+    rho, tau_1 = stages_kernel(*problem, M_root, x, tau, gradient, first, x_w)
+    if not rho <= start.rho:
+        raise DesignError(f"the search for the prices of the stages ended at {rho:.6g}, above {start.rho:.6g}")
+    return Solution(rho, tau_1, tau, x_w, first)
+
+
+def first_map(problem: Problem, price: float) -> Float[Array, "n n"]:
+    """Pi_1 T of the game with the noise at a price: u(0) = -R^-1 B' Pi_1 T x(0).
+
+    Parameters
+    ----------
+    problem : the game
+    price : above the smallest price; anything where that is 0
+    """
+    from rmpc_bench.numerics.game_kernel import FIRST, backward_kernel
+
+    N, n = problem.A.shape[:2]
+    X = np.empty((6, n, n))
+    backward_kernel(*problem, np.full(N, price or 1.0), X, np.empty((4, 0, n, n)))
+    first: Array = X[FIRST]
+    return first
+
+
+def plan(problem: Problem, feedback: Float[Array, "N nu n"], solution: Solution) -> Float[Array, "N nu"]:
+    """All controls of a game, of which the first one is applied.
+
+    Parameters
+    ----------
+    problem : the game
+    feedback : R^-1 B' of every stage
+    solution : of the game
+    """
+    from rmpc_bench.numerics.game_kernel import backward_kernel
+
+    N, n = problem.A.shape[:2]
+    paths, U, z = np.empty((4, N, n, n)), np.empty(feedback.shape[:2]), solution.x_w
+    backward_kernel(*problem, np.where(solution.tau > 0.0, solution.tau, 1.0), np.empty((6, n, n)), paths)
+    for t in range(N):
+        U[t] = -feedback[t] @ paths[1, t] @ z
+        z = paths[0, t] @ z
+    return U

@@ -1,0 +1,148 @@
+"""The correction of a filter whose error has a stochastic part, with a covariance, and a bounded one, in an ellipsoid.
+
+Problem  with T = I - L C, for a gain L and a weight q > 0,
+         P = T P_pred T' + L P_v L',  M = (1 + 1/q) T M_pred T' + (1 + q) L M_v L',  tr P + tr M is to be least.
+Convex   with s = q / (1 + q) the cost tr T M_pred T' / s + tr L M_v L' / (1 - s) + .. is convex in L and s together; so
+         the q at which the best L for q has that q as its own best one, (22) and (24), is the minimiser, and the
+         distance log q_best(L(q)) - log q tells on which side of it q lies.
+Edges    without M_pred the best q is 0, without M_v it is infinite: the weight of the other set is then 1.
+Source   ma2025, (20)-(24) with I - L C in (24); L is the paper's Gamma.
+"""
+
+from __future__ import annotations
+
+from math import copysign, exp, inf, isfinite, isnan, log, nan
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.ellipsoid import sum_shape, weight
+from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.riccati import filter_gain
+from rmpc_bench.types import Array
+
+Rule: TypeAlias = Literal["fixed-point", "lag", "one-pass"]
+
+REACH = 18.5
+"""Farthest that log q may be from its start, a factor of 1e8: beyond it a set counts for nothing, or for everything."""
+
+CLOSE = 1e-13
+"""How close log q comes to its root: what rounding leaves of a sum of traces."""
+
+MOST = 100
+"""Most gains that a search for q may try; a bracket shrinks by half at least at every other one."""
+
+
+class MixedStep(NamedTuple):
+    """One correction."""
+
+    L: Float[Array, "nx ny"]
+    """Gain: x_hat = x_pred + L e."""
+    P: Float[Array, "nx nx"]
+    """Covariance of the stochastic part of x_hat - x."""
+    M: Float[Array, "nx nx"]
+    """Shape of the ellipsoid of its bounded part."""
+    q: float
+    """Best weight for L, (24); 0 without a predicted set, infinite where nothing measured counts."""
+
+
+class Prior(NamedTuple):
+    """What a correction starts from."""
+
+    C: Float[Array, "ny nx"]
+    P: Float[Array, "nx nx"]
+    M: Float[Array, "nx nx"]
+    P_v: Float[Array, "ny ny"]
+    M_v: Float[Array, "ny ny"]
+
+    def gain(self, q: float) -> Float[Array, "nx ny"]:
+        """Return the best gain for a weight, (22)."""
+        V, R = self.P, self.P_v
+        if self.M.any():
+            V = V + (1.0 + 1.0 / q) * self.M
+        if self.M_v.any():
+            R = R + (1.0 + q) * self.M_v
+        CV = self.C.dot(V)
+        return filter_gain(CV.dot(self.C.T) + R, CV)
+
+    def kept(self) -> MixedStep:
+        """Return the prediction as it is, for want of a measurement; there is no weight."""
+        return MixedStep(np.zeros(self.C.T.shape), self.P, self.M, inf)
+
+    def parts(self, L: Float[Array, "nx ny"]) -> tuple[Float[Array, "nx nx"], Float[Array, "nx nx"]]:
+        """Return the shapes of what is left of the two sets, T M_pred T' and L M_v L'."""
+        rest = np.eye(len(self.M)) - L.dot(self.C)
+        return symmetrise(rest.dot(self.M).dot(rest.T)), symmetrise(L.dot(self.M_v).dot(L.T))
+
+    def corrected(self, L: Float[Array, "nx ny"], q: float | None = None) -> MixedStep:
+        """Apply a gain, (20) and (21), with the weight that is best for it unless another one is given."""
+        rest = np.eye(len(self.P)) - L.dot(self.C)
+        P = symmetrise(rest.dot(self.P).dot(rest.T) + L.dot(self.P_v).dot(L.T))  # (20)
+        predicted, measured = self.parts(L)
+        best = weight(predicted, measured)
+        if q is None or best in (0.0, inf):
+            return MixedStep(L, P, sum_shape(predicted, measured), best)
+        return MixedStep(L, P, (1.0 + 1.0 / q) * predicted + (1.0 + q) * measured, q)  # (21)
+
+
+def mixed_step(prior: Prior, rule: Rule = "fixed-point", q_before: float = 1.0) -> MixedStep:
+    """Correct a prediction.
+
+    Parameters
+    ----------
+    prior : covariance and set of the prediction error and of the measurement noise
+    rule : `fixed-point` finds the minimiser; the others evaluate (24) once, for the gain that belongs to the weight of
+        the step before (`lag`) or to q = 1 (`one-pass`)
+    q_before : weight of the step before
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the covariance of the innovation, with the sets counted in, is singular.
+    """
+    if not prior.M.any():
+        return prior.corrected(prior.gain(0.0))
+    if not prior.M_v.any():
+        return prior.corrected(prior.gain(inf))
+    if rule == "fixed-point":
+        return prior.corrected(prior.gain(exp(_root(prior))))
+    before = q_before if rule == "lag" and 0.0 < q_before < inf else 1.0
+    start = _start(prior)
+    q = exp(min(max(log(before) + _distance(prior, log(before)), start - REACH), start + REACH))
+    return prior.corrected(prior.gain(q), q)
+
+
+def _start(prior: Prior) -> float:
+    """Return log q at which the two sets look alike in the output, however different their sizes are."""
+    seen = float(prior.C.dot(prior.M).dot(prior.C.T).trace())
+    return 0.5 * (log(seen) - log(prior.M_v.trace())) if seen > 0.0 else 0.0
+
+
+def _root(prior: Prior) -> float:
+    """Find log q at which the best gain has that weight as its own best one, or the end of the reach before it.
+
+    Steps of growing length lead to the side on which it lies, until it is enclosed; then secants, and a half after
+    every other one.
+    """
+    z = _start(prior)
+    low, high, step = (z - REACH, nan), (z + REACH, nan), 0.0  # log q with the distance there
+    for count in range(MOST):
+        distance = _distance(prior, z)
+        low, high = ((z, distance), high) if distance > 0.0 else (low, (z, distance))
+        if abs(distance) <= CLOSE or high[0] - low[0] <= CLOSE:
+            break
+        if isfinite(low[1]) and isfinite(high[1]) and count % 3:
+            z = low[0] + (high[0] - low[0]) * low[1] / (low[1] - high[1])
+        elif not (isnan(low[1]) or isnan(high[1])):
+            z = 0.5 * (low[0] + high[0])
+        else:
+            step = max(2.0 * abs(distance), 2.0 * step)
+            z = min(max(z + copysign(step, distance), low[0]), high[0])
+    return z
+
+
+def _distance(prior: Prior, z: float) -> float:
+    """Return how far the best weight for the gain for q is from q, as logarithms."""
+    best = weight(*prior.parts(prior.gain(exp(z))))
+    return log(best) - z if best > 0.0 else -inf

@@ -1,0 +1,57 @@
+"""Linear-quadratic control over windows, against SciPy's Riccati equation and big matrices."""
+
+import numpy as np
+import pytest
+from conftest import ROUND
+from controllers import minimax_oracles as oracles
+from scipy.linalg import solve_discrete_are
+
+from rmpc_bench.numerics.lq_windows import Stages, window_law
+
+
+def big_plan(stages, f, x):
+    """All controls of min sum x(t+1)' Q x(t+1) + u' R u for x(t+1) = A x + B u + f, by one big linear system."""
+    N, n = stages.A.shape[:2]
+    big = oracles.matrices(stages)
+    return -np.linalg.solve(big.B, big.b @ x + big.D[:, n:] @ f.reshape(N * n))
+
+
+def test_every_window_equals_the_big_linear_system():
+    """Oracle: (50)-(55) of ma2025 without an error, the known vector in the place of the noise."""
+    rng = np.random.default_rng(5)
+    N, stages = 6, oracles.random_stages(rng, 3, 2, 14)
+    F = rng.standard_normal((14, 3, 2))
+    law, x, d = window_law(stages, N, F), rng.standard_normal(3), rng.standard_normal(2)
+    assert len(law.K) == 9
+    for k in range(9):
+        part = Stages(*(each[k : k + N] for each in stages))
+        expected = big_plan(part, F[k : k + N] @ d, x)
+        np.testing.assert_allclose(
+            -law.K[k] @ x - law.K_d[k] @ d, expected[:2], rtol=1e-10
+        )  # condition of the big system
+
+
+def test_the_least_cost_is_a_quadratic_form():
+    """Oracle: the cost of the big linear system's controls, added up by simulation."""
+    rng = np.random.default_rng(6)
+    stages = oracles.random_stages(rng, 3, 1, 5)
+    x = rng.standard_normal(3)
+    S = window_law(stages, 5, np.zeros((5, 3, 1))).S[0]
+    U, now, cost = big_plan(stages, np.zeros((5, 3)), x).reshape(5, 1), x, 0.0
+    for t in range(5):
+        now = stages.A[t] @ now + stages.B[t] @ U[t]
+        cost += now @ stages.Q[t] @ now + U[t] @ stages.R[t] @ U[t]
+    np.testing.assert_allclose(x @ S @ x, cost, **ROUND)
+
+
+@pytest.mark.parametrize("nu", [1, 2])
+def test_a_long_horizon_is_stationary(nu):
+    """Oracle: scipy.linalg.solve_discrete_are; x(k) itself is not weighed, so that S = P - Q."""
+    rng = np.random.default_rng(7)
+    one = oracles.random_stages(rng, 3, nu, 1)
+    stages = Stages(*(np.broadcast_to(each, (400, *each.shape[1:])) for each in one))
+    A, B, Q, R = (each[0] for each in one)
+    P = solve_discrete_are(A, B, Q, R)
+    law = window_law(stages, 400, np.zeros((400, 3, 1)))
+    np.testing.assert_allclose(law.K[0], np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), rtol=1e-9)  # of the solver
+    np.testing.assert_allclose(law.S[0] + Q, P, rtol=1e-9)  # likewise
