@@ -5,9 +5,9 @@ Model   from the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1)
         lqr        d is the mean of the process noise that the model knows, that the estimator has found (info
                    `w_mean`), or is not looked at; w = 0.
         game-gain  w works against the cost at the price tau w' M_w^-1 w, tau = ratio times the smallest price for which
-                   the maximiser alone is bounded; M_w is the estimator's set of the process noise.
-Source  lqr: textbook.  game-gain: mixed-noise comparison of minimax laws beside ma2025, an H-infinity control of finite
-        horizon; the recursion of numerics/lq_game.py.
+                   the game is bounded; M_w is the estimator's set of the process noise.  Unlike minimax-lq it answers
+                   to every w(t) as it comes, so that smaller prices will do.
+Source  lqr: textbook.  game-gain: H-infinity control of finite horizon, full information (Basar and Bernhard 1995).
 Limit   ratio -> infinity gives lqr; horizon -> infinity of lqr gives the stationary Riccati gain.
 Cost    one small matrix-vector product per run and step.
 Fails   design error where a weight is not one (R_u must be positive definite).
@@ -26,8 +26,8 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import Model
 from rmpc_bench.models.mixed_noise import NoiseSets
 from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv
-from rmpc_bench.numerics.lq_game import Problem, first_map, roots, smallest_price
-from rmpc_bench.numerics.lq_windows import Stages, window_law
+from rmpc_bench.numerics.lq_game import Problem, roots
+from rmpc_bench.numerics.lq_windows import Stages, game_gains, smallest_prices, window_law
 from rmpc_bench.types import Array, Command, DesignError, Estimate, EstimatesMean, Horizon, Matrix, Status
 
 OK = np.int8(Status.OK)
@@ -70,7 +70,7 @@ class Lqr:
 
     def series(self) -> dict[str, Array]:
         """Gains over k."""
-        return {"L": self.K}
+        return {"L_u": self.K}
 
 
 def lqr(
@@ -136,26 +136,22 @@ class GameGain:
         r: Float[Array, "preview ny"],
     ) -> tuple[NoState, Command]:
         """Apply the first input of the window."""
-        u = -mv(self.gains[k], estimate.x_hat)
+        u = -mv(self.L[k], estimate.x_hat)
         return state, Command(u, np.full(len(u), OK), {})
 
     @cached_property
-    def gains(self) -> Float[Array, "k nu nx"]:
-        """R_u^-1 B' Pi_1 (I + (B R_u^-1 B' - M_w / tau) Pi_1)^-1 A of every window."""
-        whole, found = problem_of(self.stages, self.G), []
-        for k in range(len(self.G) - self.horizon + 1):
-            problem = whole.window(k, self.horizon)
-            first = first_map(problem, self.ratio * smallest_price(problem))
-            found.append(np.linalg.solve(self.stages.R[k], self.stages.B[k].T @ first))
-        return np.array(found)
+    def L(self) -> Float[Array, "k nu nx"]:
+        """Gains over k, made at the first step: the smallest prices take a search."""
+        prices = self.ratio * smallest_prices(self.stages, self.G, self.horizon)
+        return game_gains(self.stages, self.G, self.horizon, prices)
 
     def warm_up(self) -> None:
-        """Make the gains, which brings compiled code along, before the design goes to workers."""
-        _ = self.gains
+        """Make the gains before the design goes to workers."""
+        _ = self.L
 
     def series(self) -> dict[str, Array]:
         """Gains over k."""
-        return {"L": self.gains}
+        return {"L_u": self.L}
 
 
 def game_gain(
@@ -178,7 +174,7 @@ def game_gain(
     horizon : N [samples]
     Q_x : weight of the state: a number, a diagonal or a matrix
     R_u : weight of the input, positive definite
-    ratio : price of the noise over the smallest one for which the maximiser alone is bounded
+    ratio : price of the noise over the smallest one for which the game is bounded
 
     Raises
     ------

@@ -16,6 +16,7 @@ from rmpc_bench.experiment.progress import Progress, Silent, said_if_slow
 from rmpc_bench.experiment.store import Store, WriteError
 from rmpc_bench.experiment.yaml import dump, plain
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import WarmsUp
 
 RESOLVED = "config.resolved.yaml"
 
@@ -112,7 +113,7 @@ def _compute(
     counts: tuple[int, int],
 ) -> None:
     experiments = tuple(point.experiment for point in config.points)
-    _warm_up(experiments, progress)
+    _warm_up(experiments, tasks, progress)
     progress.start(config.name, *counts)
     try:
         with closing(_engine(experiments, tasks, workers)) as results:
@@ -128,13 +129,17 @@ def _engine(experiments: Sequence[Experiment], tasks: list[Task], workers: int) 
     return engines.serial(experiments, tasks) if workers == 1 else engines.processes(experiments, tasks, workers)
 
 
-def _warm_up(experiments: Sequence[Experiment], progress: Progress) -> None:
-    """Compile in this process, once, what every worker then loads from the cache."""
+def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
+    """Do in this process, once, what every worker then finds done: compile the plants, finish the control laws."""
     for plant in {type(experiment.plant): experiment.plant for experiment in experiments}.values():
-        warm_up = getattr(plant, "warm_up", None)
-        if warm_up is not None:
+        if isinstance(plant, WarmsUp):
             with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
-                warm_up()
+                plant.warm_up()
+    asked = {(task.point, task.method) for task in tasks}
+    laws = [experiments[point].method(name).controller for point, name in sorted(asked)]
+    with said_if_slow(progress, "preparing the control laws ..."), engines.single_thread():
+        for law in {id(law): law for law in laws if isinstance(law, WarmsUp)}.values():
+            law.warm_up()
 
 
 def _store(store: Store, point: ConfigPoint, done: Done) -> None:

@@ -21,7 +21,7 @@ NEAREST, FARTHEST = -30.0, 60.0  # of s = log(tau / tau_min - 1); exp(-30) is a 
 MOST_STEPS = 100  # of a root; four to six are usual
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _mul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
     """Write a b."""
     n = len(a)
@@ -33,7 +33,7 @@ def _mul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
             out[i, j] = total
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _tmul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
     """Write a' b."""
     n = len(a)
@@ -45,7 +45,7 @@ def _tmul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
             out[i, j] = total
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _symmetric(a: Any) -> None:  # pragma: no cover
     """Drop what rounding has moved off the mirror."""
     for i in range(len(a)):
@@ -53,7 +53,7 @@ def _symmetric(a: Any) -> None:  # pragma: no cover
             a[i, j] = a[j, i] = 0.5 * (a[i, j] + a[j, i])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _solve(F: Any, b: Any, out: Any) -> None:  # pragma: no cover
     """Write F^-1 b by elimination with row pivots; F is destroyed."""
     n = len(F)
@@ -81,7 +81,7 @@ def _solve(F: Any, b: Any, out: Any) -> None:  # pragma: no cover
             out[i, m] = total / F[i, i]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _cholesky(W: Any) -> bool:  # pragma: no cover
     """Turn the lower half of W into its factor; whether W is positive definite."""
     n = len(W)
@@ -99,7 +99,7 @@ def _cholesky(W: Any) -> bool:  # pragma: no cover
     return True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any) -> bool:  # pragma: no cover
     """One stage of the maximiser alone: A' X (I - M_w X / tau)^-1 A, T = (I - M_w X / tau)^-1 A and p = G' X T.
 
@@ -141,7 +141,7 @@ def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any)
     return True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: Any) -> bool:  # pragma: no cover
     """Write the matrices of the first stage into X (6, n, n); whether all prices are above what the game needs.
 
@@ -195,7 +195,7 @@ def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: A
     return True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _carry(T: Any, p: Any, tau: float, dX: Any, s: Any) -> None:  # pragma: no cover
     """Replace dX by T' dX T - p' p / tau^2."""
     n = len(T)
@@ -208,7 +208,7 @@ def _carry(T: Any, p: Any, tau: float, dX: Any, s: Any) -> None:  # pragma: no c
     _symmetric(dX)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float, float, float]:  # pragma: no cover
     """Choose the price tau_1 of the first state's error for given prices of the noise.
 
@@ -247,45 +247,54 @@ def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float
     return tau, 1.0 - size, excess
 
 
-@numba.njit(cache=True)
-def _slope(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> float:  # pragma: no cover
-    """How fast the cost falls with the price of the noise, beside the price itself: 1 at the optimum."""
-    slack = _first_error(X, M_root, x, x_w, top)[1]
-    return float(-x_w.dot(X[D_PI].dot(x_w)) - slack * top.dot(X[D_Y].dot(top)))
-
-
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _optimum(
     A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, s: float, X: Any
 ) -> float:  # pragma: no cover
-    """Optimal s = log(tau / tau_min - 1), from a guess: log D(s) = 0 for the slope D, nearly a straight line.
+    """Optimal s = log(tau / tau_min - 1): D(s) = 1 for the slope D, how fast the cost falls as the price rises.
 
-    A secant, which falls back to halving; where D < 1 at the edge of the domain the optimum is that edge.
+    A secant, halving where it leaves the bracket: on log D, nearly a straight line, but where the worst error is about
+    to leave its ellipsoid, and D is steep, on D - 1 over the slope of the edge.  D < 1 at the edge makes it the optimum.
     """
     n = len(x)
     tau, x_w, top, paths = np.empty(len(A)), np.empty(n), np.empty(n), np.empty((4, 0, n, n))
-    low, high, last_s, last = NEAREST, FARTHEST, nan, nan
+    low, high, corner, last_s, last_log, last_ratio = NEAREST, FARTHEST, False, nan, nan, nan
     for number in range(MOST_STEPS):
         tau[:] = tau_min * (1.0 + exp(s))
-        slope = _slope(X, M_root, x, x_w, top) if backward_kernel(A, S_B, Q, G, tau, X, paths) else inf
+        slope, edge, slack = inf, 1.0, 1.0
+        if backward_kernel(A, S_B, Q, G, tau, X, paths):
+            slack = _first_error(X, M_root, x, x_w, top)[1]
+            edge = -top.dot(X[D_Y].dot(top))
+            slope = -x_w.dot(X[D_PI].dot(x_w)) + slack * edge
         if slope != slope:
             return nan
         value = log(slope) if 0.0 < slope < inf else (inf if slope > 0.0 else -inf)
-        if value <= 0.0 and s == NEAREST:
+        ratio = (slope - 1.0) / edge
+        if abs(slope - 1.0) <= 1e-13 * max(edge, 1.0) or (value <= 0.0 and s == NEAREST):
             return s
-        low, high = (s, high) if value > 0.0 else (low, s)
-        new = s + 0.5 * value if number == 0 else s - value * (s - last_s) / (value - last)
+        if value > 0.0:
+            low = s
+        else:
+            high, corner = s, slack == 0.0
+        if corner and exp(high) - exp(low) <= 1e-13:  # off the edge, hence insensitive, as long as the edge lies below
+            return high
+        if number == 0:
+            new = s + 0.5 * value
+        elif 0.0 < slack < 0.5:
+            new = s - ratio * (s - last_s) / (ratio - last_ratio)
+        else:
+            new = s - value * (s - last_s) / (value - last_log)
         if new <= NEAREST == low:
             new = NEAREST
-        elif not low < new < high or number > 12:
+        elif not low < new < high or number % 4 == 3:
             new = 0.5 * (low + high)
-        if abs(new - s) <= 1e-12 or high - low <= 1e-13:
+        if abs(new - s) <= 1e-12 or high - low <= 1e-12:
             return new
-        last_s, last, s = s, value, new
+        last_s, last_log, last_ratio, s = s, value, ratio, new
     return s
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cover
     """Whether the maximiser alone is bounded at the price tau at all stages."""
     X = Q[len(A) - 1].copy()
@@ -298,7 +307,7 @@ def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cov
     return True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def smallest_price_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
     """Smallest price that bounds the maximiser alone, from above: the norm of the map from noise to cost.
 
@@ -324,7 +333,7 @@ def smallest_price_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
         low, high = (low, middle) if _fits(A, Q, G, middle, s) else (middle, high)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def solve_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, guess: float, first: Any, x_w: Any
 ) -> tuple[float, float, float]:  # pragma: no cover
@@ -344,7 +353,7 @@ def solve_kernel(
     return price + excess, tau_1, price
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def stages_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau: Any, gradient: Any, first: Any, x_w: Any
 ) -> tuple[float, float]:  # pragma: no cover
@@ -363,7 +372,7 @@ def stages_kernel(
     return tau.sum() + excess, tau_1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def nodes_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, tau_min: float, offsets: Any, M_root: Any, found: Any
 ) -> float:  # pragma: no cover
@@ -378,7 +387,7 @@ def nodes_kernel(
     return s
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def rows_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, M_roots: Any, tau_min: float, guess: float, x: Any, rows: Any, first: Any
 ) -> None:  # pragma: no cover

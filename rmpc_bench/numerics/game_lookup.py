@@ -19,7 +19,7 @@ import numpy as np
 MOST_STEPS = 30  # four to five are usual
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _series(c: Any, z: float) -> float:  # pragma: no cover
     """Sum a Chebyshev series at z."""
     a, b = 0.0, 0.0
@@ -28,7 +28,7 @@ def _series(c: Any, z: float) -> float:  # pragma: no cover
     return float(z * a - b + c[0])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: Any) -> bool:  # pragma: no cover
     """Solve one problem; whether the answer holds: found inside the window, with tau_1 on the edge of the domain."""
     n, offset, last_offset, last = len(x), 0.0, nan, nan
@@ -56,7 +56,7 @@ def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: An
     return size <= 1.0
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def lookup_kernel(table: Any, middle: float, half: float, x: Any, first: Any, holds: Any) -> None:  # pragma: no cover
     """Write ``first`` for every row of x, and whether it holds."""
     c = np.empty(table.shape[1])

@@ -23,7 +23,11 @@ NODES = 44
 BELOW, ABOVE = 1.5, 5.5
 """Window of s about the optimum for x_hat = 0: larger states want larger s."""
 TAIL = 1e-12
-"""Largest share of the last coefficients in a series."""
+"""Largest relative error of the first control, as the last coefficients tell it."""
+
+ROUGH = 1e-6
+"""Largest share of the last coefficients in what leads to s, and to whether the optimum is on the edge."""
+TINY = 1e-300
 
 MIDDLE, HALF = 0.5 * (ABOVE - BELOW), 0.5 * (ABOVE + BELOW)
 
@@ -64,7 +68,7 @@ def _table(problem: Problem, M_root: Float[Array, "n n"]) -> tuple[float, float,
         return tau_min, 0.0, np.zeros((1 + 3 * n * n, NODES)), False
     with np.errstate(all="ignore"):  # what is not finite is not used
         groups = [_coefficients(values) for values in _functions(found, M_root, offsets)]
-    return tau_min, s, np.concatenate(groups), all(_is_resolved(group) for group in groups)
+        return tau_min, s, np.concatenate(groups), _is_resolved(*groups)
 
 
 def _functions(found: Float[Array, "nodes 6 n n"], M_root: Float[Array, "n n"], offsets: Array) -> list[Array]:
@@ -91,7 +95,13 @@ def _coefficients(values: Float[Array, "nodes rows"]) -> Float[Array, "rows node
     return series
 
 
-def _is_resolved(series: Float[Array, "rows nodes"]) -> bool:
-    """Whether the last coefficients of a group say that no more are needed."""
-    size = np.abs(series)
-    return bool(np.isfinite(series).all() and size[:, -4:].max() <= TAIL * size.max())
+def _is_resolved(alone: Array, D: Array, E: Array, first: Array) -> bool:
+    """Whether the last coefficients say that no more are needed.
+
+    An error of the slope moves s by as much, relative, and that moves the first control by its derivative: beside the
+    edge of the domain the slope has few digits, but the first control hardly depends on s there.
+    """
+    tails = [np.abs(each[:, -4:]).max() / max(np.abs(each).max(), TINY) for each in (alone, D, E, first)]
+    change = (np.abs(first) * np.arange(NODES)).sum(axis=1).max() / HALF  # bounds the derivative
+    scale = np.abs(first).max()
+    return bool(tails[3] <= TAIL and max(tails[:2]) * change <= TAIL * scale and max(tails[:3]) <= ROUGH)

@@ -125,23 +125,6 @@ def solve_stages(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, 
     return Solution(rho, tau_1, tau, x_w, first)
 
 
-def first_map(problem: Problem, price: float) -> Float[Array, "n n"]:
-    """Pi_1 T of the game with the noise at a price: u(0) = -R^-1 B' Pi_1 T x(0).
-
-    Parameters
-    ----------
-    problem : the game
-    price : above the smallest price; anything where that is 0
-    """
-    from rmpc_bench.numerics.game_kernel import FIRST, backward_kernel
-
-    N, n = problem.A.shape[:2]
-    X = np.empty((6, n, n))
-    backward_kernel(*problem, np.full(N, price or 1.0), X, np.empty((4, 0, n, n)))
-    first: Array = X[FIRST]
-    return first
-
-
 def plan(problem: Problem, feedback: Float[Array, "N nu n"], solution: Solution) -> Float[Array, "N nu"]:
     """All controls of a game, of which the first one is applied.
 

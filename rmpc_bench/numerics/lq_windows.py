@@ -1,8 +1,11 @@
-"""Linear-quadratic control over a receding horizon of a system that varies: the windows of all k at once.
+"""Linear-quadratic control and games over a receding horizon of a system that varies: the windows of all k at once.
 
 Cost     sum_{t=k..k+N-1} x(t+1)' Q_t x(t+1) + u(t)' R_t u(t), from x(k) on; nothing weighs x(k), nothing else the end.
 Source   the Riccati recursion of x' S x + 2 x' s d for x(t+1) = A x + B u + F d with a known vector d.
-Effort   N steps on stacks of k matrices.
+Game     x(t+1) = A x + B u + w with w at the price tau w' M_w^-1 w, M_w = G G': Pi_t = Q + A' Pi T,
+         T = (I + (B R^-1 B' - M_w / tau) Pi)^-1 A, where every tau M_w^-1 - Pi_{t+1} must be positive definite, or the
+         noise is unbounded.
+Effort   N steps on stacks of k matrices; the smallest price takes forty times as many.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from rmpc_bench.types import Array
 
@@ -57,3 +60,58 @@ def window_law(stages: Stages, horizon: int, F: Float[Array, "t nx m"]) -> Windo
         if t > 0:
             S = S + stages.Q[t - 1 : t - 1 + n_windows]
     return WindowLaw(K, K_d, S)
+
+
+def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, prices: Float[Array, " k"]) -> Array:
+    """First gains R^-1 B' Pi_1 T of the games of all windows: u = -L x.
+
+    Parameters
+    ----------
+    stages : system and weights
+    G : roots of the sets of the noise
+    horizon : N
+    prices : of the noise, one per window, above the smallest ones
+    """
+    first, bounded = _game(stages, G, horizon, prices)
+    if not bounded.all():
+        raise ValueError("a price lies below the smallest one")
+    n_windows = len(prices)
+    gains: Array = np.linalg.solve(stages.R[:n_windows], stages.B[:n_windows].mT @ first)
+    return gains
+
+
+def smallest_prices(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
+    """Smallest price of noise for which the game of each window is bounded: the square of an H-infinity norm.
+
+    Found by halving, from above; 0 where no noise costs anything.
+    """
+    n_windows = len(stages.A) - horizon + 1
+    own = np.linalg.eigvalsh(G.mT @ stages.Q @ G)[:, -1]  # what w(t) does to x(t+1) alone
+    low = np.array([own[k : k + horizon].max() for k in range(n_windows)])
+    high = 2.0 * low
+    while not (bounded := _game(stages, G, horizon, high)[1]).all():
+        low, high = np.where(bounded, low, high), np.where(bounded, high, 2.0 * high)
+    while (high - low > 1e-12 * high).any():
+        middle = 0.5 * (low + high)
+        bounded = _game(stages, G, horizon, middle)[1]
+        low, high = np.where(bounded, low, middle), np.where(bounded, middle, high)
+    return high
+
+
+def _game(
+    stages: Stages, G: Float[Array, "t nx nx"], horizon: int, prices: Float[Array, " k"]
+) -> tuple[Float[Array, "k nx nx"], Bool[Array, " k"]]:
+    """Pi_1 T of every window, and whether its game is bounded; without noise at the price 0."""
+    n_windows, nx = len(prices), stages.A.shape[1]
+    share = np.divide(1.0, prices, out=np.zeros(n_windows), where=prices > 0.0)[:, None, None]
+    Pi, first, bounded = stages.Q[horizon - 1 :], np.zeros(0), np.ones(n_windows, dtype=bool)
+    with np.errstate(all="ignore"):  # of windows whose game is not bounded
+        for t in range(horizon - 1, -1, -1):
+            A, B, now, R = (each[t : t + n_windows] for each in (stages.A, stages.B, G, stages.R))
+            bounded &= np.linalg.eigvalsh(share * (now.mT @ Pi @ now))[:, -1] < 1.0
+            Pi = np.where(bounded[:, None, None], Pi, 0.0)
+            S_B = B @ np.linalg.solve(R, B.mT)
+            first = Pi @ np.linalg.solve(np.eye(nx) + (S_B - share * (now @ now.mT)) @ Pi, A)
+            Pi = A.mT @ first
+            Pi = 0.5 * (Pi + Pi.mT) + (stages.Q[t - 1 : t - 1 + n_windows] if t > 0 else 0.0)
+    return first, bounded

@@ -17,6 +17,7 @@ from rmpc_bench.types.abilities import (
     LinearTruth,
     MixesNoise,
     Period,
+    WarmsUp,
 )
 from rmpc_bench.types.basics import (
     Array,
@@ -92,4 +93,5 @@ __all__ = [
     "Status",
     "Statuses",
     "SystemMatrix",
+    "WarmsUp",
 ]

@@ -11,6 +11,14 @@ from rmpc_bench.types.basics import Array
 
 
 @runtime_checkable
+class WarmsUp(Protocol):
+    """A plant or a controller may offer this: costly work that is done once, before a design goes to workers."""
+
+    def warm_up(self) -> None:
+        """Do it; doing it again costs nothing."""
+
+
+@runtime_checkable
 class HasRemarks(Protocol):
     """A plant or an estimator may offer this; ``check`` shows it."""
 

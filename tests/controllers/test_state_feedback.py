@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from conftest import ROUND
 from controllers import minimax_oracles as oracles
-from numerics import game_twin as twin
 from scipy.linalg import solve_discrete_are
 
 from rmpc_bench.controllers.state_feedback import game_gain, lqr
@@ -13,6 +12,8 @@ from rmpc_bench.estimators.kalman_disturbance import design as kalman_disturbanc
 from rmpc_bench.estimators.mixed import design as mixed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
+from rmpc_bench.numerics.lq_game import roots
+from rmpc_bench.numerics.lq_windows import smallest_prices
 from rmpc_bench.types import DesignError, Estimate
 
 A, B, C = np.array([[0.9, 0.3], [-0.2, 0.7]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
@@ -73,16 +74,19 @@ def system(N):
 
 
 def test_game_gain_is_the_saddle_of_the_big_game():
-    """Oracle: stationarity of the cost less the price in controls and noise together, one big linear system."""
+    """Oracle: stationarity of the cost less the price in controls and noise together, one big linear system.
+
+    The smallest price is where its Schur complement in the noise, after the controls, loses its sign.
+    """
     N, x = 5, np.array([1.0, -2.0])
     model, estimator, stages, M_w = system(N)
-    price = 1.3 * twin.smallest_price(stages, M_w)
     big, (_, M_2) = oracles.matrices(stages), oracles.inverse_sets(np.eye(2), M_w)
     w = slice(2, None)
+    price = 1.3 * smallest_prices(stages, roots(M_w), N)[0]
     saddle = np.block([[big.B, big.D[:, w]], [big.D[:, w].T, big.C[w, w] - price * M_2[w, w]]])
     expected = np.linalg.solve(saddle, -np.concatenate([big.b, big.c[w]]) @ x)
     law = game_gain(model, 3, estimator, horizon=N, ratio=1.3, **WEIGHTS)
-    np.testing.assert_allclose(control(law, 0, x), expected[:1], rtol=1e-8)  # the twin's price
+    np.testing.assert_allclose(control(law, 0, x), expected[:1], **ROUND)
 
 
 def test_a_high_price_is_linear_quadratic_control():
@@ -93,4 +97,4 @@ def test_a_high_price_is_linear_quadratic_control():
     np.testing.assert_allclose(
         control(game, 0, x), control(lqr(model, 3, estimator, horizon=5, **WEIGHTS), 0, x), rtol=1e-7
     )
-    assert game.series()["L"].shape == (3, 1, 2)
+    assert game.series()["L_u"].shape == (3, 1, 2)

@@ -6,7 +6,8 @@ from conftest import ROUND
 from controllers import minimax_oracles as oracles
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.numerics.lq_windows import Stages, window_law
+from rmpc_bench.numerics.lq_game import roots
+from rmpc_bench.numerics.lq_windows import Stages, game_gains, smallest_prices, window_law
 
 
 def big_plan(stages, f, x):
@@ -55,3 +56,36 @@ def test_a_long_horizon_is_stationary(nu):
     law = window_law(stages, 400, np.zeros((400, 3, 1)))
     np.testing.assert_allclose(law.K[0], np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), rtol=1e-9)  # of the solver
     np.testing.assert_allclose(law.S[0] + Q, P, rtol=1e-9)  # likewise
+
+
+def test_the_smallest_price_of_a_game_is_an_h_infinity_norm():
+    """Oracle: full-information H-infinity control: the bounded-real form of the closed loop of the stationary gain.
+
+    Just above the smallest price of a long horizon, the gain that it leads to has a loop from noise to cost whose
+    largest gain over frequencies is that price, and no more.
+    """
+    A, B, Q, R = np.array([[0.9, 0.3], [-0.2, 0.7]]), np.array([[0.0], [1.0]]), np.diag([2.0, 1.0]), 0.5 * np.eye(1)
+    G = np.linalg.cholesky(np.array([[0.5, 0.1], [0.1, 0.2]]))
+    stages = Stages(*(np.broadcast_to(each, (300, *each.shape)) for each in (A, B, Q, R)))
+    wide = np.broadcast_to(G, (300, 2, 2))
+    price = smallest_prices(stages, wide, 300)
+    L = game_gains(stages, wide, 300, 1.000001 * price)[0]
+    loop, size = A - B @ L, 0.0
+    for angle in np.linspace(0.0, np.pi, 2000):
+        x = np.linalg.solve(np.exp(1j * angle) * np.eye(2) - loop, G)  # from noise to x(t); u(t) = -L x(t)
+        cost = x.conj().T @ (Q + L.T @ R @ L) @ x
+        size = max(size, np.linalg.eigvalsh(cost)[-1])
+    np.testing.assert_allclose(size, price[0], rtol=1e-4)  # a grid of frequencies
+
+
+def test_every_window_has_its_own_price():
+    """Oracle: the window by itself; at 0.999 times its price the game is refused."""
+    rng = np.random.default_rng(11)
+    stages, (_, M_w) = oracles.random_stages(rng, 2, 1, 9), oracles.random_sets(rng, 2, 9)
+    G = roots(M_w)
+    prices = smallest_prices(stages, G, 5)
+    for k in range(5):
+        part = Stages(*(each[k : k + 5] for each in stages))
+        np.testing.assert_allclose(smallest_prices(part, G[k : k + 5], 5)[0], prices[k], rtol=1e-11)  # of the halving
+        with pytest.raises(ValueError, match="below"):
+            game_gains(part, G[k : k + 5], 5, 0.999 * prices[k : k + 1])
