@@ -10,7 +10,7 @@ Model   from the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1)
 Source  lqr: textbook.  game-gain: H-infinity control of finite horizon, full information (Basar and Bernhard 1995).
 Limit   ratio -> infinity gives lqr; horizon -> infinity of lqr gives the stationary Riccati gain.
 Cost    one small matrix-vector product per run and step.
-Fails   design error where a weight is not one (R_u must be positive definite).
+Fails   design error where a weight is not one (R_u must be positive definite), or noise grows beyond 1e100.
 """
 
 from __future__ import annotations
@@ -27,12 +27,14 @@ from rmpc_bench.models.linear import Model
 from rmpc_bench.models.mixed_noise import NoiseSets
 from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv
 from rmpc_bench.numerics.lq_game import Problem, roots
-from rmpc_bench.numerics.lq_windows import Stages, game_gains, smallest_prices, window_law
+from rmpc_bench.numerics.lq_windows import Stages, game_gains, noise_sizes, smallest_prices, window_law
 from rmpc_bench.types import Array, Command, DesignError, Estimate, EstimatesMean, Horizon, Matrix, Status
 
 OK = np.int8(Status.OK)
 LEVEL = 0.95
 """Confidence of the ellipsoid that stands for a covariance where an estimator believes in no sets."""
+LARGEST = 1e100
+"""Cost of noise beyond which squares of prices overflow."""
 
 
 class NoState(NamedTuple):
@@ -164,7 +166,7 @@ def game_gain(
     R_u: Matrix,
     ratio: Annotated[float, Gt(1)] = 1.1,
 ) -> GameGain:
-    """Linear-quadratic control against a maximiser who pays for its noise, an H-infinity control of finite horizon.
+    """Linear-quadratic control against a maximiser who pays for the noise, an H-infinity control of finite horizon.
 
     Parameters
     ----------
@@ -179,10 +181,10 @@ def game_gain(
     Raises
     ------
     DesignError
-        If a weight is not one.
+        If a weight is not one, or noise grows beyond all bounds over the horizon.
     """
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
-    return GameGain(stages, roots(process_sets(model, estimator, len(stages.A))), horizon, ratio)
+    return GameGain(stages, noise_roots(model, estimator, stages, horizon), horizon, ratio)
 
 
 def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix) -> Stages:
@@ -206,10 +208,20 @@ def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix
     return Stages(A, B, *weights)
 
 
-def process_sets(model: Model, estimator: Any, length: int) -> Float[Array, "t nx nx"]:
-    """Sets of the process noise that an estimator believes in, or the confidence ellipsoids of its covariances."""
+def noise_roots(model: Model, estimator: Any, stages: Stages, horizon: int) -> Float[Array, "t nx nx"]:
+    """Roots of the sets of the process noise that an estimator believes in, or of 95 % ellipsoids of its covariances.
+
+    Raises
+    ------
+    DesignError
+        If noise grows beyond all bounds over the horizon.
+    """
     sets = getattr(estimator, "sets", None) or NoiseSets(model, LEVEL, bounded=False)
-    return np.array([sets.process(k) for k in range(length)])
+    G = roots(np.array([sets.process(k) for k in range(len(stages.A))]))
+    if not (noise_sizes(stages, G, horizon) < LARGEST).all():  # true for nan
+        message = f"noise grows beyond {LARGEST:g} over {horizon} samples without control; choose fewer"
+        raise DesignError(message, "horizon")
+    return G
 
 
 def problem_of(stages: Stages, G: Float[Array, "t nx nx"]) -> Problem:

@@ -213,7 +213,7 @@ def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float
     """Choose the price tau_1 of the first state's error for given prices of the noise.
 
     Writes the worst first state x_w = x + e and the direction ``top`` in which tau_1 cannot be lower.  Returns tau_1,
-    the slack mu = 1 - e' M^-1 e that the edge of the domain leaves, and the cost beyond that without noise.
+    the slack 1 - e' M^-1 e that the edge of the domain leaves, and the cost beyond that without noise.
     """
     n = len(x)
     lam, V = np.linalg.eigh(M_root.T.dot(X[PI]).dot(M_root))
@@ -254,7 +254,7 @@ def _optimum(
     """Optimal s = log(tau / tau_min - 1): D(s) = 1 for the slope D, how fast the cost falls as the price rises.
 
     A secant, halving where it leaves the bracket: on log D, nearly a straight line, but where the worst error is about
-    to leave its ellipsoid, and D is steep, on D - 1 over the slope of the edge.  D < 1 at the edge makes it the optimum.
+    to leave its ellipsoid, and D is steep, on D - 1 over the slope of the edge.  The optimum may be the edge itself.
     """
     n = len(x)
     tau, x_w, top, paths = np.empty(len(A)), np.empty(n), np.empty(n), np.empty((4, 0, n, n))
@@ -311,7 +311,7 @@ def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cov
 def smallest_price_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
     """Smallest price that bounds the maximiser alone, from above: the norm of the map from noise to cost.
 
-    It lies between the trace of that map and the trace over its size; halved until neighbouring numbers are left.
+    It lies between the trace of that map and the trace over its size; halved until neighbours are left.
     """
     N, n = A.shape[0], A.shape[1]
     X, s, high = Q[N - 1].copy(), np.empty((7, n, n)), 0.0

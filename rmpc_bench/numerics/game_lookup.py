@@ -17,6 +17,7 @@ import numba
 import numpy as np
 
 MOST_STEPS = 30  # four to five are usual
+REACH = 0.999  # of a window: beyond its last node, at 0.9994, nothing has been looked at
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -43,7 +44,7 @@ def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: An
         value = log(slope) - 2.0 * offset
         step = 0.5 * value if number == 0 else -value * (offset - last_offset) / (value - last)
         last_offset, last, offset = offset, value, offset + step
-        if not abs(offset - middle) <= half:
+        if not abs(offset - middle) <= REACH * half:
             return False
         if abs(step) <= 1e-12:
             break

@@ -83,19 +83,27 @@ def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, prices:
 def smallest_prices(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
     """Smallest price of noise for which the game of each window is bounded: the square of an H-infinity norm.
 
-    Found by halving, from above; 0 where no noise costs anything.
+    Found by halving; 0 where no noise costs anything.
     """
-    n_windows = len(stages.A) - horizon + 1
-    own = np.linalg.eigvalsh(G.mT @ stages.Q @ G)[:, -1]  # what w(t) does to x(t+1) alone
-    low = np.array([own[k : k + horizon].max() for k in range(n_windows)])
-    high = 2.0 * low
-    while not (bounded := _game(stages, G, horizon, high)[1]).all():
-        low, high = np.where(bounded, low, high), np.where(bounded, high, 2.0 * high)
+    high = noise_sizes(stages, G, horizon)  # without control noise does more
+    low = np.zeros_like(high)
     while (high - low > 1e-12 * high).any():
         middle = 0.5 * (low + high)
         bounded = _game(stages, G, horizon, middle)[1]
         low, high = np.where(bounded, low, middle), np.where(bounded, middle, high)
     return high
+
+
+def noise_sizes(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
+    """Trace of the map from all noise to the cost of each window, without control: above any smallest price."""
+    n_windows = len(stages.A) - horizon + 1
+    Y, total = stages.Q[horizon - 1 :], np.zeros(n_windows)
+    with np.errstate(over="ignore", invalid="ignore"):  # who asks refuses what is not finite
+        for t in range(horizon - 1, -1, -1):
+            A, now = stages.A[t : t + n_windows], G[t : t + n_windows]
+            total += np.trace(now.mT @ Y @ now, axis1=1, axis2=2)
+            Y = A.mT @ Y @ A + (stages.Q[t - 1 : t - 1 + n_windows] if t > 0 else 0.0)
+    return total
 
 
 def _game(

@@ -44,6 +44,10 @@ class Certified:
             return np.where(worst == rho, 1.0, worst / rho)  # 0/0 where there is no noise: the bound is exact
 
 
+def _certifies(controller: object) -> bool:
+    return isinstance(controller, HasCertificate) and controller.certifies
+
+
 def certificate(
     units: Units,
     *,
@@ -65,11 +69,11 @@ def certificate(
     at : the sample (seconds or samples, as `time`), the last one that has an input at most
     starts : how many times the search begins, each time elsewhere
     """
-    without = [method.name for method in units.methods if not isinstance(method.controller, HasCertificate)]
+    without = [method.name for method in units.methods if not _certifies(method.controller)]
     if without:
         raise DesignError(
-            f"needs a controller that certifies its cost, such as minimax-lq, which {', '.join(map(repr, without))} "
-            "does not have; leave the metric or the method out"
+            f"needs a controller that certifies its cost, such as minimax-lq with sets that do not depend on the data, "
+            f"which {', '.join(map(repr, without))} does not have; leave the metric or the method out"
         )
     last = units.n_steps - 1  # no input is chosen at k = N
     k = round(float(at) / units.tick)

@@ -64,6 +64,10 @@ class HasOpponent(Protocol):
 class HasCertificate(Protocol):
     """A controller may offer this; a metric then compares what its bound says with what allowed noise can do."""
 
+    @property
+    def certifies(self) -> bool:
+        """Whether this design has an answer."""
+
     def certificate(
         self, k: int, x_hat: Float[Array, "runs nx"], starts: int
     ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:

@@ -87,8 +87,7 @@ def test_sets_that_come_with_the_data():
     for row in range(3):
         _, U = oracles.dense(oracles.paper_stages(20, 10), own[row], np.array([M_W] * 10), X[row])
         np.testing.assert_allclose(u[row], U[0], rtol=0.0, atol=1e-9)  # what is asked for
-    with pytest.raises(DesignError, match="depend on the data"):
-        law.certificate(20, X[:1], 1)
+    assert scheduled.certifies and not law.certifies
 
 
 def test_where_tables_do_not_hold_the_exact_solver_does(monkeypatch):
@@ -168,3 +167,28 @@ def test_stages_in_a_loop_agree_with_the_semidefinite_program():
     for x in X:
         rho, _ = oracles.semidefinite(oracles.paper_stages(20, 5), M, np.array([M_w] * 5), x)
         np.testing.assert_allclose(law.certificate(20, x[None], 1)[0], rho, **SOLVER)
+
+
+def test_everything_may_vary():
+    """Oracle: the dense form with the matrices and sets of the window that begins at k, all of them different."""
+    rng = np.random.default_rng(3)
+    stages, (_, M_w) = oracles.random_stages(rng, 2, 1, STEPS + 6), oracles.random_sets(rng, 2, STEPS + 6)
+    model = mixed_model(STEPS, A=stages.A, B=stages.B, C=[[0.2, 1.0]], P_w=0.25, M_w=M_w, P_v=0.25, M_v=5.0)
+    estimator = mixed(model, STEPS, **START)
+    law = design(model, STEPS, estimator, horizon=6, **WEIGHTS)
+    for k in (0, 7, STEPS - 1):
+        part = oracles.Stages(stages.A[k : k + 6], stages.B[k : k + 6], *(
+            np.broadcast_to(each, (6, *each.shape)) for each in (np.diag([10.0, 1.0]), np.eye(1))))  # fmt: skip
+        _, U = oracles.dense(part, estimator.M[k], M_w[k : k + 6], X[1])
+        np.testing.assert_allclose(controls(law, k, X[1:2])[0], U[0], rtol=1e-7)  # what is asked for
+
+
+def test_noise_without_bounds_is_refused():
+    """Oracle: by hand: 1.5^2000 is no number; a shorter horizon is."""
+    model = mixed_model(3, A=[[1.5, 0.3], [0.0, 0.8]], B=[[1.0], [0.5]], C=[[1.0, 0.0]], P_v=1.0, M_w=0.25)
+    estimator = mixed(model, 3, **START)
+    with pytest.raises(DesignError, match="beyond 1e\\+100") as refused:
+        design(model, 3, estimator, horizon=1000, Q_x=1.0, R_u=1.0)
+    assert refused.value.parameter == "horizon"
+    law = design(model, 3, estimator, horizon=100, Q_x=1.0, R_u=1.0)
+    assert np.isfinite(controls(law, 0, X)).all()

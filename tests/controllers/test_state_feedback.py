@@ -98,3 +98,17 @@ def test_a_high_price_is_linear_quadratic_control():
         control(game, 0, x), control(lqr(model, 3, estimator, horizon=5, **WEIGHTS), 0, x), rtol=1e-7
     )
     assert game.series()["L_u"].shape == (3, 1, 2)
+
+
+@pytest.mark.parametrize("kind", ["lqr", "game"])
+def test_the_window_of_k_counts(kind):
+    """Oracle: a design whose first window is the one that begins at k = 2, for a system and sets that vary."""
+    rng = np.random.default_rng(4)
+    stages, (_, M_w) = oracles.random_stages(rng, 2, 1, 9), oracles.random_sets(rng, 2, 9)
+    x, u = np.array([1.0, -2.0]), []
+    for first in (0, 2):
+        model = mixed_model(3, A=stages.A[first:], B=stages.B[first:], C=C, P_v=1.0, M_w=M_w[first:])
+        estimator = mixed(model, 3, **START, M0=np.eye(2))
+        make = lqr if kind == "lqr" else game_gain
+        u.append(control(make(model, 3, estimator, horizon=4, **WEIGHTS), 2 - first, x))
+    np.testing.assert_allclose(u[0], u[1], rtol=1e-10)  # prices by halving

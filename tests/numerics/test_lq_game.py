@@ -268,3 +268,23 @@ def test_the_price_of_a_singular_map_is_its_norm():
         wide[3 * t : 3 * t + 3, 3 * t : 3 * t + 3] = G[t]
     expected = np.linalg.eigvalsh(wide @ big @ wide)[-1]
     np.testing.assert_allclose(smallest_price(problem_of(stages, G)), expected, **ROUND)
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e-8, 1e-12, 1e-20])
+def test_a_small_error_of_the_state(scale):
+    """Oracle: the dense form, down to where it has digits; below, the bound without an error.
+
+    The price is then so close to its least value that neighbouring s give the same one.
+    """
+    stages, M_w = paper(20)
+    for x in ((3.0, -2.0), (60.0, -45.0), (0.0, 0.0)):
+        ours, U = solved(stages, scale * M, M_w, x)
+        without, V = solved(stages, 0.0 * M, M_w, x)
+        assert np.isfinite(U).all()
+        if scale >= 1e-4:
+            rho, expected = oracles.dense(stages, scale * M, M_w, np.array(x))
+            np.testing.assert_allclose(ours.rho, rho, rtol=1e-9)  # the dense form has a pole nearby
+            np.testing.assert_allclose(U, expected, rtol=0.0, atol=1e-7)  # likewise
+        else:
+            np.testing.assert_allclose(ours.rho, without.rho, rtol=1e2 * np.sqrt(scale))  # reach of the error
+            np.testing.assert_allclose(U, V, rtol=0.0, atol=1e2 * np.sqrt(scale) + 1e-9)  # likewise

@@ -89,3 +89,26 @@ def test_every_window_has_its_own_price():
         np.testing.assert_allclose(smallest_prices(part, G[k : k + 5], 5)[0], prices[k], rtol=1e-11)  # of the halving
         with pytest.raises(ValueError, match="below"):
             game_gains(part, G[k : k + 5], 5, 0.999 * prices[k : k + 1])
+
+
+def test_a_price_where_noise_is_seen_late():
+    """Oracle: the maximum over w before the minimum over u, stage by stage; Q does not see what w enters at once."""
+    A, B, Q, R = np.array([[0.9, 0.5], [0.0, 0.8]]), np.array([[1.0], [0.0]]), np.diag([1.0, 0.0]), np.eye(1)
+    stages = Stages(*(np.broadcast_to(each, (5, *each.shape)) for each in (A, B, Q, R)))
+    G = np.broadcast_to(np.diag([0.0, 1.0]), (5, 2, 2))
+    price = smallest_prices(stages, G, 5)[0]
+    low, high = 1e-6, 100.0  # the same by hand: the price at which the noise of no stage is free
+    for _ in range(60):
+        middle, X = 0.5 * (low + high), Q
+        for t in range(5):
+            if middle <= X[1, 1]:
+                break
+            P = X + np.outer(X[:, 1], X[1]) / (middle - X[1, 1])
+            K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+            X = A.T @ P @ (A - B @ K) + (Q if t < 4 else 0.0)
+        else:
+            high = middle
+            continue
+        low = middle
+    np.testing.assert_allclose(price, high, rtol=1e-9)  # halving, two ways to write the same inequality
+    np.testing.assert_allclose(price, 0.978439, atol=1e-6)  # the digits of an independent computation

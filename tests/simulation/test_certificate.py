@@ -16,6 +16,8 @@ class Certifies(Proportional):
         super().__init__()
         self.asked = []
 
+    certifies = True
+
     def certificate(self, k, x_hat, starts):
         """Certify the square of x_hat; the worst is the sample times as much, and starts more."""
         self.asked.append((k, x_hat.copy(), starts))
@@ -25,6 +27,8 @@ class Certifies(Proportional):
 
 class Exact(Proportional):
     """A controller that knows of no noise."""
+
+    certifies = True
 
     def certificate(self, k, x_hat, starts):
         """Nothing is added."""
@@ -75,7 +79,7 @@ def test_nobody_to_ask(rng):
     methods = tuple(Method(name, Halfway(), law) for name, law in (("A", Certifies()), ("B", Proportional())))
     units = UNITS._replace(plant=plant(1), methods=methods)
     with pytest.raises(
-        DesignError, match="such as minimax-lq, which 'B' does not have; leave the metric or the method"
+        DesignError, match="depend on the data, which 'B' does not have; leave the metric or the method"
     ):
         certificate(units, at=0.0)
     certificate(units._replace(methods=methods[:1]), at=0.0)
