@@ -10,9 +10,10 @@ Update  linear: y moves the centre with a gain that minimises tr M and is known 
         the data; y shrinks M the more, the less likely it was.
 Limit   a measurement without information (M_v -> infinity) leaves the prediction; without stochastic noises and with
         q at its fixed point, the linear update is the filter `mixed`.
-Cost    linear: as every gain schedule; maksarov-norton: two searches over one number, about 15 us per run and step.
-Fails   design error where the innovation is without noise.  maksarov-norton: empty-set where no predicted state
-        explains y; without `inflate` Gaussian noise leads there.
+Cost    linear: as every gain schedule; maksarov-norton: two searches over one number, about 30 us per run and step.
+Fails   linear: design error where the innovation is without noise in some direction, also where its values are
+        consistent, as for M_v of rank 1 with ny > nx + 1.  maksarov-norton: design error where M_v is flat, empty-set
+        where no predicted state explains y; without `inflate` Gaussian noise leads there.
 """
 
 from __future__ import annotations

@@ -18,14 +18,15 @@ from rmpc_bench.types import Array, Matrix
 
 Criterion: TypeAlias = Literal["trace", "volume"]
 
+EPS = float(np.finfo(np.float64).eps)
 LAST = 1.0 - 1e-6
-"""Largest share of a measurement: where it is best to forget the prediction, the size is 1e-6 above the least, and what
-rounding does to directions that nothing is seen of counts a millionfold only."""
+"""Largest share of a measurement: where it is best to forget the prediction a millionth of it stays, so that what is
+not seen stays finite."""
 SHARES = np.linspace(0.0, 1.0, 17)
 ROUNDS = 10
 """Rounds of a search, each 8 times finer than the one before: 1e-9 of the range, 1e-18 of the size around its least."""
-MARGIN = 1e-12
-"""What rounding may take from the scale of a set, which is made that much larger: sets that touch stay sets."""
+SLACK = 8.0
+"""Roundings per term of a sum for which sets are made larger; of states on the surfaces, 0.5 lost some, 1 none."""
 
 
 def shape_of(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
@@ -100,11 +101,16 @@ def intersection(
 ) -> Intersection:
     """Enclose the points x with x' M^-1 x <= 1 and (e - C x)' R^-1 (e - C x) <= 1 by their smallest combination.
 
-    For every lam in [0, 1] these points obey (1 - lam) x' M^-1 x + lam (e - C x)' R^-1 (e - C x) <= 1.  A full square
-    makes that an ellipsoid of shape delta2 X around G e: with T = (1 - lam) R + lam C M C',
-    G = lam M C' T^-1,  X = (M - G C M) / (1 - lam),  delta2 = 1 - lam (1 - lam) e' T^-1 e,
-    where delta2 < 0 for some lam if, and only if, there is no such point.  With R^-1/2 C M C' R^-1/2 = U diag(g) U' all
-    lam cost sums over g only.
+    With M = F F', R^-1/2 C F = U diag(s) W' and z = U' R^-1/2 e, these are the points x = F W xi with |xi| <= 1 and
+    |z - s xi| <= 1, whatever the rank of M or C.  For every lam in [0, 1] they obey
+    (1 - lam) |xi|^2 + lam |z - s xi|^2 <= 1.  A full square makes that an ellipsoid of shape delta2 diag(1 / t) around
+    lam s z / t: with t = 1 - lam + lam s^2,  delta2 = 1 - lam (1 - lam) sum(z^2 / t),
+    where delta2 < 0 for some lam if, and only if, there is no such point.
+
+    Rounding takes nothing away.  F F' and the root of R are made larger than what rounding does to them, see `_root`.
+    Rounding C F, e and the singular values by eps of themselves moves z - s xi by eps times `reach`, the size of their
+    products, which is added to the scale; singular values of nothing, about eps, are such a change as well.  What is
+    left is the rounding of the centre: x may be outside by about 1e-13 of the half widths sqrt(M_ii) of the first set.
 
     Parameters
     ----------
@@ -113,54 +119,82 @@ def intersection(
     e : measurements minus what the centres of the first sets would give
     criterion : what shall be smallest, the trace of the shape or the volume
     """
-    root = np.linalg.inv(np.linalg.cholesky(R))
-    seen = np.einsum("rij,kj->rik", M, root @ C)
-    g, U = np.linalg.eigh(np.einsum("ki,rij->rkj", root @ C, seen))
-    g, N = np.maximum(g, 0.0), np.einsum("rik,rkj->rij", seen, U)
-    z = np.einsum("rkj,rk->rj", U, mv(root, e))
-    combined = _Combination(M, g, N, z)
+    (m, n), (F, _), (_, root) = C.shape, _root(M), _root(R)
+    A = np.einsum("ki,rij->rkj", root @ C, F)
+    U, s, Wt = np.linalg.svd(np.where(np.isfinite(A), A, 0.0))  # which raises for all runs if one has overflowed
+    s, z = _padded(s, max(m, n)), _padded(np.einsum("rkj,rk->rj", U, mv(root, e)), max(m, n))
+    B = np.einsum("rij,rkj->rik", F, Wt)
+    reach = mv(np.abs(root), np.abs(e) + mv(np.abs(C), np.abs(F).sum(axis=2)))
+    margin = SLACK * (m + n) * EPS * (1.0 + np.sqrt((reach**2).sum(axis=1)))
+    combined = _Combination(B, s**2, z, margin)
     size = combined.trace if criterion == "trace" else combined.radius
-    met = ~(combined.delta2(_smallest(combined.delta2, len(e))[:, None])[:, 0] < -MARGIN)
-    lam = np.where(met, _smallest(lambda lam: combined.delta2(lam) * size(lam), len(e)), 0.0)
-    H = N / ((1.0 - lam)[:, None] + lam[:, None] * g)[:, None, :]  # M C' T^-1 R^1/2 U
-    rest = np.eye(M.shape[1]) - lam[:, None, None] * np.einsum("rij,rkj,kl->ril", H, U, root @ C)
-    X = np.einsum("rik,rjk->rij", np.einsum("rij,rjk->rik", rest, M), rest) / (1.0 - lam)[:, None, None]
-    X = X + lam[:, None, None] * np.einsum("rik,rjk->rij", H, H)  # Joseph form, which keeps X positive semidefinite
-    scale = np.where(lam > 0.0, np.maximum(combined.delta2(lam[:, None])[:, 0], 0.0) + MARGIN, 1.0)
-    centre = lam[:, None] * np.einsum("rij,rj->ri", H, z)
-    return Intersection(centre, scale[:, None, None] * (0.5 * (X + X.mT)), lam, met)
+    met = ~(combined.delta2(_smallest(combined.delta2, len(e))[:, None])[:, 0] < -margin)
+    lam = np.where(met, _smallest(lambda lam: combined.scale(lam) * size(lam), len(e)), 0.0)
+    t = combined.mixed(lam[:, None])[:, 0]
+    centre = np.einsum("rij,rj->ri", B, (lam[:, None] * s * z / t)[:, :n])
+    Y = B * np.sqrt(combined.scale(lam[:, None]) / t[:, :n])[:, None, :]
+    X = np.einsum("rik,rjk->rij", Y, Y) * (1.0 + _slack(n) * np.eye(n))
+    return Intersection(centre, np.where((lam > 0.0)[:, None, None], 0.5 * (X + X.mT), M), lam, met)
+
+
+def _slack(n: int) -> float:
+    """Return what rounding may take from the eigenvalues of a matrix with a diagonal of ones."""
+    return SLACK * n * n * EPS
+
+
+def _root(M: Float[Array, "*runs n n"]) -> tuple[Float[Array, "*runs n n"], Float[Array, "*runs n n"]]:
+    """Return F with F F' = M + slack diag(M), so that rounding takes nothing from the set, and its inverse.
+
+    A set that is flat becomes one about 1e-7 of its half widths thick; only an entry of x that is known stays so, and
+    has zeros in the inverse.
+    """
+    half = np.sqrt(np.maximum(np.einsum("...ii->...i", M), 0.0))
+    inverse = np.divide(1.0, half, out=np.zeros_like(half), where=half > 0.0)
+    d, V = np.linalg.eigh(inverse[..., :, None] * M * inverse[..., None, :])
+    d = np.sqrt(np.maximum(d, 0.0) + _slack(M.shape[-1]))[..., None, :]
+    return half[..., None] * V * d, (inverse[..., None] * V / d).mT
+
+
+def _padded(values: Float[Array, "runs k"], size: int) -> Float[Array, "runs size"]:
+    return np.pad(values, ((0, 0), (0, size - values.shape[1])))
 
 
 class _Combination(NamedTuple):
     """The combinations of two sets, by what their sizes depend on; lam is (runs, points)."""
 
-    M: Float[Array, "runs n n"]
-    g: Float[Array, "runs m"]
-    N: Float[Array, "runs n m"]
-    z: Float[Array, "runs m"]
+    B: Float[Array, "runs n n"]
+    """F W, by which xi becomes x."""
+    g: Float[Array, "runs p"]
+    """Squares of s; with z, filled up with zeros to the larger one of n and m."""
+    z: Float[Array, "runs p"]
+    margin: Float[Array, " runs"]
 
     def delta2(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
-        """Scale of X."""
-        left: Array = 1.0 - lam * (1.0 - lam) * (self.z[:, None] ** 2 / self._mixed(lam)).sum(axis=2)
+        """Scale of diag(1 / t), without rounding."""
+        left: Array = 1.0 - lam * (1.0 - lam) * (self.z[:, None] ** 2 / self.mixed(lam)).sum(axis=2)
         return left
 
+    def scale(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
+        """Return delta2 with what rounding may have taken from it: sets that touch stay sets."""
+        enough: Array = np.maximum(self.delta2(lam), 0.0) + self.margin[:, None]
+        return enough
+
     def trace(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
-        """Trace of X, as a sum of positive terms."""
-        seen = np.divide((self.N**2).sum(axis=1), self.g, out=np.zeros_like(self.g), where=self.g > 0.0)
-        unseen = np.maximum(np.einsum("rii->r", self.M) - seen.sum(axis=1), 0.0)
-        total: Array = unseen[:, None] / (1.0 - lam) + (seen[:, None] / self._mixed(lam)).sum(axis=2)
+        """Trace of the shape for the scale 1."""
+        n = self.B.shape[1]
+        total: Array = ((self.B**2).sum(axis=1)[:, None] / self.mixed(lam)[:, :, :n]).sum(axis=2)
         return total
 
     def radius(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
-        """(det X / det M)^(1/n), which times delta2 grows as the volume does."""
-        n, m = self.N.shape[1:]
-        logs = (n - m) * np.log1p(-lam) + np.log(self._mixed(lam)).sum(axis=2)
-        root: Array = np.exp(-logs / n)
+        """Return prod(t)^(-1/n), which times the scale grows as the volume does."""
+        n = self.B.shape[1]
+        root: Array = np.exp(-np.log(self.mixed(lam)[:, :, :n]).sum(axis=2) / n)
         return root
 
-    def _mixed(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points m"]:
-        mixed: Array = (1.0 - lam)[:, :, None] + lam[:, :, None] * self.g[:, None]
-        return mixed
+    def mixed(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points p"]:
+        """Return t."""
+        t: Array = (1.0 - lam)[:, :, None] + lam[:, :, None] * self.g[:, None]
+        return t
 
 
 def _smallest(size: Callable[[Array], Array], n_runs: int) -> Float[Array, " runs"]:

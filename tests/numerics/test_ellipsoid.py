@@ -123,6 +123,61 @@ def test_all_common_points_are_inside(n, m, criterion, rng):
     assert inside > 100
 
 
+def on_the_surfaces(rng, n, m, rank, ratio, touching, runs=20):
+    """Sets with a state on both surfaces; M of integers, which is singular without rounding, and R about ratio M."""
+    F, C = rng.integers(-4, 5, (runs, n, rank)).astype(float), rng.standard_normal((m, n))
+    R = 10.0 * ratio * random_psd(rng, m)
+    L = np.linalg.cholesky(R)
+    a, b = rng.standard_normal((runs, rank)), rng.standard_normal((runs, m))
+    b /= np.linalg.norm(b, axis=1, keepdims=True)
+    if touching:  # the sets have parallel surfaces there
+        a = np.einsum("rji,rj->ri", np.linalg.solve(L, C @ F), b)
+    a /= np.maximum(np.linalg.norm(a, axis=1, keepdims=True), 1e-300)
+    x = np.einsum("rij,rj->ri", F, a)
+    return F @ F.mT, C, R, x @ C.T + b @ L.T, x
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 2), (2, 1), (2, 2), (2, 3), (3, 2)])
+@pytest.mark.parametrize("touching", [False, True])
+@CRITERIA
+def test_states_on_both_surfaces_are_inside(n, m, touching, criterion, rng):
+    """Oracle: the definition, for M of every rank and noises from tiny to large; scaled before inverting."""
+    for rank in range(n + 1):
+        for ratio in 10.0 ** np.arange(-10, 1, 2):
+            M, C, R, e, x = on_the_surfaces(rng, n, m, rank, ratio, touching)
+            found = intersection(M, C, R, e, criterion)
+            assert found.met.all()
+            kept, d = found.lam == 0.0, x - found.centre
+            np.testing.assert_array_equal(found.M[kept], M[kept])
+            half = np.sqrt(np.einsum("rii->ri", found.M))
+            np.testing.assert_array_equal(d[half == 0.0], 0.0)
+            half = np.where(half > 0.0, half, 1.0)
+            w, V = np.linalg.eigh(found.M / half[:, :, None] / half[:, None, :])
+            parts = np.einsum("rij,ri->rj", V, d / half) ** 2 / np.maximum(w, 1e-15)  # w of known entries is 0
+            # The centre's digits, 1e-16 of x, in a set that is at least 2e-10 of x thick here: twice 5e-7.
+            assert (parts.sum(axis=1)[~kept] <= 1.0 + 1e-6).all()
+
+
+def test_rounding_is_relative_to_each_entry():
+    """Oracle: the same sets in other units, and an entry that is known, which stays so."""
+    M, C = np.array([[4.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), np.array([[1.0, 1.0, 1.0]])
+    units, R, e = np.array([1e6, 1e-6, 1.0]), np.array([[0.5]]), np.array([[2.5]])
+    plain = intersection(M[None], C, R, e, "volume")
+    other = intersection((units[:, None] * M * units)[None], C / units, R, e, "volume")
+    np.testing.assert_allclose(other.centre, units * plain.centre, rtol=1e-7, atol=0.0)  # a flat set is 1e-7 thick
+    np.testing.assert_allclose(other.M, units[:, None] * plain.M * units, rtol=1e-7, atol=0.0)  # the same
+    np.testing.assert_array_equal(plain.M[0, 2], 0.0)
+
+
+def test_a_run_that_has_overflowed_leaves_the_others_alone(rng):
+    """Oracle: the others by themselves, bit for bit."""
+    M, C, R, e = drawn(rng, 2, 3, runs=3)
+    M[1] = np.nan
+    found, alone = intersection(M, C, R, e), intersection(M[[0, 2]], C, R, e[[0, 2]])
+    for ours, theirs in zip(found, alone, strict=True):
+        np.testing.assert_array_equal(ours[[0, 2]], theirs)
+
+
 @pytest.mark.parametrize("e", [0.0, 1.0, 2.9999, 3.0001, -5.0])
 def test_intervals(e):
     """Oracle: by hand; [-1, 1] and [e - 2, e + 2] meet as long as |e| <= 3; M = 1, R = 4."""
