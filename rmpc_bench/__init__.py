@@ -23,6 +23,7 @@ _PUBLIC: dict[str, str] = {
     "summarise": "rmpc_bench.report.summary",
     "register": "rmpc_bench.registry",
     "plant": "rmpc_bench.registry",
+    "model": "rmpc_bench.registry",
     "estimator": "rmpc_bench.registry",
     "controller": "rmpc_bench.registry",
 }

@@ -138,6 +138,11 @@ def plant(kind: str, *args: Any, **parameters: Any) -> Any:
     return get("plants", kind)(*args, **parameters)
 
 
+def model(kind: str, *args: Any, **parameters: Any) -> Any:
+    """Design a model by its name: ``model("linear", n_steps=100, A=A, B=B, C=C, P_w=0.25, M_w=M_w)``."""
+    return get("models", kind)(*args, **parameters)
+
+
 def estimator(kind: str, *args: Any, **parameters: Any) -> Any:
     """Design an estimator by its name: ``estimator("kalman", model, n_steps=200, x0=x0, P0=P0)``."""
     return get("estimators", kind)(*args, **parameters)

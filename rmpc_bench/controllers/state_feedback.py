@@ -15,6 +15,7 @@ Fails   design error where a weight is not one (R_u must be positive definite), 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple
@@ -24,15 +25,13 @@ from annotated_types import Gt
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import Model
-from rmpc_bench.models.mixed_noise import NoiseSets
+from rmpc_bench.models.mixed_noise import BelievesSets, stochastic_sets
 from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv
 from rmpc_bench.numerics.lq_game import Problem, roots
-from rmpc_bench.numerics.lq_windows import Stages, game_gains, noise_sizes, smallest_prices, window_law
+from rmpc_bench.numerics.lq_windows import Stages, game_gains, game_prices, noise_sizes, window_law
 from rmpc_bench.types import Array, Command, DesignError, Estimate, EstimatesMean, Horizon, Matrix, Status
 
 OK = np.int8(Status.OK)
-LEVEL = 0.95
-"""Confidence of the ellipsoid that stands for a covariance where an estimator believes in no sets."""
 LARGEST = 1e100
 """Cost of noise beyond which squares of prices overflow."""
 
@@ -51,6 +50,7 @@ class Lqr:
     u_0: Float[Array, "k nu"]
     """What the mean that the model knows asks for."""
     preview: int = 1
+    regulates = True
 
     def init(self, n_runs: int) -> NoState:
         """There is nothing to remember."""
@@ -124,6 +124,7 @@ class GameGain:
     horizon: int
     ratio: float
     preview: int = 1
+    regulates = True
 
     def init(self, n_runs: int) -> NoState:
         """There is nothing to remember."""
@@ -144,7 +145,7 @@ class GameGain:
     @cached_property
     def L(self) -> Float[Array, "k nu nx"]:
         """Gains over k, made at the first step: the smallest prices take a search."""
-        prices = self.ratio * smallest_prices(self.stages, self.G, self.horizon)
+        prices = self.ratio * game_prices(self.stages, self.G, self.horizon)
         return game_gains(self.stages, self.G, self.horizon, prices)
 
     def warm_up(self) -> None:
@@ -193,9 +194,9 @@ def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix
     Raises
     ------
     DesignError
-        If a weight is not one.
+        If a weight is not one, or the model has no value within the horizon.
     """
-    models = [model.at(k) for k in range(n_steps + horizon - 1)]
+    models = [_ahead(model.at, k) for k in range(n_steps + horizon - 1)]
     A, B = np.array([each.A for each in models]), np.array([each.B for each in models])
     weights = []
     for name, weight, n in (("Q_x", Q_x, A.shape[1]), ("R_u", R_u, B.shape[2])):
@@ -208,6 +209,15 @@ def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix
     return Stages(A, B, *weights)
 
 
+def _ahead(what: Callable[[int], Any], k: int) -> Any:
+    """What a model says of a k that only the horizon reaches; its mistakes of earlier k have been refused before."""
+    try:
+        return what(k)
+    except DesignError as error:
+        blamed = error.parameter or "matrix"
+        raise DesignError(f"reaches k = {k}, where the model's {blamed} {error}", "horizon") from None
+
+
 def noise_roots(model: Model, estimator: Any, stages: Stages, horizon: int) -> Float[Array, "t nx nx"]:
     """Roots of the sets of the process noise that an estimator believes in, or of 95 % ellipsoids of its covariances.
 
@@ -216,8 +226,8 @@ def noise_roots(model: Model, estimator: Any, stages: Stages, horizon: int) -> F
     DesignError
         If noise grows beyond all bounds over the horizon.
     """
-    sets = getattr(estimator, "sets", None) or NoiseSets(model, LEVEL, bounded=False)
-    G = roots(np.array([sets.process(k) for k in range(len(stages.A))]))
+    sets = estimator.sets if isinstance(estimator, BelievesSets) and estimator.sets else stochastic_sets(model)
+    G = roots(np.array([_ahead(sets.process, k) for k in range(len(stages.A))]))
     if not (noise_sizes(stages, G, horizon) < LARGEST).all():  # true for nan
         message = f"noise grows beyond {LARGEST:g} over {horizon} samples without control; choose fewer"
         raise DesignError(message, "horizon")

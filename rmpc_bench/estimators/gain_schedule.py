@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel, Model
-from rmpc_bench.models.mixed_noise import NoiseSets
+from rmpc_bench.models.mixed_noise import NoiseSets, stochastic_sets
 from rmpc_bench.numerics.ellipsoid import sum_shape, weight
 from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
@@ -51,7 +51,7 @@ class GainScheduleFilter:
     f, d : (1 or samples, nx), (1 or samples, ny) constant parts, None where they are zero
     remarks : what a user should know of this design; `rmpc-bench check` shows it
     M : (1 or samples, nx, nx) shape of the set that x_hat - x lies in, None where nothing is said of it
-    sets : what M is made of, the sets of the noises
+    sets : the sets of the noises that M or P counts with, None where those of the model hold
     """
 
     x0: Float[Array, " nx"]
@@ -200,7 +200,7 @@ def riccati_schedule(
         P_pred.append(step.P_next)
     refuse_overflow(P_pred)
     extra = {"P_pred": np.array(P_pred[:-1]), "V": np.array(V), "theta": np.array(theta)}
-    predictor = predictor_schedule(models, x0, K, V, extra=extra)
+    predictor = replace(predictor_schedule(models, x0, K, V, extra=extra), sets=stochastic_sets(model))
     return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=np.array(P))
 
 

@@ -10,12 +10,11 @@ Fails   design error where C P_pred C' + R_v is singular.
 
 from __future__ import annotations
 
-import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import Model
-from rmpc_bench.models.mixed_noise import NoiseKind, matched
+from rmpc_bench.models.mixed_noise import NoiseKind, counted
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.types import Array
 
@@ -45,5 +44,5 @@ def design(
         on their ellipsoids, M / (n + 2)
     use_y0 : `false` takes x0 and P0 for the estimate at k = 0 itself and leaves y(0) out
     """
-    believed, P0 = (model, P0) if noise == "nominal" else matched(model, P0, np.zeros_like(P0) if M0 is None else M0)
+    believed, P0 = counted(model, P0, M0, noise)
     return riccati_schedule(believed, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import FilterState, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import LinearModel, Model
-from rmpc_bench.models.mixed_noise import NoiseKind, matched
+from rmpc_bench.models.mixed_noise import NoiseKind, NoiseSets, counted, stochastic_sets
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.types import Array, DesignError, Estimate, Matrix, NonNegative
@@ -52,10 +52,10 @@ class DisturbanceFilter:
     """A filter for [x; d] that hands out x; `w_mean` is its d."""
 
     full: GainScheduleFilter
+    sets: NoiseSets
 
     estimates_mean = True
     M = None
-    sets = None
 
     @property
     def nx(self) -> int:
@@ -131,7 +131,7 @@ def design(
         D = as_covariance(D0, nx)
     except ValueError as error:
         raise DesignError(str(error), "D0") from None
-    believed, P0 = (model, P0) if noise == "nominal" else matched(model, P0, np.zeros_like(P0) if M0 is None else M0)
+    believed, P0 = counted(model, P0, M0, noise)
     start = np.block([[P0, np.zeros((nx, nx))], [np.zeros((nx, nx)), D]])
     return DisturbanceFilter(
         riccati_schedule(
@@ -141,5 +141,6 @@ def design(
             start,
             lambda k, P_pred: Inflation(P_pred, 0.0),
             use_y0=use_y0,
-        )
+        ),
+        stochastic_sets(believed),
     )

@@ -30,7 +30,7 @@ from rmpc_bench.simulation.scenario import (
     initial_covariance,
     initial_state,
 )
-from rmpc_bench.types import Array, DesignError, HasOpponent, Method, Metric, Plant, Problem
+from rmpc_bench.types import Array, DesignError, HasOpponent, Method, Metric, Plant, Problem, Regulates
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,8 @@ class _Builder:
             estimator = self.estimator(parts, provided)
         if parts.controller is None:
             controller: Any = Rest(model.nu)
+        elif estimator is None and parts.controller.asks("estimator"):
+            return None  # what is wrong with the estimator has been noted
         else:
             provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
             controller = parts.controller.build(problems, **provided)
@@ -223,6 +225,13 @@ class _Builder:
             names.add(name)
         return tuple(metric for metric in made if metric is not None)
 
+    def refuse_reference(self, reference: Reference, methods: Sequence[Method | None]) -> None:
+        """Refuse a reference that a controller would not look at."""
+        deaf = [each.name for each in methods if each is not None and isinstance(each.controller, Regulates)]
+        if deaf and reference.sample(self.n_steps + 1).any():
+            names = ", ".join(map(repr, deaf))
+            self.sheet.note(["reference"], f"the controller of {names} drives the state to 0 and follows none")
+
     def recording(self) -> Recording:
         """What to keep of which runs."""
         keys, n_runs = self.sheet.values["record"], self.sheet.values["runs"]
@@ -251,6 +260,7 @@ def build(sheet: Sheet, made: dict[str, Any] | None = None, *, smoke: bool = Fal
     metrics = builder.metrics(plant, tuple(method for method in methods if method is not None))
     if reference is None:
         return None
+    builder.refuse_reference(reference, methods)
     scenario = builder.scenario(plant, reference)
     opposed = builder.opposed(plant, methods, scenario) if scenario is not None else None
     if scenario is None or opposed is None or sheet.problems or any(method is None for method in methods):

@@ -11,7 +11,7 @@ from rmpc_bench.experiment.sheet import Law, Sheet
 from rmpc_bench.simulation.bounded_noise import ellipsoid
 from rmpc_bench.simulation.noise import Noise, gaussian
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
-from rmpc_bench.types import Array, DesignError, Plant
+from rmpc_bench.types import Array, DesignError, HasSets, Plant
 
 
 class NoiseLaws:
@@ -85,12 +85,14 @@ def _believed(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:
         # The spread of the process noise, as `P: process`; states that the model does not know start at their mean.
         return np.zeros(n), np.pad(model.Q_w, (0, max(0, n - len(model.Q_w)))), 0.0
     mean, cov = model.v_law if channel == "measurement" else model.w_law
-    return mean, cov, getattr(model, "v_set" if channel == "measurement" else "w_set", 0.0)
+    if not isinstance(model, HasSets):
+        return mean, cov, 0.0
+    return mean, cov, model.M_v(0) if channel == "measurement" else model.M_w(0)
 
 
 def _varies(model: Any, channel: str, n_steps: int) -> bool:
     """Whether a noise that a model with sets believes in depends on k; that of other models does not."""
-    if not hasattr(model, "w_set"):
+    if not isinstance(model, HasSets):
         return False
 
     def at(k: int) -> tuple[Array, Array]:

@@ -137,7 +137,8 @@ def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress:
                 plant.warm_up()
     asked = {(task.point, task.method) for task in tasks}
     laws = [experiments[point].method(name).controller for point, name in sorted(asked)]
-    with said_if_slow(progress, "preparing the control laws ..."), engines.single_thread():
+    text = "preparing the control laws (the first time, compiling them) ..."
+    with said_if_slow(progress, text), engines.single_thread():
         for law in {id(law): law for law in laws if isinstance(law, WarmsUp)}.values():
             law.warm_up()
 

@@ -20,7 +20,7 @@ from rmpc_bench.models.linear import LinearModel, Model
 from rmpc_bench.models.uncertain_system import depends_on_k, entries_of, expanded, sizes_of, values_at
 from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
 from rmpc_bench.numerics.linalg import as_covariance, as_vector
-from rmpc_bench.types import Array, DesignError, SystemMatrix
+from rmpc_bench.types import Array, DesignError, HasSets, SystemMatrix
 
 TABLE: Mapping[str, tuple[str, str]] = {
     "A": ("nx", "nx"), "B": ("nx", "nu"), "C": ("ny", "nx"),
@@ -30,17 +30,6 @@ TABLE: Mapping[str, tuple[str, str]] = {
 
 BELIEFS = ("A", "B", "C", "P_w", "P_v")
 """Matrices that a `LinearModel` is made of."""
-
-
-@runtime_checkable
-class HasSets(Protocol):
-    """A model that knows sets in which the noises lie."""
-
-    def M_w(self, k: int, /) -> Float[Array, "nx nx"]:
-        """Shape of the set of the bounded process noise at k."""
-
-    def M_v(self, k: int, /) -> Float[Array, "ny ny"]:
-        """Shape of the set of the bounded measurement noise at k."""
 
 
 class MatrixOverTime(NamedTuple):
@@ -85,7 +74,7 @@ class MixedModel:
     matrices: Mapping[str, MatrixOverTime]
     w_mean: Float[Array, " nx"]
     v_mean: Float[Array, " ny"]
-    _made: dict[tuple[str, int], Any] = field(default_factory=dict, repr=False)
+    _made: dict[tuple[str, int], Any] = field(default_factory=dict, init=False, repr=False)
     """What has been asked for; what does not vary is made once and kept at k = 0."""
 
     @property
@@ -117,16 +106,6 @@ class MixedModel:
     def v_law(self) -> tuple[Float[Array, " ny"], Float[Array, "ny ny"]]:
         """Mean and covariance of the stochastic measurement noise at k = 0."""
         return self.v_mean, self.at(0).R_v
-
-    @property
-    def w_set(self) -> Float[Array, "nx nx"]:
-        """Shape of the set of the bounded process noise at k = 0."""
-        return self.M_w(0)
-
-    @property
-    def v_set(self) -> Float[Array, "ny ny"]:
-        """Shape of the set of the bounded measurement noise at k = 0."""
-        return self.M_v(0)
 
     def at(self, k: int) -> LinearModel:
         """The model at k >= 0; its noises are the stochastic ones."""
@@ -216,11 +195,39 @@ def uniform_covariance(M: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return cov
 
 
-def matched(
-    model: Model, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]
-) -> tuple[MatchedModel, Float[Array, "nx nx"]]:
-    """Return a model and an initial covariance that count what is bounded as uniform."""
-    return MatchedModel(model), P0 + uniform_covariance(M0)
+def counted(
+    model: Model, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"] | None, noise: NoiseKind
+) -> tuple[Model, Float[Array, "nx nx"]]:
+    """Return a model and an initial covariance that count what is bounded as uniform, if `matched`, or leave it out."""
+    if noise == "nominal":
+        return model, P0
+    return MatchedModel(model), P0 if M0 is None else P0 + uniform_covariance(M0)
+
+
+LEVEL = 0.95
+"""Confidence of the ellipsoid that stands for a covariance where somebody asks for a set."""
+
+
+@runtime_checkable
+class BelievesSets(Protocol):
+    """An estimator that says in which sets its error and the noises lie, or with which covariance."""
+
+    @property
+    def P(self) -> Float[Array, "k nx nx"] | None:
+        """Covariance of x_hat - x over k, None where nothing is said of it before any data."""
+
+    @property
+    def M(self) -> Float[Array, "k nx nx"] | None:
+        """Shape of the set of x_hat - x over k, None where nothing is said of it before any data."""
+
+    @property
+    def sets(self) -> NoiseSets | None:
+        """Sets of the noises, None where it has those of its model."""
+
+
+def stochastic_sets(model: Model) -> NoiseSets:
+    """The confidence ellipsoids of the covariances of a model, for who asks for sets and gets none."""
+    return NoiseSets(model, LEVEL, bounded=False)
 
 
 def design(

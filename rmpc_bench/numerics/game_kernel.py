@@ -145,8 +145,8 @@ def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any)
 def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: Any) -> bool:  # pragma: no cover
     """Write the matrices of the first stage into X (6, n, n); whether all prices are above what the game needs.
 
-    D_PI, D_Y are derivatives by a common change of all prices.  ``paths`` (4, N, n, n) gets T and Pi T of the
-    game, T and G' Y T of the maximiser alone, unless N is 0 in it.
+    D_PI, D_Y are derivatives by a common change of all prices.  ``paths`` (2, N, n, n) gets T and Pi T of
+    the game, unless N is 0 in it.
     """
     N, n = A.shape[0], A.shape[1]
     s = np.empty((14, n, n))
@@ -191,7 +191,7 @@ def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: A
             Ya[:] += Q[t - 1]
         Pi[:] = S_now + Delta
         if paths.shape[1] > 0:
-            paths[0, t], paths[1, t], paths[2, t], paths[3, t] = T, PT, T_Y, p_Y
+            paths[0, t], paths[1, t] = T, PT
     return True
 
 
@@ -257,7 +257,7 @@ def _optimum(
     to leave its ellipsoid, and D is steep, on D - 1 over the slope of the edge.  The optimum may be the edge itself.
     """
     n = len(x)
-    tau, x_w, top, paths = np.empty(len(A)), np.empty(n), np.empty(n), np.empty((4, 0, n, n))
+    tau, x_w, top, paths = np.empty(len(A)), np.empty(n), np.empty(n), np.empty((2, 0, n, n))
     low, high, corner, last_s, last_log, last_ratio = NEAREST, FARTHEST, False, nan, nan, nan
     for number in range(MOST_STEPS):
         tau[:] = tau_min * (1.0 + exp(s))
@@ -308,7 +308,7 @@ def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cov
 
 
 @numba.njit(cache=True, error_model="numpy")
-def smallest_price_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
+def price_alone_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
     """Smallest price that bounds the maximiser alone, from above: the norm of the map from noise to cost.
 
     It lies between the trace of that map and the trace over its size; halved until neighbours are left.
@@ -339,7 +339,7 @@ def solve_kernel(
 ) -> tuple[float, float, float]:  # pragma: no cover
     """Solve one problem exactly: (rho, tau_1, tau_2); ``first`` gets Pi_1 T x_w, so that u = -R^-1 B' first."""
     n = len(x)
-    X, tau, top, paths = np.empty((6, n, n)), np.ones(len(A)), np.empty(n), np.empty((4, 0, n, n))
+    X, tau, top, paths = np.empty((6, n, n)), np.ones(len(A)), np.empty(n), np.empty((2, 0, n, n))
     price = 0.0
     if tau_min > 0.0:
         s = _optimum(A, S_B, Q, G, M_root, x, tau_min, guess, X)
@@ -354,31 +354,12 @@ def solve_kernel(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def stages_kernel(
-    A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau: Any, gradient: Any, first: Any, x_w: Any
-) -> tuple[float, float]:  # pragma: no cover
-    """Cost bound (with its tau_1) of one price per stage, and its gradient; inf outside the domain."""
-    N, n = A.shape[0], A.shape[1]
-    X, top, paths = np.empty((6, n, n)), np.empty(n), np.empty((4, N, n, n))
-    if not backward_kernel(A, S_B, Q, G, tau, X, paths):
-        return inf, inf
-    tau_1, slack, excess = _first_error(X, M_root, x, x_w, top)
-    first[:] = X[FIRST].dot(x_w)
-    z, y = x_w.copy(), top.copy()
-    for t in range(N):
-        w, v = G[t].T.dot(paths[1, t].dot(z)), paths[3, t].dot(y)
-        gradient[t] = 1.0 - (w.dot(w) + slack * v.dot(v)) / tau[t] ** 2
-        z, y = paths[0, t].dot(z), paths[2, t].dot(y)
-    return tau.sum() + excess, tau_1
-
-
-@numba.njit(cache=True, error_model="numpy")
 def nodes_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, tau_min: float, offsets: Any, M_root: Any, found: Any
 ) -> float:  # pragma: no cover
     """Backward passes at the optimal s for x_hat = 0 plus each offset, into ``found`` (nodes, 6, n, n); that s."""
     n = len(M_root)
-    tau, paths, zero = np.empty(len(A)), np.empty((4, 0, n, n)), np.zeros(n)
+    tau, paths, zero = np.empty(len(A)), np.empty((2, 0, n, n)), np.zeros(n)
     s = _optimum(A, S_B, Q, G, M_root, zero, tau_min, 0.0, found[0])
     for node in range(len(offsets)):
         tau[:] = tau_min * (1.0 + exp(s + offsets[node]))
@@ -394,8 +375,8 @@ def rows_kernel(
     """Solve the problems of some rows of x, each by itself, and write their rows of ``first``."""
     x_w = np.empty(x.shape[1])
     for row in rows:
-        if np.isfinite(x[row]).all():
-            M_root = M_roots[row if len(M_roots) > 1 else 0]
+        M_root = M_roots[row if len(M_roots) > 1 else 0]
+        if np.isfinite(x[row]).all() and np.isfinite(M_root).all():
             solve_kernel(A, S_B, Q, G, M_root, x[row], tau_min, guess, first[row], x_w)
         else:
             first[row] = nan

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.numerics.lq_game import Problem, smallest_price
+from rmpc_bench.numerics.lq_game import Problem, price_alone
 from rmpc_bench.types import Array
 
 NODES = 44
@@ -60,7 +60,7 @@ def tables(problems: Sequence[Problem], M_roots: Float[Array, "k n n"]) -> Table
 def _table(problem: Problem, M_root: Float[Array, "n n"]) -> tuple[float, float, Array, bool]:
     from rmpc_bench.numerics.game_kernel import nodes_kernel
 
-    n, tau_min = len(M_root), smallest_price(problem)
+    n, tau_min = len(M_root), price_alone(problem)
     found = np.full((NODES, 6, n, n), np.nan)
     offsets = MIDDLE + HALF * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     s = nodes_kernel(*problem, tau_min, offsets, M_root, found) if tau_min > 0.0 else np.nan

@@ -11,7 +11,7 @@ Solution For fixed prices it is a linear-quadratic game.  Pi_N = Q,
          D = -d(rho - tau_2)/d tau_2 and s = log(tau_2 / tau_min - 1), which is nearly a straight line.
          No matrix M or M_w is inverted, so both may be singular.
 Sets     one price for all stages belongs to the set sum over t of w' M_w^-1 w <= 1, a price of its own for every stage
-         to every w(t) in its own ellipsoid.
+         to every w(t) in its own ellipsoid (stage_prices.py).
 Source   ma2025, Theorem 1; the reduction is ours (tests: it equals the semidefinite program and a dense form of it).
 Cost     the smallest price takes some fifty short passes over the horizon, once; a state then five passes, or, from a
          table, (1 + 3 n^2) polynomials.
@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import psd_sqrt
-from rmpc_bench.types import Array, DesignError
+from rmpc_bench.types import Array
 
 
 class Problem(NamedTuple):
@@ -63,11 +63,11 @@ def roots(M: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
     return np.array([psd_sqrt(each) for each in M])
 
 
-def smallest_price(problem: Problem) -> float:
+def price_alone(problem: Problem) -> float:
     """Smallest price tau_min of noise for which the maximiser alone is bounded."""
-    from rmpc_bench.numerics.game_kernel import smallest_price_kernel
+    from rmpc_bench.numerics.game_kernel import price_alone_kernel
 
-    return float(smallest_price_kernel(problem.A, problem.Q, problem.G))
+    return float(price_alone_kernel(problem.A, problem.Q, problem.G))
 
 
 def solve(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
@@ -83,47 +83,8 @@ def solve(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) 
 
     x = np.ascontiguousarray(x, dtype=float)
     first, x_w = np.empty_like(x), np.empty_like(x)
-    rho, tau_1, tau_2 = solve_kernel(*problem, M_root, x, smallest_price(problem), 0.0, first, x_w)
+    rho, tau_1, tau_2 = solve_kernel(*problem, M_root, x, price_alone(problem), 0.0, first, x_w)
     return Solution(rho, tau_1, np.full(len(problem.A), tau_2), x_w, first)
-
-
-def solve_stages(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
-    """Solve the game with one price per stage, from the optimum of one price for all, in which w fills N M_w.
-
-    The bound is convex in the prices, smooth but where eigenvalues of M^1/2 Y_0 M^1/2 cross, and infinite outside its
-    domain; minimised over the logarithms of the prices.
-
-    Parameters
-    ----------
-    problem : the game; G is the root of the set of w(t) at each stage
-    M_root : root of the set of e
-    x : estimate x_hat
-
-    Raises
-    ------
-    DesignError
-        If the search for the prices fails.
-    """
-    from scipy.optimize import minimize
-
-    from rmpc_bench.numerics.game_kernel import stages_kernel
-
-    x, N = np.ascontiguousarray(x, dtype=float), len(problem.A)
-    start = solve(problem._replace(G=problem.G * np.sqrt(N)), M_root, x)
-    first, x_w, gradient = np.empty_like(x), np.empty_like(x), np.empty(N)
-    scale = start.rho
-
-    def bound(logs: Float[Array, " N"]) -> tuple[float, Array]:
-        tau = np.exp(logs)
-        value, _ = stages_kernel(*problem, M_root, x, tau, gradient, first, x_w)
-        return value / scale, gradient * tau / scale
-
-    found = minimize(bound, np.log(start.tau / N), jac=True, method="BFGS", options={"gtol": 1e-9, "maxiter": 1000})
-    tau = np.exp(found.x)
-    rho, tau_1 = stages_kernel(*problem, M_root, x, tau, gradient, first, x_w)
-    if not rho <= start.rho:
-        raise DesignError(f"the search for the prices of the stages ended at {rho:.6g}, above {start.rho:.6g}")
-    return Solution(rho, tau_1, tau, x_w, first)
 
 
 def plan(problem: Problem, feedback: Float[Array, "N nu n"], solution: Solution) -> Float[Array, "N nu"]:
@@ -138,7 +99,7 @@ def plan(problem: Problem, feedback: Float[Array, "N nu n"], solution: Solution)
     from rmpc_bench.numerics.game_kernel import backward_kernel
 
     N, n = problem.A.shape[:2]
-    paths, U, z = np.empty((4, N, n, n)), np.empty(feedback.shape[:2]), solution.x_w
+    paths, U, z = np.empty((2, N, n, n)), np.empty(feedback.shape[:2]), solution.x_w
     backward_kernel(*problem, np.where(solution.tau > 0.0, solution.tau, 1.0), np.empty((6, n, n)), paths)
     for t in range(N):
         U[t] = -feedback[t] @ paths[1, t] @ z

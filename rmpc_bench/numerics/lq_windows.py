@@ -80,7 +80,7 @@ def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, prices:
     return gains
 
 
-def smallest_prices(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
+def game_prices(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
     """Smallest price of noise for which the game of each window is bounded: the square of an H-infinity norm.
 
     Found by halving; 0 where no noise costs anything.

@@ -13,10 +13,12 @@ from rmpc_bench.types.abilities import (
     HasOpponent,
     HasPeriod,
     HasRemarks,
+    HasSets,
     Informed,
     LinearTruth,
     MixesNoise,
     Period,
+    Regulates,
     WarmsUp,
 )
 from rmpc_bench.types.basics import (
@@ -70,6 +72,7 @@ __all__ = [
     "HasOpponent",
     "HasPeriod",
     "HasRemarks",
+    "HasSets",
     "Horizon",
     "Informed",
     "Line",
@@ -90,6 +93,7 @@ __all__ = [
     "Positive",
     "Problem",
     "Record",
+    "Regulates",
     "Status",
     "Statuses",
     "SystemMatrix",

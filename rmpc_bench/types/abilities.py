@@ -40,6 +40,29 @@ class Informed(Protocol):
 
 
 @runtime_checkable
+class HasSets(Protocol):
+    """A model that knows ellipsoids in which the bounded parts of the noises lie."""
+
+    def at(self, k: int, /) -> Any:
+        """The linear model at k."""
+
+    def M_w(self, k: int, /) -> Float[Array, "nx nx"]:
+        """Shape of that of the process noise at k."""
+
+    def M_v(self, k: int, /) -> Float[Array, "ny ny"]:
+        """Shape of that of the measurement noise at k."""
+
+
+@runtime_checkable
+class Regulates(Protocol):
+    """A controller may offer this: it drives the state to 0 and looks at no reference."""
+
+    @property
+    def regulates(self) -> bool:
+        """True."""
+
+
+@runtime_checkable
 class EstimatesMean(Protocol):
     """An estimator may offer this: the info of its estimates has the mean of the process noise, `w_mean` (runs, nx)."""
 

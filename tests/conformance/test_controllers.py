@@ -10,6 +10,8 @@ from conftest import random_model
 from rmpc_bench import registry
 from rmpc_bench.controllers.mpc import Limits, Scale
 from rmpc_bench.estimators.kalman import design as kalman
+from rmpc_bench.estimators.kalman_disturbance import design as kalman_disturbance
+from rmpc_bench.estimators.set_membership import design as set_membership
 from rmpc_bench.types import Controller, Estimate, Status
 
 KINDS = registry.names("controllers")
@@ -23,11 +25,15 @@ PARAMETERS = {
         {"horizon": 7, "Q_x": 1.0, "R_u": 0.1},
         {"horizon": 5, "Q_x": 1.0, "R_u": 0.1, "set": "product"},
         {"horizon": 4, "Q_x": 1.0, "R_u": 0.1, "set": "stages"},
+        {"horizon": 4, "Q_x": 1.0, "R_u": 0.1, "of": "data"},
     ],
-    "lqr": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1}],
+    "lqr": [
+        {"horizon": 7, "Q_x": 1.0, "R_u": 0.1},
+        {"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "mean": "estimated", "of": "mean"},
+    ],
     "game-gain": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "ratio": 1.5}],
 }
-"""Parameters that make a design of each kind; a new kind gets a line here."""
+"""Parameters that make a design of each kind, `of` a filter if not a Kalman filter's; a new kind gets a line here."""
 SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]
 CASES = [(kind, number, size) for kind in KINDS for number in range(len(PARAMETERS.get(kind, []))) for size in SIZES]
 RUNS, STEPS = 9, 12
@@ -46,17 +52,32 @@ def case(request):
     model = random_model(rng, nx, nu, ny, 0.9)
     make, provided = registry.get("controllers", kind), {}
     if "estimator" in inspect.signature(make).parameters:
-        provided = {"n_steps": STEPS, "estimator": kalman(model, STEPS, x0=np.zeros(nx), P0=np.eye(nx))}
-    design = make(model, **provided, **PARAMETERS[kind][number])
+        start = {"x0": np.zeros(nx), "P0": np.eye(nx)}
+        parameters = dict(PARAMETERS[kind][number])
+        filter_of = {"data": data_dependent, "mean": kalman_disturbance}.get(parameters.pop("of", ""), kalman)
+        provided = {"n_steps": STEPS, "estimator": filter_of(model, STEPS, **start)}
+        design = make(model, **provided, **parameters)
+    else:
+        design = make(model, **PARAMETERS[kind][number])
     r = rng.standard_normal((STEPS + design.preview, ny))
     return design, rng.standard_normal((RUNS, STEPS, nx)), rng.standard_normal((RUNS, STEPS, ny)), r, model
+
+
+def data_dependent(model, n_steps, **start):
+    """A filter with a set of its own for every run."""
+    return set_membership(model, n_steps, **start, M0=np.eye(model.nx), update="maksarov-norton")
+
+
+def estimated(x_hat):
+    """An estimate with all that a law may ask for, a set per run and a mean of the noise."""
+    M = np.eye(x_hat.shape[1]) * (1.0 + x_hat[:, :1] ** 2)[:, :, None]
+    return Estimate(x_hat, None, M, np.zeros(len(x_hat), dtype=np.int8), {"w_mean": 0.1 * x_hat})
 
 
 def call(design, k, state, x_hat, y, r):
     """One step of the law at k."""
     parts = [np.ascontiguousarray(part[:, k]) for part in (x_hat, y)]
-    estimate = Estimate(parts[0], None, None, np.zeros(len(y), dtype=np.int8), {})
-    return design.control(k, state, parts[1], estimate, r[k : k + design.preview])
+    return design.control(k, state, parts[1], estimated(parts[0]), r[k : k + design.preview])
 
 
 def commands(design, x_hat, y, r):
@@ -98,7 +119,7 @@ def test_arguments_are_left_alone(case):
     design, x_hat, y, r, _ = case
     state = design.init(RUNS)
     for k in range(3):
-        estimate = Estimate(x_hat[:, k], None, None, np.zeros(RUNS, dtype=np.int8), {})
+        estimate = estimated(x_hat[:, k])
         before = [part.copy() for part in (*state, x_hat, y, r, estimate.status)]
         new, _ = design.control(k, state, y[:, k], estimate, r[k : k + design.preview])
         for part, copy in zip((*state, x_hat, y, r, estimate.status), before, strict=True):

@@ -1,5 +1,7 @@
 """The minimax law in the hands of estimators: which sets count, and how close its bound comes to the worst."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import ROUND, SOLVER
@@ -96,7 +98,7 @@ def test_where_tables_do_not_hold_the_exact_solver_does(monkeypatch):
     model = mixed_model(1, A=stages.A[0], B=stages.B[0], C=[[1.0, 0.0]], P_v=1.0, M_w=M_w[0])
     made = kalman(model, 1, x0=np.zeros(2), P0=M / 5.991464547107979, use_y0=False)
     law = design(model, 1, made, horizon=6, Q_x=1.0, R_u=1.0)
-    object.__setattr__(law, "w_roots", np.sqrt(M_w))  # the same set of w, which a Kalman filter does not believe in
+    law = replace(law, w_roots=np.sqrt(M_w))  # the same set of w, which a Kalman filter does not believe in
     assert not law._tables.usable[0]
     for x in (np.array([1.0, 0.4]), np.array([1e5, 3e4])):
         _, U = oracles.dense(stages, M, M_w, x)
@@ -159,7 +161,7 @@ def test_tables_travel_with_the_design():
     np.testing.assert_array_equal(controls(copy, 3, X), controls(law, 3, X))
 
 
-def test_stages_in_a_loop_agree_with_the_semidefinite_program():
+def test_the_certificate_is_the_semidefinite_program():
     """Oracle: (57) at N = 5 by cvxpy and Clarabel, with the mixed estimator's sets; stacked, as printed."""
     model = paper_model(5)
     estimator, M, M_w = sets_of("mixed", model)
@@ -192,3 +194,13 @@ def test_noise_without_bounds_is_refused():
     assert refused.value.parameter == "horizon"
     law = design(model, 3, estimator, horizon=100, Q_x=1.0, R_u=1.0)
     assert np.isfinite(controls(law, 0, X)).all()
+
+
+def test_matched_moments_count_in_the_sets_too():
+    """Oracle: 5.991 (P_w + M_w / 4), by hand, in the dense form."""
+    model = paper_model(5)
+    made = kalman(model, STEPS, **START, noise="matched")
+    law = design(model, STEPS, made, horizon=5, **WEIGHTS)
+    M_w = 5.991464547107979 * (0.25 * np.eye(2) + M_W / 4.0)
+    _, U = oracles.dense(oracles.paper_stages(20, 5), 5.991464547107979 * made.P[20], np.array([M_w] * 5), X[1])
+    np.testing.assert_allclose(controls(law, 20, X[1:2])[0], U[0], rtol=0.0, atol=1e-9)  # what is asked for

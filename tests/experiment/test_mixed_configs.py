@@ -88,3 +88,38 @@ def test_mistakes(tmp_path, keys, message):
     with pytest.raises(ConfigError) as caught:
         load_config(path)
     assert any(message in str(problem) for problem in caught.value.problems), caught.value
+
+
+CONTROLLED = {
+    "controller": "{kind: minimax-lq, horizon: 5, Q_x: 1, R_u: 1}",
+    "methods": "{MIX: {estimator: {kind: mixed}}}",
+    "metrics": "[mse]",
+}
+
+
+@pytest.mark.parametrize(
+    ("keys", "place", "message"),
+    [
+        ({"methods": "{MIX: {estimator: {kind: mixed, q: lagg}}}"}, "methods.MIX.estimator.q", "lag"),
+        ({"reference": "{kind: constant, value: 1}"}, "reference", "drives the state to 0"),
+        (
+            {"plant": '{kind: linear, A: [["1/(k - 15)"]], B: [[1]], C: [[1]]}',
+             "model": "{from: plant, P_w: 1, P_v: 1}", "initial": "{x: 0, x_hat: 0, P: 1}"},
+            "controller.horizon",
+            "reaches k = 15, where the model's A has no value",
+        ),
+        (
+            {"methods": "{MN: {estimator: {kind: set-membership, update: maksarov-norton}}}",
+             "metrics": "[{kind: certificate, at: 1}]"},
+            "metrics.0",
+            "sets that do not depend on the data",
+        ),
+    ],
+    ids=["estimator", "reference", "beyond-the-end", "certificate"],
+)  # fmt: skip
+def test_a_mistake_beside_a_controller_is_told_once(tmp_path, keys, place, message):
+    """Oracle: the one thing that is wrong, at its place; a law without its estimator is not blamed as well."""
+    with pytest.raises(ConfigError) as refused:
+        load_config(write_mixed(tmp_path, **(CONTROLLED | keys)))
+    assert [problem.path for problem in refused.value.problems] == [place]
+    assert message in refused.value.problems[0].message

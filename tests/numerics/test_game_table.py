@@ -56,7 +56,7 @@ def nearly_double(gap):
     made = tables([problem], np.eye(2)[None])
     X = np.empty((6, 2, 2))
     price = made.tau_min[0] * (1.0 + np.exp(made.s[0] + 1.0))
-    assert backward_kernel(*problem, np.full(6, price), X, np.empty((4, 0, 2, 2)))
+    assert backward_kernel(*problem, np.full(6, price), X, np.empty((2, 0, 2, 2)))
     return stages, np.diag([1.0 / X[Y][0, 0], (1.0 + gap) / X[Y][1, 1]]), M_w
 
 

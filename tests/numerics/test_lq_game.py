@@ -8,7 +8,7 @@ from numerics import game_twin as twin
 from scipy.optimize import minimize_scalar
 
 from rmpc_bench.controllers.state_feedback import problem_of
-from rmpc_bench.numerics.lq_game import plan, roots, smallest_price, solve, solve_stages
+from rmpc_bench.numerics.lq_game import plan, price_alone, roots, solve
 from rmpc_bench.numerics.lq_windows import Stages, window_law
 
 X = [(60.0, -45.0), (3.0, -2.0), (0.2, 0.1), (0.0, 0.0)]
@@ -89,7 +89,7 @@ def test_the_kernel_equals_its_plain_twin(seed):
     np.testing.assert_allclose(ours.rho, rho, rtol=1e-10)  # a search to 1e-9 of its argument
     np.testing.assert_allclose([ours.tau_1, ours.tau[0]], [tau_1, tau_2], rtol=1e-4)  # where the cost is flat
     problem = problem_of(stages, roots(M_w))
-    np.testing.assert_allclose(smallest_price(problem), twin.smallest_price(stages, M_w), rtol=1e-9)
+    np.testing.assert_allclose(price_alone(problem), twin.price_alone(stages, M_w), rtol=1e-9)
 
 
 def test_a_thousand_stages():
@@ -147,7 +147,7 @@ def test_noise_that_nothing_reaches():
     stages, M_w = paper(4)
     stages = stages._replace(A=np.concatenate([np.zeros((1, 2, 2)), stages.A[1:]]))
     ours, U = solved(stages, M, M_w, (3.0, -2.0))
-    np.testing.assert_allclose(ours.rho, twin.smallest_price(stages, M_w), **ROUND)
+    np.testing.assert_allclose(ours.rho, twin.price_alone(stages, M_w), **ROUND)
     np.testing.assert_array_equal(U[0], 0.0)
 
 
@@ -203,59 +203,6 @@ def test_coordinates_do_not_matter():
     np.testing.assert_allclose(U_other, U, rtol=1e-9, atol=1e-9)  # likewise, first order
 
 
-def semidefinite_per_stage(stages, M, M_w, x):
-    """Least bound with one multiplier for every stage, by cvxpy and Clarabel: (57) with N + 1 multipliers."""
-    import cvxpy
-
-    big, N, n = oracles.matrices(stages), len(M_w), len(x)
-    h = (big.c - big.D.T @ np.linalg.solve(big.B, big.b)) @ x
-    L = np.linalg.cholesky(np.linalg.inv(big.B))
-    F = L.T @ big.D
-    y, rho, tau = cvxpy.Variable((len(big.B), 1)), cvxpy.Variable((1, 1)), cvxpy.Variable(N + 1, nonneg=True)
-    G = -big.C + F.T @ F
-    for number, shape in enumerate([M, *M_w]):
-        part = np.zeros_like(big.C)
-        part[number * n : (number + 1) * n, number * n : (number + 1) * n] = np.linalg.inv(shape)
-        G = G + tau[number] * part
-    matrix = cvxpy.bmat([[np.eye(len(big.B)), y, F], [y.T, rho - cvxpy.sum(tau), -h[None]], [F.T, -h[:, None], G]])
-    program = cvxpy.Problem(cvxpy.Minimize(rho[0, 0]), [0.5 * (matrix + matrix.T) >> 0])
-    program.solve(solver=cvxpy.CLARABEL)
-    return float(rho.value[0, 0])
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_one_price_per_stage_equals_its_semidefinite_program(seed):
-    """Oracle: (57) with a multiplier for every ellipsoid, by cvxpy and Clarabel; it is below the product's bound."""
-    stages, M, M_w, x = random_case(seed, N=4)
-    root, problem = roots(M[None])[0], problem_of(stages, roots(M_w))
-    ours = solve_stages(problem, root, x)
-    np.testing.assert_allclose(ours.rho, semidefinite_per_stage(stages, M, M_w, x), **SOLVER)
-    product = solve(problem._replace(G=2.0 * problem.G), root, x)
-    assert ours.rho < product.rho * (1.0 - 1e-6)
-
-
-def test_equal_prices_are_the_product_set():
-    """Oracle: the game with N M_w at N times the price; and the gradient against differences."""
-    from rmpc_bench.numerics.game_kernel import stages_kernel
-
-    stages, M, M_w, x = random_case(2, N=4)
-    root, problem = roots(M[None])[0], problem_of(stages, roots(M_w))
-    product = solve(problem._replace(G=2.0 * problem.G), root, x)
-    gradient, first, x_w = np.empty(4), np.empty_like(x), np.empty_like(x)
-
-    def value(tau):
-        return stages_kernel(*problem, root, x, tau, gradient, first, x_w)[0]
-
-    equal = product.tau / 4.0
-    np.testing.assert_allclose(value(equal), product.rho, **ROUND)
-    np.testing.assert_allclose(first, product.first, rtol=1e-9)  # the same prices by another way to round
-    value(equal)
-    analytic, step = gradient.copy(), 1e-5 * equal[0]
-    for t in range(4):
-        up, down = (value(equal + sign * step * np.eye(4)[t]) for sign in (1.0, -1.0))
-        np.testing.assert_allclose(analytic[t], (up - down) / (2.0 * step), rtol=1e-5, atol=1e-6)  # central differences
-
-
 def test_the_price_of_a_singular_map_is_its_norm():
     """Oracle: the largest eigenvalue of the dense map from all noise to the cost."""
     rng = np.random.default_rng(3)
@@ -267,7 +214,7 @@ def test_the_price_of_a_singular_map_is_its_norm():
     for t in range(7):
         wide[3 * t : 3 * t + 3, 3 * t : 3 * t + 3] = G[t]
     expected = np.linalg.eigvalsh(wide @ big @ wide)[-1]
-    np.testing.assert_allclose(smallest_price(problem_of(stages, G)), expected, **ROUND)
+    np.testing.assert_allclose(price_alone(problem_of(stages, G)), expected, **ROUND)
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1e-8, 1e-12, 1e-20])

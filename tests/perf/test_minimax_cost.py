@@ -13,7 +13,8 @@ from rmpc_bench.controllers.state_feedback import problem_of
 from rmpc_bench.estimators.mixed import design as mixed
 from rmpc_bench.experiment.engines import single_thread
 from rmpc_bench.models.mixed_noise import design as mixed_model
-from rmpc_bench.numerics.lq_game import roots, solve, solve_stages
+from rmpc_bench.numerics.lq_game import roots, solve
+from rmpc_bench.numerics.stage_prices import solve_stages
 from rmpc_bench.types import Estimate
 
 pytestmark = pytest.mark.perf
