@@ -280,15 +280,15 @@ def _optimum(
             return high
         if number == 0:
             new = s + 0.5 * value
-        elif 0.0 < slack < 0.5:
+        elif slope > 1.0 and 0.0 < slack < 0.5:
             new = s - ratio * (s - last_s) / (ratio - last_ratio)
         else:
             new = s - value * (s - last_s) / (value - last_log)
         if new <= NEAREST == low:
             new = NEAREST
-        elif not low < new < high or number % 4 == 3:
+        elif not low < new < high or (number > 8 and number % 3 == 0):
             new = 0.5 * (low + high)
-        if abs(new - s) <= 1e-12 or high - low <= 1e-12:
+        if (abs(new - s) <= 1e-12 and abs(value) <= 1e-3) or high - low <= 1e-12:
             return new
         last_s, last_log, last_ratio, s = s, value, ratio, new
     return s

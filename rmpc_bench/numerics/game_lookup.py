@@ -17,6 +17,7 @@ import numba
 import numpy as np
 
 MOST_STEPS = 30  # four to five are usual
+CANCELLED = 1e3  # times the slope; where its terms are larger it has lost three digits
 REACH = 0.999  # of a window: beyond its last node, at 0.9994, nothing has been looked at
 
 
@@ -48,13 +49,14 @@ def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: An
             return False
         if abs(step) <= 1e-12:
             break
-    z, size = (offset - middle) / half, 0.0
+    z, size, terms = (offset - middle) / half, 0.0, _series(table[0], (offset - middle) / half)
     for i in range(n):
         first[i] = 0.0
         for j in range(n):
+            terms += abs(x[i] * x[j] * _series(table[1 + n * i + j], z))
             size += x[i] * x[j] * _series(table[1 + n * n + n * i + j], z)
             first[i] += _series(table[1 + 2 * n * n + n * i + j], z) * x[j]
-    return size <= 1.0
+    return size <= 1.0 and terms <= CANCELLED * _series(c, z)
 
 
 @numba.njit(cache=True, error_model="numpy")

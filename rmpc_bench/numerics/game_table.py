@@ -25,7 +25,7 @@ BELOW, ABOVE = 1.5, 5.5
 TAIL = 1e-12
 """Largest relative error of the first control, as the last coefficients tell it."""
 
-ROUGH = 1e-9
+ROUGH = 1e-6
 """Largest share of the last coefficients in what leads to s, and to whether the optimum is on the edge."""
 TINY = 1e-300
 

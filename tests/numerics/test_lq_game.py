@@ -60,6 +60,27 @@ def test_it_equals_the_dense_form_on_random_systems_that_vary(seed):
     np.testing.assert_allclose(U, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())  # what is asked for
 
 
+@pytest.mark.parametrize("kind", ["as it is", "unstable", "uneven", "other sizes"])
+@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(i, marks=pytest.mark.slow) for i in range(6, 30))])
+def test_it_equals_the_dense_form_on_many_small_systems(kind, seed):
+    """Oracle: as above, for n = 1..5 and a few stages, and states from far inside the set of e to far outside."""
+    rng = np.random.default_rng((seed, len(kind)))
+    n, N = int(rng.integers(1, 6)), int(rng.choice([1, 2, 4, 8]))
+    stages, (M, M_w) = oracles.random_stages(rng, n, 1, N), oracles.random_sets(rng, n, N)
+    if kind == "unstable":
+        stages = stages._replace(A=1.6 * stages.A)
+    elif kind == "uneven":
+        stages = stages._replace(A=stages.A * np.exp(1.5 * rng.standard_normal((N, 1, 1))))
+    elif kind == "other sizes":
+        M, M_w = M * 10.0 ** rng.uniform(-3.0, 3.0), M_w * 10.0 ** rng.uniform(-3.0, 3.0)
+    for size in (0.0, 0.1, 1.0, 10.0):
+        x = size * np.sqrt(M.trace()) * rng.standard_normal(n)
+        ours, U = solved(stages, M, M_w, x)
+        rho, expected = oracles.dense(stages, M, M_w, x)
+        np.testing.assert_allclose(ours.rho, rho, rtol=1e-9)  # the dense form beside its pole
+        np.testing.assert_allclose(U, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max() + 1e-12)  # likewise
+
+
 @pytest.mark.parametrize("N", [5, *(pytest.param(N, marks=pytest.mark.slow) for N in (10, 20))])
 @pytest.mark.parametrize("x", X)
 def test_it_equals_the_semidefinite_program(N, x):
