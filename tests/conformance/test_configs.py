@@ -14,6 +14,8 @@ load = cache(load_config)
 
 ROOT = Path(__file__).parents[2] / "configs"
 CONFIGS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.yaml"))
+HEAVY = {"souto2011/guarantee.yaml", "benchmarks/xie1994.yaml", "zenere2017/readings-sim2.yaml"}
+"""Designs of theirs at full size take five to ten seconds (an adversary's search, 10,000 steps, nine long readings)."""
 
 
 def test_there_are_configurations():
@@ -40,7 +42,7 @@ def test_two_runs_of_a_few_steps(name, tmp_path):
     assert not trials.frame.isna().any(axis=None)
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in HEAVY)) for name in CONFIGS])
 def test_full_size_is_valid_and_survives_being_written(name, tmp_path):
     """All designs can be made, and what is written with every default filled in is the same experiment."""
     config = load(ROOT / name)
