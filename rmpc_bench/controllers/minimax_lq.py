@@ -26,23 +26,21 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.state_feedback import NoState, noise_roots, problem_of, stages_of
+from rmpc_bench.controllers.state_feedback import Regulator, noise_roots, problem_of, stages_of
 from rmpc_bench.models.linear import Model
-from rmpc_bench.models.mixed_noise import LEVEL, BelievesSets
+from rmpc_bench.models.noise_sets import LEVEL, BelievesSets
 from rmpc_bench.numerics.ellipsoid import confidence
 from rmpc_bench.numerics.game_table import HALF, MIDDLE, Tables, tables
-from rmpc_bench.numerics.linalg import at_sample, mv
-from rmpc_bench.numerics.lq_game import Problem, Solution, plan, roots, solve
+from rmpc_bench.numerics.linalg import at_sample, mv, psd_sqrt
+from rmpc_bench.numerics.lq_game import Problem, Solution, plan, price_alone, solve
 from rmpc_bench.numerics.lq_windows import Stages, window_law
 from rmpc_bench.numerics.stage_prices import solve_stages
 from rmpc_bench.numerics.worst_noise import worst_cost
-from rmpc_bench.types import Array, Command, DesignError, Estimate, Horizon, Matrix, Status
-
-OK = np.int8(Status.OK)
+from rmpc_bench.types import Array, DesignError, Estimate, Horizon, Matrix
 
 
 @dataclass(frozen=True, eq=False)
-class MinimaxLq:
+class MinimaxLq(Regulator):
     """The minimax law; build it with `design`.
 
     Parameters
@@ -59,26 +57,13 @@ class MinimaxLq:
     set: str
     M_roots: Float[Array, "k nx nx"] | None
     w_roots: Float[Array, "t nx nx"]
-    preview: int = 1
-    regulates = True
 
-    def init(self, n_runs: int) -> NoState:
-        """There is nothing to remember."""
-        return NoState()
-
-    def control(
-        self,
-        k: int,
-        state: NoState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
-    ) -> tuple[NoState, Command]:
-        """Apply the first input of the minimiser."""
+    def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
+        """First inputs of the minimisers at k."""
         M_roots = _stacked_roots(estimate.M) if self.M_roots is None else at_sample(self.M_roots, k)[None]
         x = np.ascontiguousarray(estimate.x_hat)
         first = self._first_of_stages(k, M_roots, x) if self.set == "stages" else self._first(k, M_roots, x)
-        return state, Command(-mv(self._feedback[k], first), np.full(len(x), OK), {})
+        return -mv(self._feedback[k], first)
 
     @property
     def certifies(self) -> bool:
@@ -118,8 +103,8 @@ class MinimaxLq:
 
     def warm_up(self) -> None:
         """Make the tables, which brings compiled code along, before the design goes to workers."""
-        if self.set != "stages":  # which looks nothing up
-            _ = self._tables
+        if self.set != "stages":  # which has no price for all stages
+            _ = self._prices if self.M_roots is None else self._tables
 
     @cached_property
     def _problem(self) -> Problem:
@@ -131,24 +116,34 @@ class MinimaxLq:
         """R_u^-1 B'."""
         return np.linalg.solve(self.stages.R, self.stages.B.mT)
 
+    def _problems(self) -> list[Problem]:
+        return [self.problem(k) for k in range(len(self.stages.A) - self.horizon + 1)]
+
+    @cached_property
+    def _prices(self) -> list[float]:
+        """Smallest prices, all that is known ahead where the sets of e come with the estimates."""
+        return [price_alone(problem) for problem in self._problems()]
+
     @cached_property
     def _tables(self) -> Tables:
-        """Tables of every k, without a set of e where it comes with the estimates: these states are solved for."""
-        n_windows = len(self.stages.A) - self.horizon + 1
-        M_roots = np.zeros_like(self.w_roots[:1]) if self.M_roots is None else self.M_roots
-        return tables([self.problem(k) for k in range(n_windows)], M_roots)
+        assert self.M_roots is not None, "sets that come with the estimates make no tables"
+        return tables(self._problems(), self.M_roots)
 
     def _first(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:
         from rmpc_bench.numerics.game_kernel import rows_kernel
         from rmpc_bench.numerics.game_lookup import lookup_kernel
 
-        made = self._tables
         first, holds = np.full_like(x, np.nan), np.zeros(len(x), dtype=bool)
-        if self.M_roots is not None and made.usable[k]:
-            lookup_kernel(made.series[k], MIDDLE, HALF, x, first, holds)
+        if self.M_roots is None:
+            price, guess = self._prices[k], 0.0
+        else:
+            made = self._tables
+            price, guess = made.tau_min[k], made.s[k]
+            if made.usable[k]:
+                lookup_kernel(made.series[k], MIDDLE, HALF, x, first, holds)
         rest = np.flatnonzero(~holds)
         if rest.size:
-            rows_kernel(*self.problem(k), M_roots, made.tau_min[k], made.s[k], x, rest, first)
+            rows_kernel(*self.problem(k), M_roots, price, guess, x, rest, first)
         return first
 
     def _first_of_stages(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:
@@ -200,12 +195,12 @@ def _error_roots(estimator: Any) -> Float[Array, "k nx nx"] | None:
     if not isinstance(estimator, BelievesSets):
         raise DesignError("the estimator shows neither a set nor a covariance of its error over time")
     if estimator.M is not None:
-        return roots(estimator.M)
-    return None if estimator.P is None else roots(confidence(LEVEL, estimator.P.shape[1]) * estimator.P)
+        return psd_sqrt(estimator.M)
+    return None if estimator.P is None else psd_sqrt(confidence(LEVEL, estimator.P.shape[1]) * estimator.P)
 
 
 def _stacked_roots(M: Array | None) -> Float[Array, "runs nx nx"]:
     """Roots of the sets of every run; of a set that is none, in a run that has failed, the whole root is NaN."""
     assert M is not None, "an estimator with sets gives M"
     good = np.isfinite(M).all(axis=(1, 2), keepdims=True)
-    return np.where(good, roots(np.where(good, M, 0.0)), np.nan)
+    return np.where(good, psd_sqrt(np.where(good, M, 0.0)), np.nan)

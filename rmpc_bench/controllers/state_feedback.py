@@ -25,9 +25,9 @@ from annotated_types import Gt
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import Model
-from rmpc_bench.models.mixed_noise import BelievesSets, stochastic_sets
-from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv
-from rmpc_bench.numerics.lq_game import Problem, roots
+from rmpc_bench.models.noise_sets import BelievesSets, stochastic_sets
+from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv, psd_sqrt
+from rmpc_bench.numerics.lq_game import Problem
 from rmpc_bench.numerics.lq_windows import Stages, game_gains, game_prices, noise_sizes, window_law
 from rmpc_bench.types import Array, Command, DesignError, Estimate, EstimatesMean, Horizon, Matrix, Status
 
@@ -40,16 +40,10 @@ class NoState(NamedTuple):
     """What the next step needs: nothing."""
 
 
-@dataclass(frozen=True, eq=False)
-class Lqr:
-    """u = -K x_hat - K_d d - u_0; axis 0 of the gains is k."""
+class Regulator:
+    """A law u(k) of the estimate alone, towards x = 0; a law says `input_of`."""
 
-    K: Float[Array, "k nu nx"]
-    K_d: Float[Array, "k nu nx"]
-    """Gain of the mean of the process noise that the estimator has found."""
-    u_0: Float[Array, "k nu"]
-    """What the mean that the model knows asks for."""
-    preview: int = 1
+    preview = 1
     regulates = True
 
     def init(self, n_runs: int) -> NoState:
@@ -65,10 +59,28 @@ class Lqr:
         r: Float[Array, "preview ny"],
     ) -> tuple[NoState, Command]:
         """Apply the first input of the window."""
-        u = -mv(at_sample(self.K, k), estimate.x_hat) - at_sample(self.u_0, k)
-        if self.K_d.any():
-            u = u - mv(at_sample(self.K_d, k), estimate.info["w_mean"])
+        u = self.input_of(k, estimate)
         return state, Command(u, np.full(len(u), OK), {})
+
+    def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
+        """Inputs at k."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class Lqr(Regulator):
+    """u = -K x_hat - K_d d - u_0; axis 0 of the gains is k."""
+
+    K: Float[Array, "k nu nx"]
+    K_d: Float[Array, "k nu nx"] | None
+    """Gain of the mean of the process noise that the estimator has found, None where it is not asked."""
+    u_0: Float[Array, "k nu"]
+    """What the mean that the model knows asks for."""
+
+    def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
+        """Inputs at k."""
+        u: Array = -mv(at_sample(self.K, k), estimate.x_hat) - at_sample(self.u_0, k)
+        return u if self.K_d is None else u - mv(at_sample(self.K_d, k), estimate.info["w_mean"])
 
     def series(self) -> dict[str, Array]:
         """Gains over k."""
@@ -110,12 +122,11 @@ def lqr(
     if mean == "estimated" and not isinstance(estimator, EstimatesMean):
         raise DesignError("the estimator does not find it; take kalman-disturbance, or `known`", "mean")
     u_0 = np.zeros_like(law.K_d[:, :, 0]) if mean == "ignored" else law.K_d[:, :, 0]
-    K_d = law.K_d[:, :, 1:] if mean == "estimated" else np.zeros_like(law.K)
-    return Lqr(law.K, np.ascontiguousarray(K_d), u_0)
+    return Lqr(law.K, law.K_d[:, :, 1:] if mean == "estimated" else None, u_0)
 
 
 @dataclass(frozen=True, eq=False)
-class GameGain:
+class GameGain(Regulator):
     """u = -L x_hat, with a gain that expects the worst noise; build it with `game_gain`."""
 
     stages: Stages
@@ -123,24 +134,10 @@ class GameGain:
     """Roots of the sets of the process noise."""
     horizon: int
     ratio: float
-    preview: int = 1
-    regulates = True
 
-    def init(self, n_runs: int) -> NoState:
-        """There is nothing to remember."""
-        return NoState()
-
-    def control(
-        self,
-        k: int,
-        state: NoState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
-    ) -> tuple[NoState, Command]:
-        """Apply the first input of the window."""
-        u = -mv(self.L[k], estimate.x_hat)
-        return state, Command(u, np.full(len(u), OK), {})
+    def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
+        """Inputs at k."""
+        return -mv(self.L[k], estimate.x_hat)
 
     @cached_property
     def L(self) -> Float[Array, "k nu nx"]:
@@ -227,7 +224,7 @@ def noise_roots(model: Model, estimator: Any, stages: Stages, horizon: int) -> F
         If noise grows beyond all bounds over the horizon.
     """
     sets = estimator.sets if isinstance(estimator, BelievesSets) and estimator.sets else stochastic_sets(model)
-    G = roots(np.array([_ahead(sets.process, k) for k in range(len(stages.A))]))
+    G = psd_sqrt(np.array([_ahead(sets.process, k) for k in range(len(stages.A))]))
     if not (noise_sizes(stages, G, horizon) < LARGEST).all():  # true for nan
         message = f"noise grows beyond {LARGEST:g} over {horizon} samples without control; choose fewer"
         raise DesignError(message, "horizon")

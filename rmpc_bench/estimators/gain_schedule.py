@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel, Model
-from rmpc_bench.models.mixed_noise import NoiseSets, stochastic_sets
+from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
 from rmpc_bench.numerics.ellipsoid import sum_shape, weight
 from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise

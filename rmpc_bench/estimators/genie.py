@@ -22,7 +22,7 @@ from jaxtyping import Float
 from rmpc_bench.estimators.gain_schedule import Form
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import UncertainSystem
-from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.linalg import mv, symmetrise
 from rmpc_bench.types import Array, DesignError, Estimate, Status
 
 OK = np.int8(Status.OK)
@@ -90,7 +90,7 @@ class Genie:
         P_next = _abc(rest, P, rest) + _abc(noise, joint, noise)  # Joseph form
         e = y - mv(C, x_pred) - np.einsum("rij,j->ri", D, mean)
         moved = mv(A, x_pred) + np.einsum("rij,j->ri", B, mean)
-        after = state._replace(x_pred=moved, P=0.5 * (P_next + P_next.mT), e=e, K=K)
+        after = state._replace(x_pred=moved, P=symmetrise(P_next), e=e, K=K)
         x_hat, P_hat = x_pred, P
         if self.form == "filter":
             L = _gain(np.einsum("rij,rkj->rik", P, C), Y)
@@ -126,7 +126,7 @@ def _gain(N: Float[Array, "runs nx ny"], Y: Float[Array, "runs ny ny"]) -> Float
     """Return N Y^+ for every run."""
     if Y.shape[1] == 1:
         return np.divide(N, Y, out=np.zeros_like(N), where=Y > 0.0)
-    return _ab(N, np.linalg.pinv(0.5 * (Y + Y.mT), hermitian=True))
+    return _ab(N, np.linalg.pinv(symmetrise(Y), hermitian=True))
 
 
 def design(

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import Model
-from rmpc_bench.models.mixed_noise import NoiseKind, counted
+from rmpc_bench.models.noise_sets import NoiseKind, counted
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.types import Array
 

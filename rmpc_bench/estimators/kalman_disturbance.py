@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import FilterState, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import LinearModel, Model
-from rmpc_bench.models.mixed_noise import NoiseKind, NoiseSets, counted, stochastic_sets
+from rmpc_bench.models.noise_sets import NoiseKind, NoiseSets, counted, stochastic_sets
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.types import Array, DesignError, Estimate, Matrix, NonNegative

@@ -27,9 +27,9 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, mixed_schedule, over_time, uncorrelated
 from rmpc_bench.models.linear import LinearModel, Model
-from rmpc_bench.models.mixed_noise import NoiseSets
+from rmpc_bench.models.noise_sets import NoiseSets
 from rmpc_bench.numerics.ellipsoid import Criterion, intersection, sum_shapes
-from rmpc_bench.numerics.linalg import at_sample, mv
+from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
 from rmpc_bench.types import Array, DesignError, Estimate, Status
 
 OK, EMPTY_SET = np.int8(Status.OK), np.int8(Status.EMPTY_SET)
@@ -92,7 +92,7 @@ class IntersectionFilter:
         now = self._at(k)
         x = mv(now.A, state.x) + mv(now.B, u) + now.f0
         moved = np.einsum("rik,jk->rij", np.einsum("ij,rjk->rik", now.A, state.M), now.A)
-        return SetState(x, sum_shapes(0.5 * (moved + moved.mT), at_sample(self.M_w, k)))  # (18)
+        return SetState(x, sum_shapes(symmetrise(moved), at_sample(self.M_w, k)))  # (18)
 
     def _at(self, k: int) -> LinearModel:
         return self.models[k] if len(self.models) > 1 else self.models[0]

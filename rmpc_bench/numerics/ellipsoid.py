@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.numerics.linalg import as_covariance, mv
+from rmpc_bench.numerics.linalg import as_covariance, mv, symmetrise
 from rmpc_bench.types import Array, Matrix
 
 Criterion: TypeAlias = Literal["trace", "volume"]
@@ -134,7 +134,7 @@ def intersection(
     centre = np.einsum("rij,rj->ri", B, (lam[:, None] * s * z / t)[:, :n])
     Y = B * np.sqrt(combined.scale(lam[:, None]) / t[:, :n])[:, None, :]
     X = np.einsum("rik,rjk->rij", Y, Y) * (1.0 + _slack(n) * np.eye(n))
-    return Intersection(centre, np.where((lam > 0.0)[:, None, None], 0.5 * (X + X.mT), M), lam, met)
+    return Intersection(centre, np.where((lam > 0.0)[:, None, None], symmetrise(X), M), lam, met)
 
 
 def _slack(n: int) -> float:

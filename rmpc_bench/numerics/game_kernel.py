@@ -145,8 +145,8 @@ def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any)
 def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: Any) -> bool:  # pragma: no cover
     """Write the matrices of the first stage into X (6, n, n); whether all prices are above what the game needs.
 
-    D_PI, D_Y are derivatives by a common change of all prices.  ``paths`` (2, N, n, n) gets T and Pi T of
-    the game, unless N is 0 in it.
+    D_PI, D_Y are derivatives by a common change of all prices.  ``paths`` (2, N, n, n) gets T and Pi T of the
+    game, unless N is 0 in it.
     """
     N, n = A.shape[0], A.shape[1]
     s = np.empty((14, n, n))

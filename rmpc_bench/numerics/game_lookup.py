@@ -2,8 +2,8 @@
 
 On the edge of the domain the optimum depends on the run by x_hat alone, and all else by s: so functions of s stand in a
 table, Chebyshev series in z = (offset - middle) / half, where offset is s less its optimum for x_hat = 0.  Rows of a
-table (1 + 3 n^2, nodes): what makes the slope D of a state, times exp(2 offset), which
-makes them nearly constant (1, then n^2 of a quadratic form), e' M^-1 e (n^2) and ``first`` (n^2, a matrix).
+table (1 + 3 n^2, nodes): what makes the slope D of a state (1, then n^2 of a quadratic form), times exp(2 offset), so
+that it is nearly constant; e' M^-1 e (n^2); ``first`` (n^2, a matrix).
 
 Imported at the first step only, as game_kernel.py is, and for the same reason without calls into another file.
 """

@@ -24,11 +24,9 @@ BELOW, ABOVE = 1.5, 5.5
 """Window of s about the optimum for x_hat = 0: larger states want larger s."""
 TAIL = 1e-12
 """Largest relative error of the first control, as the last coefficients tell it."""
-
 ROUGH = 1e-6
 """Largest share of the last coefficients in what leads to s, and to whether the optimum is on the edge."""
 TINY = 1e-300
-
 MIDDLE, HALF = 0.5 * (ABOVE - BELOW), 0.5 * (ABOVE + BELOW)
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.types import Array
 
 
@@ -49,4 +50,4 @@ def _whitened(M: Float[Array, "*batch n n"], K: Float[Array, "*#batch n n"]) -> 
     """W M W' with W K W' = I."""
     root = np.linalg.cholesky(K)
     white: Array = np.linalg.solve(root, np.linalg.solve(root, M).mT)
-    return 0.5 * (white + white.mT)
+    return symmetrise(white)

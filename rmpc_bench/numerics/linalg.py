@@ -10,9 +10,9 @@ from jaxtyping import Float
 from rmpc_bench.types import Array, Matrix
 
 
-def symmetrise(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Return the symmetric part of P, which rounding has moved off the diagonal's mirror."""
-    return 0.5 * (P + P.T)
+def symmetrise(P: Float[Array, "*k n n"]) -> Float[Array, "*k n n"]:
+    """Return the symmetric part of P, or of every matrix of a stack, which rounding has moved off its mirror."""
+    return 0.5 * (P + P.mT)
 
 
 def mv(A: Float[Array, "n m"] | Float[Array, "runs n m"], x: Float[Array, "runs m"]) -> Float[Array, "runs n"]:
@@ -85,10 +85,10 @@ def as_vector(value: float | list[float] | Array, n: int) -> Float[Array, " n"]:
     raise ValueError(f"shape {v.shape} does not fit: a number or {n} numbers are wanted")
 
 
-def psd_sqrt(P: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Return the symmetric root S of a positive semidefinite P: S S = P."""
+def psd_sqrt(P: Float[Array, "*k n n"]) -> Float[Array, "*k n n"]:
+    """Return the symmetric root S of a positive semidefinite P, or of every matrix of a stack: S S = P."""
     lam, U = np.linalg.eigh(symmetrise(P))
-    root: Array = (U * np.sqrt(np.maximum(lam, 0.0))) @ U.T
+    root: Array = (U * np.sqrt(np.maximum(lam, 0.0))[..., None, :]) @ U.mT
     return root
 
 

@@ -24,7 +24,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.types import Array
 
 
@@ -56,11 +55,6 @@ class Solution(NamedTuple):
     """The worst first state, x_hat + e."""
     first: Float[Array, " n"]
     """Pi_1 T x_w: u(0) = -R^-1 B' first."""
-
-
-def roots(M: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
-    """Symmetric roots of a stack of positive semidefinite matrices."""
-    return np.array([psd_sqrt(each) for each in M])
 
 
 def price_alone(problem: Problem) -> float:

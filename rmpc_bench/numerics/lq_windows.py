@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.types import Array
 
 
@@ -56,7 +57,7 @@ def window_law(stages: Stages, horizon: int, F: Float[Array, "t nx m"]) -> Windo
         K, K_d = gains[:, :, : A.shape[2]], gains[:, :, A.shape[2] :]
         closed = A - B @ K
         S, s = A.mT @ S @ closed, closed.mT @ from_d
-        S = 0.5 * (S + S.mT)
+        S = symmetrise(S)
         if t > 0:
             S = S + stages.Q[t - 1 : t - 1 + n_windows]
     return WindowLaw(K, K_d, S)
@@ -121,5 +122,5 @@ def _game(
             S_B = B @ np.linalg.solve(R, B.mT)
             first = Pi @ np.linalg.solve(np.eye(nx) + (S_B - share * (now @ now.mT)) @ Pi, A)
             Pi = A.mT @ first
-            Pi = 0.5 * (Pi + Pi.mT) + (stages.Q[t - 1 : t - 1 + n_windows] if t > 0 else 0.0)
+            Pi = symmetrise(Pi) + (stages.Q[t - 1 : t - 1 + n_windows] if t > 0 else 0.0)
     return first, bounded

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import symmetrise
-from rmpc_bench.numerics.lq_game import Problem, Solution, roots, solve
+from rmpc_bench.numerics.linalg import psd_sqrt, symmetrise
+from rmpc_bench.numerics.lq_game import Problem, Solution, solve
 from rmpc_bench.types import Array
 
 GAP = 1e-9
@@ -102,7 +102,7 @@ def make_form(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n
     x : estimate x_hat
     """
     T = _reach(problem, M_root, problem.G)
-    alone = _reach(problem, x[:, None], roots(problem.S_B))
+    alone = _reach(problem, x[:, None], psd_sqrt(problem.S_B))
     E = alone[:, 1:]
     left = np.linalg.solve(np.eye(len(E)) + E @ E.T, np.column_stack([T, alone[:, 0]]))
     return Form(T, np.ascontiguousarray(left[:, :-1]), np.ascontiguousarray(left[:, -1]))
@@ -197,7 +197,7 @@ def _traces(X: Float[Array, "d d"], n: int) -> Float[Array, " m"]:
 def _reach(problem: Problem, first: Float[Array, "n k"], maps: Float[Array, "N n n"]) -> Float[Array, "states inputs"]:
     """States, each times the root of its weight, by first states and by what enters at every stage, without control."""
     N, n = problem.A.shape[:2]
-    weight, width = roots(problem.Q), first.shape[1]
+    weight, width = psd_sqrt(problem.Q), first.shape[1]
     now, rows = np.zeros((n, width + N * n)), np.empty((N, n, width + N * n))
     now[:, :width] = first
     for t in range(N):
@@ -209,7 +209,7 @@ def _reach(problem: Problem, first: Float[Array, "n k"], maps: Float[Array, "N n
 
 def _costate(problem: Problem, y: Float[Array, "N n"]) -> Float[Array, " n"]:
     """Half the slope of the cost by x(1), of the states times the roots of their weights."""
-    weighted = np.einsum("tij,tj->ti", roots(problem.Q), y)
+    weighted = np.einsum("tij,tj->ti", psd_sqrt(problem.Q), y)
     slope = weighted[-1]
     for t in range(len(y) - 2, -1, -1):
         slope = problem.A[t + 1].T @ slope + weighted[t]

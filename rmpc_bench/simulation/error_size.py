@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.simulation.estimates import estimate_error
 from rmpc_bench.types import Array, Record
 
@@ -70,7 +71,7 @@ def _correlation(P: Float[Array, "*k nx nx"]) -> tuple[Float[Array, "*k nx"], Fl
     """
     var = np.diagonal(P, axis1=-2, axis2=-1)
     std = np.sqrt(np.where(var <= 0.0, 0.0, var))
-    R = 0.5 * (P + np.swapaxes(P, -2, -1)) / std[..., :, None] / std[..., None, :]
+    R = symmetrise(P) / std[..., :, None] / std[..., None, :]
     certain = std == 0.0
     R = np.where(certain[..., :, None] | certain[..., None, :], 0.0, R)
     good: Array = np.asarray((np.isfinite(P) & np.isfinite(R)).all(axis=(-2, -1)))

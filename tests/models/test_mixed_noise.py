@@ -8,9 +8,10 @@ from conftest import ROUND, random_model, random_psd, within_stat
 from estimators.mixed_systems import in_ellipsoid
 
 from rmpc_bench.models.linear import Model
-from rmpc_bench.models.mixed_noise import HasSets, NoiseSets, counted, design, uniform_covariance
+from rmpc_bench.models.mixed_noise import design
+from rmpc_bench.models.noise_sets import NoiseSets, counted, uniform_covariance
 from rmpc_bench.numerics.ellipsoid import sum_shape
-from rmpc_bench.types import DesignError
+from rmpc_bench.types import DesignError, HasSets
 
 
 class Wave:

@@ -7,13 +7,14 @@ from controllers import minimax_oracles as oracles
 from rmpc_bench.controllers.state_feedback import problem_of
 from rmpc_bench.numerics.game_lookup import lookup_kernel
 from rmpc_bench.numerics.game_table import HALF, MIDDLE, tables
-from rmpc_bench.numerics.lq_game import roots, solve
+from rmpc_bench.numerics.linalg import psd_sqrt
+from rmpc_bench.numerics.lq_game import solve
 from rmpc_bench.numerics.lq_windows import Stages
 
 
 def looked_up(stages, M, M_w, x):
     """What the table says of every state, whether it holds, and whether the table is usable at all."""
-    problem, root = problem_of(stages, roots(M_w)), roots(M[None])
+    problem, root = problem_of(stages, psd_sqrt(M_w)), psd_sqrt(M[None])
     made = tables([problem], root)
     first, holds = np.empty_like(x), np.zeros(len(x), dtype=bool)
     lookup_kernel(made.series[0], MIDDLE, HALF, x, first, holds)
@@ -50,7 +51,7 @@ def nearly_double(gap):
     A = np.broadcast_to(np.diag([0.9, 0.7]), (6, 2, 2))
     B, Q, R = np.ones((6, 2, 1)), np.broadcast_to(np.eye(2), (6, 2, 2)), np.ones((6, 1, 1))
     stages, M_w = Stages(A, B, np.ascontiguousarray(Q), R), np.broadcast_to(np.diag([0.3, 1.0]), (6, 2, 2))
-    problem = problem_of(stages, roots(M_w))
+    problem = problem_of(stages, psd_sqrt(M_w))
     from rmpc_bench.numerics.game_kernel import Y, backward_kernel
 
     made = tables([problem], np.eye(2)[None])

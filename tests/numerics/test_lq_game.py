@@ -8,7 +8,8 @@ from numerics import game_twin as twin
 from scipy.optimize import minimize_scalar
 
 from rmpc_bench.controllers.state_feedback import problem_of
-from rmpc_bench.numerics.lq_game import plan, price_alone, roots, solve
+from rmpc_bench.numerics.linalg import psd_sqrt
+from rmpc_bench.numerics.lq_game import plan, price_alone, solve
 from rmpc_bench.numerics.lq_windows import Stages, window_law
 
 X = [(60.0, -45.0), (3.0, -2.0), (0.2, 0.1), (0.0, 0.0)]
@@ -21,8 +22,8 @@ DENSE = {"rtol": 1e-11, "atol": 1e-11}
 
 def solved(stages, M, M_w, x):
     """Solution and all its controls."""
-    problem = problem_of(stages, roots(np.asarray(M_w)))
-    found = solve(problem, roots(M[None])[0], np.array(x, dtype=float))
+    problem = problem_of(stages, psd_sqrt(np.asarray(M_w)))
+    found = solve(problem, psd_sqrt(M[None])[0], np.array(x, dtype=float))
     return found, plan(problem, np.linalg.solve(stages.R, stages.B.mT), found)
 
 
@@ -109,7 +110,7 @@ def test_the_kernel_equals_its_plain_twin(seed):
     rho, tau_1, tau_2 = twin.solve(stages, M, M_w, x)
     np.testing.assert_allclose(ours.rho, rho, rtol=1e-10)  # a search to 1e-9 of its argument
     np.testing.assert_allclose([ours.tau_1, ours.tau[0]], [tau_1, tau_2], rtol=1e-4)  # where the cost is flat
-    problem = problem_of(stages, roots(M_w))
+    problem = problem_of(stages, psd_sqrt(M_w))
     np.testing.assert_allclose(price_alone(problem), twin.price_alone(stages, M_w), rtol=1e-9)
 
 
@@ -229,7 +230,7 @@ def test_the_price_of_a_singular_map_is_its_norm():
     rng = np.random.default_rng(3)
     stages = oracles.random_stages(rng, 3, 1, 7)
     M_w = np.array([random_psd(rng, 3, rank=1 + t % 3) for t in range(7)])
-    G = roots(M_w)
+    G = psd_sqrt(M_w)
     big = oracles.matrices(stages).C[3:, 3:]
     wide = np.zeros((21, 21))
     for t in range(7):

@@ -6,7 +6,7 @@ from conftest import ROUND
 from controllers import minimax_oracles as oracles
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.numerics.lq_game import roots
+from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.lq_windows import Stages, game_gains, game_prices, window_law
 
 
@@ -82,7 +82,7 @@ def test_every_window_has_its_own_price():
     """Oracle: the window by itself; at 0.999 times its price the game is refused."""
     rng = np.random.default_rng(11)
     stages, (_, M_w) = oracles.random_stages(rng, 2, 1, 9), oracles.random_sets(rng, 2, 9)
-    G = roots(M_w)
+    G = psd_sqrt(M_w)
     prices = game_prices(stages, G, 5)
     for k in range(5):
         part = Stages(*(each[k : k + 5] for each in stages))

@@ -6,7 +6,8 @@ from conftest import ROUND, SOLVER
 from controllers import minimax_oracles as oracles
 
 from rmpc_bench.controllers.state_feedback import problem_of
-from rmpc_bench.numerics.lq_game import plan, roots, solve
+from rmpc_bench.numerics.linalg import psd_sqrt
+from rmpc_bench.numerics.lq_game import plan, solve
 from rmpc_bench.numerics.stage_prices import GAP, make_form, search, solve_stages
 
 
@@ -59,7 +60,7 @@ SPECIAL = [
 
 def game(stages, M, M_w):
     """Problem and root of M."""
-    return problem_of(stages, roots(np.asarray(M_w))), roots(M[None])[0]
+    return problem_of(stages, psd_sqrt(np.asarray(M_w))), psd_sqrt(M[None])[0]
 
 
 def semidefinite(stages, M, M_w, x):
@@ -73,7 +74,7 @@ def semidefinite(stages, M, M_w, x):
     unit = 1.0 / np.sqrt(solve_stages(*game(stages, M, M_w), x).rho)
     big, N, n = oracles.matrices(stages), len(M_w), len(x)
     R = np.zeros_like(big.C)
-    for number, root in enumerate(roots(np.array([M, *M_w]))):
+    for number, root in enumerate(psd_sqrt(np.array([M, *M_w]))):
         R[number * n : (number + 1) * n, number * n : (number + 1) * n] = unit * root
     h = unit * R.T @ (big.c - big.D.T @ np.linalg.solve(big.B, big.b)) @ x
     F = np.linalg.cholesky(np.linalg.inv(big.B)).T @ big.D @ R

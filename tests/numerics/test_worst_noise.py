@@ -7,7 +7,7 @@ import pytest
 from conftest import ROUND
 from controllers import minimax_oracles as oracles
 
-from rmpc_bench.numerics.lq_game import roots
+from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.lq_windows import Stages
 from rmpc_bench.numerics.worst_noise import worst_cost
 
@@ -38,7 +38,7 @@ def test_one_ellipsoid_from_zero():
     rng = np.random.default_rng(8)
     stages = oracles.random_stages(rng, 3, 1, 4)
     M, _ = oracles.random_sets(rng, 3, 1)
-    root, C = roots(M[None])[0], oracles.matrices(stages).C[:3, :3]
+    root, C = psd_sqrt(M[None])[0], oracles.matrices(stages).C[:3, :3]
     ours = worst_cost(stages, np.zeros((4, 1)), np.zeros(3), root, np.zeros((4, 3, 3)), 10)
     np.testing.assert_allclose(ours, np.linalg.eigvalsh(root @ C @ root)[-1], rtol=1e-9)  # power steps stop at 1e-13
 
@@ -48,7 +48,7 @@ def test_random_noise_is_never_worse():
     rng = np.random.default_rng(9)
     stages = oracles.random_stages(rng, 2, 1, 3)
     M, M_w = oracles.random_sets(rng, 2, 3)
-    U, x, maps = rng.standard_normal((3, 1)), rng.standard_normal(2), roots(np.array([M, *M_w]))
+    U, x, maps = rng.standard_normal((3, 1)), rng.standard_normal(2), psd_sqrt(np.array([M, *M_w]))
     ours = worst_cost(stages, U, x, maps[0], maps[1:], 40)
     z = rng.standard_normal((20_000, 4, 2))
     points = np.einsum("tij,btj->bti", maps, z / np.linalg.norm(z, axis=2, keepdims=True))

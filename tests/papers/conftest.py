@@ -1,4 +1,4 @@
-"""Trials of whole configurations, computed once for all tests of a module."""
+"""Trials of whole configurations, computed once for all tests."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from rmpc_bench import load_config, run
 ROOT = Path(__file__).parents[2] / "configs"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def trials_of(tmp_path_factory):
     """Return a function from the name of a configuration to its trials, which are computed once."""
     known = {}

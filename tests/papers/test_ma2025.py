@@ -1,25 +1,9 @@
-"""ma2025 at full size: every recorded finding is found again, and the numbers of an independent study of the paper."""
-
-from pathlib import Path
+"""ma2025 at full size: the numbers of an independent study of the paper."""
 
 import numpy as np
 import pytest
 
-from rmpc_bench.analysis.claims import judge
-
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).parents[2] / "configs"
-CONFIGS = [f"ma2025/{path.stem}" for path in sorted((ROOT / "ma2025").iterdir())]
-
-
-@pytest.mark.parametrize("name", CONFIGS)
-def test_every_finding_is_the_recorded_one(trials_of, name):
-    """What the configuration records is what its trials say."""
-    config, trials = trials_of(name)
-    found = {claim.says: (judge(claim, trials).finding, claim.finding) for claim in config.claims}
-    assert {says: now for says, (now, _) in found.items()} == {says: recorded for says, (_, recorded) in found.items()}
-    assert (trials.frame["status"] == "ok").all()
 
 
 def column(trials, metric, method, **point):

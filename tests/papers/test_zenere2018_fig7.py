@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from rmpc_bench import load_config, run
-from rmpc_bench.analysis.claims import judge
 
 pytestmark = pytest.mark.slow
 
@@ -13,16 +12,10 @@ MEDIANS = {"S-MPC": 0.1126, "R-MPC3": 0.1119, "R-MPC2": 0.1053, "R-MPC1": 0.1020
 """Of an independent study with other draws; over 24 seeds of 200 runs none of its medians was off by more than 5 %."""
 
 
-@pytest.fixture(scope="module")
-def config():
-    """Return the configuration as it stands."""
-    return load_config(CONFIG)
-
-
-@pytest.fixture(scope="module")
-def trials(config, tmp_path_factory):
+@pytest.fixture
+def trials(trials_of):
     """Return all trials of the experiment."""
-    return run(config, directory=tmp_path_factory.mktemp("fig7"), jobs=2)
+    return trials_of("zenere2018/fig7")[1]
 
 
 def test_medians_are_those_of_the_study(trials):
@@ -42,12 +35,6 @@ def test_means_fall_with_the_radius(trials):
 def test_the_largest_radius_wins_nine_runs_in_ten(trials):
     """R-MPC1 against S-MPC, run by run on the same plants."""
     assert np.mean(trials.column("mse", "R-MPC1") < trials.column("mse", "S-MPC")) >= 0.9
-
-
-def test_every_recorded_finding_is_found_again(config, trials):
-    """What --strict checks."""
-    for claim in config.claims:
-        assert judge(claim, trials).finding == claim.finding
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -1,29 +1,9 @@
-"""Both servomechanism papers at full size: every recorded finding is found again, and what the papers print."""
-
-from pathlib import Path
+"""Both servomechanism papers at full size: what they print."""
 
 import numpy as np
 import pytest
 
-from rmpc_bench.analysis.claims import judge
-
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).parents[2] / "configs"
-CONFIGS = [
-    f"{path.parent.name}/{path.stem}"
-    for paper in ("zenere2017", "zenere2018")
-    for path in sorted((ROOT / paper).iterdir())
-]
-
-
-@pytest.mark.parametrize("name", CONFIGS)
-def test_every_finding_is_the_recorded_one(trials_of, name):
-    """What the configuration records is what its trials say."""
-    config, trials = trials_of(name)
-    found = {claim.says: (judge(claim, trials).finding, claim.finding) for claim in config.claims}
-    assert {says: now for says, (now, _) in found.items()} == {says: recorded for says, (_, recorded) in found.items()}
-    assert (trials.frame["status"] == "ok").all()
 
 
 def one(trials, metric, method):
