@@ -3,7 +3,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow smoke lint type perf clean zenere2018 zenere2017 souto2011 ma2025 benchmarks papers
+.PHONY: help setup run test test-slow smoke lint type perf clean zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks papers
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -37,7 +37,7 @@ perf: setup  ## measure speed
 clean:  ## remove what can be made again (results stay)
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage
 
-zenere2018 zenere2017 souto2011 ma2025 benchmarks: setup  ## reproduce a paper (or run the library of systems), every claim compared with its record
+zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks: setup  ## reproduce a paper (or run the library of systems), every claim compared with its record
 	@for config in configs/$@/*.yaml; do $(BIN)/rmpc-bench run $$config --strict || exit; done
 
-papers: zenere2018 zenere2017 souto2011 ma2025  ## reproduce all papers
+papers: zenere2018 zenere2017 souto2011 ma2025 belda2017  ## reproduce all papers

@@ -11,12 +11,21 @@ from jaxtyping import install_import_hook
 
 # First of all, before any test imports the package.  Compiled functions cannot be wrapped: their modules are left out
 # (jaxtyping matches whole dotted names; plants/test_servo.py asserts that `servo` does not cover `servo_kernel`).
-COMPILED = {"game_kernel", "game_lookup"}
-NUMERICS = {file.stem for file in (Path(__file__).parents[1] / "rmpc_bench" / "numerics").glob("*.py")}
-CHECKED = [f"rmpc_bench.{part}" for part in ("models", "estimators", "controllers", "simulation")]
-CHECKED += [f"rmpc_bench.numerics.{name}" for name in sorted(NUMERICS - COMPILED)]
+COMPILED = {
+    "bounded_window_kernel",
+    "game_kernel",
+    "game_lookup",
+    "minimax_kernel",
+    "moving_slide_kernel",
+    "tracking_kernel",
+}
+PACKAGE = Path(__file__).parents[1] / "rmpc_bench"
+PARTS = ("models", "estimators", "controllers", "simulation", "numerics")
+FILES = [file for part in PARTS for file in sorted((PACKAGE / part).glob("*.py")) if file.stem not in COMPILED]
+CHECKED = [f"rmpc_bench.{file.parent.name}.{file.stem}" for file in FILES]
+CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide", "moving_slide_portrait")]
 if "RMPC_BENCH_UNCHECKED" not in os.environ:  # `make perf` measures the code as users run it
-    install_import_hook([*CHECKED, "rmpc_bench.plants.servo"], "beartype.beartype")
+    install_import_hook(CHECKED, "beartype.beartype")
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again
 
 import numpy as np  # noqa: E402

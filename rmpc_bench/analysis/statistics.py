@@ -97,7 +97,7 @@ def comparisons(trials: Trials) -> pd.DataFrame:
 
 def _compare(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
     a, b = trials.pairs(info.name, method, trials.baseline)
-    a, b = _distance(a, info.direction), _distance(b, info.direction)
+    a, b = from_best(a, info.direction), from_best(b, info.direction)
     change, (low, high) = _change(a, b, trials.confidence)
     gap = difference(a, b)
     # Two infs have gap 0; a finite value against an infinite baseline is never close to it.
@@ -126,12 +126,17 @@ def _compare(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
     }
 
 
-def _distance(values: Array, direction: str) -> Array:
+def from_best(values: Array, direction: str) -> Array:
     """Distance from the best value where that is neither the lowest nor the highest; from 1 as a ratio."""
     if direction not in ("zero", "one"):
         return values
     with np.errstate(divide="ignore"):
         return np.abs(np.log(values) if direction == "one" else values)
+
+
+def name_from_best(info: MetricInfo) -> str:
+    """Name what `from_best` makes of a metric."""
+    return {"zero": f"|{info.name}|", "one": f"|log {info.name}|"}.get(info.direction, info.name)
 
 
 def _change(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
@@ -185,7 +190,7 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, *, confidence: float = 0.
     -------
     such as "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (paired, 95 %, 200 runs; better in 195)."
     """
-    name = {"zero": f"|{info.name}|", "one": f"|log {info.name}|"}.get(info.direction, info.name)
+    name = name_from_best(info)
     n, method, baseline = int(row["n_pairs"]), row["method"], row["baseline"]
     counts = f"better in {row['won']}" + (f", tied in {row['tied']}" if row["tied"] else "")
     basis = f"(paired, {100 * confidence:g} %, {n} {'run' if n == 1 else 'runs'}; {counts})"

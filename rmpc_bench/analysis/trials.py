@@ -19,9 +19,15 @@ class Traces(NamedTuple):
     runs: Array
     """(n,) indices of the runs, ascending."""
     signals: Mapping[str, Array]
-    """Signal -> (n, samples, components): ``y``, ``x``, ``x_hat`` at k = 0..N, ``u`` at k = 0..N-1."""
+    """Signal -> (n, samples, components): ``y``, ``x``, ``x_hat`` at k = 0..N, ``u`` at k = 0..N-1.
+
+    What the method reports of itself is at k = 0..N if it comes from the estimator, else at k = 0..N-1; ``bursts`` is 1
+    where the measurement noise is in one.
+    """
     r: Array
     """(samples, ny) reference at k = 0..N."""
+    shapes: Mapping[str, tuple[int, ...]] = {}
+    """Signal that the method reports -> shape of an entry, whose components follow each other row by row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +52,7 @@ class Trials:
     relevant : the smallest relative change that matters, such as 0.01
     seed : seed of the experiment
     Ts : sampling time [s]; 0 where it is not known
-    units : signal -> unit, such as y -> rad
+    units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
     traces : method -> its recorded runs
     paths : the columns of a sweep, which come first in `frame` and `series`; empty without one
     points : the tables of a sweep's points; empty without one

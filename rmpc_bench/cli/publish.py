@@ -103,7 +103,8 @@ def _write_traces(trials: Trials, path: Path) -> None:
     for table in trials.each:
         for method, trace in table.traces.items():
             where = "/".join(part for part in (table.title, method) if part)
-            arrays |= {f"{where}/{signal}": array for signal, array in trace.signals.items()}
+            own = {name: f"{name}_reported" for name in ("runs", "r", "t")}  # of a method that reports such a signal
+            arrays |= {f"{where}/{own.get(signal, signal)}": array for signal, array in trace.signals.items()}
             arrays |= {f"{where}/runs": trace.runs, f"{where}/r": trace.r}
             arrays[f"{where}/t"] = np.round((table.Ts or 1.0) * np.arange(len(trace.r)), 12)
     if arrays:

@@ -1,26 +1,93 @@
-"""Kalman filter on the nominal model.
+"""Kalman filter on the nominal model, or on one that is made anew at the latest estimate.
 
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k),  w ~ N(0, Q_w), v ~ N(0, R_v), white, independent.
-        P is the covariance of x_hat - x, P_pred that of x_pred - x (the paper's P_t).
+        P is the covariance of x_hat - x, P_pred that of x_pred - x (the paper's P_t).  A and B may depend on the state:
+        they are then taken at x_hat(k), run by run, as if they were constant over the sample.
 Source  zenere2018, (5)-(8).
-Limit   this is the limit the other filters are tested against.
-Cost    as every gain schedule.
-Fails   design error where C P_pred C' + R_v is singular.
+Limit   this is the limit the other filters are tested against; with a state-dependent model it becomes that of a linear
+        one where A and B do not change.
+Cost    as every gain schedule; with a state-dependent model a Riccati step per run and step.
+Fails   design error where C P_pred C' + R_v is singular; with a state-dependent model, where R_v is.  There a run has
+        diverged as soon as the model says that its estimate is too large.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import Model
 from rmpc_bench.models.noise_sets import NoiseKind, counted
+from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.kl_ball import Inflation
-from rmpc_bench.types import Array
+from rmpc_bench.numerics.linalg import mv, symmetrise
+from rmpc_bench.types import Array, DesignError, Estimate, Status
+
+OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
+
+
+class RelinearisedState(NamedTuple):
+    """What the next step needs; before a correction x_hat and P are those of the prediction."""
+
+    x_hat: Float[Array, "runs nx"]
+    P: Float[Array, "runs nx nx"]
+
+
+@dataclass(frozen=True, eq=False)
+class RelinearisedFilter:
+    """A filter that has another model at every estimate.
+
+    Parameters
+    ----------
+    model : state dependent
+    x0, P0 : prediction before the first measurement, and the covariance of its error
+    use_y0 : whether y(0) counts
+    """
+
+    model: StateDependentModel
+    x0: Float[Array, " nx"]
+    P0: Float[Array, "nx nx"]
+    use_y0: bool = True
+
+    def init(self, n_runs: int) -> RelinearisedState:
+        """Start every run at ``x0``."""
+        return RelinearisedState(np.tile(self.x0, (n_runs, 1)), np.tile(self.P0, (n_runs, 1, 1)))
+
+    def correct(
+        self, k: int, state: RelinearisedState, y: Float[Array, "runs ny"]
+    ) -> tuple[RelinearisedState, Estimate]:
+        """Use y(k) with the gain of the run; P in Joseph form."""
+        C, R_v, (x_pred, P_pred) = self.model.C, self.model.R_v, state
+        e = y - mv(C, x_pred)
+        after = state
+        if k > 0 or self.use_y0:
+            CP = np.einsum("ij,rjk->rik", C, P_pred)
+            L = np.linalg.solve(np.einsum("rij,kj->rik", CP, C) + R_v, CP).swapaxes(1, 2)
+            rest = np.eye(self.model.nx) - np.einsum("rij,jk->rik", L, C)
+            P = symmetrise(_sandwiched(rest, P_pred) + _sandwiched(L, np.broadcast_to(R_v, (len(y), *R_v.shape))))
+            after = RelinearisedState(x_pred + mv(L, e), P)
+        sound = ~(np.abs(after.x_hat) > self.model.largest).any(axis=1)  # true of NaN, which the loop notices itself
+        return after, Estimate(after.x_hat, after.P, None, np.where(sound, OK, DIVERGED), {"e": e})
+
+    def predict(self, k: int, state: RelinearisedState, u: Float[Array, "runs nu"]) -> RelinearisedState:
+        """Go to k+1 with the model at x_hat(k)."""
+        A, B = self.model.at_state(state.x_hat)
+        return RelinearisedState(mv(A, state.x_hat) + mv(B, u), symmetrise(_sandwiched(A, state.P) + self.model.Q_w))
+
+
+def _sandwiched(A: Float[Array, "runs n m"], P: Float[Array, "runs m m"]) -> Float[Array, "runs n n"]:
+    """Return A P A' for every run."""
+    A = np.ascontiguousarray(A)
+    product: Array = np.einsum("rik,rlk->ril", np.einsum("rij,rjk->rik", A, P), A)
+    return product
 
 
 def design(
-    model: Model,
+    model: Model | StateDependentModel,
     n_steps: int,
     *,
     x0: Float[Array, " nx"],
@@ -29,8 +96,8 @@ def design(
     form: Form = "filter",
     noise: NoiseKind = "nominal",
     use_y0: bool = True,
-) -> GainScheduleFilter:
-    """Kalman filter, time varying from P0 on.
+) -> GainScheduleFilter | RelinearisedFilter:
+    """Kalman filter, time varying from P0 on; a state-dependent model is linearised at the latest estimate.
 
     Parameters
     ----------
@@ -43,6 +110,26 @@ def design(
     noise : `nominal` knows the stochastic noises only; `matched` adds the covariance of bounded ones that are uniform
         on their ellipsoids, M / (n + 2)
     use_y0 : `false` takes x0 and P0 for the estimate at k = 0 itself and leaves y(0) out
+
+    Raises
+    ------
+    DesignError
+        If an innovation covariance is singular, or a key does not go with a state-dependent model.
     """
+    if isinstance(model, StateDependentModel):
+        return _relinearised(model, x0, P0, form, noise, use_y0)
     believed, P0 = counted(model, P0, M0, noise)
     return riccati_schedule(believed, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)
+
+
+def _relinearised(
+    model: StateDependentModel, x0: Array, P0: Array, form: Form, noise: NoiseKind, use_y0: bool
+) -> RelinearisedFilter:
+    for name, value, wanted in (("form", form, "filter"), ("noise", noise, "nominal")):
+        if value != wanted:
+            raise DesignError(f"{value} does not go with a model that depends on the state; choose {wanted}", name)
+    try:
+        np.linalg.cholesky(model.R_v)
+    except np.linalg.LinAlgError:
+        raise DesignError("its R_v is singular: give the state-dependent model measurement noise", "") from None
+    return RelinearisedFilter(model, x0, P0, use_y0)

@@ -16,6 +16,7 @@ from typing import Any, cast
 from rmpc_bench.experiment.build_noise import NoiseLaws
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.quantities import Expression, QuantityError
+from rmpc_bench.experiment.recording import has_bursts, with_bursts
 from rmpc_bench.experiment.sheet import MethodParts, Sheet
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.adversary import worst_sequence
@@ -30,7 +31,17 @@ from rmpc_bench.simulation.scenario import (
     initial_covariance,
     initial_state,
 )
-from rmpc_bench.types import Array, DesignError, HasOpponent, Method, Metric, Plant, Problem, Regulates
+from rmpc_bench.types import (
+    Array,
+    DesignError,
+    HasOpponent,
+    HasWorkspace,
+    Method,
+    Metric,
+    Plant,
+    Problem,
+    Regulates,
+)
 
 
 @dataclass(frozen=True)
@@ -203,11 +214,14 @@ class _Builder:
             measurement=measurement,
             reference=reference,
         )
+        laws.refuse_names(scenario)
         return laws.correlated(plant, scenario)
 
-    def metrics(self, plant: Plant, methods: tuple[Method, ...]) -> tuple[Metric, ...]:
+    def metrics(self, plant: Plant, methods: tuple[Method, ...], scenario: Scenario | None) -> tuple[Metric, ...]:
         """Build the metrics; two of the same name are refused."""
-        units = Units(self.n_steps, self.time.tick, plant.y_unit, plant.u_unit, self.smoke, plant, methods)
+        noted = any(problem.path.startswith("noise") for problem in self.sheet.problems)
+        bursts = None if scenario is None or noted else has_bursts(scenario)
+        units = Units(self.n_steps, self.time.tick, plant.y_unit, plant.u_unit, self.smoke, plant, methods, bursts)
         made = [part.build(self.sheet.problems, units=units) for part in self.sheet.metrics if part is not None]
         names: set[str] = set()
         for number, metric in enumerate(made):
@@ -232,12 +246,20 @@ class _Builder:
             names = ", ".join(map(repr, deaf))
             self.sheet.note(["reference"], f"the controller of {names} drives the state to 0 and follows none")
 
-    def recording(self) -> Recording:
+    def refuse_unreachable(self, reference: Reference, plant: Plant) -> None:
+        """Refuse a reference that leaves the workspace of the plant."""
+        if isinstance(plant, HasWorkspace):
+            reason = plant.unreachable(reference.sample(self.n_steps + 1))
+            if reason is not None:
+                self.sheet.note(["reference"], reason)
+
+    def recording(self, scenario: Scenario) -> Recording:
         """What to keep of which runs."""
         keys, n_runs = self.sheet.values["record"], self.sheet.values["runs"]
         first = {"none": 0, "all": n_runs}.get(keys.runs, keys.runs)
         ensemble = not {"moments", "ensemble"}.isdisjoint(self.sheet.values["evaluate"])
-        return Recording(tuple(dict.fromkeys(keys.signals)), min(int(first), n_runs), ensemble)
+        asked = Recording(tuple(dict.fromkeys(keys.signals)), min(int(first), n_runs), ensemble)
+        return with_bursts(asked, bursts=has_bursts(scenario))
 
 
 def build(sheet: Sheet, made: dict[str, Any] | None = None, *, smoke: bool = False) -> Experiment | None:
@@ -257,14 +279,15 @@ def build(sheet: Sheet, made: dict[str, Any] | None = None, *, smoke: bool = Fal
     if plant is None or sheet.reference is None:
         return None
     reference = sheet.reference.build(sheet.problems, ny=plant.ny, Ts=plant.Ts)
-    metrics = builder.metrics(plant, tuple(method for method in methods if method is not None))
+    scenario = builder.scenario(plant, reference) if reference is not None else None
+    metrics = builder.metrics(plant, tuple(method for method in methods if method is not None), scenario)
     if reference is None:
         return None
     builder.refuse_reference(reference, methods)
-    scenario = builder.scenario(plant, reference)
+    builder.refuse_unreachable(reference, plant)
     opposed = builder.opposed(plant, methods, scenario) if scenario is not None else None
     if scenario is None or opposed is None or sheet.problems or any(method is None for method in methods):
         return None
     pairs = tuple(method for method in methods if method is not None)
-    recording = builder.recording()
+    recording = builder.recording(scenario)
     return Experiment(opposed, pairs, scenario, metrics, sheet.values["runs"], builder.n_steps, recording)

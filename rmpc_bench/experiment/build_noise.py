@@ -9,6 +9,7 @@ import numpy as np
 
 from rmpc_bench.experiment.sheet import Law, Sheet
 from rmpc_bench.simulation.bounded_noise import ellipsoid
+from rmpc_bench.simulation.bursts import HasBursts
 from rmpc_bench.simulation.noise import Noise, gaussian
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
 from rmpc_bench.types import Array, DesignError, HasSets, Plant
@@ -39,7 +40,9 @@ class NoiseLaws:
 
     def _terms(self, law: Law, n: int, channel: str) -> tuple[Noise, ...]:
         if law.part is not None:
-            made = law.part.build(self.sheet.problems, n=n)
+            made = law.part.build(self.sheet.problems, n=n, Ts=self.sheet.values["time"].step)
+            if channel == "initial" and isinstance(made, HasBursts):
+                self.sheet.problems.append(law.part.problem("an initial state is no time for bursts", "bursts"))
             return (made,) if made is not None else ()
         model = self.model()
         if model is None:
@@ -55,6 +58,12 @@ class NoiseLaws:
         scale = law.same or 0.0
         first = gaussian(n, mean=mean.tolist(), cov=cov, scale=scale)
         return (first, ellipsoid(n, shape=shape, scale=scale)) if np.any(shape) else (first,)
+
+    def refuse_names(self, scenario: Scenario) -> None:
+        """Refuse uncertain quantities that are called as what random bursts draw: both are columns of one table."""
+        for name in sorted({*scenario.burst_names} & {*scenario.uncertainty}):
+            message = f"{name!r} is what random bursts of the noise are called; choose another name"
+            self.sheet.note(["uncertainty", name], message, key=True)
 
     def correlated(self, plant: Plant, scenario: Scenario) -> Scenario:
         """Give the noises of a scenario their cross-covariance.

@@ -13,7 +13,7 @@ from rmpc_bench.analysis.claim import Claim
 from rmpc_bench.experiment import yaml
 from rmpc_bench.experiment.build import build
 from rmpc_bench.experiment.compose import composed, inlined, opened
-from rmpc_bench.experiment.drawings import check_evaluation, check_figures, outlook
+from rmpc_bench.experiment.drawings import check_evaluation, check_figures, check_recording, outlook
 from rmpc_bench.experiment.engines import single_thread
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.places import Place
@@ -21,7 +21,7 @@ from rmpc_bench.experiment.point import ConfigPoint, digest
 from rmpc_bench.experiment.reader import at_their_origin, read
 from rmpc_bench.experiment.resolve import belief, changes, first_point, measured, resolved, shared
 from rmpc_bench.experiment.schema import shown
-from rmpc_bench.experiment.sections import Execution, Statistics
+from rmpc_bench.experiment.sections import Execution, Statistics, Time
 from rmpc_bench.experiment.sheet import Sheet
 from rmpc_bench.experiment.statements import read_claims
 from rmpc_bench.experiment.sweep import (
@@ -170,12 +170,13 @@ def load_config(
     there = [] if problems else _places(places, found)
     # What was overridden is looked at for information; that claims and figures reach beyond its end is no mistake.
     lenient = smoke or bool(overrides)
-    seen = outlook(found[0].experiment, len(places), smoke=lenient) if found else None
+    seen = outlook([point.experiment for point in found], len(places), smoke=lenient) if found else None
     claims = read_claims(sheets[0], _metric_names(sheets[0]), there, seen)
     for sheet, experiment in zip(sheets, experiments, strict=True):
         if experiment is not None:
             check_evaluation(sheet, experiment)
     _statistics(sheets[0])
+    check_recording(sheets[0], experiments)
     check_figures(sheets[0], _metric_names(sheets[0]), there, seen if there else None)
     _columns(sheets[0], swept_paths(tree) if there else ())
     problems += [problem for sheet in sheets for problem in at_their_origin(sheet)]
@@ -196,7 +197,7 @@ def _built(places: Sequence[Point], *, runs: int | None, smoke: bool) -> tuple[l
             if runs is not None:
                 sheet.values["runs"] = runs
             if smoke:
-                _shrink(sheet)
+                _shrink(sheet, sheets[0].values["time"] if sheets else None)
             sheets.append(sheet)
             experiments.append(build(sheet, made, smoke=smoke))
     return sheets, experiments
@@ -273,13 +274,15 @@ def _overridden(tree: Map, overrides: Sequence[str], path: Path) -> Map:
     return tree
 
 
-def _shrink(sheet: Sheet) -> None:
-    """Take the size of a smoke run where it is smaller."""
+def _shrink(sheet: Sheet, first: Time | None) -> None:
+    """Take the size of a smoke run where it is smaller; points with other steps keep the duration of the first one."""
     size, values = sheet.values["smoke"], sheet.values
     if size is not None and values["runs"] is not None and values["time"] is not None:
         time = values["time"]
         values["runs"] = min(values["runs"], size.runs)
         n_steps = min(time.n_steps, size.steps)
+        if first is not None and first.duration is not None:
+            n_steps = max(1, round(first.duration / time.step))
         # The unit of windows must survive, so a time in seconds stays one in seconds.
         length = {"duration": n_steps * time.step} if time.duration is not None else {"steps": n_steps}
         values["time"] = type(time)(step=time.step, **length)

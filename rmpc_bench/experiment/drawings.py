@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,14 +12,16 @@ from rmpc_bench import registry
 from rmpc_bench.analysis.points import value_text
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.places import Place, nowhere
+from rmpc_bench.experiment.recording import BURSTS, has_bursts, reported
 from rmpc_bench.experiment.sheet import Sheet
 from rmpc_bench.experiment.yaml import plain
 from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.closed_loop import SIGNALS
 from rmpc_bench.simulation.moments import Moments, exact_laws, signals
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Method, Outlook
 
-OF_RUNS = ("boxplot", "trajectories", "ellipses", "tubes")
+OF_RUNS = ("boxplot", "trajectories", "ellipses", "tubes", "elements", "plane", "pareto")
 """Kinds of figures that show single runs."""
 
 
@@ -60,6 +63,25 @@ def check_evaluation(sheet: Sheet, experiment: Experiment) -> None:
             sheet.note(["evaluate"], f"{method.name} has no exact moments: {laws}; evaluate: [runs, moments]")
 
 
+def check_recording(sheet: Sheet, experiments: Sequence[Experiment | None]) -> None:
+    """Note signals to record that nothing has, at no point of the sweep.
+
+    Parameters
+    ----------
+    sheet : of the first point
+    experiments : of all points, None where something else is wrong
+    """
+    found = [experiment for experiment in experiments if experiment is not None]
+    if len(found) < len(experiments):
+        return
+    there = list(SIGNALS)
+    there += [name for experiment in found for method in experiment.methods for name in reported(method)]
+    there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
+    for number, name in enumerate(sheet.values["record"].signals):
+        if name not in there:
+            sheet.note(["record", "signals", number], unknown(name, dict.fromkeys(there), "signal"))
+
+
 def _mistakes(part: Part, sheet: Sheet, metrics: Sequence[str], places: Sequence[Place]) -> list[tuple[str, str]]:
     """Check the keys that mean the same in every figure."""
     keys, found = part.parameters, []
@@ -87,10 +109,31 @@ def _ensemble(nx: int, method: Method) -> dict[str, tuple[int, ...]]:
     return {name: array.shape[1:] for name, array in signals(Moments(z, z[:, :, None] * z[:, None]), nx).items()}
 
 
-def outlook(experiment: Experiment, n_points: int, *, smoke: bool) -> Outlook:
-    """Say what the results of an experiment will have, before it runs."""
+def _reports(experiments: Sequence[Experiment]) -> dict[str, dict[str, tuple[int, ...]]]:
+    """Shapes of what is recorded of what the methods report, at whatever point they do."""
+    found: dict[str, dict[str, tuple[int, ...]]] = {}
+    for experiment in experiments:
+        for method in experiment.methods:
+            wanted = experiment.recording.signals if experiment.recording.n_runs else ()
+            shapes = {name: shape for name, shape in reported(method).items() if name in wanted}
+            found[method.name] = found.get(method.name, {}) | shapes
+    return found
+
+
+def outlook(experiments: Sequence[Experiment], n_points: int, *, smoke: bool) -> Outlook:
+    """Say what the results of an experiment will have, before it runs.
+
+    Parameters
+    ----------
+    experiments : of the points of the sweep that could be built; what a method reports may be there at some only
+    n_points : points of the sweep
+    smoke : whether the runs may be shorter than what is drawn of them
+    """
+    experiment = experiments[0]
     plant, recording = experiment.plant, experiment.recording
-    widths: Mapping[str, int | None] = {"y": plant.ny, "u": plant.nu, "x": plant.nx, "x_hat": None}
+    reports = _reports(experiments)
+    widths: dict[str, int | None] = {"y": plant.ny, "u": plant.nu, "x": plant.nx, "x_hat": None, BURSTS: 1}
+    widths |= {name: math.prod(shape) for shapes in reports.values() for name, shape in shapes.items()}
     series: dict[str, tuple[int, ...]] = {}
     arrays: dict[str, dict[str, tuple[int, ...]]] = {}
     for method in experiment.methods:
@@ -101,10 +144,11 @@ def outlook(experiment: Experiment, n_points: int, *, smoke: bool) -> Outlook:
             shapes |= {name: (experiment.n_steps + 1, *entry) for name, entry in ensemble.items()}
         series |= {name: shape[1:] for name, shape in shapes.items()}
     return Outlook(
-        signals={name: widths[name] for name in recording.signals if recording.n_runs},
+        signals={name: widths.get(name) for name in recording.signals if recording.n_runs},
         end=0.0 if smoke else experiment.n_steps * plant.Ts,
         series=series,
         n_points=n_points,
         arrays=arrays,
         n_recorded=recording.n_runs,
+        reports=reports,
     )

@@ -66,11 +66,14 @@ def work(experiments: Sequence[Experiment], task: Task) -> Done:
 
 
 def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list[dict[str, float]]:
-    """What every run has drawn once and for all: the named quantities, and what the plant says it has beside."""
+    """What every run has drawn once and for all: the named quantities, its bursts, and what the plant has beside."""
     plant = experiment.plant
     drawn = plant.drawn(draws.delta) if isinstance(plant, HasDrawn) else {}
+    scenario = experiment.scenario
     return [
-        experiment.scenario.named_values(run) | {name: float(values[row]) for name, values in drawn.items()}
+        scenario.named_values(run)
+        | scenario.burst_values(run)
+        | {name: float(values[row]) for name, values in drawn.items()}
         for row, run in enumerate(runs)
     ]
 

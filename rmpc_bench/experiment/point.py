@@ -58,4 +58,6 @@ class ConfigPoint:
         """Hash under which the named uncertain values are stored."""
         law = self.shared["plant"].get("uncertainty", {})
         own = {"plant": law} if law.get("per") == "run" else {}  # values that the plant draws for a run
+        if self.experiment.scenario.burst_names:  # those of the noise; bursts begin and end on samples
+            own |= {"noise": self.shared["noise"], "step": self.shared["time"]["step"]}
         return digest({key: self.shared[key] for key in ("seed", "uncertainty")} | own)

@@ -11,13 +11,15 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.trials import Traces, Trials
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.experiment.config import ExperimentConfig, load_config
 from rmpc_bench.experiment.point import ConfigPoint
 from rmpc_bench.experiment.progress import Progress
+from rmpc_bench.experiment.recording import kept
 from rmpc_bench.experiment.runner import RESOLVED, compute
 from rmpc_bench.experiment.store import FILE, MissingError, Store
 from rmpc_bench.experiment.sweep import depends
+from rmpc_bench.experiment.traces import traces_of, units_of
 from rmpc_bench.simulation.ensemble import Group, joined
 from rmpc_bench.simulation.moments import Moments, exact_laws, exact_moments, signals
 from rmpc_bench.simulation.scenario import Experiment
@@ -113,6 +115,7 @@ def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: Kn
     without_runs = "runs" not in config.evaluate
     methods = tuple(name for name, frame in zip(names, frames, strict=True) if len(frame) or without_runs)
     plant = point.experiment.plant
+    traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
     return Trials(
         name=config.name,
         methods=methods,
@@ -125,8 +128,8 @@ def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: Kn
         relevant=config.statistics.relevant,
         seed=point.experiment.scenario.seed,
         Ts=0.0 if config.in_samples else plant.Ts,
-        units={"y": plant.y_unit, "u": plant.u_unit},
-        traces={name: trace for name in methods if (trace := _traces(point, store, name)) is not None},
+        units=units_of(plant, traces.values()),
+        traces=traces,
         point=point.coordinates,
         title=point.title,
         keys=point.method_keys,
@@ -190,19 +193,6 @@ def _frame(point: ConfigPoint, store: Store, name: str) -> pd.DataFrame:
     return pd.DataFrame({"method": name, "run": np.array(runs, dtype=np.int64), "status": status, **columns})
 
 
-def _traces(point: ConfigPoint, store: Store, name: str) -> Traces | None:
-    """Recorded runs of a method; None where there are none."""
-    experiment = point.experiment
-    recording = experiment.recording
-    if not recording.n_runs:
-        return None
-    found = {signal: store.traces(point.method_keys[name], signal, recording.n_runs) for signal in recording.signals}
-    runs = sorted(set.intersection(*(set(stored) for stored, _ in found.values())))
-    signals = {signal: array[np.isin(stored, runs)] for signal, (stored, array) in found.items()}
-    r = experiment.scenario.reference.sample(experiment.n_steps + 1)
-    return Traces(np.array(runs, dtype=np.int64), signals, r) if runs else None
-
-
 def with_point(frame: pd.DataFrame, point: Mapping[str, str]) -> pd.DataFrame:
     """Put the columns of a sweep in front of a table."""
     return pd.concat([pd.DataFrame(dict(point), index=frame.index, dtype=object), frame], axis=1)
@@ -213,9 +203,9 @@ def n_complete(config: ExperimentConfig, directory: Path) -> dict[str, int]:
     counts: dict[str, int] = {}
     with Store(directory, writable=False) as store:
         for point in config.points:
-            n_runs, recording = point.experiment.n_runs, point.experiment.recording
+            n_runs = point.experiment.n_runs
             for name, key in point.method_keys.items():
-                done = store.finished(key, point.metric_keys.values(), recording, n_runs)
+                done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
                 counts[name] = min(counts.get(name, n_runs), sum(run < n_runs for run in done))
     return counts
 

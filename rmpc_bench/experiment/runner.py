@@ -13,6 +13,7 @@ from rmpc_bench.experiment.engines import Done, Task
 from rmpc_bench.experiment.manifest import Session
 from rmpc_bench.experiment.point import ConfigPoint
 from rmpc_bench.experiment.progress import Progress, Silent, said_if_slow
+from rmpc_bench.experiment.recording import kept
 from rmpc_bench.experiment.store import Store, WriteError
 from rmpc_bench.experiment.yaml import dump, plain
 from rmpc_bench.simulation.scenario import Experiment
@@ -34,11 +35,11 @@ def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) ->
         return []
     tasks, seen = [], set()
     for number, point in enumerate(config.points):
-        n_runs, recording = point.experiment.n_runs, point.experiment.recording
+        n_runs = point.experiment.n_runs
         for name, key in point.method_keys.items():
             if name in methods and key not in seen:
                 seen.add(key)
-                done = store.finished(key, point.metric_keys.values(), recording, n_runs)
+                done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
                 missing = [run for run in range(n_runs) if run not in done]
                 tasks += [Task(name, *bounds, number) for bounds in _ranges(missing, config.execution.block)]
     # All methods of a block of runs come together, so that what an interrupted run leaves is comparable.
@@ -130,17 +131,19 @@ def _engine(experiments: Sequence[Experiment], tasks: list[Task], workers: int) 
 
 
 def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
-    """Do in this process, once, what every worker then finds done: compile the plants, finish the control laws."""
+    """Do in this process, once, what every worker then finds done: compile, and finish the designs of the methods."""
     for plant in {type(experiment.plant): experiment.plant for experiment in experiments}.values():
         if isinstance(plant, WarmsUp):
             with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
                 plant.warm_up()
     asked = {(task.point, task.method) for task in tasks}
-    laws = [experiments[point].method(name).controller for point, name in sorted(asked)]
-    text = "preparing the control laws (the first time, compiling them) ..."
+    methods = [experiments[point].method(name) for point, name in sorted(asked)]
+    parts: list[Any] = [part for method in methods for part in (method.estimator, method.controller)]
+    designs = [*(getattr(part, "model", None) for part in parts), *parts]
+    text = "preparing estimators and control laws (the first time, compiling them) ..."
     with said_if_slow(progress, text), engines.single_thread():
-        for law in {id(law): law for law in laws if isinstance(law, WarmsUp)}.values():
-            law.warm_up()
+        for design in {id(design): design for design in designs if isinstance(design, WarmsUp)}.values():
+            design.warm_up()
 
 
 def _store(store: Store, point: ConfigPoint, done: Done) -> None:

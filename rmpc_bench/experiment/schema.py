@@ -11,15 +11,14 @@ import inspect
 import sys
 from collections.abc import Callable, Sequence
 from functools import cache
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
     Tag,
     TypeAdapter,
@@ -29,6 +28,7 @@ from pydantic import (
 
 from rmpc_bench import registry
 from rmpc_bench.experiment import quantities
+from rmpc_bench.experiment.unions import union
 from rmpc_bench.experiment.yaml import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.types import OverTime, Problem
 
@@ -38,7 +38,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant"}),
     "controllers": frozenset({"model", "n_steps", "estimator"}),
     "references": frozenset({"ny", "Ts"}),
-    "noises": frozenset({"n"}),
+    "noises": frozenset({"n", "Ts"}),
     "metrics": frozenset({"units"}),
     "figures": frozenset({"trials"}),
 }
@@ -81,7 +81,7 @@ def with_quantities(annotation: Any) -> Any:
     if origin in (list, tuple, dict):
         return origin[tuple(argument if argument is ... else with_quantities(argument) for argument in arguments)]
     if origin in (Union, UnionType):
-        return _union(arguments)
+        return union(arguments, with_quantities)
     if inspect.isclass(annotation) and hasattr(annotation, "__dataclass_fields__"):
         return _record(annotation)
     return annotation
@@ -95,53 +95,6 @@ def _record(kind: type) -> Any:
         return kind(**{name: getattr(value, name) for name in type(value).model_fields})
 
     return Annotated[model, AfterValidator(make)]
-
-
-def _shape(value: Any) -> str:
-    if value is None:
-        return "nothing"
-    if isinstance(value, dict) or hasattr(value, "__dataclass_fields__"):
-        return "a mapping"
-    if isinstance(value, list | tuple):
-        return "a matrix" if value and isinstance(value[0], list | tuple) else "a list"
-    return "a number"
-
-
-def _union(members: Sequence[Any]) -> Any:
-    """Choose the member by the shape of the value, so that an error speaks of one member only."""
-    tagged: dict[str, Any] = {}
-    words: tuple[Any, ...] = ()
-    for member in members:
-        core = get_args(member)[0] if get_origin(member) is Annotated else member
-        if get_origin(core) is Literal:
-            words = get_args(core)
-            tagged["a word"] = member
-        elif core is NoneType:
-            tagged["nothing"] = member
-        elif get_origin(core) in (list, tuple):
-            inner = get_args(core)[0]
-            tagged["a matrix" if get_origin(inner) in (list, tuple) else "a list"] = with_quantities(member)
-        elif core in (float, int):
-            tagged["a number"] = with_quantities(member)
-        elif core is str:
-            tagged["text"] = member
-        else:
-            tagged["a mapping"] = with_quantities(member)
-
-    def choose(value: Any) -> str:
-        if isinstance(value, str) and value in words:
-            return "a word"
-        if isinstance(value, str) and ("text" in tagged or "a number" not in tagged):
-            return "text" if "text" in tagged else "a word"
-        shape = _shape(value)
-        return "a list" if shape == "a matrix" and "a matrix" not in tagged else shape
-
-    choices: Any = Union.__getitem__(tuple(Annotated[member, Tag(tag)] for tag, member in tagged.items()))
-    expected = " or ".join(tag for tag in tagged if tag != "nothing")
-    return Annotated[
-        choices,
-        Discriminator(choose, custom_error_type="shape", custom_error_message=f"expected {expected}"),
-    ]
 
 
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False, frozen=True, protected_namespaces=())
@@ -256,7 +209,7 @@ _WORDS: dict[str, str] = {
 def _message(entry: Any, kind: Any, steps: Sequence[str | int]) -> str:
     context = {**entry.get("ctx", {}), "message": entry["msg"]}
     if entry["type"] == "extra_forbidden":
-        known = _keys_at(kind, steps[:-1])
+        known = _keys_at(kind, entry["loc"][:-1])
         return registry.unknown(str(steps[-1]), known, "key")
     text = _WORDS.get(entry["type"], entry["msg"]).format(**context)
     return text if entry["type"] == "value_error" else f"{text} (got {shown(entry['input'])})"
@@ -272,13 +225,16 @@ def shown(value: Any) -> str:
 
 
 def _keys_at(kind: Any, steps: Sequence[str | int]) -> list[str]:
-    """Keys that are known at a path inside a model."""
+    """Keys that are known at a path of pydantic's inside a model: the tags of unions are steps of it."""
     if get_origin(kind) is Annotated:
         return _keys_at(get_args(kind)[0], steps)
     if get_origin(kind) in (Union, UnionType):
-        return [key for member in get_args(kind) for key in _keys_at(member, steps)]
+        tagged = {mark.tag: member for member in get_args(kind) for mark in get_args(member) if isinstance(mark, Tag)}
+        return _keys_at(tagged[str(steps[0])], steps[1:])
     if get_origin(kind) in (list, tuple) and steps:
-        return _keys_at(get_args(kind)[0], steps[1:])
+        entries = get_args(kind)
+        each = len(entries) == 1 or entries[1] is ...
+        return _keys_at(entries[0] if each else entries[int(steps[0])], steps[1:])
     if get_origin(kind) is dict and steps:
         return _keys_at(get_args(kind)[1], steps[1:])
     if not (inspect.isclass(kind) and issubclass(kind, BaseModel)):

@@ -76,10 +76,13 @@ give mean and covariance over the runs, too."""
 
 @dataclass(frozen=True)
 class Record:
-    """Which trajectories to keep: of no run, of the first N, or of all."""
+    """Which trajectories to keep: of no run, of the first N, or of all.
+
+    A signal is y, u, x, x_hat or what some method reports of itself, such as Q_yw; bursts of the noise come along.
+    """
 
     runs: Literal["none", "all"] | Count = "none"
-    signals: Annotated[list[Literal["y", "u", "x", "x_hat"]], Len(1)] = field(default_factory=lambda: ["y", "u"])
+    signals: Annotated[list[Text], Len(1)] = field(default_factory=lambda: ["y", "u"])
 
 
 @dataclass(frozen=True)

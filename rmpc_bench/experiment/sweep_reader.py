@@ -14,7 +14,7 @@ from rmpc_bench.experiment.yaml import Items, Map, Mark, join, locate, locate_ke
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
 
-SWEPT = ("seed", "uncertainty", "plant", "model", "noise", "initial", "reference", "estimator", "controller")
+SWEPT = ("seed", "time", "uncertainty", "plant", "model", "noise", "initial", "reference", "estimator", "controller")
 """Top-level keys whose paths may be swept, beside those of a method."""
 
 PARTS = ("model", "estimator", "controller")
@@ -217,6 +217,8 @@ class Reader:
 
     def _refusal(self, steps: Sequence[str]) -> str:
         """Say why a path cannot be swept; empty when it can."""
+        if steps[0] == "time":
+            return "" if steps[1:] == ["step"] else "of the time only its step can be swept: time.step"
         if steps[0] != "methods":
             return "" if steps[0] in SWEPT else unknown(steps[0], (*SWEPT, "methods"), "key that can be swept")
         methods = self.tree.get("methods")

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 FAR = 1e100  # matplotlib cannot draw the last values on the way to divergence; what lies beyond is drawn here
 ROUND = 1e-9  # of a sample: the rounding of a time that is a multiple of the sampling time
 HANDLE, PAD, GAP = 1.7, 0.5, 1.0  # of the legend, in units of the font size
+MOST_TRAVEL = 6.0  # times its range that a held signal may go up and down and still be drawn in dashes
 DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)))
 
 
@@ -130,19 +132,33 @@ def panels(figure: Figure, n: int, *, sharex: bool = True) -> list[Axes]:
     return rows
 
 
+def are_rough(signals: Sequence[Array]) -> bool:
+    """Whether some of the curves of a panel goes up and down so much that dashes would be lost in it."""
+    values = np.concatenate(signals)
+    reach = np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else 0.0
+    return any(bool(np.nansum(np.abs(np.diff(values))) > MOST_TRAVEL * reach) for values in signals)
+
+
 def drawable(values: Array) -> Array:
     """Bring what is too far away to where matplotlib can draw it; gaps stay gaps."""
     return np.where(np.isnan(values), np.nan, np.clip(values, -FAR, FAR))
 
 
-def make_logarithmic(axes: Axes) -> None:
-    """Make the vertical axis logarithmic, with more than powers of ten on it where it spans few of them."""
-    axes.set_yscale("log")
-    low, high = axes.get_ylim()
+def make_logarithmic(axes: Axes, *, horizontal: bool = False) -> None:
+    """Make the vertical axis logarithmic, with more than powers of ten on it where it spans few of them.
+
+    Parameters
+    ----------
+    axes : a panel
+    horizontal : the horizontal axis and not the vertical one
+    """
+    (axes.set_xscale if horizontal else axes.set_yscale)("log")
+    low, high = axes.get_xlim() if horizontal else axes.get_ylim()
     if high < 1e3 * low:
-        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        axis = axes.xaxis if horizontal else axes.yaxis
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def make_logarithmic_if_positive(axes: Axes, values: Sequence[Array]) -> str:
@@ -159,6 +175,7 @@ def finish(
     note: str = "",
     *,
     keys: Sequence[tuple[str, Artist]] = (),
+    columns: bool = False,
 ) -> None:
     """Write the note above the panels and the legend above all, then make the layout once for every resolution.
 
@@ -168,6 +185,7 @@ def finish(
     handles : label and sample of what the legend shows
     note : what is drawn, in plain words
     keys : label and sample of what the kinds of lines mean, which the legend shows in rows of their own
+    columns : whether panels stand beside each other; the note then stands above the legend, which there must be
     """
     limit = figure.get_figwidth() * POINTS_PER_INCH - FONT_SIZE
     entries = [(wrapped(typeset(label), limit - (HANDLE + PAD) * FONT_SIZE), handle) for label, handle in handles]
@@ -191,7 +209,9 @@ def finish(
             borderpad=0.0,
             borderaxespad=0.3,
         )
-    if lines:
+    if lines and columns:
+        figure.legends[0].set_title("\n".join(lines), prop=FontProperties(size=FONT_SIZE))
+    elif lines:
         figure.axes[0].set_title("\n".join(lines))
     height = -(-sum(len(text) for text, _ in entries) // n_columns) - 1 + len(lines)
     figure.set_figheight(figure.get_figheight() + max(0.0, height) * 1.25 * FONT_SIZE / POINTS_PER_INCH)

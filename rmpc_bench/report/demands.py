@@ -9,8 +9,19 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeAlias, TypeVar
 
-from rmpc_bench.report.keys import NO_BELIEF, NO_MOMENTS, NO_P, NO_STATES, other_states
-from rmpc_bench.report.points import MOST_PANELS, TOO_MANY
+from rmpc_bench.report.keys import (
+    MOST_MARKS,
+    NO_BELIEF,
+    NO_MOMENTS,
+    NO_OUTPUT,
+    NO_P,
+    NO_RUN,
+    NO_STATES,
+    SAME_METRIC,
+    TOO_CLOSE,
+    other_states,
+)
+from rmpc_bench.report.points import MOST_DOTS, MOST_PANELS, MOST_SIGNALS, TOO_MANY, TOO_MANY_DOTS
 from rmpc_bench.types import Outlook
 
 Mistakes: TypeAlias = list[tuple[str, str]]
@@ -18,6 +29,9 @@ Mistakes: TypeAlias = list[tuple[str, str]]
 
 USUAL = ("y", "u")
 """Signals that trajectories show unless told otherwise."""
+
+ERROR, OF_ERROR = "e", "y"
+"""The control error r - y, which is not recorded but made of y."""
 
 LACKING = "tells neither a set M nor a covariance P of its own"
 
@@ -51,18 +65,21 @@ def usual(recorded: Iterable[str]) -> tuple[str, ...]:
 def of_trajectories(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
     """Signals that are recorded, in a window of the experiment."""
     if not outlook.signals:
-        return [("", "no run is recorded; record some with `record: {runs: 1}`")]
+        return [("", NO_RUN)]
+    known = dict(outlook.signals)
+    if OF_ERROR in known:
+        known[ERROR] = known[OF_ERROR]
     found, n_panels = [], 0
     for text in usual(outlook.signals) if keys["signals"] is None else keys["signals"]:
         name, dot, index = text.partition(".")
-        n = outlook.signals.get(name)
-        if name not in outlook.signals:
+        n = known.get(name)
+        if name not in known:
             found.append(("signals", f"{name!r} is not recorded (recorded: {', '.join(outlook.signals)})"))
         elif dot and not (index.isdecimal() and (n is None or int(index) < n)):
             found.append(("signals", f"{text!r} is not a component (they count from {name}.0)"))
         n_panels += 1 if dot or n is None else n
-    if n_panels > MOST_PANELS and not found:
-        found.append(("signals", f"asks for {n_panels} panels (at most {MOST_PANELS}): choose components such as x.0"))
+    if n_panels > MOST_SIGNALS and not found:
+        found.append(("signals", f"asks for {n_panels} panels (at most {MOST_SIGNALS}): choose components such as x.0"))
     return found + _of_window(keys, outlook.end)
 
 
@@ -94,8 +111,7 @@ def of_tubes(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
     if not sizes:
         return [("", NO_BELIEF)]
     found += [("order", f"'{name}' {LACKING}") for name in shown if name in outlook.arrays and name not in sizes]
-    if keys["run"] >= outlook.n_recorded:
-        found.append(("run", f"run {keys['run']} is not recorded (recorded: {outlook.n_recorded}, from 0 on)"))
+    found += _of_run(keys, outlook)
     n = min((sizes[name] for name in shown if name in sizes), default=max(states) + 1)
     n_x = outlook.signals["x"]
     others = [other_states(name, sizes[name], n_x) for name in shown if name in sizes and sizes[name] != n_x]
@@ -112,6 +128,77 @@ def of_tubes(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
 def believed(shapes: Mapping[str, _Belief]) -> _Belief | None:
     """Choose what a method believes of its error: the set M, else the covariance P; None where it tells neither."""
     return shapes.get("M", shapes.get("P"))
+
+
+def of_elements(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """A recorded run of a method that reports such a square matrix, which fits."""
+    name, found = keys["signal"], _of_run(keys, outlook)
+    if outlook.n_recorded and name not in outlook.signals:
+        found.append(("signal", f"{name!r} is not recorded (recorded: {', '.join(outlook.signals)})"))
+    elif outlook.n_recorded:
+        having = {method: shapes[name] for method, shapes in outlook.reports.items() if name in shapes}
+        order = keys["order"] or list(having)
+        lacking = [method for method in order if method in outlook.reports and method not in having]
+        found += [("order", f"'{method}' does not report {name}") for method in lacking if having]
+        shapes = [having[method] for method in order if method in having] if having else [None]
+        found += [("signal", not_square(name, shape)) for shape in shapes if not is_square(shape)][:1]
+        sizes = [shape[0] for shape in shapes if shape and is_square(shape)]
+        found += [("width", text) for text in [too_narrow(max(sizes, default=1), keys["width"])] if text]
+    return found + _of_window(keys, outlook.end)
+
+
+def is_square(shape: tuple[int, ...] | None) -> bool:
+    """Whether it is that of a square matrix."""
+    return shape is not None and len(shape) == 2 and shape[0] == shape[1]
+
+
+def not_square(signal: str, shape: tuple[int, ...] | None) -> str:
+    """Say that a signal is no square matrix."""
+    sizes = f" ({' x '.join(map(str, shape))})" if shape else ""
+    return f"{signal} is no square matrix{sizes}: show it with trajectories"
+
+
+def too_narrow(n: int, width: float) -> str:
+    """Say how wide a picture of n columns must be; nothing where it is."""
+    least = 0.5 + 0.9 * n
+    return "" if width >= least else f"{n} columns need a width of {least:g} inches (got {width:g})"
+
+
+def of_plane(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """A recorded run with its output, two components of it, and time marks that can be told apart."""
+    found = _of_run(keys, outlook)
+    n = outlook.signals.get("y")
+    if outlook.n_recorded and "y" not in outlook.signals:
+        found.append(("", NO_OUTPUT))
+    found += [
+        ("components", f"there is no output {index} (they count from 0 to {n - 1})")
+        for index in keys["components"]
+        if n is not None and index >= n
+    ][:1]
+    if len(set(keys["components"])) < 2:
+        found.append(("components", "must be two different outputs"))
+    first, last = keys["from_"] or 0.0, outlook.end if keys["to"] is None else min(keys["to"], outlook.end)
+    if keys["marks"] and outlook.end and (last - first) / keys["marks"] > MOST_MARKS:
+        found.append(("marks", TOO_CLOSE))
+    return found + _of_window(keys, outlook.end)
+
+
+def of_pareto(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """Two metrics, and no more points than can be told apart."""
+    found = [("y", SAME_METRIC)] if keys["x"] == keys["y"] else []
+    n_methods = len(keys["order"] or outlook.arrays)
+    if n_methods > MOST_DOTS or (n_methods * outlook.n_points > MOST_DOTS and not keys["at"]):
+        found.append(("at", f"up to {n_methods * outlook.n_points} points {TOO_MANY_DOTS}"))
+    return found
+
+
+def _of_run(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:
+    """A run that is recorded."""
+    if not outlook.n_recorded:
+        return [("", NO_RUN)]
+    if keys["run"] < outlook.n_recorded:
+        return []
+    return [("run", f"run {keys['run']} is not recorded (recorded: {outlook.n_recorded}, from 0 on)")]
 
 
 def of_variance_with_bound(keys: Mapping[str, Any], outlook: Outlook) -> Mistakes:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rmpc_bench.report import points
-from rmpc_bench.report.demands import demands, of_boxplot, of_series, of_trajectories
-from rmpc_bench.report.keys import Inches, SingleRuns, methods_of, metric_of, recorded, size_of
+from rmpc_bench.report.demands import demands, of_boxplot, of_pareto, of_series, of_trajectories
+from rmpc_bench.report.keys import SAME_METRIC, Inches, SingleRuns, methods_of, metric_of, recorded, size_of
 from rmpc_bench.report.points import Values
-from rmpc_bench.types import NonNegative, Panel
+from rmpc_bench.types import DesignError, NonNegative, Panel
 
 FORMATS: dict[str, dict[str, Any]] = {
     ".svg": {"metadata": {"Date": None, "Creator": None}},
@@ -89,13 +89,14 @@ def trajectories(
     """Draw recorded signals over time, one panel each, the methods in one panel and the reference dashed.
 
     Of one recorded run the picture shows its lines; of several the median (thick), the band from 5 to 95 % and single
-    runs (thin), without the runs that failed.
+    runs (thin), without the runs that failed.  Bursts of the noise are shaded where they are the same in all runs that
+    are shown.  A method without a signal is left out of its panels.
 
     Parameters
     ----------
     trials : the table of trials
-    signals : signals to show, from top to bottom, such as y, u or, a single component counted from 0, x_hat.2; y and u
-        if not given
+    signals : signals to show, from top to bottom, such as y, u, what a method reports, the control error e = r - y or,
+        a single component counted from 0, x_hat.2; the components of a matrix count row by row; y and u if not given
     from_ : first time to show [s]
     to : last time to show [s]
     runs : how many single runs to show beside median and band, from the first one on
@@ -124,6 +125,61 @@ def trajectories(
     window = window_of(point, len(point.traces[methods[0]].r) - 1, from_, to)
     size = size_of(width, height, 0.8 + 1.2 * len(rows))
     return draw(point, title, methods, rows, window, runs, size, edges=edges)
+
+
+@demands(of_pareto)
+def pareto(
+    trials: Trials,
+    *,
+    x: str,
+    y: str,
+    bars: Literal["quartiles", "se"] = "quartiles",
+    front: bool = True,
+    log: bool = False,
+    width: Inches = 3.5,
+    height: Inches | None = None,
+    order: list[str] | None = None,
+    at: list[Values] | None = None,
+) -> Figure:
+    """Draw a point per method in the plane of two metrics, with its spread over the runs, and join the best ones.
+
+    A point is not dominated, and filled, where none is better in one metric and at least as good in the other.  A step
+    line joins these.  Of a metric that is best at 0 the absolute value counts, of a ratio that is best at 1 that of its
+    logarithm.  Runs that failed are left out, and so are methods with a median or mean that is never.  The points that
+    a method has in a sweep are joined in its order; they are compared with all others, so the sweep should not change
+    the truth.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    x : name of the metric of the horizontal axis
+    y : name of the metric of the vertical axis
+    bars : quartiles shows medians with the middle half of the runs, se means with their standard errors
+    front : whether to show which points are not dominated
+    log : logarithmic axes; linear nevertheless, and said so, where a value is not positive
+    width : of the whole picture [in]
+    height : of the whole picture [in], if not given 0.8 of the width; what legend and title need beyond a line is added
+    order : methods to show, later ones above earlier ones; all if not given
+    at : points of the sweep to show, each by values of its paths; all if not given
+
+    Returns
+    -------
+    the picture, for `save`
+
+    Raises
+    ------
+    DesignError
+        when a metric, method or point is unknown, both metrics are the same, no method has a value of both, or there
+        are too many points
+    """
+    if x == y:
+        raise DesignError(SAME_METRIC, "y")
+    shown, infos = points.wanted(trials, at), (metric_of(trials, x, "x"), metric_of(trials, y, "y"))
+    methods = methods_of(trials, order)
+    from rmpc_bench.report.pareto import dots_of, draw
+
+    dots = dots_of(shown, methods, infos, bars)
+    return draw(trials, dots, infos, size_of(width, height, 0.8 * width), bars=bars, front=front, log=log)
 
 
 @demands(of_series)

@@ -23,7 +23,13 @@ OneOrTwo = Annotated[tuple[Index, ...], Len(1, 2)]
 Level = Annotated[float, Gt(0), Lt(1)]
 MOST_RADII = 4
 Radii = Annotated[tuple[Positive, ...], Len(1, MOST_RADII)]
+MOST_MARKS = 50
+"""Time marks along a path."""
 
+NO_RUN = "no run is recorded; record some with `record: {runs: 1}`"
+NO_OUTPUT = "needs recorded outputs: record: {runs: 1, signals: [y]}"
+TOO_CLOSE = f"more than {MOST_MARKS} time marks cannot be told apart: name a longer time"
+SAME_METRIC = "must be another metric than x"
 NO_MOMENTS = "needs ensemble moments: evaluate: [runs, moments]"
 NO_P = "none of these methods tells a covariance P of its own"
 NO_BELIEF = "none of these methods tells a set M or a covariance P of its own"
@@ -70,7 +76,7 @@ def recorded(point: Trials, order: list[str] | None) -> Sequence[str]:
     """Methods to show, all of which have recorded runs."""
     having = [name for name in point.methods if name in point.traces and len(point.traces[name].runs)]
     if not having:
-        raise DesignError("no run is recorded; record some with `record: {runs: 1}`", "")
+        raise DesignError(NO_RUN, "")
     for name in methods_of(point, order) if order is not None else ():
         if name not in having:
             raise DesignError(f"no run of '{name}' is recorded (recorded: {', '.join(having)})", "order")

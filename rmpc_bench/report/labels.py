@@ -13,7 +13,8 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.style import FONT, FONT_SIZE
 
 POINTS_PER_INCH = 72
-GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho"}
+GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho", "Lambda": "Lambda", "Pi": "Pi"}
+ACCENTS = ("hat", "breve")
 
 
 def typeset(text: str) -> str:
@@ -39,12 +40,25 @@ def with_unit(name: str, unit: str) -> str:
 
 def symbol(name: str, component: str = "") -> str:
     """Typeset a signal or a quantity, such as x_hat, and the component of it that is shown (counted from 0)."""
-    core = name.removesuffix("_hat")
-    if len(core) == 1 and core.isalpha():
-        shown = rf"$\hat{{{core}}}$" if core != name else f"${core}$"
-    else:
-        shown = rf"$\{GREEK[name]}$" if name in GREEK else literal(name)
+    formula = _formula(name)
+    shown = f"${formula}$" if formula else literal(name)
     return f"{shown}[{component}]" if component else shown
+
+
+def _formula(name: str) -> str:
+    """A letter with an accent or with a short index, such as r_breve or Q_yw; empty for other names."""
+    for accent in ACCENTS:
+        core = name.removesuffix(f"_{accent}")
+        if core != name:
+            return rf"\{accent}{{{letter}}}" if (letter := _letter(core)) else ""
+    core, _, index = name.partition("_")
+    if not index:
+        return _letter(name)
+    return f"{letter}_{{{index}}}" if (letter := _letter(core)) and index.isalnum() and len(index) <= 2 else ""
+
+
+def _letter(name: str) -> str:
+    return rf"\{GREEK[name]}" if name in GREEK else name if len(name) == 1 and name.isalpha() else ""
 
 
 def wrapped(text: str, limit: float) -> list[str]:

@@ -13,7 +13,11 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 MOST_PANELS = 6
+MOST_SIGNALS = 8
+"""Panels of trajectories: low ones do, and four inputs beside three errors are usual."""
 TOO_MANY = f"do not fit (at most {MOST_PANELS}): name fewer methods or states"
+MOST_DOTS = 60
+TOO_MANY_DOTS = f"cannot be told apart (at most {MOST_DOTS}): name some points of the sweep, or fewer methods"
 Values: TypeAlias = dict[str, Any]
 """Values by path of the sweep, such as ``{controller.Hp: 10}``; every one as the sweep gives it, or its name."""
 
@@ -35,14 +39,7 @@ def chosen(trials: Trials, at: Sequence[Values] | None) -> tuple[Trials, ...]:
     DesignError
         when `at` names no point, or there are more than `MOST_PANELS`
     """
-    if at is None:
-        points = list(trials.each)
-    else:
-        points = []
-        for values in at:
-            points += [point for point in _having(trials, values) if point not in points]
-        if not points:
-            raise DesignError("must name at least one point", "at")
+    points = wanted(trials, at)
     if len(points) > MOST_PANELS:
         example = ", ".join(f"{path}: {value}" for path, value in points[0].point.items())
         raise DesignError(
@@ -51,6 +48,29 @@ def chosen(trials: Trials, at: Sequence[Values] | None) -> tuple[Trials, ...]:
             "at",
         )
     return tuple(points)
+
+
+def wanted(trials: Trials, at: Sequence[Values] | None) -> Sequence[Trials]:
+    """Find points, however many.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    at : values by path, each of which picks all points that have them; all points if not given
+
+    Raises
+    ------
+    DesignError
+        when `at` names no point
+    """
+    if at is None:
+        return trials.each
+    points: list[Trials] = []
+    for values in at:
+        points += [point for point in _having(trials, values) if point not in points]
+    if not points:
+        raise DesignError("must name at least one point", "at")
+    return points
 
 
 def fitting(n_panels: int) -> int:
@@ -113,11 +133,11 @@ def _having(trials: Trials, values: Values) -> Sequence[Trials]:
     for path in values:
         if path not in trials.paths:
             raise DesignError(f"'{path}' is not a path of the sweep (known: {', '.join(trials.paths)})", "at")
-    wanted = {path: value_text(value) for path, value in values.items()}
-    found = [point for point in trials.points if lies_at(point.point, wanted)]
+    texts = {path: value_text(value) for path, value in values.items()}
+    found = [point for point in trials.points if lies_at(point.point, texts)]
     if not found:
         listed = [short(point) for point in trials.points[:MOST_PANELS]]
         there = "; ".join([*listed, "..."] if len(trials.points) > MOST_PANELS else listed)
-        sought = ", ".join(f"{path}={text}" for path, text in wanted.items())
+        sought = ", ".join(f"{path}={text}" for path, text in texts.items())
         raise DesignError(f"no point of the sweep has {sought} (there are {there})", "at")
     return found

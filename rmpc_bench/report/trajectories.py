@@ -12,18 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rmpc_bench.analysis.trials import Traces, Trials
-from rmpc_bench.report import curves
-from rmpc_bench.report.curves import Window
-from rmpc_bench.report.demands import usual
+from rmpc_bench.report import bursts, curves
+from rmpc_bench.report.curves import Look, Window
+from rmpc_bench.report.demands import ERROR, OF_ERROR, usual
 from rmpc_bench.report.labels import symbol, with_unit
-from rmpc_bench.report.points import MOST_PANELS
+from rmpc_bench.report.points import MOST_SIGNALS
 from rmpc_bench.report.style import REFERENCE, style
 from rmpc_bench.types import Array, DesignError, Status
 
-HELD = {"u"}
-"""Signals that are constant over a sample."""
 BAND = (0.05, 0.95)
-MOST_TRAVEL = 6.0  # times its range that a held signal may go up and down and still be drawn in dashes
 
 
 class Shown(NamedTuple):
@@ -42,6 +39,20 @@ class Row(NamedTuple):
     signal: str
     component: int
     label: str
+
+    def values(self, traces: Traces) -> Array:
+        """Values of the recorded runs, (runs, samples); a signal that is held has none at the last sample."""
+        if self.signal == ERROR:
+            return np.asarray(traces.r[:, self.component] - traces.signals[OF_ERROR][:, :, self.component])
+        return traces.signals[self.signal][:, :, self.component]
+
+    def is_shown(self, traces: Traces) -> bool:
+        """Whether a method has it."""
+        return (OF_ERROR if self.signal == ERROR else self.signal) in traces.signals
+
+    def is_held(self, traces: Traces) -> bool:
+        """Whether it is constant over a sample, as the input is and whatever else the controller says."""
+        return self.is_shown(traces) and self.values(traces).shape[1] < len(traces.r)
 
 
 def draw(
@@ -68,9 +79,9 @@ def draw(
     size : width and height [in]
     edges : whether bands have lines around them
     """
+    methods = [name for name in methods if any(row.is_shown(point.traces[name]) for row in rows)]
     looks = curves.looks(point.methods, methods)
     shown = {name: _shown(point, name) for name in methods}
-    all_failed = all(one.failed for one in shown.values())
     with style():
         figure = Figure(figsize=size, layout="constrained")
         panels = curves.panels(figure, len(rows))
@@ -84,14 +95,9 @@ def draw(
             if row.signal == "y":
                 reference = _draw_reference(axes, point.traces[methods[0]], row, window)
                 handles += [("reference", reference)] if len(handles) == len(methods) else []
-            for name in sorted(methods, key=lambda name: shown[name].failed):
-                t, values = _curves(point.traces[name], row, window, shown[name].rows)
-                limits = axes.get_ylim()
-                main = looks[name].line(held=row.signal in HELD, rough=solid)
-                _draw_runs(axes, t, values, main, n_single, edges=edges)
-                if shown[name].failed and not all_failed:
-                    axes.set_ylim(limits)  # what fails may go far away; it must not shrink the others
-            axes.set_ylabel(row.label)
+            _draw_panel(axes, point, row, window, shown, looks, n_single, rough=solid, edges=edges)
+        bands = bursts.spans(bursts.bursts_of(point, {name: one.rows for name, one in shown.items()}), window)
+        handles += bursts.shade(panels, bands)
         panels[-1].set_xlim(*window.limits)
         panels[-1].set_xlabel(window.label)
         note = _note(point, methods, shown, n_single)
@@ -101,28 +107,38 @@ def draw(
 
 def rows_of(point: Trials, methods: Sequence[str], signals: Sequence[str] | None) -> list[Row]:
     """Find the panels that signals such as ``y`` or ``x_hat.2`` ask for; a signal stands for all its components."""
-    widths = {
-        name: min(point.traces[method].signals[name].shape[2] for method in methods)
-        for name in point.traces[methods[0]].signals
-        if all(name in point.traces[method].signals for method in methods)
-    }
+    widths, shapes = _recorded(point, methods)
+    known = widths | ({ERROR: widths[OF_ERROR]} if OF_ERROR in widths else {})
     found = []
     for text in usual(widths) if signals is None else signals:
         name, dot, index = text.partition(".")
-        if name not in widths:
+        if name not in known:
             recorded = ", ".join(widths) or "none"
             raise DesignError(f"'{name}' is not a recorded signal (recorded: {recorded})", "signals")
-        n = widths[name]
+        n = known[name]
         if dot and not (index.isdecimal() and int(index) < n):
             raise DesignError(f"'{text}' is not a component: those of {name} are {name}.0 to {name}.{n - 1}", "signals")
-        unit = point.units.get(name, "")
         for component in [int(index)] if dot else range(n):
-            label = with_unit(symbol(name, str(component) if n > 1 else ""), point.units.get(text, unit))
-            found.append(Row(name, component, label))
-    if not 1 <= len(found) <= MOST_PANELS:
-        message = f"{len(found)} panels are asked for, there may be 1 to {MOST_PANELS}: choose components such as x.0"
+            of = OF_ERROR if name == ERROR else name
+            unit = point.units.get(f"{of}.{component}", point.units.get(of, ""))
+            place = ",".join(map(str, np.unravel_index(component, shapes.get(name, (n,))))) if n > 1 else ""
+            found.append(Row(name, component, with_unit(symbol(name, place), unit)))
+    if not 1 <= len(found) <= MOST_SIGNALS:
+        message = f"{len(found)} panels are asked for, there may be 1 to {MOST_SIGNALS}: choose components such as x.0"
         raise DesignError(message, "signals")
     return found
+
+
+def _recorded(point: Trials, methods: Sequence[str]) -> tuple[dict[str, int], dict[str, tuple[int, ...]]]:
+    """Numbers of components that every method has of a signal, if it has it, and shapes of what they report."""
+    widths: dict[str, int] = {}
+    shapes: dict[str, tuple[int, ...]] = {}
+    for name in methods:
+        traces = point.traces[name]
+        for signal, values in traces.signals.items():
+            widths[signal] = min(values.shape[2], widths.get(signal, values.shape[2]))
+        shapes |= traces.shapes
+    return widths, shapes
 
 
 def _shown(point: Trials, method: str) -> Shown:
@@ -136,7 +152,7 @@ def _shown(point: Trials, method: str) -> Shown:
 
 def _curves(traces: Traces, row: Row, window: Window, rows: Array) -> tuple[Array, Array]:
     """Times and the values of the runs that count; an input, which is held, has a value at its end, too."""
-    values = traces.signals[row.signal][rows, :, row.component]
+    values = row.values(traces)[rows]
     missing = len(traces.r) - values.shape[1]
     values = np.concatenate([values, np.repeat(values[:, -1:], missing, axis=1)], axis=1)
     shown = slice(window.first, window.last + 1)
@@ -145,13 +161,37 @@ def _curves(traces: Traces, row: Row, window: Window, rows: Array) -> tuple[Arra
 
 def _is_rough(point: Trials, row: Row, window: Window, shown: Mapping[str, Shown]) -> bool:
     """Whether some method's steps go up and down so much that dashes would be lost in them."""
-    if row.signal not in HELD:
+    having = [name for name in shown if row.is_held(point.traces[name])]
+    if not having:
         return False
-    names = [name for name, one in shown.items() if not one.failed] or list(shown)
+    names = [name for name in having if not shown[name].failed] or having
     main = [np.median(_curves(point.traces[name], row, window, shown[name].rows)[1], axis=0) for name in names]
-    values = np.concatenate(main)
-    reach = np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else 0.0
-    return any(np.nansum(np.abs(np.diff(values))) > MOST_TRAVEL * reach for values in main)
+    return curves.are_rough(main)
+
+
+def _draw_panel(
+    axes: Axes,
+    point: Trials,
+    row: Row,
+    window: Window,
+    shown: Mapping[str, Shown],
+    looks: Mapping[str, Look],
+    n_single: int,
+    *,
+    rough: bool,
+    edges: bool,
+) -> None:
+    """Draw the methods that have the signal of a panel."""
+    having = [name for name in shown if row.is_shown(point.traces[name])]
+    all_failed = all(one.failed for one in shown.values())
+    for name in sorted(having, key=lambda name: shown[name].failed):
+        t, values = _curves(point.traces[name], row, window, shown[name].rows)
+        limits = axes.get_ylim()
+        main = looks[name].line(held=row.is_held(point.traces[name]), rough=rough)
+        _draw_runs(axes, t, values, main, n_single, edges=edges)
+        if shown[name].failed and not all_failed:
+            axes.set_ylim(limits)  # what fails may go far away; it must not shrink the others
+    axes.set_ylabel(row.label)
 
 
 def _draw_runs(axes: Axes, t: Array, values: Array, main: Mapping[str, Any], n_single: int, *, edges: bool) -> None:

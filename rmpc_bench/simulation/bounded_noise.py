@@ -6,6 +6,7 @@ Source  ma2025, (1), (74), (75); Section V for the skewed cube, whose points may
         becomes of them.
 Limit   skew 1/2 and outside `reject` give the law `uniform`.
 Sums    laws add up, {sum: [{gaussian: {cov: 0.25}}, {ellipsoid: {shape: 5}}]}; each has a random stream of its own.
+Bursts  times at which the box is larger; the law is then another at every k, and tells no moments.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt, symmetrise
-from rmpc_bench.types import Array, DesignError, Matrix, NonNegative
+from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
+from rmpc_bench.simulation.bursts import Burst, BurstyNoise, RandomBursts, placed
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
 Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
 SKEW = 0.9
@@ -156,9 +158,14 @@ class BoundedNoise:
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run."""
-        u = np.ascontiguousarray(self.points.draw(rng, n_samples, len(self.center)))
-        noise: Array = self.center + np.einsum("ij,kj->ki", self.factor, u)
+        noise: Array = self.center + self.deviation(rng, n_samples)
         return noise
+
+    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run without its center."""
+        u = np.ascontiguousarray(self.points.draw(rng, n_samples, len(self.center)))
+        deviation: Array = np.einsum("ij,kj->ki", self.factor, u)
+        return deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,21 +186,40 @@ class KnownBoundedNoise(BoundedNoise):
         return symmetrise(self.factor @ self.points.moments(len(self.center)).cov @ self.factor.T)
 
 
-def uniform(n: int, *, radius: NonNegative | list[NonNegative], center: float | list[float] = 0.0) -> KnownBoundedNoise:
-    """Noise uniform between center - radius and center + radius, independent in every coordinate.
+def uniform(
+    n: int,
+    Ts: Positive = 1.0,
+    *,
+    radius: NonNegative | list[NonNegative],
+    center: float | list[float] = 0.0,
+    mix: Matrix | Array | None = None,
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> KnownBoundedNoise | BurstyNoise:
+    """Noise center + mix diag(radius) u, every coordinate of u uniform in [-1, 1] and independent of the others.
+
+    Without `mix` it is uniform between center - radius and center + radius.
 
     Parameters
     ----------
     n : dimension
+    Ts : sampling time [s], for bursts
     radius : a number (in every coordinate) or one per coordinate
     center : a number (in every coordinate) or one per coordinate
+    mix : correlates the coordinates: a number (times the identity), a diagonal or a matrix; the identity unless given
+    bursts : times at which the deviation from the center is `factor` times as wide; where they overlap, the factors
+        multiply.  A list of {from: 3.4, to: 4.0, factor: 2} (seconds, ends included), the same in every run, or random
+        ones, {within: [[1, 3.8], [4.6, 7]], duration: [0.3, 0.8], factor: [1.5, 3]}
 
     Raises
     ------
     DesignError
-        If a size does not fit.
+        If a size does not fit, or a burst has no place.
     """
-    return KnownBoundedNoise(_vector("center", center, n), np.diag(_vector("radius", radius, n)), Box())
+    factor = np.diag(_vector("radius", radius, n))
+    if mix is not None:
+        factor = _matrix("mix", mix, n) @ factor
+    steady = KnownBoundedNoise(_vector("center", center, n), factor, Box())
+    return BurstyNoise(steady, placed(bursts, Ts)) if bursts else steady
 
 
 def ellipsoid(
@@ -258,6 +284,13 @@ def _root(M: Float[Array, "n n"], kind: str) -> Float[Array, "n n"]:
         raise DesignError(f"the shape is singular: it has a symmetric root only (got {kind!r})", "root")
     lower: Array = np.linalg.cholesky(M)
     return lower if kind == "lower" else lower.T
+
+
+def _matrix(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
+    try:
+        return as_matrix(value, n)
+    except ValueError as error:
+        raise DesignError(str(error), name) from None
 
 
 def _vector(name: str, value: float | list[float], n: int) -> Float[Array, " n"]:

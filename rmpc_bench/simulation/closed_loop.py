@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,8 @@ from rmpc_bench.types import Array, Informed, Method, MixesNoise, Plant, Record,
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)  # looked up once: members of an enum are slow to reach
 LARGEST = 1e100
 """Beyond this a run counts as diverged: its square must still be a number that can be summed."""
+SIGNALS = ("y", "u", "x", "x_hat")
+"""What every run has; whatever else is recorded is something that the method reports, or the bursts of the noise."""
 
 
 class Block(NamedTuple):
@@ -44,12 +46,18 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
         draws = experiment.scenario.draw(plant, runs, n_steps)
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
     P, M = (any(getattr(metric, name, False) for metric in experiment.metrics) for name in ("needs_P", "needs_M"))
-    record, status = simulate(plant, method, draws, r, n_steps, with_P=P, with_M=M)
+    info = {name for metric in experiment.metrics for name in getattr(metric, "needs_info", ())}
+    info |= set(recording.signals) - set(SIGNALS)
+    record, status = simulate(plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info)
     ok = status == OK
     with np.errstate(over="ignore", invalid="ignore"):  # of failed runs
         values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
     n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
-    traces = {name: getattr(record, name)[:n_recorded] for name in recording.signals if n_recorded}
+    traces = {
+        name: trace[:n_recorded]
+        for name in recording.signals
+        if n_recorded and (trace := _signal(record, name)) is not None
+    }
     ensemble = groups(record.x, record.x_hat, ok, runs) if recording.ensemble else ()
     return Block(status, np.array(values).reshape(len(values), len(ok)), traces, ensemble)
 
@@ -63,6 +71,7 @@ def simulate(
     *,
     with_P: bool = False,
     with_M: bool = False,
+    info: Collection[str] = (),
 ) -> tuple[Record, Statuses]:
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
@@ -75,13 +84,15 @@ def simulate(
     r : reference from k = 0 on, n_steps + the controller's preview samples at least
     n_steps : number of control periods N
     with_P, with_M : whether to record the covariance and the set that the estimator believes
+    info : what to record of all that estimator and controller report
     """
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
     mixes = isinstance(plant, MixesNoise)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if isinstance(plant, MixesNoise) else (draws.w, draws.v)
     e, c = _start(estimator, n_runs, draws.delta), controller.init(n_runs)
-    status, trail, P, M = np.full(n_runs, OK), _Trail(n_steps), list[Array | None](), list[Array | None]()
+    status, P, M = np.full(n_runs, OK), list[Array | None](), list[Array | None]()
+    trail, inputs = _Trail(n_steps + 1), _Trail(n_steps)
     still = np.zeros_like(v[:, 0])
     with np.errstate(over="ignore", invalid="ignore"):  # a run that overflows is marked, not warned of
         for k in range(n_steps + 1):
@@ -89,7 +100,7 @@ def simulate(
             y = y_true + v[:, k] if mixes else plant.output(k, draws.delta, x, v[:, k])
             e, estimate = estimator.correct(k, e, y)
             status = _first(status, estimate.status, estimate.x_hat)
-            trail.at(k, x=x, y=y_true, x_hat=estimate.x_hat)
+            trail.at(k, x=x, y=y_true, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
             P.append(estimate.P if with_P else None)
             M.append(estimate.M if with_M else None)
             if k == n_steps:
@@ -99,29 +110,42 @@ def simulate(
             motion = plant.step(k, draws.delta, x, command.u, w[:, k])
             status = _first(status, motion.status, motion.x)
             x = motion.x if (status == OK).all() else np.where((status == OK)[:, None], motion.x, x)
-            trail.at(k, u=command.u)
+            inputs.at(k, u=command.u, **_wanted(command.info, info))
             e = estimator.predict(k, e, command.u)
-    x_all, y_all, x_hat_all, u_all = (trail.of(name) for name in ("x", "y", "x_hat", "u"))
-    r = r[: n_steps + 1]
-    return Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r, _stacked(P), _stacked(M), controller), status
+    signals = {**trail.all(), **inputs.all()}
+    x_all, y_all, x_hat_all, u_all = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
+    record = Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r[: n_steps + 1], _stacked(P), _stacked(M), controller)
+    return record._replace(info=signals, bursts=draws.bursts), status
 
 
 class _Trail:
     """What happened: signal by signal, k by k."""
 
-    def __init__(self, n_steps: int) -> None:
-        self.n_steps, self.signals = n_steps, dict[str, Array]()
+    def __init__(self, n_samples: int) -> None:
+        self.n_samples, self.signals = n_samples, dict[str, Array]()
 
     def at(self, k: int, **values: Array) -> None:
-        """Keep the values (runs, n) of signals at k; there is no input at the last one."""
+        """Keep the values (runs, n) of signals at k."""
         for name, value in values.items():
             if k == 0:
-                self.signals[name] = np.empty((self.n_steps + (name != "u"), *value.shape))
+                self.signals[name] = np.empty((self.n_samples, *value.shape))
             self.signals[name][k] = value
 
-    def of(self, name: str) -> Float[Array, "runs samples n"]:
-        """Return a signal with the run first and contiguous in memory: sums over time do not depend on other runs."""
-        return np.ascontiguousarray(self.signals[name].transpose(1, 0, 2))
+    def all(self) -> dict[str, Array]:
+        """Signals with the run first and contiguous in memory: sums over time do not depend on other runs."""
+        return {name: np.ascontiguousarray(signal.transpose(1, 0, 2)) for name, signal in self.signals.items()}
+
+
+def _wanted(info: Mapping[str, Array], names: Collection[str]) -> dict[str, Float[Array, "runs _"]]:
+    """What is to be recorded of what a part reports, one row per run."""
+    return {name: value.reshape(len(value), -1) for name, value in info.items() if name in names}
+
+
+def _signal(record: Record, name: str) -> Float[Array, "runs _ _"] | None:
+    """Trajectories to keep; None of what the method does not report."""
+    if name == "bursts":
+        return None if record.bursts is None else record.bursts[:, :, None].astype(float)
+    return getattr(record, name) if name in SIGNALS else record.info.get(name)
 
 
 def _start(estimator: Any, n_runs: int, delta: Any) -> Any:

@@ -45,6 +45,8 @@ class Units(NamedTuple):
     plant: Plant | None = None
     methods: tuple[Method, ...] = ()
     """With the plant, for what a metric must refuse before any run; without them it refuses when it is evaluated."""
+    bursts: bool | None = None
+    """Whether a law of the measurement noise has bursts; None where nobody knows."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ class SampleMetric:
     """Whether it reads `Record.P`, which is not kept for other metrics."""
     needs_M: bool = False
     """Whether it reads `Record.M`, likewise."""
+    needs_info: tuple[str, ...] = ()
+    """What it reads of `Record.info`, likewise."""
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """One value per run."""

@@ -10,7 +10,8 @@ from annotated_types import Gt, Lt
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_vector
-from rmpc_bench.types import Array, DesignError, Positive
+from rmpc_bench.numerics.s_shape import ANGLE, DURATION, HEIGHT, WIDTH, s_curve
+from rmpc_bench.types import Array, DesignError, NonNegative, Positive
 
 
 @runtime_checkable
@@ -103,3 +104,51 @@ def square(
         raise DesignError(str(error), "values") from None
     longest = 2**53  # samples; what lies beyond never comes
     return Square(first, second, min(round(samples), longest), min(round(edge), longest - 1))
+
+
+@dataclass(frozen=True, eq=False)
+class SShape:
+    """An S in the plane, with a turn there and back."""
+
+    Ts: float
+    duration: float
+    width: float
+    height: float
+    angle: float
+
+    def sample(self, n_samples: int) -> Float[Array, "samples 3"]:
+        """Values at k = 0..n_samples - 1."""
+        return s_curve(np.arange(n_samples) * self.Ts, self.duration, self.width, self.height, self.angle)
+
+
+def s_shape(
+    ny: int,
+    Ts: float,
+    *,
+    duration: Positive = DURATION,
+    width: NonNegative = WIDTH,
+    height: NonNegative = HEIGHT,
+    angle: float = ANGLE,
+) -> SShape:
+    """S with hooks in the plane for three outputs (x, y and the angle), from rest to rest, then held.
+
+    With s = min(t/duration, 1), g = 10 s^3 - 15 s^4 + 6 s^5 and f = (5/4 g - 1/8) pi: x = -width sin 2f,
+    y = height cos f, and the angle is `angle` sin^2(pi g).  The paper that uses an S (belda2017) gives no equation.
+
+    Parameters
+    ----------
+    ny : number of outputs
+    Ts : sampling time [s]
+    duration : time from rest to rest [s]
+    width : largest distance from the vertical axis [m]
+    height : the same from the horizontal one [m]
+    angle : turn at half time [rad]
+
+    Raises
+    ------
+    DesignError
+        If the plant has another number of outputs than 3.
+    """
+    if ny != 3:
+        raise DesignError(f"is a path for x, y and an angle, but the plant has {ny} outputs; use another kind", "kind")
+    return SShape(Ts, duration, width, height, angle)

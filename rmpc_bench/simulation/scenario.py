@@ -12,9 +12,10 @@ from hashlib import sha256
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
+from rmpc_bench.simulation.bursts import HasBursts
 from rmpc_bench.simulation.distributions import Distribution
 from rmpc_bench.simulation.noise import Gaussian, HasMoments, Noise
 from rmpc_bench.simulation.reference import Reference
@@ -28,6 +29,8 @@ class Draws(NamedTuple):
     x0: Float[Array, "runs nx"]
     w: Float[Array, "runs samples nw"]
     v: Float[Array, "runs samples nv"]
+    bursts: Bool[Array, "runs samples"] | None = None
+    """Whether a term of v is in a burst; None where none has bursts."""
 
 
 def stream(seed: int, run: int, name: str) -> np.random.Generator:
@@ -129,7 +132,21 @@ class Scenario:
             x0=np.array([self._initial_state(run) for run in runs]),
             w=w,
             v=v,
+            bursts=self._in_burst(runs, n_samples),
         )
+
+    @property
+    def burst_names(self) -> tuple[str, ...]:
+        """Names of what random bursts draw for a run; where several laws have some, the channel and the term first."""
+        return tuple(f"{prefix}{each}" for prefix, _, law in self._random_bursts() for each in law.burst_names)
+
+    def burst_values(self, run: int) -> dict[str, float]:
+        """Draw where the random bursts of one run lie."""
+        return {
+            f"{prefix}{each}": value
+            for prefix, name, law in self._random_bursts()
+            for each, value in law.burst_values(stream(self.seed, run, name)).items()
+        }
 
     def noise_laws(self, nw: int, nv: int) -> tuple[Array, Array] | None:
         """Mean and covariance of [w; v]; None where a law does not tell its own.
@@ -165,6 +182,26 @@ class Scenario:
             for number, term in enumerate(terms):
                 total[row] += term.draw(stream(self.seed, run, f"{name}/{number}"), n_samples)
         return total
+
+    def _in_burst(self, runs: range, n_samples: int) -> Bool[Array, "runs samples"] | None:
+        laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if isinstance(law, HasBursts)]
+        if not laws:
+            return None
+        inside = np.zeros((len(runs), n_samples), dtype=bool)
+        for row, run in enumerate(runs):
+            for name, law in laws:
+                inside[row] |= law.in_burst(stream(self.seed, run, name), n_samples)
+        return inside
+
+    def _random_bursts(self) -> list[tuple[str, str, HasBursts]]:
+        """Prefix of the names, stream and law, for every law whose bursts are drawn."""
+        found = [
+            (f"{channel}/{number}", law)
+            for channel, laws in (("w", self.process), ("v", self.measurement))
+            for number, law in enumerate(laws)
+            if isinstance(law, HasBursts) and law.burst_names
+        ]
+        return [(f"{name.replace('/', '')}_" if len(found) > 1 else "", name, law) for name, law in found]
 
 
 def _moments(terms: tuple[Noise, ...], n: int) -> tuple[Array, Array] | None:

@@ -12,7 +12,7 @@ from rmpc_bench.types.basics import Array
 
 @runtime_checkable
 class WarmsUp(Protocol):
-    """A plant or a controller may offer this: costly work that is done once, before a design goes to workers."""
+    """A design may offer this: costly work that is done once, before it goes to workers."""
 
     def warm_up(self) -> None:
         """Do it; doing it again costs nothing."""
@@ -163,3 +163,46 @@ class HasLinearPart(Protocol):
 
     def linear(self, parameters: Mapping[str, float]) -> LinearTruth | None:
         """Drop what is not linear and sample the rest; None where the parameters of the run have no meaning."""
+
+
+@runtime_checkable
+class Reports(Protocol):
+    """An estimator or a controller may offer this: entries of `info` that metrics, figures and records may name."""
+
+    @property
+    def reports(self) -> Mapping[str, tuple[int, ...]]:
+        """Name -> shape of the entry of one run; () is a number."""
+
+
+@runtime_checkable
+class HasWindow(Protocol):
+    """An estimator may offer this: it fits the last samples."""
+
+    @property
+    def Ne(self) -> int:
+        """Length of its window: it uses y(k - Ne)..y(k)."""
+
+
+@runtime_checkable
+class HasUnits(Protocol):
+    """A plant whose components have units of their own; `y_unit` and `u_unit` are empty where they differ."""
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Component, counted from 0, such as ``y.2`` -> unit."""
+
+
+@runtime_checkable
+class HasWorkspace(Protocol):
+    """A plant may offer this; a reference that it cannot follow is then a mistake of the configuration."""
+
+    def unreachable(self, r: Float[Array, "samples ny"]) -> str | None:
+        """Say where a reference leaves the workspace or meets a singular pose, and how; None where it does not."""
+
+
+@runtime_checkable
+class HasSingularPoses(Protocol):
+    """A plant may offer this; a metric then counts how often a run came close to one."""
+
+    def manipulability(self, y: Float[Array, "poses ny"]) -> Float[Array, " poses"]:
+        """Smallest singular value of what maps output velocities to those of the drives; 0 where a pose is singular."""

@@ -53,10 +53,11 @@ class Status(IntEnum):
         return member
 
     OK = 0, "the run reached its last sample"
-    DIVERGED = 1, "a state, an estimate or an input grew beyond 1e100 or stopped being a number"
-    OUT_OF_RANGE = 2, "a drawn parameter lies where the model has no meaning (a mass that is not positive, say)"
+    DIVERGED = 1, "a state, an estimate or an input grew beyond all bounds or stopped being a number"
+    OUT_OF_RANGE = 2, "a drawn parameter or the state left what the plant is made for (a mass, the length of an arm)"
     TOO_MANY_EVENTS = 3, "friction stopped and released a body more often in one sample than can be followed"
     EMPTY_SET = 4, "the measurement and the predicted set have no state in common"
+    SINGULAR = 5, "the mechanism came to a pose in which its drives cannot move it every way"
 
     @property
     def word(self) -> str:

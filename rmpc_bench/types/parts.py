@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from rmpc_bench.types.basics import Array, Statuses
 
@@ -153,6 +153,11 @@ class Record(NamedTuple):
     """Shape matrix of the set that x_hat - x is believed to lie in; None as P is, with ``needs_M``."""
     controller: Any = None
     """The method's controller, for a metric that asks it something; None where nobody knows."""
+    info: Mapping[str, Float[Array, "runs _ _"]] = {}
+    """What estimator (k = 0..N) and controller (k = 0..N-1) report, entries of a matrix row by row; only what a metric
+    names in ``needs_info`` or is recorded, and only if the method reports it."""
+    bursts: Bool[Array, "runs samples"] | None = None
+    """Whether measurement noise is in a burst; None where no law of it has bursts."""
 
 
 @runtime_checkable

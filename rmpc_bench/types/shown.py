@@ -17,6 +17,10 @@ class Line(NamedTuple):
     x: Float[Array, " points"]
     y: Float[Array, " points"]
     """NaN makes a gap."""
+    dots: bool = False
+    """Whether the points are marked instead of joined."""
+    notes: tuple[str, ...] = ()
+    """What is written beside the points, one text each; nothing unless given."""
 
 
 class Panel(NamedTuple):
@@ -26,6 +30,8 @@ class Panel(NamedTuple):
     x_label: str
     y_label: str
     lines: tuple[Line, ...]
+    equal: bool = False
+    """Whether a unit is as long on both axes, as in a plan."""
 
 
 class Outlook(NamedTuple):
@@ -43,3 +49,5 @@ class Outlook(NamedTuple):
     """Method -> series at the first point -> shape, axis 0 = k, of length 1 where it is the same at all k."""
     n_recorded: int = 0
     """Runs whose signals are kept, the first ones."""
+    reports: Mapping[str, Mapping[str, tuple[int, ...]]] = {}
+    """Method -> recorded signal that it reports of itself -> shape of an entry."""

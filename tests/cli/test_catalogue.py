@@ -63,7 +63,7 @@ def test_describe_finds_a_name_in_several_groups():
     ("name", "message"),
     [
         ("kalmn", "'kalmn' is not a known part or configuration; did you mean 'kalman'?"),
-        ("plants/kalman", "'kalman' is not a known part; known: linear, servo, servo-linear"),
+        ("plants/kalman", "'kalman' is not a known part; known: linear, moving-slide, servo, servo-linear"),
         ("planets/servo", "'planets' is not a known group; did you mean 'plants'?"),
     ],
 )
@@ -164,7 +164,8 @@ def test_friction_of_the_servo(tmp_path):
     file = tmp_path / "friction.svg"
     result = cli("describe", "plants/servo", "--plot", file)
     assert result.exit_code == 0 and file.read_bytes().startswith(b"<?xml")
-    assert "there is one of plants/servo)" in cli("describe", "servo-linear", "--plot", file).stderr.replace("\n", " ")
+    stderr = cli("describe", "servo-linear", "--plot", file).stderr
+    assert "there is one of plants/moving-slide, plants/servo)" in " ".join(stderr.split())
 
 
 @pytest.fixture
@@ -247,7 +248,7 @@ def test_a_part_wins_over_a_configuration(configs):
         ("papers/fig1", "'papers/fig1' is not a known configuration; did you mean 'paper/fig1'?"),
         ("configs/paper/fig2.yaml", "did you mean 'configs/paper/fig1.yaml'? (rmpc-bench list configs)"),
         ("twice", "'twice' may be any of configs/other/twice.yaml, configs/paper/twice.yaml"),
-        ("plants/fig1", "'fig1' is not a known part; known: linear, servo"),
+        ("plants/fig1", "'fig1' is not a known part; known: linear, moving-slide, servo"),
         ("kalmn", "'kalmn' is not a known part or configuration; did you mean 'kalman'?"),
         ("configs", "'configs' is not a known part or configuration"),
     ],
@@ -269,7 +270,7 @@ def test_describe_a_configuration_with_a_picture(configs, monkeypatch):
     """The portrait of its plant, with the parameters it has there; the usual message where there is none."""
     result = cli("describe", "fig1", "--plot", "plant.svg")
     message = " ".join(result.stderr.split())
-    assert result.exit_code == 2 and "fig1 has no picture (there is one of plants/servo" in message
+    assert result.exit_code == 2 and "fig1 has no picture (there is one of plants/moving-slide, plants/servo" in message
     write(configs, file="friction.yaml", plant="{kind: servo}")
     result = cli("describe", "friction", "--plot", "plant.svg")
     assert result.exit_code == 0 and result.stderr == "written plant.svg\n"

@@ -9,6 +9,7 @@ from conftest import random_model
 
 from rmpc_bench import registry
 from rmpc_bench.controllers.mpc import Limits, Scale
+from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.estimators.kalman_disturbance import design as kalman_disturbance
 from rmpc_bench.estimators.set_membership import design as set_membership
@@ -16,6 +17,11 @@ from rmpc_bench.types import Controller, Estimate, Status
 
 KINDS = registry.names("controllers")
 PARAMETERS = {
+    "gpc": [
+        {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1},
+        {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1, "tuning": LpNoise(Ne2=4, kp=0.3)},
+        {"Np": 2, "Q_yw": 1.0, "Q_u": 0.1, "tuning": LpNoise(Ne2=4, kp=0.3, on="residual", weight="square")},
+    ],
     "mpc": [
         {"Hp": 6, "Hu": 2, "Q": 1.0, "R": 0.1, "limits": Limits(u=(-0.3, 0.3))},
         {"Hp": 3, "Hu": 3, "Q": 1.0, "R": 0.1, "scale": Scale(u=2.0, y=3.0)},

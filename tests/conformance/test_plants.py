@@ -31,6 +31,7 @@ PARAMETERS = {
             "C": [[0.2, 1.0], [1.0, 0.0], [0.3, 0.1]],
         },  # fmt: skip
     ],
+    "moving-slide": [{}, {"substeps": 1, "mass": 2.0}],
     "servo": [{}, {"alpha_l0": 0.0, "alpha_l1": 0.0}],
     "servo-linear": [{}],
     "uncertain-linear": [
@@ -41,6 +42,8 @@ PARAMETERS = {
     ],
 }
 """Parameters that make a design of each kind; a new kind gets a line here."""
+SIZES = {"moving-slide": 0.005}
+"""Of start, inputs and noises, where 1 would leave what a plant is made for."""
 CASES = [(kind, number) for kind in KINDS for number in range(len(PARAMETERS.get(kind, [])))]
 
 
@@ -56,7 +59,7 @@ def case(request):
     plant, rng = registry.get("plants", kind)(0.1, **PARAMETERS[kind][number]), np.random.default_rng(13)
     parameters = {name: value * rng.uniform(0.9, 1.1, RUNS) for name, value in plant.nominal.items()}
     shapes = ((RUNS, plant.nx), (RUNS, STEPS, plant.nu), (RUNS, STEPS, plant.nw), (RUNS, STEPS, plant.nv))
-    x, u, w, v = (rng.standard_normal(shape) for shape in shapes)
+    x, u, w, v = (SIZES.get(kind, 1.0) * rng.standard_normal(shape) for shape in shapes)
     return plant, parameters, x, 20.0 * u, 0.1 * w, v
 
 

@@ -323,7 +323,8 @@ def test_a_mistake_in_an_override(here):
 def test_a_model_of_a_plant_that_is_no_model(here):
     """The kinds of models are offered."""
     (line,) = problems(write_estimation(here, plant="{kind: servo}", time="{step: 0.1, steps: 5}"))
-    assert "model.from: there is no model of kind 'servo'; give one of linear, servo-linear, uncertain-linear" in line
+    known = "linear, moving-slide, servo-linear, uncertain-linear"
+    assert f"model.from: there is no model of kind 'servo'; give one of {known}" in line
 
 
 def test_what_a_file_takes_shows_in_check(here):

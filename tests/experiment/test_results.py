@@ -1,12 +1,26 @@
 """Stored trials as tables."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from small_experiment import ran, write
 
 from rmpc_bench import load_config, load_trials, run
+from rmpc_bench.analysis.trials import Traces
 from rmpc_bench.experiment import results
 from rmpc_bench.experiment.store import MissingError, StoreError
+from rmpc_bench.experiment.traces import units_of
+
+
+class Arm(NamedTuple):
+    """A plant whose components have units of their own."""
+
+    nx: int = 2
+    y_unit: str = ""
+    u_unit: str = "N m"
+    units: dict = {"y.0": "m", "y.1": "rad", "x.0": "m", "x.1": "m/s"}  # noqa: RUF012
+
 
 FAILING = {"uncertainty": "{eps: +-150%}"}
 
@@ -119,3 +133,13 @@ def test_another_experiment_is_not_shown(load, tmp_path):
     run(load(), directory=tmp_path / "out", jobs=1)
     with pytest.raises(StoreError):
         results.stored_trials(load(seed=8), tmp_path / "out")
+
+
+@pytest.mark.parametrize(("widths", "known"), [((2, 2), True), ((2, 3), False), ((), False)])
+def test_units_of_components(widths, known):
+    """As the plant tells them; estimates have those of the states where they are estimates of these."""
+    traces = [Traces(np.arange(1), {"x_hat": np.zeros((1, 5, n))}, np.zeros((5, 2))) for n in widths]
+    expected = {"y": "", "u": "N m", **Arm().units}
+    if known:
+        expected |= {"x_hat.0": "m", "x_hat.1": "m/s"}
+    assert units_of(Arm(), traces) == expected

@@ -29,6 +29,22 @@ class Band:
             raise ValueError("low must not exceed high")
 
 
+@dataclass(frozen=True)
+class Still:
+    """One kind of two."""
+
+    kind: Literal["still"] = "still"
+
+
+@dataclass(frozen=True)
+class Moving:
+    """The other one, with keys."""
+
+    kind: Literal["moving"] = "moving"
+    speed: Positive = 1.0
+    band: tuple[NonNegative, NonNegative] = (0.0, 1.0)
+
+
 def check(annotation, yaml):
     """Return the validated value of a YAML text, or the list of (line:column, path, message)."""
     problems = []
@@ -60,6 +76,12 @@ def check(annotation, yaml):
         (str | Band, "{low: 1/2}", Band(0.5)),
         (Band, "{low: -1, high: 2*2}", Band(-1.0, 4.0)),
         (Band | None, "{low: 0}", Band(0.0)),
+        (Still | Moving, "{kind: still}", Still()),
+        (Still | Moving, "{speed: 2*2, kind: moving, band: [5%, 1]}", Moving(speed=4.0, band=(0.05, 1.0))),
+        (Still | Moving | None, "null", None),
+        (Still | Moving | float, "1/2", 0.5),
+        (Still | Moving | float, "{kind: moving}", Moving()),
+        (list[Still | Moving], "[{kind: still}, {kind: moving, speed: 3}]", [Still(), Moving(speed=3.0)]),
         (bool, "true", True),
         (dict[str, float], "{x: 5%}", {"x": 0.05}),
         (Any, "{x: [1]}", {"x": [1]}),
@@ -98,6 +120,35 @@ def test_values_that_are_accepted(annotation, yaml, value):
         (Band, "{high: 3}", "1:4", "a", "'low' is missing"),
         (Band, "{low: 3}", "1:4", "a", "low must not exceed high"),
         (Band, "{low: 0, hihg: 3}", "1:13", "a.hihg", "'hihg' is not a known key; did you mean 'high'?"),
+        (Still | Moving, "{speed: 1}", "1:4", "a", "'kind' is missing; known kinds: still, moving"),
+        (Still | Moving, "{kind: mvoing}", "1:11", "a.kind", "'mvoing' is not a known kind; did you mean 'moving'?"),
+        (Still | Moving, "{kind: 3}", "1:11", "a.kind", "'3' is not a known kind; known: still, moving"),
+        (Still | Moving, "3", "1:4", "a", "expected a mapping (got 3)"),
+        (Still | Moving | float, "[3]", "1:4", "a", "expected a mapping or a number (got a list of 1)"),
+        (Still | Moving, "{kind: moving, speed: 0}", "1:26", "a.speed", "must be > 0 (got 0)"),
+        (Still | Moving, "{kind: moving, band: [0, -1]}", "1:29", "a.band.1", "must be >= 0 (got -1)"),
+        (Still | Moving, "{kind: still, speed: 1}", "1:18", "a.speed", "'speed' is not a known key; known: kind"),
+        (
+            list[Still | Moving] | None,
+            "[{kind: moving, sped: 1}]",
+            "1:20",
+            "a.0.sped",
+            "'sped' is not a known key; did you mean 'speed'?",
+        ),
+        (
+            tuple[float | list[float], Still | Moving],
+            "[1, {kind: moving, sped: 1}]",
+            "1:23",
+            "a.1.sped",
+            "'sped' is not a known key; did you mean 'speed'?",
+        ),
+        (
+            tuple[Band, ...],
+            "[{low: 0}, {low: 0, hi: 3}]",
+            "1:24",
+            "a.1.hi",
+            "'hi' is not a known key; did you mean 'high'?",
+        ),
         (Annotated[float, Gt(0)] | None, "{}", "1:4", "a", "expected a number (got a mapping)"),
     ],
 )

@@ -234,12 +234,13 @@ SWEEPS = [
     "{grid: {model.noise.process: [1, 2], controller: [{kind: mpc, Hp: 9, Hu: 2, Q: 2*pi, R: 1}]}}",
     "{grid: {methods.S-MPC.controller: {own: {Hp: 12}, other: {kind: mpc, Hp: 8, Hu: 2, Q: 1, R: 1}}}}",
     "{grid: {noise: {none: none, loud: {process: same}}, initial.P: [process, 2]}, exclude: [{noise: loud}]}",
+    "{grid: {time.step: [0.1, 0.05]}}",
     "{zip: {reference: [{kind: constant, value: 1}, {kind: square, values: [0, pi], period: 0.4}], seed: [3, 4]}}",
 ]
 
 
 @pytest.mark.parametrize(
-    ("sweep", "smoke"), [*((each, False) for each in SWEEPS), *((each, True) for each in SWEEPS[1:4])]
+    ("sweep", "smoke"), [*((each, False) for each in SWEEPS), *((each, True) for each in (*SWEEPS[1:4], SWEEPS[7]))]
 )
 def test_what_is_written_back_loads_to_the_same_sweep(tmp_path, sweep, smoke):
     """Points, truths, methods and metrics; also at the size of a smoke run."""

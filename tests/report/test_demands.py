@@ -201,3 +201,87 @@ def test_tubes_of_an_experiment(tmp_path):
         load_config(write(tmp_path, record=record, figures="[{kind: tubes, run: 2}]"))
     with pytest.raises(ConfigError, match=r"figures\.0: needs recorded states and estimates"):
         load_config(write(tmp_path, figures="[tubes]"))
+
+
+REPORTS = {"A": {"Q_yw": (3, 3), "r": (3,)}, "B": {"Q_yw": (3, 3)}, "C": {}}
+RECORDED = {"y": 3, "Q_yw": 9, "r": 3, "bursts": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{signals: [e, Q_yw.8, r.0, bursts]}", []),
+        ("{signals: [e.3]}", [("signals", "'e.3' is not a component (they count from e.0)")]),
+        ("{signals: [Q_yw.9]}", [("signals", "'Q_yw.9' is not a component (they count from Q_yw.0)")]),
+        ("{signals: [e, r, u]}", [("signals", "'u' is not recorded (recorded: y, Q_yw, r, bursts)")]),
+        ("{signals: [Q_yw]}", [("signals", "asks for 9 panels (at most 8): choose components such as x.0")]),
+    ],
+)
+def test_trajectories_of_what_is_reported(text, found):
+    """Components of a matrix count row by row; the control error is there where y is."""
+    assert mistakes("trajectories", text, {}, signals=RECORDED, reports=REPORTS, n_recorded=2) == found
+
+
+def test_the_control_error_needs_the_output():
+    """It is made of it."""
+    message = "'e' is not recorded (recorded: u)"
+    assert mistakes("trajectories", "{signals: [e]}", {}, signals={"u": 1}, n_recorded=1) == [("signals", message)]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{signal: Q_yw, run: 1, order: [B]}", []),
+        ("{signal: S}", [("signal", "'S' is not recorded (recorded: y, Q_yw, r, bursts)")]),
+        ("{signal: r}", [("signal", "r is no square matrix (3): show it with trajectories")]),
+        ("{signal: y}", [("signal", "y is no square matrix: show it with trajectories")]),
+        ("{signal: Q_yw, run: 2}", [("run", "run 2 is not recorded (recorded: 2, from 0 on)")]),
+        ("{signal: Q_yw, order: [A, C]}", [("order", "'C' does not report Q_yw")]),
+        ("{signal: Q_yw, width: 3}", [("width", "3 columns need a width of 3.2 inches (got 3)")]),
+        ("{signal: Q_yw, to: 0}", [("to", "the window from 0 to 0 s is empty")]),
+    ],
+)
+def test_what_elements_ask_for(text, found):
+    """A recorded square matrix of a recorded run, which fits."""
+    assert mistakes("elements", text, {}, signals=RECORDED, reports=REPORTS, n_recorded=2) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{}", []),
+        ("{components: [2, 0], run: 1, marks: 0, magnify: 20}", []),
+        ("{run: 5}", [("run", "run 5 is not recorded (recorded: 2, from 0 on)")]),
+        ("{components: [0, 3]}", [("components", "there is no output 3 (they count from 0 to 2)")]),
+        ("{components: [1, 1]}", [("components", "must be two different outputs")]),
+        ("{marks: 0.1}", [("marks", "more than 50 time marks cannot be told apart: name a longer time")]),
+        ("{marks: 0.1, from: 2, to: 4}", []),
+        ("{from: 5, to: 2}", [("from", "the window from 5 to 2 s is empty")]),
+    ],
+)
+def test_what_a_plane_asks_for(text, found):
+    """A recorded run, two outputs, marks that can be told apart."""
+    assert mistakes("plane", text, {}, signals=RECORDED, n_recorded=2) == found
+
+
+def test_pictures_of_a_run_need_one():
+    """The way out is in the message."""
+    message = "no run is recorded; record some with `record: {runs: 1}`"
+    for kind, text in (("elements", "{signal: Q_yw}"), ("plane", "{}")):
+        assert mistakes(kind, text, {}) == [("", message)]
+    message = "needs recorded outputs: record: {runs: 1, signals: [y]}"
+    assert mistakes("plane", "{}", {}, signals={"x": 2}, n_recorded=1) == [("", message)]
+
+
+def test_what_a_pareto_figure_asks_for(tmp_path):
+    """Two metrics that there are, and no more points than can be told apart."""
+    arrays = {name: {} for name in "ABCD"}
+    assert mistakes("pareto", "{x: a, y: b}", {}, arrays=arrays) == []
+    assert mistakes("pareto", "{x: a, y: a}", {}, arrays=arrays) == [("y", "must be another metric than x")]
+    many = "up to 64 points cannot be told apart (at most 60): name some points of the sweep, or fewer methods"
+    assert mistakes("pareto", "{x: a, y: b}", {}, arrays=arrays, n_points=16) == [("at", many)]
+    assert mistakes("pareto", "{x: a, y: b, order: [A]}", {}, arrays=arrays, n_points=16) == []
+    assert mistakes("pareto", "{x: a, y: b, at: [{k: 1}]}", {}, arrays=arrays, n_points=16) == []
+    with pytest.raises(ConfigError, match=r"figures\.0\.y: 'mes' is not a known metric .*did you mean 'mse'"):
+        load_config(write(tmp_path, figures="[{kind: pareto, x: input_power, y: mes}]"))
+    assert load_config(write(tmp_path, figures="[{kind: pareto, x: input_power, y: mse}]")).figures

@@ -267,10 +267,17 @@ def test_bad_ellipsoids_are_design_errors(keys, parameter, message):
     assert caught.value.parameter == parameter
 
 
-@pytest.mark.parametrize("keys", [{"radius": [1.0, 2.0, 3.0]}, {"center": [1.0, 2.0, 3.0], "radius": 1.0}])
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"radius": [1.0, 2.0, 3.0]},
+        {"center": [1.0, 2.0, 3.0], "radius": 1.0},
+        {"mix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], "radius": 1.0},
+    ],
+)
 def test_bad_boxes_are_design_errors(keys):
     """Oracle: the docstring; the parameter to blame is named."""
-    with pytest.raises(DesignError, match="2 numbers are wanted") as caught:
+    with pytest.raises(DesignError, match="2 numbers are wanted|2 x 2 numbers are wanted") as caught:
         uniform(2, **keys)
     assert caught.value.parameter == next(iter(keys))
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rmpc_bench.simulation.reference import Reference, constant, square
+from rmpc_bench.numerics.s_shape import s_curve
+from rmpc_bench.simulation.reference import Reference, constant, s_shape, square
 from rmpc_bench.types import DesignError
 
 
@@ -81,3 +82,23 @@ def test_what_a_square_wave_refuses(keys, parameter, message):
 def test_a_period_beyond_all_samples():
     """A step that never returns: as long as a number can be."""
     np.testing.assert_array_equal(square(1, 0.1, values=(1.0, 2.0), period=1e30).sample(3), np.ones((3, 1)))
+
+
+def test_an_s_is_held_after_its_end():
+    """Oracle: the curve at k Ts; the first samples do not depend on how many are asked for."""
+    path = s_shape(3, 0.01)
+    r = path.sample(1000)
+    assert isinstance(path, Reference)
+    np.testing.assert_array_equal(r[:801], s_curve(0.01 * np.arange(801)))
+    np.testing.assert_array_equal(r[800:], np.tile(r[800], (200, 1)))
+    np.testing.assert_array_equal(path.sample(37), r[:37])
+    slow = s_shape(3, 0.01, duration=10.0, width=0.02, height=0.03, angle=-0.1).sample(1001)
+    np.testing.assert_allclose(slow[500], [0.0, 0.0, -0.1], atol=1e-15)
+    np.testing.assert_allclose(np.abs(slow).max(axis=0), [0.02, 0.03, 0.1], rtol=1e-4)  # between two samples
+
+
+def test_an_s_is_for_three_outputs():
+    """It is a path in the plane with an angle."""
+    with pytest.raises(DesignError, match="the plant has 2 outputs") as caught:
+        s_shape(2, 0.01)
+    assert caught.value.parameter == "kind"

@@ -5,6 +5,8 @@ import pytest
 from simulation.toy import Walk
 
 from rmpc_bench.plants import servo
+from rmpc_bench.simulation.bounded_noise import uniform
+from rmpc_bench.simulation.bursts import Burst, RandomBursts
 from rmpc_bench.simulation.distributions import Uniform
 from rmpc_bench.simulation.noise import gaussian
 from rmpc_bench.simulation.reference import constant
@@ -126,6 +128,50 @@ def test_the_terms_of_the_initial_state_have_streams_too():
         assert two[run] == one[run] + (1.0 + 3.0 * second)
     mean, cov = scenario(x0_noise=laws, x0=np.array([4.0])).initial_law()
     assert (mean.tolist(), cov.tolist()) == ([5.0], [[9.25]])
+
+
+FIXED = uniform(1, 0.5, radius=1.0, bursts=[Burst(1.0, 2.0, 2.0)])  # samples 2 to 4 of 0.5 s
+DRAWN = uniform(1, 0.5, radius=1.0, bursts=RandomBursts([(0.0, 4.0), (4.0, 9.0)], (0.5, 2.0), (2.0, 4.0)))
+
+
+def test_bursts_of_the_measurement_noise():
+    """Oracle: the law itself, asked with the golden stream of its term; terms of w do not count, two of v both do."""
+    plain = gaussian(1, std=0.2)
+    for terms, names in (((plain, FIXED), ()), ((DRAWN,), ("v/0",)), ((DRAWN, FIXED), ("v/0",))):
+        draws = scenario(measurement=terms, process=(FIXED,)).draw(Walk(), range(5, 9), 20)
+        expected = np.zeros((4, 21), dtype=bool)
+        expected[:, 2:5] = FIXED in terms
+        for row, run in enumerate(range(5, 9)):
+            for name in names:
+                expected[row] |= DRAWN.in_burst(golden(run, name), 21)
+        np.testing.assert_array_equal(draws.bursts, expected)
+    assert scenario(process=(FIXED,)).draw(Walk(), range(2), 20).bursts is None
+    assert len({tuple(row) for row in scenario(measurement=(DRAWN,)).draw(Walk(), range(9), 20).bursts}) > 4
+
+
+def test_random_bursts_depend_on_nothing_else():
+    """Oracle: promise 1 of product.md section 6, bit for bit: runs, length, and the noise beside the bursts."""
+    some = scenario(measurement=(DRAWN,))
+    few, many = some.draw(Walk(), range(5), 10), some.draw(Walk(), range(2, 50), 30)
+    for one, two in ((few.v, many.v), (few.bursts, many.bursts)):
+        np.testing.assert_array_equal(one[2:], two[:3, :11])
+    steady = scenario(measurement=(uniform(1, radius=1.0),)).draw(Walk(), range(5), 10)
+    np.testing.assert_array_equal(few.v[~few.bursts], steady.v[~few.bursts])
+    assert steady.bursts is None and (few.v[few.bursts] != steady.v[few.bursts]).all()
+    for run in range(5):
+        assert some.named_values(run) == scenario().named_values(run)
+
+
+def test_what_random_bursts_have_drawn():
+    """Oracle: the golden streams; names begin with the term where there are several laws that draw."""
+    one = scenario(measurement=(gaussian(1, std=0.1), DRAWN), process=(FIXED,))
+    assert one.burst_names == DRAWN.burst_names and len(one.burst_names) == 5
+    assert one.burst_values(3) == DRAWN.burst_values(stream(SEED, 3, "v/1"))
+    two = scenario(measurement=(DRAWN,), process=(DRAWN,))
+    assert two.burst_names == tuple(f"{term}_{name}" for term in ("w0", "v0") for name in DRAWN.burst_names)
+    expected = {"w0": DRAWN.burst_values(golden(3, "w/0")), "v0": DRAWN.burst_values(golden(3, "v/0"))}
+    assert two.burst_values(3) == {f"{a}_{name}": x for a, drawn in expected.items() for name, x in drawn.items()}
+    assert scenario(measurement=(FIXED,)).burst_values(3) == {} and scenario().burst_names == ()
 
 
 @pytest.mark.parametrize("bound", [0.4, 0.05])

@@ -1,0 +1,276 @@
+"""Generalised predictive control, positional, without constraints, with penalties that may follow the noise.
+
+Model   at every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
+        |Q_yw (y(k+j) - r(k+j))|^2 + |Q_u u(k+j-1)|^2, predicted from x_hat(k) with one model over the horizon, and
+        apply u(k) (7).  Q_yw and Q_u are roots: the weights are Q_yw' Q_yw and Q_u' Q_u.  Inputs themselves are
+        weighed, not their moves, so that a reference that needs an input to be held is not quite reached.
+        A model that depends on the state is the one at x_hat(k-1), at k = 0 at x_hat(0); one that varies that of k.
+Source  belda2017, section III; order of the steps as in its section VI.
+Tuning  `constant`, or `lp-noise` (noise_tuning.py), which finds Q_yw(k) from the last estimates and measurements.
+Limit   without a reference it is lqr with horizon = Np, Q_x = C' Q_yw' Q_yw C and R_u = Q_u' Q_u; with Np = 1, Q_u = 0
+        and C B square y(k+1) = r(k+1).
+Cost    constant penalties of a constant linear model: two small matrix-vector products per run and step; else a
+        square-root recursion over the horizon, some 10 us for six states, four inputs and Np = 10.
+Fails   design error where the cost does not determine the inputs, as Q_u = 0 and more inputs than outputs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning, Sample
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.state_dependent import StateDependentModel
+from rmpc_bench.numerics.linalg import as_matrix, mv
+from rmpc_bench.numerics.tracking import SMALLEST, Gains, gains, track
+from rmpc_bench.types import Array, Command, DesignError, Estimate, HasWindow, Horizon, Matrix, Status
+
+OK = np.int8(Status.OK)
+
+
+class Frozen(NamedTuple):
+    """A model held over the horizon."""
+
+    A: Float[Array, "nx nx"] | Float[Array, "runs nx nx"]
+    B: Float[Array, "nx nu"] | Float[Array, "runs nx nu"]
+    f: Float[Array, " nx"]
+    C: Float[Array, "ny nx"]
+    d: Float[Array, " ny"]
+
+
+class GpcState(NamedTuple):
+    """What the next step needs."""
+
+    x_previous: Float[Array, "runs nx"]
+
+
+class TunedState(NamedTuple):
+    """What the next step needs, with penalties that follow the noise."""
+
+    x_previous: Float[Array, "runs nx"]
+    u_previous: Float[Array, "runs nu"]
+    Q_yw: Float[Array, "runs ny ny"]
+    window: Float[Array, "runs samples numbers"]
+
+
+@dataclass(frozen=True, eq=False)
+class Gpc:
+    """The law with constant penalties; build it with `design`.
+
+    Parameters
+    ----------
+    model : what the controller believes, linear or dependent on the state
+    Np : prediction horizon [samples]
+    Q_yw : root of the outputs' weight
+    R_u : upper triangular root of the inputs' weight
+    gains : the law at every k, None where it is another at every k
+    """
+
+    model: Any
+    Np: int
+    Q_yw: Float[Array, "ny ny"]
+    R_u: Float[Array, "nu nu"]
+    gains: Gains | None
+
+    @property
+    def preview(self) -> int:
+        """Samples r(k)..r(k+Np)."""
+        return self.Np + 1
+
+    @property
+    def reports(self) -> dict[str, tuple[int, ...]]:
+        """What the info of a command has."""
+        return {"Q_yw": self.Q_yw.shape, "loss": ()}
+
+    def init(self, n_runs: int) -> GpcState | TunedState:
+        """Nothing has been estimated yet."""
+        return GpcState(np.zeros((n_runs, self._nx)))
+
+    def control(
+        self,
+        k: int,
+        state: Any,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[Any, Command]:
+        """Apply the first input of the minimiser."""
+        x_hat = estimate.x_hat
+        if self.gains is not None:
+            u, loss = _linear(self.gains, x_hat, r[1:] - self._frozen(k, x_hat).d)
+        else:
+            u, loss = self._first(self._frozen(k, state.x_previous if k else x_hat), self.Q_yw[None], x_hat, r)
+        info = {"Q_yw": np.broadcast_to(self.Q_yw, (len(u), *self.Q_yw.shape)), "loss": loss}
+        return GpcState(x_hat), Command(u, np.full(len(u), OK), info)
+
+    def warm_up(self) -> None:
+        """Compile what a step calls, before the design goes to workers."""
+        if self.gains is None:
+            self._try(0)
+
+    def _try(self, k: int) -> None:
+        ny = len(self.Q_yw)
+        nothing = Estimate(np.zeros((1, self._nx)), None, None, np.full(1, OK), {})
+        self.control(k, self.init(1), np.zeros((1, ny)), nothing, np.zeros((self.preview, ny)))
+
+    @cached_property
+    def _follows(self) -> bool:
+        """Whether the model depends on the state; asked once, because it asks for every property of the model."""
+        return isinstance(self.model, StateDependentModel)
+
+    @cached_property
+    def _nx(self) -> int:
+        return int(self.model.nx if self._follows else self.model.at(0).nx)
+
+    def _frozen(self, k: int, x: Float[Array, "runs nx"]) -> Frozen:
+        """Return the model of a period; one that depends on the state at x."""
+        if self._follows:
+            (A, B), C = self.model.at_state(x), self.model.C
+            return Frozen(A, B, np.zeros(C.shape[1]), C, np.zeros(len(C)))
+        now: LinearModel = self.model.at(k)
+        return Frozen(now.A, now.B, now.f0, now.C, now.d0)
+
+    def _first(
+        self,
+        now: Frozen,
+        Q_yw: Float[Array, "weights ny ny"],
+        x: Float[Array, "runs nx"],
+        r: Float[Array, "preview ny"],
+    ) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
+        """First inputs and least costs."""
+        A, B = (matrix if matrix.ndim == 3 else matrix[None] for matrix in (now.A, now.B))
+        return track(A, B, now.f, now.C, Q_yw, self.R_u, r[1:] - now.d, x)
+
+
+@dataclass(frozen=True, eq=False)
+class TunedGpc(Gpc):
+    """The law with penalties that follow the noise; build it with `design`.
+
+    Parameters
+    ----------
+    noise : what finds them
+    """
+
+    noise: NoiseTuning
+
+    @property
+    def reports(self) -> dict[str, tuple[int, ...]]:
+        """What the info of a command has."""
+        return {**super().reports, **self.noise.reports}
+
+    def init(self, n_runs: int) -> TunedState:
+        """Nothing has been estimated yet, and the penalties are those of the design."""
+        Q_yw, nu = np.tile(self.Q_yw, (n_runs, 1, 1)), len(self.R_u)
+        return TunedState(np.zeros((n_runs, self._nx)), np.zeros((n_runs, nu)), Q_yw, self.noise.init(n_runs))
+
+    def control(
+        self,
+        k: int,
+        state: Any,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[Any, Command]:
+        """Find the penalties and apply the first input of the minimiser."""
+        x_hat = estimate.x_hat
+        now = self._frozen(k, state.x_previous if k else x_hat)
+        before = now if self._follows or k == 0 else self._frozen(k - 1, x_hat)
+        x_tilde = mv(before.A, state.x_previous) + mv(before.B, state.u_previous) + before.f
+        sample = Sample(y, mv(now.C, x_hat) + now.d, x_hat, x_tilde if k else np.full_like(x_hat, np.nan))
+        window = self.noise.moved(state.window, sample)
+        Q_yw, info = self.noise.penalties(k, window, state.Q_yw)
+        u, loss = self._first(now, Q_yw, x_hat, r)
+        info = {"Q_yw": Q_yw, "loss": loss, **info}
+        return TunedState(x_hat, u, Q_yw, window), Command(u, np.full(len(u), OK), info)
+
+    def warm_up(self) -> None:
+        """Compile what a step calls, before the design goes to workers."""
+        self._try(self.noise.start)
+
+
+def design(
+    model: Any,
+    n_steps: int | None = None,
+    estimator: Any = None,
+    *,
+    Np: Horizon,
+    Q_yw: Matrix,
+    Q_u: Matrix,
+    tuning: ConstantTuning | LpNoise = ConstantTuning(),  # noqa: B008 - frozen, so it cannot be shared by mistake
+) -> Gpc:
+    """Generalised predictive controller.
+
+    Parameters
+    ----------
+    model : prediction model, linear or dependent on the state; of an uncertain one the nominal part
+    n_steps : number of control periods; where it is not given, a model that could vary is taken to do so
+    estimator : one that fits a window of samples has to fill it before `lp-noise` fills its own
+    Np : prediction horizon [samples]
+    Q_yw : root of the weight of the output error: a number, a diagonal or a matrix
+    Q_u : root of the weight of the input: a number, a diagonal or a matrix
+    tuning : what Q_yw follows: `{kind: constant}` nothing, `{kind: lp-noise, ..}` bounds of the noise
+
+    Raises
+    ------
+    DesignError
+        If a size does not fit, the bounds are crossed, or the cost does not determine the inputs.
+    """
+    model = _constant(model, n_steps)
+    now = model if isinstance(model, StateDependentModel) else model.at(0)
+    outputs, inputs = _root("Q_yw", Q_yw, now.ny), _root("Q_u", Q_u, now.nu)
+    R_u = np.linalg.qr(inputs)[1]
+    if isinstance(tuning, ConstantTuning) and isinstance(model, LinearModel):
+        try:
+            law = gains(model.A, model.B, model.f0, model.C, outputs, inputs, Np)
+        except ValueError as error:
+            raise DesignError(f"{error}; choose another one", "Q_u") from None
+        return Gpc(model, Np, outputs, R_u, law)
+    sizes = np.linalg.svd(inputs, compute_uv=False)
+    if not sizes[-1] > SMALLEST * sizes[0]:
+        raise DesignError("must be of full rank, unless both the model and Q_yw are constant", "Q_u")
+    if isinstance(tuning, ConstantTuning):
+        return Gpc(model, Np, outputs, R_u, None)
+    return TunedGpc(model, Np, outputs, R_u, None, _noise(tuning, estimator, now.nx, now.ny))
+
+
+def _root(name: str, root: Matrix, n: int) -> Float[Array, "n n"]:
+    try:
+        return as_matrix(root, n)
+    except ValueError as error:
+        raise DesignError(str(error), name) from None
+
+
+def _constant(model: Any, n_steps: int | None) -> Any:
+    """Return the one linear model of all k where there is one, else the model."""
+    if isinstance(model, StateDependentModel | LinearModel) or n_steps is None:
+        return model
+    first = model.at(0)
+    return first if all(model.at(k) is first for k in range(1, n_steps)) else model
+
+
+def _noise(keys: LpNoise, estimator: Any, nx: int, ny: int) -> NoiseTuning:
+    """Check the keys against the sizes of the model."""
+    lower, upper = keys.bounds
+    if not lower <= upper:
+        raise DesignError(f"the lower bound {lower:g} must not exceed the upper bound {upper:g}", "tuning.bounds")
+    most = max(ny, nx if keys.state_rows else 0)
+    if keys.Ne2 + 1 < most:
+        raise DesignError(
+            f"must be at least {most - 1}: a fit of {most} coefficients needs as many samples", "tuning.Ne2"
+        )
+    Ne = estimator.Ne if isinstance(estimator, HasWindow) else 0
+    return NoiseTuning(keys, keys.Ne2 + Ne, nx, ny)
+
+
+def _linear(
+    law: Gains, x: Float[Array, "runs nx"], w: Float[Array, "Np ny"]
+) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
+    """First inputs and least costs of constant gains."""
+    ahead = w.reshape(1, -1)  # the same for all runs
+    e = mv(law.E_w, ahead) + law.e_0 - mv(law.E_x, x)
+    return mv(law.K_w, ahead) + law.u_0 - mv(law.K_x, x), (e * e).sum(axis=1)

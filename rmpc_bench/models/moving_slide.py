@@ -1,0 +1,218 @@
+"""Planar parallel robot with four driven arms and one platform: its numbers, its geometry, its state-dependent model.
+
+Model   y = (x_c, y_c, psi), v = y'.  Arm i turns about the fixed point A_i, corner of a square, driven by the torque
+        tau_i; a slide runs on it without a drive and carries the corner B_i of the platform: angle theta_i, length l_i,
+        theta_i' = J_i(y) v, l_i' = S_i(y) v.  Horizontal, so that Lagrange's equations have no gravity,
+            M(y) v' + N(y, v) v = J' tau,
+            M = diag(m_p, m_p, I_p) + sum of I_arm J_i' J_i + m_s W_i' W_i,   B_i' = W_i v,
+            N = sum of I_arm J_i' dJ_i/dt + m_s W_i' dW_i/dt + d_rot J_i' J_i + d_sl S_i' S_i.
+        State x = [y, v], input tau, output y; x' = A(x) x + B(x) tau holds without a remainder, with
+        A = [[0, I], [0, -M^-1 N]] and B = [0; M^-1 J'], which are frozen at a state and sampled with the torques held.
+        Four torques make three forces: those of the null space of J' do not move the platform.
+Source  belda2017, section VI, (29), (30): the robot 'Moving Slide'.
+Chosen  every number, as the paper prints none; the factorisation of the forces in v, for which dM/dt - 2 N is skew
+        where nothing is damped; process noise that is a white acceleration, held over a sample.
+Limit   at rest and without damping N = 0: every coordinate is a double integrator, driven by M^-1 J' tau.
+Cost    0.5 us per run for a pair of matrices.
+Fails   never: the matrices of a state without meaning, with an arm of no length or with NaN, are NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.state_dependent import Pair
+from rmpc_bench.numerics.linalg import as_vector
+from rmpc_bench.types import Array, DesignError, NonNegative, Positive
+
+NUMBERS: Mapping[str, float] = {
+    "a": 0.30,
+    "b": 0.08,
+    "m_p": 2.60,
+    "I_p": 0.040,
+    "m_s": 0.30,
+    "I_arm": 0.030,
+    "d_rot": 0.020,
+    "d_sl": 0.50,
+}
+"""Nominal numbers: half sides of the squares of the A_i and B_i [m], mass [kg] and inertia [kg m^2] of the platform,
+mass of a slide [kg], inertia of an arm about A_i [kg m^2], damping of a base joint [N m s] and of a slide [N s/m]."""
+
+MASSES = ("m_p", "I_p", "m_s", "I_arm")
+"""The numbers that `mass` multiplies."""
+
+CORNERS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+"""Of the squares, arm by arm."""
+
+LARGEST = 20.0
+"""Of an estimate [m, rad, m/s, rad/s]: the platform moves by decimetres."""
+
+
+@dataclass(frozen=True)
+class SlideNoise:
+    """Noise that the model assumes.
+
+    Parameters
+    ----------
+    process : standard deviation of the white acceleration of the platform [m/s^2, m/s^2, rad/s^2], a number or three
+    measurement : half width r of the uniform noise of an output [m, m, rad], a number or three; its variance is r^2/3
+    """
+
+    process: float | list[float] = 0.05
+    measurement: float | list[float] = 5e-4
+
+
+NOISE = SlideNoise()
+
+
+class Arms(NamedTuple):
+    """The arms at some poses."""
+
+    joints: Float[Array, "poses 4 2"]
+    """Corners B_i of the platform [m]."""
+    lengths: Float[Array, "poses 4"]
+    J: Float[Array, "poses 4 3"]
+    """Velocities of the arms' angles per velocity of the platform."""
+
+
+def arms(y: Float[Array, "poses 3"], a: float, b: float) -> Arms:
+    """Place the arms; one of no length has a J that is no number.
+
+    Parameters
+    ----------
+    y : (poses, 3) places [m] and angles [rad] of the platform
+    a, b : half sides of the squares of the base joints and of the platform [m]
+    """
+    cos, sin = np.cos(y[:, 2, None]), np.sin(y[:, 2, None])
+    p = b * np.stack([CORNERS[:, 0] * cos - CORNERS[:, 1] * sin, CORNERS[:, 0] * sin + CORNERS[:, 1] * cos], axis=2)
+    joints = y[:, None, :2] + p
+    d = joints - a * CORNERS
+    lengths = np.sqrt((d * d).sum(axis=2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        J = np.stack([-d[..., 1], d[..., 0], (d * p).sum(axis=2)], axis=2) / (lengths * lengths)[..., None]
+    return Arms(joints, lengths, J)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingSlideModel:
+    """The robot as a state-dependent model; build it with `design`.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    numbers : (8,) as the kernel takes them: those of `NUMBERS`, masses multiplied
+    Q_w, R_v : (6, 6), (3, 3) covariances of the noises
+    euler : whether the pair is sampled by Euler's formula
+    """
+
+    Ts: float
+    numbers: Float[Array, " 8"]
+    Q_w: Float[Array, "6 6"]
+    R_v: Float[Array, "3 3"]
+    euler: bool = False
+    nx: int = field(default=6, init=False)
+    nu: int = field(default=4, init=False)
+    ny: int = field(default=3, init=False)
+    largest: float = field(default=LARGEST, init=False)
+
+    @property
+    def C(self) -> Float[Array, "3 6"]:
+        """Output matrix: the pose is measured."""
+        return np.eye(3, 6)
+
+    @property
+    def w_law(self) -> tuple[Float[Array, " 6"], Float[Array, "6 6"]]:
+        """Mean and covariance of the process noise."""
+        return np.zeros(6), self.Q_w
+
+    @property
+    def v_law(self) -> tuple[Float[Array, " 3"], Float[Array, "3 3"]]:
+        """Mean and covariance of the measurement noise."""
+        return np.zeros(3), self.R_v
+
+    def at_state(self, x: Float[Array, "runs 6"]) -> Pair:
+        """Sample the model with its matrices frozen at a state of every run."""
+        from rmpc_bench.models.moving_slide_kernel import pair_kernel
+
+        # A copy: views and arrays that cannot be written would be compiled for anew.
+        return Pair(*pair_kernel(np.array(x, dtype=float, order="C"), self.numbers, self.Ts, self.euler))
+
+    def at(self, k: int) -> LinearModel:
+        """Refuse: the model is another one at every state, not at every k."""
+        raise DesignError("the model moving-slide depends on the state; kalman, lp-window and gpc take it", "kind")
+
+    def warm_up(self) -> None:
+        """Compile the kernel (or load it from the cache)."""
+        self.at_state(np.zeros((1, 6)))
+
+
+def kernel_numbers(p: Mapping[str, float]) -> Float[Array, " 8"]:
+    """Numbers of a robot as the kernel takes them, masses multiplied.
+
+    Parameters
+    ----------
+    p : those of `NUMBERS` and `mass`
+    """
+    return np.array([p[name] * (p["mass"] if name in MASSES else 1.0) for name in NUMBERS])
+
+
+def _noise(noise: SlideNoise, Ts: float) -> tuple[Float[Array, "6 6"], Float[Array, "3 3"]]:
+    sizes = []
+    for name in ("process", "measurement"):
+        try:
+            size = as_vector(getattr(noise, name), 3)
+        except ValueError as error:
+            raise DesignError(str(error), f"noise.{name}") from None
+        if not (np.isfinite(size) & (size >= 0.0)).all():
+            raise DesignError("must be >= 0, a standard deviation or a half width", f"noise.{name}")
+        sizes.append(size)
+    process, measurement = sizes
+    G = np.vstack([0.5 * Ts * Ts * np.diag(process), Ts * np.diag(process)])
+    return G @ G.T, np.diag(measurement**2 / 3.0)
+
+
+def design(
+    Ts: float,
+    *,
+    noise: SlideNoise = NOISE,
+    discretisation: Literal["zoh", "euler"] = "zoh",
+    mass: Positive = 1.0,
+    a: Positive = NUMBERS["a"],
+    b: Positive = NUMBERS["b"],
+    m_p: Positive = NUMBERS["m_p"],
+    I_p: Positive = NUMBERS["I_p"],
+    m_s: Positive = NUMBERS["m_s"],
+    I_arm: Positive = NUMBERS["I_arm"],
+    d_rot: NonNegative = NUMBERS["d_rot"],
+    d_sl: NonNegative = NUMBERS["d_sl"],
+) -> MovingSlideModel:
+    """Parallel robot, linearised exactly at a state of every run.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    noise : assumed noise, `process` on the acceleration and `measurement` on the pose
+    discretisation : zoh samples the frozen matrices exactly with the torques held, euler takes I + Ts A and Ts B
+    mass : factor on all masses and inertias
+    a : half side of the square of the base joints [m]
+    b : half side of the platform [m]
+    m_p : mass of the platform [kg]
+    I_p : its inertia [kg m^2]
+    m_s : mass of a slide [kg]
+    I_arm : inertia of an arm about its base joint [kg m^2]
+    d_rot : viscous damping of a base joint [N m s]
+    d_sl : viscous damping of a slide [N s/m]
+
+    Raises
+    ------
+    DesignError
+        If the assumed noise has another size than the pose, or is negative.
+    """
+    p = dict(a=a, b=b, m_p=m_p, I_p=I_p, m_s=m_s, I_arm=I_arm, d_rot=d_rot, d_sl=d_sl, mass=mass)
+    return MovingSlideModel(Ts, kernel_numbers(p), *_noise(noise, Ts), discretisation == "euler")

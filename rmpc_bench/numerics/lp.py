@@ -1,0 +1,212 @@
+"""Linear programs, by HiGHS: a status for whatever happens, never an exception.
+
+Problem  minimise c' x over col_lower <= x <= col_upper, row_lower <= A x <= row_upper.
+Solver   the primal simplex method, on one thread, without scaling or presolve and from the same start every time: HiGHS
+         has had wrong objectives after a hot start (its issue 3294), and which optimum of many it finds depends on the
+         start.  Where it loses its way, or what it calls an optimum violates a bound, the dual method has a try, with
+         scaling.  On degenerate programs that comes first elsewhere, and there it has left 1e-6 of a bound.
+Scale    HiGHS has absolute tolerances and drops what is very small: data and matrix should be of size 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types import Array
+
+FEASIBLE = 1e-9
+"""By how much a solution may violate a bound of a row, of a column or of a reduced cost."""
+VIOLATED = 1e-7
+"""Violation that makes an optimum none, relative to 1 and to the largest unknown."""
+ACTIVE = 1e-8
+"""A dual beyond it, ten times what rounding leaves of 0, keeps its bound; a smaller one costs the first objective no
+more than that times the distance to the bound."""
+
+
+class LpStatus(IntEnum):
+    """What became of a program; HiGHS has a status of its own for each, or several."""
+
+    explanation: str
+
+    def __new__(cls, value: int, explanation: str) -> LpStatus:
+        """Attach the explanation to the number."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.explanation = explanation
+        return member
+
+    OPTIMAL = 0, "an optimum has been found"
+    INFEASIBLE = 1, "no point satisfies all bounds"
+    UNBOUNDED = 2, "the objective falls without end"
+    UNBOUNDED_OR_INFEASIBLE = 3, "there is no optimum; which of the two reasons it has is not known"
+    NOT_FINITE = 4, "the data have an entry that is not a number, or infinite where it must not be"
+    EMPTY = 5, "the program has no unknowns"
+    ITERATION_LIMIT = 6, "the solver has used up its iterations"
+    TIME_LIMIT = 7, "the solver has used up its time"
+    OBJECTIVE_LIMIT = 8, "the objective has passed a bound or a target that was set for it"
+    OTHER_LIMIT = 9, "the solver has used up its memory, or has found as many solutions as it may"
+    INTERRUPTED = 10, "somebody has stopped the solver"
+    FAILED = 11, "the solver has refused the program, lost its digits or says that it does not know"
+
+
+MEANING = {
+    "kOptimal": LpStatus.OPTIMAL,
+    "kInfeasible": LpStatus.INFEASIBLE,
+    "kUnbounded": LpStatus.UNBOUNDED,
+    "kUnboundedOrInfeasible": LpStatus.UNBOUNDED_OR_INFEASIBLE,
+    "kModelEmpty": LpStatus.EMPTY,
+    "kIterationLimit": LpStatus.ITERATION_LIMIT,
+    "kTimeLimit": LpStatus.TIME_LIMIT,
+    "kObjectiveBound": LpStatus.OBJECTIVE_LIMIT,
+    "kObjectiveTarget": LpStatus.OBJECTIVE_LIMIT,
+    "kMemoryLimit": LpStatus.OTHER_LIMIT,
+    "kSolutionLimit": LpStatus.OTHER_LIMIT,
+    "kInterrupt": LpStatus.INTERRUPTED,
+    "kHighsInterrupt": LpStatus.INTERRUPTED,
+    "kNotset": LpStatus.FAILED,
+    "kLoadError": LpStatus.FAILED,
+    "kModelError": LpStatus.FAILED,
+    "kPresolveError": LpStatus.FAILED,
+    "kSolveError": LpStatus.FAILED,
+    "kPostsolveError": LpStatus.FAILED,
+    "kUnknown": LpStatus.FAILED,
+}
+"""Every status of HiGHS 1.15; one that a later version adds counts as `FAILED`."""
+
+OPTIONS: Mapping[str, Any] = {
+    "output_flag": False,
+    "threads": 1,
+    "solver": "simplex",
+    "presolve": "off",
+    "primal_feasibility_tolerance": FEASIBLE,
+    "dual_feasibility_tolerance": FEASIBLE,
+    "small_matrix_value": 1e-12,
+}
+PRIMAL: Mapping[str, Any] = {"simplex_strategy": 4, "simplex_scale_strategy": 0}
+DUAL: Mapping[str, Any] = {"simplex_strategy": 1, "simplex_scale_strategy": 2}
+
+
+class Bounds(NamedTuple):
+    """The set that a program chooses from; a bound that is not there is infinite."""
+
+    A: Float[Array, "m n"]
+    row_lower: Float[Array, " m"]
+    row_upper: Float[Array, " m"]
+    col_lower: Float[Array, " n"]
+    col_upper: Float[Array, " n"]
+
+
+class LpResult(NamedTuple):
+    """Where a program ends; NaN without an optimum."""
+
+    x: Float[Array, " n"]
+    duals: Float[Array, " m"]
+    """Change of the optimum with the bound of a row."""
+    reduced_costs: Float[Array, " n"]
+    """Change of the optimum with the bound of a column."""
+    objective: float
+    status: LpStatus
+
+
+def solve(c: Float[Array, " n"], bounds: Bounds, options: Mapping[str, Any] | None = None) -> LpResult:
+    """Solve a linear program.
+
+    Parameters
+    ----------
+    c : (n,) what to minimise
+    bounds : where
+    options : of HiGHS, beside those of this module
+    """
+    if not _is_a_program(c, bounds):
+        return _no_result(bounds, LpStatus.NOT_FINITE)
+    result = _run(c, bounds, {**PRIMAL, **(options or {})})
+    return _run(c, bounds, {**DUAL, **(options or {})}) if result.status is LpStatus.FAILED else result
+
+
+def _run(c: Array, bounds: Bounds, options: Mapping[str, Any]) -> LpResult:
+    import highspy
+
+    highs: Any = highspy.Highs()  # type: ignore[no-untyped-call]
+    for name, value in {**OPTIONS, **options}.items():
+        highs.setOptionValue(name, value)
+    if highs.passModel(_model(c, bounds)) == highspy.HighsStatus.kError:
+        return _no_result(bounds, LpStatus.FAILED)
+    highs.run()
+    status = MEANING.get(highs.getModelStatus().name, LpStatus.FAILED)
+    if status is not LpStatus.OPTIMAL:
+        return _no_result(bounds, status)
+    solution = highs.getSolution()
+    x, duals, costs = (np.array(values) for values in (solution.col_value, solution.row_dual, solution.col_dual))
+    if not _violation(x, bounds) <= VIOLATED * max(1.0, float(np.abs(x).max())):
+        return _no_result(bounds, LpStatus.FAILED)
+    return LpResult(x, duals, costs, highs.getObjectiveValue(), status)
+
+
+def _violation(x: Array, bounds: Bounds) -> float:
+    """By how much a point misses its bounds."""
+    rows = bounds.A @ x
+    beyond = (bounds.row_lower - rows, rows - bounds.row_upper, bounds.col_lower - x, x - bounds.col_upper)
+    return float(np.concatenate(beyond).max())
+
+
+def lexicographic(first: Float[Array, " n"], second: Float[Array, " n"], bounds: Bounds) -> LpResult:
+    """Minimise one objective and, among its optima, another one.
+
+    Parameters
+    ----------
+    first, second : (n,) objectives
+    bounds : where
+
+    Returns
+    -------
+    LpResult
+        Objective and duals are those of the first program; the status is that of the one that ended it.
+    """
+    found = solve(first, bounds)
+    if found.status is not LpStatus.OPTIMAL:
+        return found
+    rows = _kept(bounds.row_lower, bounds.row_upper, found.duals)
+    columns = _kept(bounds.col_lower, bounds.col_upper, found.reduced_costs)
+    chosen = solve(second, Bounds(bounds.A, *rows, *columns))
+    if chosen.status is not LpStatus.OPTIMAL:
+        return _no_result(bounds, chosen.status)
+    return found._replace(x=chosen.x)
+
+
+def _kept(lower: Array, upper: Array, duals: Array) -> tuple[Array, Array]:
+    """Bounds of the optima: those with a dual hold with equality, by complementary slackness."""
+    return np.where(duals < -ACTIVE, upper, lower), np.where(duals > ACTIVE, lower, upper)
+
+
+def _model(c: Array, bounds: Bounds) -> Any:
+    import highspy
+
+    model = highspy.HighsLp()
+    model.num_row_, model.num_col_ = bounds.A.shape
+    model.col_cost_, model.col_lower_, model.col_upper_ = c, bounds.col_lower, bounds.col_upper
+    model.row_lower_, model.row_upper_ = bounds.row_lower, bounds.row_upper
+    rows, columns = np.nonzero(bounds.A)
+    model.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
+    model.a_matrix_.start_ = np.searchsorted(rows, np.arange(len(bounds.A) + 1)).astype(np.int32)
+    model.a_matrix_.index_ = columns.astype(np.int32)
+    model.a_matrix_.value_ = bounds.A[rows, columns]
+    return model
+
+
+def _is_a_program(c: Array, bounds: Bounds) -> bool:
+    """Whether all is a number, and infinite at most where that means that there is no bound."""
+    lower = np.concatenate([bounds.row_lower, bounds.col_lower])
+    upper = np.concatenate([bounds.row_upper, bounds.col_upper])
+    return bool(
+        np.isfinite(c).all() and np.isfinite(bounds.A).all() and (lower < np.inf).all() and (upper > -np.inf).all()
+    )
+
+
+def _no_result(bounds: Bounds, status: LpStatus) -> LpResult:
+    m, n = bounds.A.shape
+    return LpResult(np.full(n, np.nan), np.full(m, np.nan), np.full(n, np.nan), np.nan, status)
