@@ -9,8 +9,8 @@ from rmpc_bench.simulation.closed_loop import simulate
 pytestmark = pytest.mark.slow
 
 
-# SciPy's programs meet their constraints to 1e-7, which is 4e-4 of a bound of 2.5e-4 and so 1e-3 of a penalty, and at times
-# they use it; positions, torques and penalties may therefore be off by this much.
+# SciPy's programs meet their constraints to 1e-7, which is 4e-4 of a bound of 2.5e-4 and so 1e-3 of a penalty, and at
+# times they use it; positions, torques and penalties may therefore be off by this much.
 TOLERANCES = {"constant": (1e-7, 1e-4, 0.0), "tuned": (2e-6, 2e-3, 1e-2)}
 
 
