@@ -16,8 +16,8 @@ $(VENV)/.installed: pyproject.toml
 run: setup  ## run the quickstart and say where its figure is
 	$(BIN)/rmpc-bench run configs/quickstart.yaml
 
-test: setup  ## run the default tests
-	$(BIN)/python -m pytest
+test: setup  ## run the default tests, on all cores
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 test-slow: setup  ## run the tests that take minutes
 	$(BIN)/python -m pytest -m slow
