@@ -248,9 +248,14 @@ def _records(design: Any, names: Iterable[str]) -> dict[str, list[type]]:
     parameters = inspect.signature(design).parameters
     annotations = hints(design, {name: parameters[name].annotation for name in names})
     return {
-        name: [each for each in (hint, *get_args(hint)) if inspect.isclass(each) and is_dataclass(each)]
+        name: [each for each in _inside(hint) if inspect.isclass(each) and is_dataclass(each)]
         for name, hint in annotations.items()
     }
+
+
+def _inside(hint: Any) -> list[Any]:
+    """An annotation and all those inside it."""
+    return [hint, *(each for inner in get_args(hint) for each in _inside(inner))]
 
 
 def _meanings(doc: str) -> dict[str, str]:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 MOST_VALUES = 100
 """Characters of the values of a swept path that are shown."""
+MOST_WIDE = 72
+"""Characters of a line of the truth."""
 
 
 @click.command()
@@ -119,9 +121,9 @@ def _truth_and_belief(config: ExperimentConfig) -> list[tuple[str, str, str]]:
         truth = _short(plant.get(name, "-"))
         rows.append((name, f"{truth} x ({changed[name]})" if name in changed else truth, _short(model.get(name, "-"))))
     initial = resolved["initial"]
-    start = ", ".join(f"{key} = {initial[key]}" for key in ("x_hat", "P", "M") if key in initial)
+    start = ", ".join(f"{key} = {_short(initial[key])}" for key in ("x_hat", "P", "M") if key in initial)
     noise = resolved["noise"]
-    rows += _beside("noise", _sums(noise) or [_short(noise)], "-" if assumed is None else _short(assumed))
+    rows += _beside("noise", _wrapped(_sums(noise) or [_short(noise)]), "-" if assumed is None else _short(assumed))
     return rows + _beside("start", _sums({"x": initial["x"]}) or [f"x = {_short(initial['x'])}"], start)
 
 
@@ -132,6 +134,13 @@ def _sums(laws: dict[str, Any]) -> list[str]:
         terms = law["sum"] if isinstance(law, dict) and "sum" in law else [law]
         lines += [f"{'+' if number else f'{name} ='} {_short(term)}" for number, term in enumerate(terms)]
     return lines if len(lines) > len(laws) else []
+
+
+def _wrapped(lines: list[str]) -> list[str]:
+    """Long lines broken, so that the belief stays in sight."""
+    from textwrap import wrap
+
+    return [part for line in lines for part in wrap(line, MOST_WIDE, subsequent_indent="  ", break_on_hyphens=False)]
 
 
 def _beside(name: str, truth: list[str], belief: str) -> list[tuple[str, str, str]]:
@@ -161,15 +170,30 @@ def _short(value: Any) -> str:
 
     if isinstance(value, str):
         return value
+    if isinstance(value, list) and value and all(isinstance(entry, int | float) for entry in value):
+        return f"[{', '.join(f'{entry:g}' for entry in value)}]"
     return f"{value:g}" if isinstance(value, float) else " ".join(dump(plain(value)).split())
 
 
 def _seconds(config: ExperimentConfig) -> float:
-    """Estimate from the number of steps: 50 us for a block and 2.5 us for a run, and 2 s to start and to report."""
-    experiment = config.experiment
-    n_methods = config.n_trials() / experiment.n_runs
-    per_step = 5e-5 * math.ceil(experiment.n_runs / config.execution.block) + 2.5e-6 * experiment.n_runs
-    return math.ceil(2.0 + n_methods * experiment.n_steps * per_step / config.execution.workers)
+    """Estimate from the number of steps: 50 us for a block, 2.5 us for a run and what costly parts take beside.
+
+    Starting and reporting takes 2 s; what points of a sweep share counts once.
+    """
+    from rmpc_bench.types import HasCost
+
+    seen, total = set[str](), 0.0
+    for point in config.points if "runs" in config.evaluate else ():
+        experiment = point.experiment
+        for name, key in point.method_keys.items():
+            if key not in seen:
+                method = experiment.method(name)
+                parts = (experiment.plant, method.estimator, method.controller)
+                per_run = 2.5e-6 + sum(part.cost_per_step for part in parts if isinstance(part, HasCost))
+                n_blocks = math.ceil(experiment.n_runs / config.execution.block)
+                total += experiment.n_steps * (5e-5 * n_blocks + per_run * experiment.n_runs)
+            seen.add(key)
+    return math.ceil(2.0 + total / config.execution.workers)
 
 
 def _megabytes(config: ExperimentConfig) -> float:

@@ -87,6 +87,11 @@ class Gpc:
         """What the info of a command has."""
         return {"Q_yw": self.Q_yw.shape, "loss": ()}
 
+    @property
+    def cost_per_step(self) -> float:
+        """That of the recursion [s]."""
+        return 0.0 if self.gains is not None else 1.2e-6 * self.Np
+
     def init(self, n_runs: int) -> GpcState | TunedState:
         """Nothing has been estimated yet."""
         return GpcState(np.zeros((n_runs, self._nx)))
@@ -162,6 +167,11 @@ class TunedGpc(Gpc):
     def reports(self) -> dict[str, tuple[int, ...]]:
         """What the info of a command has."""
         return {**super().reports, **self.noise.reports}
+
+    @property
+    def cost_per_step(self) -> float:
+        """That of the recursion and of LP2 [s]."""
+        return super().cost_per_step + (25e-6 if self.noise.keys.state_rows else 7e-6)
 
     def init(self, n_runs: int) -> TunedState:
         """Nothing has been estimated yet, and the penalties are those of the design."""

@@ -146,9 +146,9 @@ def _constant(model: Any) -> LinearModel:
     """Return the one model of all k; of an uncertain one its nominal part."""
     if isinstance(model, LinearModel):
         return model
+    nominal: LinearModel = model.at(0)  # refused by one that is another at every state
     if model.system.varies:
         raise DesignError("predicts with one model; this one is another at every k")
-    nominal: LinearModel = model.at(0)
     return nominal
 
 

@@ -211,6 +211,8 @@ def _ahead(what: Callable[[int], Any], k: int) -> Any:
     try:
         return what(k)
     except DesignError as error:
+        if k == 0:
+            raise  # the horizon is not to blame
         blamed = error.parameter or "matrix"
         raise DesignError(f"reaches k = {k}, where the model's {blamed} {error}", "horizon") from None
 

@@ -133,6 +133,8 @@ class _Builder:
         if parts.estimator is not None and start is not None:
             provided = {"model": model, "n_steps": self.n_steps, **start, "plant": plant}
             estimator = self.estimator(parts, provided)
+        if parts.controller is None and parts.controlled:
+            return None  # what is wrong with the controller has been noted
         if parts.controller is None:
             controller: Any = Rest(model.nu)
         elif estimator is None and parts.controller.asks("estimator"):
@@ -246,12 +248,16 @@ class _Builder:
             names = ", ".join(map(repr, deaf))
             self.sheet.note(["reference"], f"the controller of {names} drives the state to 0 and follows none")
 
-    def refuse_unreachable(self, reference: Reference, plant: Plant) -> None:
-        """Refuse a reference that leaves the workspace of the plant."""
-        if isinstance(plant, HasWorkspace):
-            reason = plant.unreachable(reference.sample(self.n_steps + 1))
-            if reason is not None:
-                self.sheet.note(["reference"], reason)
+    def refuse_unreachable(self, reference: Reference, plant: Plant, scenario: Scenario | None) -> None:
+        """Refuse a reference that leaves the workspace of the plant, and a state that begins outside."""
+        if not isinstance(plant, HasWorkspace):
+            return
+        reason = plant.unreachable(reference.sample(self.n_steps + 1))
+        if reason is not None:
+            self.sheet.note(["reference"], reason)
+        reason = plant.unreachable(scenario.x0[None, : plant.ny]) if scenario is not None else None
+        if reason is not None:
+            self.sheet.note(["initial", "x"], reason)
 
     def recording(self, scenario: Scenario) -> Recording:
         """What to keep of which runs."""
@@ -284,7 +290,7 @@ def build(sheet: Sheet, made: dict[str, Any] | None = None, *, smoke: bool = Fal
     if reference is None:
         return None
     builder.refuse_reference(reference, methods)
-    builder.refuse_unreachable(reference, plant)
+    builder.refuse_unreachable(reference, plant, scenario)
     opposed = builder.opposed(plant, methods, scenario) if scenario is not None else None
     if scenario is None or opposed is None or sheet.problems or any(method is None for method in methods):
         return None

@@ -12,12 +12,13 @@ from rmpc_bench import registry
 from rmpc_bench.analysis.points import value_text
 from rmpc_bench.experiment.parts import Part
 from rmpc_bench.experiment.places import Place, nowhere
-from rmpc_bench.experiment.recording import BURSTS, has_bursts, reported
+from rmpc_bench.experiment.recording import has_bursts
 from rmpc_bench.experiment.sheet import Sheet
 from rmpc_bench.experiment.yaml import plain
 from rmpc_bench.registry import unknown
-from rmpc_bench.simulation.closed_loop import SIGNALS
+from rmpc_bench.simulation.closed_loop import BURSTS, SIGNALS
 from rmpc_bench.simulation.moments import Moments, exact_laws, signals
+from rmpc_bench.simulation.reported_metrics import reports_of
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Method, Outlook
 
@@ -75,7 +76,7 @@ def check_recording(sheet: Sheet, experiments: Sequence[Experiment | None]) -> N
     if len(found) < len(experiments):
         return
     there = list(SIGNALS)
-    there += [name for experiment in found for method in experiment.methods for name in reported(method)]
+    there += [name for experiment in found for method in experiment.methods for name in reports_of(method)]
     there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
     for number, name in enumerate(sheet.values["record"].signals):
         if name not in there:
@@ -115,7 +116,7 @@ def _reports(experiments: Sequence[Experiment]) -> dict[str, dict[str, tuple[int
     for experiment in experiments:
         for method in experiment.methods:
             wanted = experiment.recording.signals if experiment.recording.n_runs else ()
-            shapes = {name: shape for name, shape in reported(method).items() if name in wanted}
+            shapes = {name: shape for name, shape in reports_of(method).items() if name in wanted}
             found[method.name] = found.get(method.name, {}) | shapes
     return found
 

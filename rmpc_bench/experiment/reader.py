@@ -114,7 +114,8 @@ def _methods(sheet: Sheet) -> None:
         if not isinstance(label, str):
             sheet.note([*path, "label"], f"must be text (got {shown(label)})")
         parts = {key: _method_part(sheet, own, key, path) for key in ("model", "estimator", "controller")}
-        sheet.methods[name] = MethodParts(str(label), **parts)
+        controlled = own.get("controller", sheet.tree.get("controller")) is not None
+        sheet.methods[name] = MethodParts(str(label), **parts, controlled=controlled)
 
 
 def _method_part(sheet: Sheet, own: Map, key: str, path: list[str | int]) -> Part | None:

@@ -3,18 +3,9 @@
 from __future__ import annotations
 
 from rmpc_bench.simulation.bursts import HasBursts
-from rmpc_bench.simulation.closed_loop import SIGNALS
+from rmpc_bench.simulation.closed_loop import BURSTS, SIGNALS
+from rmpc_bench.simulation.reported_metrics import reports_of
 from rmpc_bench.simulation.scenario import Experiment, Recording, Scenario
-from rmpc_bench.types import Method, Reports
-
-BURSTS = "bursts"
-"""Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
-
-
-def reported(method: Method) -> dict[str, tuple[int, ...]]:
-    """What a method reports of itself: name -> shape of the entry of one run."""
-    parts = [part for part in (method.estimator, method.controller) if isinstance(part, Reports)]
-    return {name: tuple(shape) for part in parts for name, shape in part.reports.items()}
 
 
 def has_bursts(scenario: Scenario) -> bool:
@@ -43,5 +34,5 @@ def kept(experiment: Experiment, name: str) -> Recording:
     name : of the method
     """
     recording = experiment.recording
-    there = {*SIGNALS, BURSTS, *reported(experiment.method(name))}
+    there = {*SIGNALS, BURSTS, *reports_of(experiment.method(name))}
     return recording._replace(signals=tuple(signal for signal in recording.signals if signal in there))

@@ -37,6 +37,8 @@ class MethodParts:
     model: Part | None
     estimator: Part | None
     controller: Part | None
+    controlled: bool = False
+    """Whether there is to be a controller, with or without mistakes."""
 
 
 @dataclass

@@ -8,8 +8,9 @@ import numpy as np
 
 from rmpc_bench.analysis.trials import Traces
 from rmpc_bench.experiment.point import ConfigPoint
-from rmpc_bench.experiment.recording import kept, reported
+from rmpc_bench.experiment.recording import kept
 from rmpc_bench.experiment.store import Store
+from rmpc_bench.simulation.reported_metrics import reports_of
 from rmpc_bench.types import HasUnits, Plant
 
 
@@ -28,7 +29,7 @@ def traces_of(point: ConfigPoint, store: Store, name: str) -> Traces | None:
     found = {signal: store.traces(point.method_keys[name], signal, recording.n_runs) for signal in recording.signals}
     runs = sorted(set.intersection(*(set(stored) for stored, _ in found.values())))
     signals = {signal: array[np.isin(stored, runs)] for signal, (stored, array) in found.items()}
-    shapes = {signal: shape for signal, shape in reported(experiment.method(name)).items() if signal in signals}
+    shapes = {signal: shape for signal, shape in reports_of(experiment.method(name)).items() if signal in signals}
     r = experiment.scenario.reference.sample(experiment.n_steps + 1)
     return Traces(np.array(runs, dtype=np.int64), signals, r, shapes) if runs else None
 

@@ -28,7 +28,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import Pair
-from rmpc_bench.numerics.linalg import as_vector
+from rmpc_bench.numerics.linalg import as_compiled, as_vector
 from rmpc_bench.types import Array, DesignError, NonNegative, Positive
 
 NUMBERS: Mapping[str, float] = {
@@ -140,12 +140,14 @@ class MovingSlideModel:
         """Sample the model with its matrices frozen at a state of every run."""
         from rmpc_bench.models.moving_slide_kernel import pair_kernel
 
-        # A copy: views and arrays that cannot be written would be compiled for anew.
-        return Pair(*pair_kernel(np.array(x, dtype=float, order="C"), self.numbers, self.Ts, self.euler))
+        return Pair(*pair_kernel(as_compiled(x), self.numbers, self.Ts, self.euler))
 
     def at(self, k: int) -> LinearModel:
         """Refuse: the model is another one at every state, not at every k."""
-        raise DesignError("the model moving-slide depends on the state; kalman, lp-window and gpc take it", "kind")
+        raise DesignError(
+            "the model moving-slide depends on the state: choose what linearises at the estimate, as kalman and gpc do",
+            "kind",
+        )
 
     def warm_up(self) -> None:
         """Compile the kernel (or load it from the cache)."""

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.linalg import as_compiled, mv
 from rmpc_bench.numerics.lp import Bounds, LpStatus, lexicographic
 from rmpc_bench.numerics.minimax import Outcome, fit
 from rmpc_bench.types import Array
@@ -38,6 +38,9 @@ CERTAIN = 1.0 - 1e-9
 """Largest sum of |lam| that is certainly below 1."""
 NOTHING = 1e-11
 """Residuals that are none, relative to the data: what minimax.py calls optimal."""
+
+WIDEST = 1e6
+"""Ratio of the sizes of two outputs beyond which the solver loses the smaller one: it keeps bounds to 1e-10."""
 
 AGE, PROCESS = 0.99, 1.01
 """Weight of a noise in the second objective, per sample of age, and that of process noise."""
@@ -106,7 +109,7 @@ def predicted(
 
     runs, places, ny = window.y.shape
     path, d = np.empty((runs, points, window.c.shape[2])), np.empty((runs, points * ny))
-    y, A, c, before, C = _compilable(*window, C)
+    y, A, c, before, C = map(as_compiled, (*window, C))
     path_kernel(y, A, c, before, C, places - points, anchored, path, d)
     return path, d
 
@@ -120,7 +123,7 @@ def reduced(
     runs, places, ny = window.y.shape
     nx = window.c.shape[2]
     F, moved = np.empty((runs, points * ny, nx)), np.empty((runs, nx, nx))
-    A, C = _compilable(window.A, C)
+    A, C = as_compiled(window.A), as_compiled(C)
     reduced_kernel(A, C, places - points, F, moved)
     return F, moved
 
@@ -132,7 +135,7 @@ def prices(
     from rmpc_bench.numerics.bounded_window_kernel import price_kernel
 
     price = np.empty((len(mu), window.c.shape[2]))
-    A, C = _compilable(window.A, C)
+    A, C = as_compiled(window.A), as_compiled(C)
     price_kernel(A, C, A.shape[1] - points, mu, price)
     return price
 
@@ -186,12 +189,15 @@ def quietest(
     Returns
     -------
     tuple or None
-        x and the bounds; None where the solver fails.
+        x and the bounds; None where the solver fails, or would, as the units of the outputs differ too much.
     """
     n, p = F.shape
     scale, groups = float(np.abs(d).max()), int(group.max()) + 1
     if scale == 0.0:
         return np.zeros(p), np.zeros(groups)
+    sizes = np.array([np.abs(d[group == g]).max() for g in range(groups)])
+    if sizes[sizes > 0.0].min() * WIDEST < scale:
+        return None
     A = np.zeros((2 * n, p + 2 * n + groups))
     A[:n, :p], A[:n, p : p + n], A[:n, p + n : p + 2 * n] = F, np.eye(n), -np.eye(n)
     A[n:, p : p + n], A[n:, p + n : p + 2 * n] = np.eye(n), np.eye(n)
@@ -205,8 +211,3 @@ def quietest(
     if found.status is not LpStatus.OPTIMAL:
         return None
     return scale * found.x[:p], scale * np.maximum(found.x[p + 2 * n :], 0.0)
-
-
-def _compilable(*arrays: Array) -> tuple[Array, ...]:
-    """Arrays of the one kind that kernels are compiled for: contiguous and writable."""
-    return tuple(np.require(array, float, ["C", "W"]) for array in arrays)

@@ -26,6 +26,11 @@ def mv(A: Float[Array, "n m"] | Float[Array, "runs n m"], x: Float[Array, "runs 
     return product
 
 
+def as_compiled(array: Array) -> Array:
+    """Return an array of the one kind that kernels are compiled for: of doubles, contiguous and writable."""
+    return np.require(array, np.float64, ["C", "W"])
+
+
 def at_sample(schedule: Array, k: int) -> Array:
     """Return entry k of a schedule, axis 0 = k; a constant one has length 1."""
     entry: Array = schedule[k] if len(schedule) > 1 else schedule[0]

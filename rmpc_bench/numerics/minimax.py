@@ -3,8 +3,9 @@
 Problem   minimise sum over g of r_g over x and r, |d_i - F_i x| <= r_g for every point i of group g.
 Dual      maximise sum d_i mu_i, F' mu = 0, sum over the points of a group of |mu_i| <= 1.
 Solution  simplex method on the dual, an exchange of points: its bases have as many columns as there are unknowns and
-          groups, however many points there are.  The answer is checked against the duality gap, so that none is wrong
-          without saying so.
+          groups, however many points there are.  The answer is checked against the duality gap, which must be below
+          1e-6 of the optimum with all that rounding can have hidden; a row of which that is not certain has failed, as
+          has one whose unknowns nearly depend on each other.
 Unique    a dual solution whose basis is nowhere 0 leaves one x only, as complementary slackness makes every optimum
           solve the equations of that basis.  So does a fit without residuals, if F has full column rank.  Otherwise
           there may be other optima.
@@ -19,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, Int8
 
+from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.types import Array
 
 
@@ -64,6 +66,6 @@ def fit(F: Float[Array, "rows n p"], d: Float[Array, "rows n"], group: Int[Array
     rows, n, p = F.shape
     groups = int(group.max(initial=-1)) + 1
     fits = Fits(np.empty((rows, p)), np.empty((rows, groups)), np.empty((rows, n)), np.empty(rows, dtype=np.int8))
-    F, d = (np.require(array, np.float64, ["C", "W"]) for array in (F, d))  # arrays of one kind, hence one compilation
+    F, d = as_compiled(F), as_compiled(d)
     minimax_kernel(F, d, np.require(group, np.int64, ["C", "W"]), *fits)
     return fits

@@ -26,9 +26,11 @@ import numpy as np
 VALUE, DELTA, PI, GAIN, SIGN, SUM = 0, 1, 2, 3, 4, 5  # rows of V, one entry per column of the basis
 UNIQUE, OPTIMAL, FAILED = 0, 1, 2
 RANK = 1e-10  # of a column of size 1; what is left of one that depends on others
+NONE = 1e-13  # likewise, but for rounding
 PIVOT = 1e-9  # smaller ones would spoil the inverse
 OPEN = 1e-12  # residual beyond r that still counts as none, relative to d and to the terms F x
 CLOSED = 1e-11  # largest difference of the two bounds at the end, likewise: some roundings more
+SURE = 1e-6  # largest such difference relative to the optimum
 ZERO = 1e-9  # of a dual value; they are of size 1
 
 
@@ -52,8 +54,8 @@ def _scaled(F: Any, d: Any, A: Any, b: Any, size: Any) -> bool:  # pragma: no co
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _picked(A: Any, W: Any, basis: Any, n_columns: int) -> bool:  # pragma: no cover
-    """Put as many points as A has rank into the basis, by elimination; whether that is full."""
+def _picked(A: Any, W: Any, basis: Any, n_columns: int) -> int:  # pragma: no cover
+    """Put as many points as A has rank into the basis, by elimination; UNIQUE if that is full, FAILED in doubt."""
     n, p = A.shape
     for j in range(p):
         basis[j] = -1
@@ -76,12 +78,15 @@ def _picked(A: Any, W: Any, basis: Any, n_columns: int) -> bool:  # pragma: no c
                     W[i, j] -= factor * W[row, j]
         for j in range(p):
             W[row, j] = 0.0
-    full = True
+    rank = UNIQUE
     for j in range(p):
         if basis[j] < 0:  # an artificial column, which stays at 0
             basis[j] = n_columns + j
-            full = False
-    return full
+            rank = max(rank, OPTIMAL)
+            for i in range(n):
+                if abs(W[i, j]) > NONE:
+                    rank = FAILED
+    return rank
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -274,7 +279,9 @@ def _judged(A: Any, b: Any, group: Any, basis: Any, V: Any, r: Any, mu: Any) -> 
             return FAILED
     if not upper - lower <= CLOSED * size:
         return FAILED
-    return UNIQUE if upper <= CLOSED * size else outcome
+    if upper <= CLOSED * size:
+        return UNIQUE
+    return outcome if CLOSED * size <= SURE * upper else FAILED
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -296,7 +303,9 @@ def _fitted(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, work: Any) -> i
     m = len(basis)
     if not _scaled(F, d, A, b, size):
         return FAILED
-    full = _picked(A, rest, basis, n + m - p)
+    rank = _picked(A, rest, basis, n + m - p)
+    if rank == FAILED:
+        return FAILED
     for t in range(m):
         V[SIGN, t] = 1.0
         if t >= p:
@@ -314,7 +323,7 @@ def _fitted(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, work: Any) -> i
         x[j] = ldexp(V[PI, j], size[p] - size[j])
     for g in range(m - p):
         r[g] = ldexp(r[g], size[p])
-    return outcome if full or outcome == FAILED else OPTIMAL
+    return max(outcome, rank)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.types import Array
 
 SMALLEST = 1e-13
@@ -99,7 +100,7 @@ def track(
     """
     from rmpc_bench.numerics.tracking_kernel import tracking_kernel
 
-    A, B, f, C, Q_yw, R_u, w, x = (np.ascontiguousarray(each, dtype=float) for each in (A, B, f, C, Q_yw, R_u, w, x))
+    A, B, f, C, Q_yw, R_u, w, x = (as_compiled(each) for each in (A, B, f, C, Q_yw, R_u, w, x))
     u, loss = np.empty((len(x), B.shape[2])), np.empty(len(x))
     tracking_kernel(A, B, f, C, Q_yw, R_u, w, x, u, loss)
     return u, loss

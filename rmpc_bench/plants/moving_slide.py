@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.moving_slide import NUMBERS, arms, kernel_numbers
+from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.plants.moving_slide_portrait import robot_on_its_path
 from rmpc_bench.types import Array, Count, DesignError, Motion, NonNegative, Panel, Positive, Status, Statuses
 
@@ -81,8 +82,7 @@ class MovingSlide:
         """Move over one sample with the torques held, then add the process noise."""
         from rmpc_bench.models.moving_slide_kernel import slide_step_kernel
 
-        # Copies: views and arrays that cannot be written would be compiled for anew.
-        x, u, w = (np.array(each, dtype=float, order="C") for each in (x, u, w))
+        x, u, w = map(as_compiled, (x, u, w))
         x_next, status = slide_step_kernel(x, u, w, delta.numbers, self.Ts, self.substeps)
         return Motion(x_next, np.where(delta.status != Status.OK, delta.status, status))
 
@@ -96,7 +96,7 @@ class MovingSlide:
         """Smallest singular value of J of the nominal robot."""
         from rmpc_bench.models.moving_slide_kernel import sigma_kernel
 
-        return np.asarray(sigma_kernel(np.array(y, dtype=float, order="C"), _numbers(self.nominal)))
+        return np.asarray(sigma_kernel(as_compiled(y), _numbers(self.nominal)))
 
     def unreachable(self, r: Float[Array, "samples 3"]) -> str | None:
         """Say where a reference is out of reach of the nominal robot, or singular; None where it is neither."""
@@ -119,6 +119,11 @@ class MovingSlide:
             f"at {reached * self.Ts:g} s arm {arm + 1} would be {lengths[reached, arm]:.4g} m long; it can be "
             f"{p['l_min']:g} to {p['arm']:g} m: stay closer to the middle"
         )
+
+    @property
+    def cost_per_step(self) -> float:
+        """Mostly that of the integration [s]."""
+        return 1.1e-6 * self.substeps
 
     def portrait(self) -> tuple[Panel, ...]:
         """Draw the robot and the S that the paper's platform follows."""

@@ -15,6 +15,8 @@ from rmpc_bench.types import Array, Informed, Method, MixesNoise, Plant, Record,
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)  # looked up once: members of an enum are slow to reach
 LARGEST = 1e100
 """Beyond this a run counts as diverged: its square must still be a number that can be summed."""
+BURSTS = "bursts"
+"""Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
 SIGNALS = ("y", "u", "x", "x_hat")
 """What every run has; whatever else is recorded is something that the method reports, or the bursts of the noise."""
 
@@ -47,12 +49,12 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
     P, M = (any(getattr(metric, name, False) for metric in experiment.metrics) for name in ("needs_P", "needs_M"))
     info = {name for metric in experiment.metrics for name in getattr(metric, "needs_info", ())}
-    info |= set(recording.signals) - set(SIGNALS)
+    n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
+    info |= set(recording.signals) - set(SIGNALS) if n_recorded else set()
     record, status = simulate(plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info)
     ok = status == OK
     with np.errstate(over="ignore", invalid="ignore"):  # of failed runs
         values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
-    n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
     traces = {
         name: trace[:n_recorded]
         for name in recording.signals
@@ -143,7 +145,7 @@ def _wanted(info: Mapping[str, Array], names: Collection[str]) -> dict[str, Floa
 
 def _signal(record: Record, name: str) -> Float[Array, "runs _ _"] | None:
     """Trajectories to keep; None of what the method does not report."""
-    if name == "bursts":
+    if name == BURSTS:
         return None if record.bursts is None else record.bursts[:, :, None].astype(float)
     return getattr(record, name) if name in SIGNALS else record.info.get(name)
 

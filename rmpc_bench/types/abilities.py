@@ -206,3 +206,12 @@ class HasSingularPoses(Protocol):
 
     def manipulability(self, y: Float[Array, "poses ny"]) -> Float[Array, " poses"]:
         """Smallest singular value of what maps output velocities to those of the drives; 0 where a pose is singular."""
+
+
+@runtime_checkable
+class HasCost(Protocol):
+    """A plant, an estimator or a controller may offer this where it takes more than a few microseconds; for `check`."""
+
+    @property
+    def cost_per_step(self) -> float:
+        """About how long it takes per run and step, in a block of 50 runs [s]."""

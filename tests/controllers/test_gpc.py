@@ -119,10 +119,11 @@ def test_a_model_that_does_not_depend_on_the_state_is_a_linear_one(rng):
         np.testing.assert_allclose(left.info["loss"], right.info["loss"], **LSTSQ)
 
 
-def test_a_state_dependent_model_is_frozen_at_the_estimate_before(rng):
+@pytest.mark.parametrize("tuning", [{}, {"tuning": LpNoise(Ne2=9)}], ids=["constant", "not yet tuned"])
+def test_a_state_dependent_model_is_frozen_at_the_estimate_before(tuning, rng):
     """Oracle: (12) with the pair at x_hat(k-1), at k = 0 at x_hat(0)."""
     model, x_hat, r = Swing(), rng.standard_normal((3, 5, 2)), rng.standard_normal((20, 1))
-    controller = design(model, Np=6, Q_yw=2.0, Q_u=0.3)
+    controller = design(model, Np=6, Q_yw=2.0, Q_u=0.3, **tuning)
     found = commands(controller, x_hat, np.zeros((3, 5, 1)), r)
     for k, command in enumerate(found):
         np.testing.assert_array_equal(model.asked[k], x_hat[:, max(k - 1, 0)])
@@ -142,6 +143,42 @@ def test_a_varying_model_is_that_of_k_over_the_horizon(rng):
     for k, m in enumerate(models):
         alone = first(design(m, Np=5, Q_yw=1.0, Q_u=0.5), x_hat[:, k], r[k : k + 6])
         np.testing.assert_allclose(found[k].u, alone.u, **LSTSQ)
+
+
+def with_means(rng, nx, nu, ny):
+    """A model whose noises have means."""
+    m = random_model(rng, nx, nu, ny)
+    return LinearModel(m.A, m.B, m.C, m.Q_w, m.R_v, f0=rng.standard_normal(nx), d0=rng.standard_normal(ny))
+
+
+@pytest.mark.parametrize("tuning", [{}, {"tuning": LpNoise(Ne2=2, kp=1.0)}], ids=["constant", "tuned"])
+def test_a_varying_model_may_have_means(tuning, rng):
+    """Oracle: (12) with the model of k and the penalties that are reported; they change once they are tuned."""
+    models, x_hat, y = [with_means(rng, 2, 2, 2) for _ in range(5)], rng.standard_normal((3, 5, 2)), np.zeros((3, 5, 2))
+    r = rng.standard_normal((10, 2))
+    found = commands(design(Varying(models), 5, Np=3, Q_yw=1.5, Q_u=0.5, **tuning), x_hat, y, r)
+    for k, (m, command) in enumerate(zip(models, found, strict=True)):
+        for i, Q_yw in enumerate(command.info["Q_yw"]):
+            assert np.array_equal(Q_yw, 1.5 * np.eye(2)) == (not tuning or k < 2)
+            u, loss = dense(m.A, m.B, m.f0, m.C, Q_yw, 0.5 * np.eye(2), r[k + 1 : k + 4] - m.d0, x_hat[i, k])
+            np.testing.assert_allclose(command.u[i], u, **LSTSQ)
+            np.testing.assert_allclose(command.info["loss"][i], loss, **LSTSQ)
+
+
+def test_tuning_counts_means_as_known(rng):
+    """Oracle: max |y - C x_hat - d0| and max |x_hat - A x_hat(k-1) - B u(k-1) - f0| of the last three samples.
+
+    The means are those of the models of their own times; the last rows of both fits have no coefficients.
+    """
+    models, x_hat, y = [with_means(rng, 2, 1, 2) for _ in range(8)], *rng.standard_normal((2, 4, 8, 2))
+    controller = design(Varying(models), 8, Np=2, Q_yw=1.0, Q_u=0.5, tuning=LpNoise(Ne2=2))
+    found = commands(controller, x_hat, y, np.zeros((12, 2)))
+    n = np.stack([y[:, k] - x_hat[:, k] @ m.C.T - m.d0 for k, m in enumerate(models)])
+    before = [x_hat[:, k] @ m.A.T + found[k].u @ m.B.T + m.f0 for k, m in enumerate(models)]
+    nu = np.stack([x_hat[:, k] - before[k - 1] for k in range(1, 8)])
+    for k in range(3, 8):
+        np.testing.assert_allclose(found[k].info["r_breve"][:, 1], np.abs(n[k - 2 : k + 1, :, 1]).max(axis=0), **ROUND)
+        np.testing.assert_allclose(found[k].info["rho_breve"][:, 1], np.abs(nu[k - 3 : k, :, 1]).max(axis=0), **ROUND)
 
 
 @pytest.mark.parametrize("n_steps", [None, 4])
@@ -188,6 +225,8 @@ def test_the_least_cost_of_a_run_does_not_depend_on_another_one(rng):
         ({"tuning": LpNoise(bounds=(4.0, 0.5))}, "tuning.bounds", "0.5"),
         ({"tuning": LpNoise(Ne2=1)}, "tuning.Ne2", "at least 2"),
         ({"tuning": LpNoise(), "Q_u": [1.0, 0.0]}, "Q_u", "full rank"),
+        ({"tuning": LpNoise(), "Q_u": [1.0, 1e-14]}, "Q_u", "full rank"),
+        ({"tuning": LpNoise(), "Q_u": [[1.0, 1.0], [1.0, 1.0 + 1e-14]]}, "Q_u", "full rank"),
     ],
 )
 def test_bad_parameters_are_design_errors_that_name_them(changes, parameter, message, rng):

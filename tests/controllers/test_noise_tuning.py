@@ -109,6 +109,19 @@ def test_the_penalty_is_the_clipped_inverse(form, c, rng):
     np.testing.assert_allclose(info["C_x"], C_x, **ROUND)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_is_off_the_diagonal_is_clipped_on_both_sides(sign, rng):
+    """Oracle: the scaled inverse of what is reported lies beyond the bound in every run, as the noises nearly agree."""
+    e = rng.uniform(-5e-4, 5e-4, (30, 15, 2))
+    e[:, :, 1] = sign * (0.8 * e[:, :, 0] + 0.2 * e[:, :, 1])
+    window = np.concatenate([e, np.zeros_like(e)], axis=2)
+    found = tuning(ny=2, on="residual", state_rows=False, bounds=(0.5, 3.0))
+    Q_yw, info = found.penalties(0, window, np.tile(np.eye(2), (30, 1, 1)))
+    beyond = sign * 1e-7 * np.linalg.inv(info["C_y"])[:, 0, 1]
+    assert (beyond < -3.0).all()
+    np.testing.assert_array_equal(Q_yw[:, [0, 1], [1, 0]], np.full((30, 2), -3.0 * sign))
+
+
 def test_without_noise_the_penalty_is_at_its_upper_bound(rng):
     """Oracle: the stated limit; r = 0 counts as the floor, kp 3 / 1e-12 is beyond 4."""
     y, _, x_hat, _ = windows(rng)

@@ -59,8 +59,8 @@ def test_it_runs(tmp_path):
 
 
 def test_a_singular_pose_ends_a_run(tmp_path):
-    """Oracle: acos(0.08/0.30) = 1.3009 in the middle; the table counts the runs under their status."""
-    start = "{x: [0, 0, 1.3009, 0, 0, 0], x_hat: 0, P: 1}"
+    """Oracle: acos(0.08/0.30) = 1.3009 in the middle, which 1 rad/s reaches; the table counts the runs by status."""
+    start = "{x: [0, 0, 1.2, 0, 0, 1], x_hat: 0, P: 1}"
     assert cli("run", write_robot(tmp_path, initial=start), "-o", tmp_path / "out").exit_code == 3
     assert set(load_trials(tmp_path / "out").frame["status"]) == {"singular"}
 
@@ -72,6 +72,7 @@ def test_a_singular_pose_ends_a_run(tmp_path):
         ({"reference": "{kind: s-shape, width: 0.2, duration: 0.4}"}, "reference", "s arm 4 would be 0.5"),
         ({"reference": "{kind: constant, value: [0, 0, 74.53*pi/180]}"}, "reference", "is singular: the torques"),
         ({"initial": "{x: [0, 0, 0], x_hat: 0, P: 1}"}, "initial.x", "shape (3,) does not fit"),
+        ({"initial": "{x: [0, 0, 1.3009, 0, 0, 0], x_hat: 0, P: 1}"}, "initial.x", "is singular: the torques"),
         ({"plant": "{kind: moving-slide, perturb: {m_a: 1 + eps}}"}, "plant.perturb.m_a", "'m_a' is not a known"),
         ({"plant": "{kind: moving-slide, l_min: 0.6}"}, "plant.l_min", "must be below the length of an arm"),
         ({"plant": "{kind: moving-slide, mass: 0}"}, "plant.mass", "must be > 0"),
@@ -83,7 +84,7 @@ def test_a_singular_pose_ends_a_run(tmp_path):
             "the model moving-slide depends on the state",
         ),
     ],
-    ids=["far", "hook", "singular", "initial", "name", "l_min", "mass", "noise", "outputs", "estimator"],
+    ids=["far", "hook", "singular", "initial", "start", "name", "l_min", "mass", "noise", "outputs", "estimator"],
 )  # fmt: skip
 def test_mistakes(tmp_path, keys, place, message):
     """Oracle: a line at the key to blame."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench import load_config
+from rmpc_bench.numerics import bounded_window
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.types import Status
 
@@ -30,7 +31,7 @@ def rms(record):
 def test_missing_measurements_cost_a_few_estimates(name):
     """Oracle: by hand; each costs itself and the three windows behind, five in a row cost eight; other runs no bit.
 
-    A fallback is as far off as the noise at most, and few are: errors change by less than half the width 5e-4 of the noise.
+    A fallback is as far off as the noise at most, and few are: errors change by less than half of its half-width 5e-4.
     """
 
     def spoiled(v):
@@ -96,3 +97,15 @@ def test_a_singular_pose_stops_a_run_and_no_other():
     np.testing.assert_array_equal(status, [Status.OK, Status.SINGULAR])
     np.testing.assert_array_equal(record.x[0], clean.x[0])
     np.testing.assert_array_equal(record.x[1], np.tile(x0[1], (101, 1)))
+
+
+@pytest.mark.parametrize("name", ["constant", "tuned"])
+def test_a_solver_that_always_fails_ends_all_runs(name, monkeypatch):
+    """Oracle: by hand; an anchored window is full at k = 3, the 51st estimate in a row without a fit is that of 53."""
+    monkeypatch.setattr(bounded_window, "quietest", lambda *_: None)
+    record, status, _ = loop(name, "estimator.start=anchored", steps=60)
+    np.testing.assert_array_equal(status, np.full(2, Status.DIVERGED))
+    np.testing.assert_array_equal(record.info["fallback"][:, :, 0], np.tile(np.arange(61) >= 3, (2, 1)))
+    moved = (np.diff(record.x, axis=1) != 0.0).any(axis=2)
+    np.testing.assert_array_equal(moved, np.tile(np.arange(60) < 53, (2, 1)))
+    assert all(np.isfinite(signal).all() for signal in (record.x, record.x_hat, record.u))

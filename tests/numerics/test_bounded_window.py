@@ -14,9 +14,10 @@ from rmpc_bench.numerics.bounded_window import (
     full_matrix,
     predicted,
     prices,
+    quietest,
     reduced,
 )
-from rmpc_bench.numerics.minimax import fit
+from rmpc_bench.numerics.minimax import Outcome, fit
 
 TS = 0.01
 CLOSE = 1e-9  # data of size 1; SciPy keeps bounds to 1e-10
@@ -95,6 +96,22 @@ def test_anchored_windows_are_the_full_program(points, rng):
     for i in range(6):
         objective, _, _, _ = lp_twin.solve(data(window, C, i, points, True))
         assert abs(objective - fits.rho[i].sum() - fits.r[i].sum()) < CLOSE
+
+
+@pytest.mark.parametrize("anchored", [False, True])
+def test_the_output_matrix_may_be_another_one_at_every_point(anchored, rng):
+    """Oracle: linprog on (17)-(19); with rho > 0 it is the full program whose matrix is another one."""
+    window, C = integrators(rng, 6, 6)
+    C = C + 0.3 * rng.standard_normal((6, 3, 6))
+    window.y[:] = np.einsum("jox,rjx->rjo", C, np.roll(window.before, -1, axis=1)) + rng.uniform(-1.0, 1.0, (6, 6, 3))
+    window.y[:, -1] = rng.uniform(-100.0, 100.0, (6, 3))
+    fits = (fit_anchored if anchored else fit_free)(window, C, 6)
+    assert fits.solved.all() and (fits.rho.sum(axis=1) > 1.0).all()
+    for i in range(6):
+        one = data(window, C, i, 6, anchored)
+        objective, _, _, _ = lp_twin.solve(one)
+        size = np.abs(predicted(window, C, 6, anchored=anchored)[1][i]).max()
+        assert abs(objective - fits.rho[i].sum() - fits.r[i].sum()) < CLOSE * size
 
 
 @pytest.mark.parametrize(("points", "anchored"), [(4, True), (9, False)])
@@ -200,6 +217,36 @@ def test_a_solver_that_fails_leaves_the_row_unsolved(rng, monkeypatch):
     window, C = integrators(rng, 3, 4)
     fits = fit_anchored(window, C, 4)
     assert not fits.solved.any() and np.isnan(fits.rho).all() and np.isnan(fits.x).all()
+
+
+def test_ties_are_left_to_the_full_program(monkeypatch):
+    """Oracle: by hand; a constant c is measured twice, as (0, .3, .3) and as (1, .25, .4).
+
+    The bounds are c and 1 - c for c from .15 to .625, whatever the prices, which are 0 behind the first point; the sum
+    of |y - c| is least where the noises below and above weigh the same, at the .3 of the last point.
+    """
+    calls = []
+    monkeypatch.setattr(bounded_window, "quietest", lambda *given: calls.append(given) or quietest(*given))
+    y = np.array([[[0.0, 1.0], [0.3, 0.25], [0.3, 0.4]]])
+    window = Window(y, np.ones((1, 3, 1, 1)), np.zeros((1, 3, 1)), np.zeros((1, 3, 1)))
+    C, group = np.ones((1, 2, 1)), np.tile([0, 1], 3)
+    tied = fit(reduced(window, C, 3)[0], predicted(window, C, 3, anchored=False)[1], group)
+    assert tied.outcome[0] == Outcome.OPTIMAL and abs(tied.x[0, 0] - 0.3) > 0.1
+    np.testing.assert_array_equal(prices(window, C, 3, tied.mu), [[0.0]])
+    fits = fit_free(window, C, 3)
+    assert len(calls) == 1 and fits.solved.all()
+    np.testing.assert_allclose(fits.x, [[0.3]], atol=CLOSE)
+    np.testing.assert_allclose(np.r_[fits.r[0], fits.rho[0]], [0.3, 0.7, 0.0], atol=CLOSE)
+
+
+@pytest.mark.parametrize(("size", "solved"), [(0.0, True), (1e5, True), (1e7, False)])
+def test_outputs_whose_sizes_differ_too_much_are_refused(size, solved):
+    """Oracle: by hand; two unknowns, each halfway between its data: 0 and the size, 0 and 1; no data have no size."""
+    F, d, group = np.kron(np.eye(2), np.ones((2, 1))), np.array([0.0, size, 0.0, 1.0]), np.array([0, 0, 1, 1])
+    answer = quietest(F, d, group, np.ones(4))
+    assert (answer is not None) == solved
+    if solved:
+        np.testing.assert_allclose(answer, [[0.5 * size, 0.5]] * 2, rtol=1e-6)  # 1e-10 of the larger one
 
 
 def test_full_matrix_has_one_row_per_equation(rng):

@@ -18,4 +18,4 @@ def test_every_finding_is_the_recorded_one(trials_of, name):
     config, trials = trials_of(name)
     found = {claim.says: (judge(claim, trials).finding, claim.finding) for claim in config.claims}
     assert {says: now for says, (now, _) in found.items()} == {says: recorded for says, (_, recorded) in found.items()}
-    assert (trials.frame["status"] == "ok").all()
+    assert (trials.frame["status"] != "ok").sum() <= config.execution.max_failures

@@ -8,6 +8,8 @@ from models import moving_slide_twin as twin
 from scipy.integrate import quad_vec, solve_ivp
 
 from rmpc_bench.models import moving_slide_kernel
+from rmpc_bench.models.moving_slide import CORNERS
+from rmpc_bench.plants import moving_slide
 from rmpc_bench.plants.moving_slide import MovingSlide, design
 from rmpc_bench.types import DesignError, HasSingularPoses, HasUnits, HasWorkspace, Status, WarmsUp
 
@@ -142,6 +144,14 @@ def test_the_smallest_singular_value_anywhere(rng):
     y[:10, :2] = 0.0
     expected = [np.linalg.svd(twin.matrices(twin.robot(), np.append(each, np.zeros(3)))[2])[1][2] for each in y]
     np.testing.assert_allclose(design(0.01).manipulability(y), expected, rtol=1e-12, atol=1e-14)
+
+
+def test_what_the_kernel_has_a_copy_of():
+    """Oracle: the numbers that Python has; compiled code cannot read a Status or an array of another module."""
+    assert moving_slide_kernel.LEAST_SIGMA == moving_slide.LEAST_SIGMA
+    for name in ("OK", "DIVERGED", "OUT_OF_RANGE", "SINGULAR"):
+        assert getattr(moving_slide_kernel, name) == Status[name]
+    np.testing.assert_array_equal(np.transpose([moving_slide_kernel.SIGN_X, moving_slide_kernel.SIGN_Y]), CORNERS)
 
 
 def test_what_ends_a_run():
