@@ -27,6 +27,12 @@ def roots(rng, nu, ny):
     return rng.standard_normal((ny, ny)), rng.standard_normal((nu, nu)) + 2.0 * np.eye(nu)
 
 
+def with_means(rng, nx, nu, ny):
+    """A model whose noises have means."""
+    m = random_model(rng, nx, nu, ny)
+    return LinearModel(m.A, m.B, m.C, m.Q_w, m.R_v, f0=rng.standard_normal(nx), d0=rng.standard_normal(ny))
+
+
 def first(controller, x_hat, r, k=0):
     """Command at k after the estimate x_hat, also that of the sample before."""
     state = controller.init(len(x_hat))._replace(x_previous=x_hat)
@@ -37,8 +43,7 @@ def first(controller, x_hat, r, k=0):
 @pytest.mark.parametrize(("nx", "nu", "ny"), [(1, 1, 1), (4, 1, 1), (3, 2, 2), (3, 2, 1), (3, 1, 2), (6, 4, 3)])
 def test_the_law_minimises_the_cost(nx, nu, ny, Np, rng):
     """Oracle: (12) by lstsq; known means of the noises are part of the prediction; r(k) has no effect."""
-    m = random_model(rng, nx, nu, ny)
-    m = LinearModel(m.A, m.B, m.C, m.Q_w, m.R_v, f0=rng.standard_normal(nx), d0=rng.standard_normal(ny))
+    m = with_means(rng, nx, nu, ny)
     Q_yw, Q_u = roots(rng, nu, ny)
     controller = design(m, Np=Np, Q_yw=Q_yw.tolist(), Q_u=Q_u.tolist())
     x_hat, r = rng.standard_normal((3, nx)), rng.standard_normal((Np + 1, ny))
@@ -143,12 +148,6 @@ def test_a_varying_model_is_that_of_k_over_the_horizon(rng):
     for k, m in enumerate(models):
         alone = first(design(m, Np=5, Q_yw=1.0, Q_u=0.5), x_hat[:, k], r[k : k + 6])
         np.testing.assert_allclose(found[k].u, alone.u, **LSTSQ)
-
-
-def with_means(rng, nx, nu, ny):
-    """A model whose noises have means."""
-    m = random_model(rng, nx, nu, ny)
-    return LinearModel(m.A, m.B, m.C, m.Q_w, m.R_v, f0=rng.standard_normal(nx), d0=rng.standard_normal(ny))
 
 
 @pytest.mark.parametrize("tuning", [{}, {"tuning": LpNoise(Ne2=2, kp=1.0)}], ids=["constant", "tuned"])

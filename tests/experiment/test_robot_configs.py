@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small_experiment import cli, ran, write
 
-from rmpc_bench import load_config, load_trials
+from rmpc_bench import load_config, load_trials, registry
 from rmpc_bench.plants.moving_slide import MovingSlide
 from rmpc_bench.types import ConfigError
 
@@ -92,3 +92,42 @@ def test_mistakes(tmp_path, keys, place, message):
         load_config(write_robot(tmp_path, **keys))
     found = [each for each in caught.value.problems if each.path == place and message in each.message]
     assert found, caught.value
+
+
+Q = "Q_x: 1, R_u: 0.1"
+ESTIMATORS = dict.fromkeys(registry.names("estimators"), "") | {
+    "robust-kalman": "c: 0.1",
+    "risk-sensitive": "theta: 0.01",
+}
+CONTROLLERS = {
+    "gpc": "Np: 4, Q_yw: 1, Q_u: 0.1",
+    "mpc": "Hp: 6, Hu: 2, Q: 1, R: 0.1",
+    "minimax-lq": f"horizon: 7, {Q}",
+    "lqr": f"horizon: 7, {Q}",
+    "game-gain": f"horizon: 7, {Q}",
+}
+"""Keys of every kind beyond those that have defaults; a new controller gets a line here."""
+TAKERS = ("gpc", "kalman", "lp-window")
+"""Kinds that linearise at the estimate."""
+
+
+@pytest.mark.parametrize("kind", [*ESTIMATORS, *registry.names("controllers")])
+def test_every_estimator_and_controller_takes_the_robot_s_model_or_says_why_not(tmp_path, kind):
+    """Oracle: the registry; what is refused is the kind, not anything else that the part has, and nothing else raises.
+
+    The genie blames the whole part: neither the model nor the plant is of a kind that it knows.
+    """
+    estimator = f"{{kind: {kind}, {ESTIMATORS[kind]}}}" if kind in ESTIMATORS else "{kind: kalman}"
+    controller = (
+        f"{{kind: {kind}, {CONTROLLERS[kind]}}}" if kind in CONTROLLERS else f"{{kind: gpc, {CONTROLLERS['gpc']}}}"
+    )
+    start = f"{{x: {START}, x_hat: {START}, P: 1e-6, M: 1e-6}}"
+    methods = f"{{m: {{estimator: {estimator}, controller: {controller}}}}}"
+    path = write_robot(tmp_path, model="{kind: moving-slide}", initial=start, methods=methods)
+    if kind in TAKERS:
+        assert [method.name for method in load_config(path).experiment.methods] == ["m"]
+        return
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    place = f"methods.m.{'estimator' if kind in ESTIMATORS else 'controller'}"
+    assert [each.path for each in caught.value.problems] == [place if kind == "genie" else f"{place}.kind"]

@@ -100,11 +100,9 @@ def test_anchored_windows_are_the_full_program(points, rng):
 
 @pytest.mark.parametrize("anchored", [False, True])
 def test_the_output_matrix_may_be_another_one_at_every_point(anchored, rng):
-    """Oracle: linprog on (17)-(19); with rho > 0 it is the full program whose matrix is another one."""
+    """Oracle: linprog on (17)-(19); rho > 0 comes from the full program.  Its outputs are far off: C is not theirs."""
     window, C = integrators(rng, 6, 6)
     C = C + 0.3 * rng.standard_normal((6, 3, 6))
-    window.y[:] = np.einsum("jox,rjx->rjo", C, np.roll(window.before, -1, axis=1)) + rng.uniform(-1.0, 1.0, (6, 6, 3))
-    window.y[:, -1] = rng.uniform(-100.0, 100.0, (6, 3))
     fits = (fit_anchored if anchored else fit_free)(window, C, 6)
     assert fits.solved.all() and (fits.rho.sum(axis=1) > 1.0).all()
     for i in range(6):
