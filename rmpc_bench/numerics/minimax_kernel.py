@@ -26,7 +26,7 @@ import numpy as np
 VALUE, DELTA, PI, GAIN, SIGN, SUM = 0, 1, 2, 3, 4, 5  # rows of V, one entry per column of the basis
 UNIQUE, OPTIMAL, FAILED = 0, 1, 2
 RANK = 1e-10  # of a column of size 1; what is left of one that depends on others
-NONE = 1e-13  # likewise, but for rounding
+NONE = 1e-14  # likewise, but for rounding
 PIVOT = 1e-9  # smaller ones would spoil the inverse
 OPEN = 1e-12  # residual beyond r that still counts as none, relative to d and to the terms F x
 CLOSED = 1e-11  # largest difference of the two bounds at the end, likewise: some roundings more
@@ -280,7 +280,9 @@ def _judged(A: Any, b: Any, group: Any, basis: Any, V: Any, r: Any, mu: Any) -> 
     if not upper - lower <= CLOSED * size:
         return FAILED
     if upper <= CLOSED * size:
-        return UNIQUE
+        return (
+            UNIQUE if CLOSED * size <= SURE else FAILED
+        )  # no residuals, unless x is so large that they would not show
     return outcome if CLOSED * size <= SURE * upper else FAILED
 
 
