@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 MOST_VALUES = 100
 """Characters of the values of a swept path that are shown."""
-MOST_WIDE = 120
+MOST_WIDE = 130
 """Characters of a line of the truth."""
 
 
