@@ -121,7 +121,8 @@ def _truth_and_belief(config: ExperimentConfig) -> list[tuple[str, str, str]]:
         truth = _short(plant.get(name, "-"))
         rows.append((name, f"{truth} x ({changed[name]})" if name in changed else truth, _short(model.get(name, "-"))))
     initial = resolved["initial"]
-    start = ", ".join(f"{key} = {_short(initial[key])}" for key in ("x_hat", "P", "M") if key in initial)
+    begins = {key: initial[key] for key in ("x_hat", "P", "M") if key in initial}
+    start = ", ".join(f"{key} = {_short(each) if isinstance(each, list) else each}" for key, each in begins.items())
     noise = resolved["noise"]
     rows += _beside("noise", _wrapped(_sums(noise) or [_short(noise)]), "-" if assumed is None else _short(assumed))
     return rows + _beside("start", _sums({"x": initial["x"]}) or [f"x = {_short(initial['x'])}"], start)
