@@ -20,10 +20,10 @@ COMPILED = {
     "tracking_kernel",
 }
 PACKAGE = Path(__file__).parents[1] / "rmpc_bench"
-PARTS = ("models", "estimators", "controllers", "simulation", "numerics")
+PARTS = ("models", "estimators", "controllers", "simulation", "noise", "metrics", "diagnostics", "numerics")
 FILES = [file for part in PARTS for file in sorted((PACKAGE / part).glob("*.py")) if file.stem not in COMPILED]
 CHECKED = [f"rmpc_bench.{file.parent.name}.{file.stem}" for file in FILES]
-CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide", "moving_slide_portrait")]
+CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide", "moving_slide_plot")]
 if "RMPC_BENCH_UNCHECKED" not in os.environ:  # `make perf` measures the code as users run it
     install_import_hook(CHECKED, "beartype.beartype")
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again

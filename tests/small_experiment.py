@@ -60,7 +60,7 @@ def ran(path, directory, *options, jobs=1):
 
 def spied(monkeypatch):
     """Return a list that gets (method, runs) of every block computed in this process from now on."""
-    from rmpc_bench.experiment import engines
+    from rmpc_bench.execution import engines
 
     blocks, simulate = [], engines.simulate_block
 

@@ -12,30 +12,60 @@ TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FIL
 DESIGNS = {"models", "numerics", "types"}
 MAY_IMPORT = {  # house.md, section 3; a room may always import itself
     "types": set(),
+    "expressions": {"types"},
     "numerics": {"types"},
     "models": {"numerics", "types"},
+    "noise": {"numerics", "types"},
     "plants": DESIGNS,
     "estimators": DESIGNS,
     "controllers": DESIGNS,
-    "simulation": {"numerics", "types"},
+    "metrics": {"noise", "numerics", "types"},
+    "simulation": {"diagnostics", "metrics", "noise", "numerics", "types"},
+    "diagnostics": {"config", "simulation", "noise", "numerics", "types"},
     "registry": {"types"},
     "analysis": {"types"},
-    "report": {"analysis", "types"},
-    "experiment": {"registry", "simulation", "analysis", "types", "rmpc_bench"},
+    "claims": {"analysis", "expressions", "types"},
+    "figures": {"analysis", "claims", "types"},
+    "report": {"figures", "claims", "analysis", "types"},
+    "config": {"registry", "expressions", "claims", "analysis", "execution", "metrics", "simulation", "noise", "types"},
+    "execution": {
+        "config",
+        "registry",
+        "metrics",
+        "simulation",
+        "analysis",
+        "claims",
+        "figures",
+        "report",
+        "types",
+        "rmpc_bench",
+    },
     "rmpc_bench": set(),
 }
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
 SHARED_SIBLINGS = {"gain_schedule", "noise_tuning", "prediction", "state_feedback"}
 ONLY_IN = {  # a package of others -> where it may be imported
-    "matplotlib": "report/",
-    "joblib": "experiment/engines.py",
-    "distributed": "experiment/engines.py",
-    "dask": "experiment/engines.py",
+    "matplotlib": "figures/",
+    "joblib": "execution/engines.py",
+    "distributed": "execution/engines.py",
+    "dask": "execution/engines.py",
     "click": "cli/",
     "highspy": "numerics/lp.py",
     "cvxpy": "nowhere",
 }
-BELOW_EXPERIMENT = ("types/", "numerics/", "models/", "plants/", "estimators/", "controllers/", "simulation/")
+BELOW_CONFIG = (
+    "types/",
+    "expressions/",
+    "numerics/",
+    "models/",
+    "noise/",
+    "plants/",
+    "estimators/",
+    "controllers/",
+    "metrics/",
+    "simulation/",
+    "diagnostics/",
+)
 OUTSIDE_WORLD = {"io", "os", "pathlib", "random", "shutil", "socket", "subprocess", "tempfile", "time", "datetime"}
 
 
@@ -94,9 +124,9 @@ def test_package_stays_in_its_room(package):
     assert [file for file in importers if not file.startswith(ONLY_IN[package])] == []
 
 
-@pytest.mark.parametrize("file", [file for file in FILES if file.startswith(BELOW_EXPERIMENT)])
-def test_below_experiment_nothing_touches_the_world(file):
-    """No files, environment, clock or global random state below `experiment`."""
+@pytest.mark.parametrize("file", [file for file in FILES if file.startswith(BELOW_CONFIG)])
+def test_below_config_nothing_touches_the_world(file):
+    """No files, environment, clock or global random state below `config`."""
     tree = TREES[file]
     allowed = {"time"} if file == "estimators/single_run.py" else set()
     assert not {name.split(".")[0] for name in imports(tree)} & (OUTSIDE_WORLD - allowed)
@@ -125,7 +155,7 @@ def test_only_cli_and_progress_print():
     """Outside the command line, progress.py alone prints, and to stderr."""
     for file, tree in TREES.items():
         prints = [node for text, node in calls(tree) if text == "print"]
-        if file == "experiment/progress.py":
+        if file == "execution/progress.py":
             targets = [ast.unparse(key.value) for node in prints for key in node.keywords if key.arg == "file"]
             assert targets == ["sys.stderr"] * len(prints)
         elif not file.startswith("cli/"):
@@ -150,4 +180,4 @@ def test_names_say_something():
 
 def test_the_check_sees_imports_inside_functions():
     """The reading itself works: the lazy imports of the command line are found."""
-    assert ("experiment", "config") in set(own_imports(TREES["cli/run.py"]))
+    assert ("config", "load") in set(own_imports(TREES["cli/run.py"]))

@@ -5,7 +5,7 @@ import inspect
 import pytest
 
 from rmpc_bench import registry
-from rmpc_bench.experiment.schema import PROVIDED
+from rmpc_bench.config.schema import PROVIDED
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
 

@@ -15,7 +15,7 @@ from rmpc_bench import registry
 from rmpc_bench.cli import exits
 
 if TYPE_CHECKING:
-    from rmpc_bench.experiment.config import ExperimentConfig
+    from rmpc_bench.config.load import ExperimentConfig
 
 NOMINAL = {"Ts": 0.1, "n_steps": 1}  # a part itself looks the same for any
 SUFFIX = ".yaml"
@@ -42,7 +42,7 @@ def list_(group: str | None) -> int:
 
 def _entries(name: str) -> list[str]:
     if name == "functions":
-        from rmpc_bench.analysis.claim_tree import FUNCTION_HELP
+        from rmpc_bench.claims.tree import FUNCTION_HELP
 
         return [*FUNCTION_HELP.values()]
     return _configs() if name == "configs" else registry.names(name)
@@ -76,7 +76,7 @@ def describe(name: str, plot: Path | None) -> int:
 
 
 def _describe_config(name: str, plot: Path | None) -> None:
-    from rmpc_bench.experiment.config import load_config
+    from rmpc_bench.config.load import load_config
 
     config = load_config(_config(name))
     if plot is not None:
@@ -85,7 +85,7 @@ def _describe_config(name: str, plot: Path | None) -> None:
 
 
 def _config_lines(config: ExperimentConfig) -> list[str]:
-    from rmpc_bench.experiment.yaml import dump, plain
+    from rmpc_bench.config.reader import dump, plain
 
     plant, resolved = config.experiment.plant, config.first_point
     lines = [str(config.path), config.title or config.name, ""]
@@ -131,22 +131,22 @@ def _label(config: ExperimentConfig, name: str) -> str:
 
 def _plot(name: str, drawn: Sequence[Any], file: Path) -> None:
     """Draw what has a portrait."""
-    from rmpc_bench.report import figures
+    from rmpc_bench.figures import kinds
 
-    if file.suffix.lower() not in figures.FORMATS:
-        endings = ", ".join(figures.FORMATS)
+    if file.suffix.lower() not in kinds.FORMATS:
+        endings = ", ".join(kinds.FORMATS)
         raise click.BadParameter(f"{file}: the ending says the format, one of {endings}", param_hint="'--plot'")
     if not drawn:
         having = [f"plants/{kind}" for kind in registry.names("plants") if _portrait("plants", kind)]
         known = ", ".join(having) or "no part"
         raise click.BadParameter(f"{name} has no picture (there is one of {known})", param_hint="'--plot'")
-    figures.save_as(figures.portrait(drawn), file)
+    kinds.save_as(kinds.portrait(drawn), file)
     click.echo(f"written {file}", err=True)
 
 
 def _portrait(group: str, kind: str) -> tuple[Any, ...]:
     """Panels of a plant with its default parameters; none of one that has no portrait or cannot do without keys."""
-    from rmpc_bench.experiment.schema import model_of
+    from rmpc_bench.config.schema import model_of
 
     if group != "plants" or any(field.is_required() for field in model_of(group, kind).model_fields.values()):
         return ()
@@ -210,7 +210,7 @@ def _unknown(name: str) -> str:
 
 
 def _show(group: str, kind: str) -> None:
-    from rmpc_bench.experiment.schema import model_of
+    from rmpc_bench.config.schema import model_of
 
     design = registry.get(group, kind)
     click.echo(f"{group}/{kind}")
@@ -235,15 +235,15 @@ def _show(group: str, kind: str) -> None:
 
 def _default(value: Any) -> str:
     """Show a default as a configuration would write it."""
-    from rmpc_bench.analysis.points import value_text
-    from rmpc_bench.experiment.parts import plain_data
+    from rmpc_bench.analysis.sweep_points import value_text
+    from rmpc_bench.config.component import plain_data
 
     return value_text(plain_data(value)) if is_dataclass(value) else repr(value)
 
 
 def _records(design: Any, names: Iterable[str]) -> dict[str, list[type]]:
     """Keys whose value is a mapping with keys of its own -> the dataclasses that say which."""
-    from rmpc_bench.experiment.schema import hints
+    from rmpc_bench.config.schema import hints
 
     parameters = inspect.signature(design).parameters
     annotations = hints(design, {name: parameters[name].annotation for name in names})

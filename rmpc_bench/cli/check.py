@@ -11,7 +11,7 @@ import click
 from rmpc_bench.cli import exits
 
 if TYPE_CHECKING:
-    from rmpc_bench.experiment.config import ExperimentConfig
+    from rmpc_bench.config.load import ExperimentConfig
 
 MOST_VALUES = 100
 """Characters of the values of a swept path that are shown."""
@@ -25,7 +25,7 @@ MOST_WIDE = 130
 @exits.guarded
 def check(configs: tuple[Path, ...], deep: bool) -> int:
     """Validate configurations; show truth beside belief, what differs between the methods, and what it will cost."""
-    from rmpc_bench.experiment.config import load_config
+    from rmpc_bench.config.load import load_config
     from rmpc_bench.types import ConfigError
 
     code = 0
@@ -34,7 +34,7 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
             config = load_config(path)
             lines = _describe(path, config)
             if deep:
-                from rmpc_bench.cli.deep import deep_lines
+                from rmpc_bench.cli.mismatch import deep_lines
 
                 lines += deep_lines(config)
             click.echo("\n".join(lines))
@@ -54,9 +54,9 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     remarks = _remarks(config)
     lines += ["", "  worth knowing", *remarks] if remarks else []
-    chosen = [claim.chosen for claim in config.claims if claim.chosen]
-    if chosen:
-        lines += ["", "  left open by the paper and chosen", *(f"  - {text}" for text in chosen)]
+    assumptions = [assumption for claim in config.claims for assumption in claim.assumptions]
+    if assumptions:
+        lines += ["", "  assumptions where the paper is silent", *(f"  - {text}" for text in assumptions)]
     if config.paths:
         lines += ["", f"  sweep of {len(config.points)} points; truth and belief are those of the first"]
         width = 2 + max(len(path) for path in config.paths)
@@ -167,7 +167,7 @@ def _leaves(tree: Any, path: str = "") -> list[tuple[str, Any]]:
 
 
 def _short(value: Any) -> str:
-    from rmpc_bench.experiment.yaml import dump, plain
+    from rmpc_bench.config.reader import dump, plain
 
     if isinstance(value, str):
         return value

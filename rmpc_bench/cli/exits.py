@@ -55,7 +55,7 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, Terminated):
         return _say("terminated; finished blocks are stored, the same command continues", TERMINATED)
     # Only now: an import that was interrupted must not be begun again.
-    from rmpc_bench.experiment.store import MissingError, StoreError, WriteError
+    from rmpc_bench.execution.store import MissingError, StoreError, WriteError
     from rmpc_bench.types import ConfigError
 
     if isinstance(error, ConfigError | MissingError):

@@ -13,12 +13,12 @@ import click
 import numpy as np
 
 from rmpc_bench import registry
-from rmpc_bench.analysis.claims import Verdict, claims_markdown, claims_table, judge
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.verdict import Verdict, claims_markdown, claims_table, judge
 from rmpc_bench.cli import exits
-from rmpc_bench.experiment import results
-from rmpc_bench.experiment.config import ExperimentConfig
-from rmpc_bench.report.figures import save
+from rmpc_bench.config.load import ExperimentConfig
+from rmpc_bench.execution import results
+from rmpc_bench.figures.kinds import save
 from rmpc_bench.report.summary import summarise, trials_csv, write_csv
 from rmpc_bench.types import Array, DesignError
 
@@ -153,11 +153,11 @@ def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path,
     elif verdicts:
         of_paper = [verdict for verdict in verdicts if verdict.claim.of_paper]
         if of_paper:
-            found = sum(verdict.finding == "found" for verdict in of_paper)
+            found = sum(verdict.finding == "confirmed" for verdict in of_paper)
             lines.append(f"paper       {found} of {len(of_paper)} statements found as written (claims.md)")
         if len(of_paper) < len(verdicts):
             beyond = [verdict for verdict in verdicts if not verdict.claim.of_paper]
-            found = sum(verdict.finding == "found" for verdict in beyond)
+            found = sum(verdict.finding == "confirmed" for verdict in beyond)
             lines.append(f"beyond it   {found} of {len(beyond)} statements of our own found (claims.md)")
         lines += [
             f"            recorded {verdict.claim.finding}, now {verdict.finding}: {verdict.claim.says}"

@@ -15,10 +15,10 @@ from rmpc_bench.cli import exits
 def report(directories: tuple[Path, ...]) -> int:
     """Write tables and figures again from stored trials; nothing is simulated."""
     from rmpc_bench.cli.publish import publish
-    from rmpc_bench.experiment import manifest
-    from rmpc_bench.experiment.config import load_config
-    from rmpc_bench.experiment.runner import RESOLVED
-    from rmpc_bench.experiment.store import FILE, MissingError
+    from rmpc_bench.config.load import load_config
+    from rmpc_bench.execution import manifest
+    from rmpc_bench.execution.runner import RESOLVED
+    from rmpc_bench.execution.store import FILE, MissingError
 
     code = 0
     for directory in directories:

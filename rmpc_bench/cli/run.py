@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.cli import exits
-from rmpc_bench.experiment.signals import held
+from rmpc_bench.execution.interrupts import held
 
 if TYPE_CHECKING:
-    from rmpc_bench.experiment.config import ExperimentConfig
+    from rmpc_bench.config.load import ExperimentConfig
 
 
 class Workers(click.ParamType[int]):
@@ -91,10 +91,10 @@ def run(**options: Any) -> int:
         import scipy.linalg  # noqa: F401
 
         from rmpc_bench.cli.publish import publish
-        from rmpc_bench.experiment.config import load_config
-        from rmpc_bench.experiment.progress import choose
-        from rmpc_bench.experiment.runner import compute
-        from rmpc_bench.experiment.store import StoreError
+        from rmpc_bench.config.load import load_config
+        from rmpc_bench.execution.progress import choose
+        from rmpc_bench.execution.runner import compute
+        from rmpc_bench.execution.store import StoreError
 
     asked = Request(**options)
     config = load_config(asked.config, overrides=asked.overrides, runs=asked.runs, smoke=asked.smoke)
@@ -130,7 +130,7 @@ def _modifications(asked: Request) -> list[str]:
     """What differs from the file as it stands; claims are then shown for information only."""
     changes = [text for text in asked.changes() if not text.startswith("--only ")]  # seen by what is missing
     if asked.runs is not None and not asked.smoke:
-        from rmpc_bench.experiment.yaml import load
+        from rmpc_bench.config.reader import load
 
         if load(asked.config).get("runs") == asked.runs:
             changes.remove(f"--runs {asked.runs}")
@@ -139,7 +139,7 @@ def _modifications(asked: Request) -> list[str]:
 
 def _directory(asked: Request, config: ExperimentConfig) -> Path:
     """Default directory; an override that changes the experiment gets one of its own."""
-    from rmpc_bench.experiment.config import load_config
+    from rmpc_bench.config.load import load_config
 
     name = config.name
     if asked.overrides and load_config(asked.config, smoke=asked.smoke).full_hash != config.full_hash:
@@ -151,8 +151,8 @@ def _directory(asked: Request, config: ExperimentConfig) -> Path:
 
 
 def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -> int:
-    from rmpc_bench.experiment.runner import pending
-    from rmpc_bench.experiment.store import FILE, Store
+    from rmpc_bench.execution.runner import pending
+    from rmpc_bench.execution.store import FILE, Store
 
     names = [method.name for method in config.experiment.methods if not only or method.name in only]
     left = total = config.n_trials(names)
@@ -167,7 +167,7 @@ def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -
 
 def _set_aside(directory: Path) -> None:
     """Rename a directory; nothing is ever deleted."""
-    from rmpc_bench.experiment.store import FILE, Store
+    from rmpc_bench.execution.store import FILE, Store
 
     if (directory / FILE).exists():  # without it the directory counts as new
         if directory.resolve() in (Path.cwd(), *Path.cwd().parents):

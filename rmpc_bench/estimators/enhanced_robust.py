@@ -37,7 +37,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
-from rmpc_bench.models.belief import Belief, beliefs
+from rmpc_bench.models.design_noise import Belief, beliefs
 from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise

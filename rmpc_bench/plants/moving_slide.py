@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.moving_slide import NUMBERS, arms, kernel_numbers
 from rmpc_bench.numerics.linalg import as_compiled
-from rmpc_bench.plants.moving_slide_portrait import robot_on_its_path
+from rmpc_bench.plants.moving_slide_plot import robot_on_its_path
 from rmpc_bench.types import Array, Count, DesignError, Motion, NonNegative, Panel, Positive, Status, Statuses
 
 LEAST_SIGMA = 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.labels import marked
+from rmpc_bench.figures.labels import marked
 from rmpc_bench.types import Array
 
 

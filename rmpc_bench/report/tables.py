@@ -10,7 +10,7 @@ import pandas as pd
 
 from rmpc_bench.analysis.statistics import decimals, format_with_error, sentence, wilson
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.labels import marked
+from rmpc_bench.figures.labels import marked
 from rmpc_bench.types import MetricInfo, Status
 
 GAPS = {"mean": 4, "median": 3, "change": 4, "won": 5, "n": 3, "word": 2}

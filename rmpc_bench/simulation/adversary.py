@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.simulation.linear_loop import GainSchedule
+from rmpc_bench.diagnostics.stability import GainSchedule
 from rmpc_bench.simulation.moments import Joint, Laws, moved, predicted
 from rmpc_bench.types import Array, DesignError, HasPeriod, Period
 

@@ -94,7 +94,7 @@ def simulate(
     w, v = plant.mix(draws.delta, draws.w, draws.v) if isinstance(plant, MixesNoise) else (draws.w, draws.v)
     e, c = _start(estimator, n_runs, draws.delta), controller.init(n_runs)
     status, P, M = np.full(n_runs, OK), list[Array | None](), list[Array | None]()
-    trail, inputs = _Trail(n_steps + 1), _Trail(n_steps)
+    trail, inputs = Recorder(n_steps + 1), Recorder(n_steps)
     still = np.zeros_like(v[:, 0])
     with np.errstate(over="ignore", invalid="ignore"):  # a run that overflows is marked, not warned of
         for k in range(n_steps + 1):
@@ -120,7 +120,7 @@ def simulate(
     return record._replace(info=signals, bursts=draws.bursts), status
 
 
-class _Trail:
+class Recorder:
     """What happened: signal by signal, k by k."""
 
     def __init__(self, n_samples: int) -> None:

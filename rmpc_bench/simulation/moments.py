@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.diagnostics.stability import GainSchedule
 from rmpc_bench.numerics.linalg import at_sample
-from rmpc_bench.simulation.linear_loop import GainSchedule
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Array, HasPeriod, Method, Period, Plant

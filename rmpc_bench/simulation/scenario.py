@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rmpc_bench.noise.bursts import HasBursts
+from rmpc_bench.noise.distributions import Distribution
+from rmpc_bench.noise.gaussian import Gaussian, HasMoments, Noise
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
-from rmpc_bench.simulation.bursts import HasBursts
-from rmpc_bench.simulation.distributions import Distribution
-from rmpc_bench.simulation.noise import Gaussian, HasMoments, Noise
 from rmpc_bench.simulation.reference import Reference
 from rmpc_bench.types import Array, DesignError, Informed, Matrix, Method, Metric, Plant
 

@@ -55,10 +55,10 @@ from rmpc_bench.types.parts import (
     Plant,
     Record,
 )
-from rmpc_bench.types.shown import (
+from rmpc_bench.types.plot_records import (
     Line,
-    Outlook,
     Panel,
+    ResultLayout,
 )
 
 __all__ = [
@@ -96,7 +96,7 @@ __all__ = [
     "Motion",
     "NonNegative",
     "OfTime",
-    "Outlook",
+    "ResultLayout",
     "OverTime",
     "Panel",
     "Period",

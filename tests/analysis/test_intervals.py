@@ -74,7 +74,7 @@ def test_quantile_of_columns(rng):
 
 def test_no_heavy_import():
     """Plain check evaluates claims and must not pay for SciPy's statistics."""
-    code = "import sys, rmpc_bench.analysis.claim_comparison; assert 'scipy.stats' not in sys.modules"
+    code = "import sys, rmpc_bench.claims.comparison; assert 'scipy.stats' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": ":".join(filter(None, sys.path))})
 
 

@@ -5,7 +5,7 @@ import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import registry
-from rmpc_bench.experiment.schema import PROVIDED, model_of
+from rmpc_bench.config.schema import PROVIDED, model_of
 from rmpc_bench.types import Line, Panel
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
@@ -280,7 +280,7 @@ def test_describe_a_configuration_with_a_picture(configs, monkeypatch):
 
 def test_list_of_the_functions_of_claims():
     """Oracle: the grammar's own table."""
-    from rmpc_bench.analysis.claim_tree import FUNCTIONS
+    from rmpc_bench.claims.tree import FUNCTIONS
 
     lines = cli("list", "functions").stdout.splitlines()
     assert [line.split("(")[0] for line in lines] == [*FUNCTIONS]

@@ -84,7 +84,7 @@ def test_all_mistakes_sorted_by_place(tmp_path):
 
 def test_a_valid_configuration(tmp_path):
     """Truth beside belief, what differs between the methods, size and cost."""
-    claims = "[{says: a, check: 'mean(mse[S-MPC]) < 1', chosen: the weights}]"
+    claims = "[{says: a, check: 'mean(mse[S-MPC]) < 1', assumptions: [the weights]}]"
     path = write(tmp_path, title="A title", claims=claims)
     result = cli("check", path)
     shown = " ".join(result.stdout.split())
@@ -95,7 +95,7 @@ def test_a_valid_configuration(tmp_path):
         "J_l 25 x (1 + eps) 25",
         "S-MPC estimator.kind = kalman",
         "R-MPC estimator.kind = robust-kalman, estimator.c = 0.1",
-        "left open by the paper and chosen - the weights",
+        "assumptions where the paper is silent - the weights",
         "6 runs x 2 methods x 10 steps",
     ):
         assert words in shown
@@ -151,9 +151,9 @@ def test_only_deep_imports_what_it_needs(tmp_path):
         "print(*sys.modules, file=sys.stderr)"
     )
     own = {
-        "rmpc_bench.cli.deep",
-        "rmpc_bench.experiment.deep",
-        "rmpc_bench.simulation.tolerance",
+        "rmpc_bench.cli.mismatch",
+        "rmpc_bench.diagnostics.mismatch",
+        "rmpc_bench.diagnostics.tolerance",
     }
     for options, expected in (([], set()), (["--deep"], own)):
         command = [sys.executable, "-c", program, "check", str(write(tmp_path)), *options]

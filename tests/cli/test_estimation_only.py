@@ -12,7 +12,7 @@ from uncertain_experiment import PLANT, write_estimation, write_taking
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 BOTH = {"evaluate": "[runs, moments]"}
-CLAIMS = "[{says: bounded, source: us, check: 'all(var(e[ERP]) <= diag(P[ERP]) + 1e-12)', finding: found}]"
+CLAIMS = "[{says: bounded, source: us, check: 'all(var(e[ERP]) <= diag(P[ERP]) + 1e-12)', finding: confirmed}]"
 IMPORTED = """
 import sys
 from rmpc_bench.cli import main
@@ -53,7 +53,7 @@ def test_moments_alone(tmp_path):
     assert (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8") == "method,run,status,estimation_mse\n"
     assert (tmp_path / "out" / "figures" / "variance-with-bound.svg").exists()
     (verdict,) = json.loads((tmp_path / "out" / "claims.json").read_text(encoding="utf-8"))
-    assert verdict["finding"] == "found"
+    assert verdict["finding"] == "confirmed"
 
 
 def test_a_dry_run_of_moments(tmp_path):

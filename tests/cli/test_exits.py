@@ -7,7 +7,7 @@ import click
 import pytest
 
 from rmpc_bench.cli import exits
-from rmpc_bench.experiment.store import StoreError, WriteError
+from rmpc_bench.execution.store import StoreError, WriteError
 from rmpc_bench.types import ConfigError, Problem
 
 
@@ -71,9 +71,7 @@ def test_wrong_usage_is_clicks_own(monkeypatch):
 @pytest.mark.parametrize(("outcome", "code"), [(KeyboardInterrupt(), 130), (exits.Terminated(), 143)])
 def test_an_interrupted_import_is_not_begun_again(monkeypatch, outcome, code):
     """Ctrl-C while modules load leaves some of them broken; saying so must need none of them."""
-    for name in [
-        name for name in sys.modules if name.startswith(("rmpc_bench.experiment", "rmpc_bench.types", "numpy"))
-    ]:
+    for name in [name for name in sys.modules if name.startswith(("rmpc_bench.config", "rmpc_bench.types", "numpy"))]:
         monkeypatch.setitem(sys.modules, name, None)
     assert code_of(outcome) == code
 

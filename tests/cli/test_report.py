@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from small_experiment import cli, ran, write
 
-from rmpc_bench.experiment import engines
+from rmpc_bench.execution import engines
 
-CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: found}]"
+CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}]"
 DERIVED = {
     *("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "claims.json", "claims.md"),
     *("tables/summary.md", "figures/boxplot.svg", "figures/boxplot.png"),

@@ -7,8 +7,8 @@ import pytest
 from small_experiment import cli, ran, write
 
 FAILING = {"uncertainty": "{eps: +-150%}", "runs": "20"}
-HOLDS = "{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: found}"
-FAILS = "{says: large, check: 'mean(mse[S-MPC]) > 1000', finding: found}"
+HOLDS = "{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}"
+FAILS = "{says: large, check: 'mean(mse[S-MPC]) > 1000', finding: confirmed}"
 FILES = {
     *("config.yaml", "config.resolved.yaml", "manifest.json", "trials.sqlite", "trials.csv", "uncertainty.csv"),
     *("series.csv", "summary.csv", "comparisons.csv", "tables"),
@@ -98,8 +98,8 @@ def test_expressions_without_a_value_are_failed_runs(here):
         ([FAILS], [], 0),
         ([FAILS], ["--strict"], 1),
         ([HOLDS, FAILS], ["--strict"], 1),
-        ([FAILS.replace("found}", "not found}")], ["--strict"], 0),
-        ([FAILS.replace(", finding: found", "")], ["--strict"], 0),
+        ([FAILS.replace("confirmed}", "not-confirmed}")], ["--strict"], 0),
+        ([FAILS.replace(", finding: confirmed", "")], ["--strict"], 0),
         ([FAILS], ["--strict", "--runs", "3"], 0),
         ([FAILS], ["--strict", "--runs", "6"], 1),
         ([FAILS], ["--strict", "-s", "seed=8"], 0),
@@ -114,7 +114,7 @@ def test_strict(here, claims, options, code):
     assert result.exit_code == code, result.output
     modified = len(options) > 1 and options[-1] != "6"
     assert ("not judged" in result.stdout) == modified
-    assert ("recorded found, now not found: large" in result.stdout) == (claims[-1] == FAILS and not modified)
+    assert ("recorded confirmed, now not-confirmed: large" in result.stdout) == (claims[-1] == FAILS and not modified)
     assert (here / "out" / "claims.md").exists()
 
 
@@ -169,7 +169,7 @@ def test_progress_goes_to_stderr(here, how):
 
 def test_an_internal_error(here, monkeypatch):
     """Exit 70 with the traceback; finished blocks are kept."""
-    from rmpc_bench.experiment import engines
+    from rmpc_bench.execution import engines
 
     monkeypatch.setattr(engines, "simulate_block", lambda *args: 1 / 0)
     result = go(write(here), "-o", "out")

@@ -8,15 +8,15 @@ import pandas as pd
 import pytest
 from small_experiment import cli, ran, spied, write
 
-from rmpc_bench.experiment import engines
+from rmpc_bench.execution import engines
 
 HP, C = "controller.Hp", "methods.R-MPC.estimator.c"
 SWEEP = f"{{grid: {{{HP}: [10, 12], {C}: [0.1, 1]}}}}"
 CLAIMS = (
     "{says: longer is better, source: Fig. 8, check: 'mean(mse[S-MPC, controller.Hp=12]) < "
-    "mean(mse[S-MPC, controller.Hp=10])', finding: found}",
+    "mean(mse[S-MPC, controller.Hp=10])', finding: confirmed}",
     "{says: small, source: Fig. 9, at: [{controller.Hp: 10}, {controller.Hp: 12}], "
-    "check: 'mean(mse[S-MPC]) < 1.72', finding: depends on what is not stated}",
+    "check: 'mean(mse[S-MPC]) < 1.72', finding: depends-on-assumptions}",
 )
 DERIVED = ("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "traces.npz")
 
@@ -64,7 +64,7 @@ def test_claims_at_points_from_file_to_file(here):
     first, second = json.loads((here / "out" / "claims.json").read_text())
     frame = pd.read_csv(here / "out" / "trials.csv").query("method == 'S-MPC'")
     means = frame.groupby(HP)["mse"].mean()
-    assert first["finding"] == "found" and first["at"] == []
+    assert first["finding"] == "confirmed" and first["at"] == []
     assert [first["numbers"][0][side] for side in ("left", "right")] == pytest.approx([means[12], means[10]])
     assert first["numbers"][0]["n"] == 12
     assert second["at"] == [{HP: "10"}, {HP: "12"}]
@@ -72,14 +72,14 @@ def test_claims_at_points_from_file_to_file(here):
         (f"{HP}=10", pytest.approx(means[10])),
         (f"{HP}=12", pytest.approx(means[12])),
     ]
-    assert second["finding"] == "depends on what is not stated" and result.exit_code == 0
+    assert second["finding"] == "depends-on-assumptions" and result.exit_code == 0
     assert "paper       1 of 2 statements found as written" in result.stdout
     assert f"` at {HP}=12: holds; " in (here / "out" / "claims.md").read_text()
 
 
 def test_all_points_in_a_claim(here):
     """As many runs as there are at all points."""
-    claim = "{says: s, at: all, check: ['max(mse[R-MPC]) < 1000', 'n_failed[R-MPC] == 0'], finding: found}"
+    claim = "{says: s, at: all, check: ['max(mse[R-MPC]) < 1000', 'n_failed[R-MPC] == 0'], finding: confirmed}"
     assert go(write(here, sweep=SWEEP, claims=f"[{claim}]"), "-o", "out", "--strict").exit_code == 0
     [row] = json.loads((here / "out" / "claims.json").read_text())
     assert row["at"] == "all" and row["numbers"][0]["n"] == 24

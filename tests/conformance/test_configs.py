@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from rmpc_bench import load_config, run
-from rmpc_bench.experiment.yaml import dump, plain
+from rmpc_bench.config.reader import dump, plain
 
 load = cache(load_config)
 """What reads a file only need not read it again."""
 
 ROOT = Path(__file__).parents[2] / "configs"
 CONFIGS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.yaml"))
-HEAVY = {"souto2011/guarantee.yaml", "benchmarks/xie1994.yaml", "zenere2017/readings-sim2.yaml"}
+HEAVY = {"souto2011/guarantee.yaml", "benchmarks/xie1994.yaml", "zenere2017/interpretations-sim2.yaml"}
 """Designs of theirs at full size take five to ten seconds (an adversary's search, 10,000 steps, nine long readings)."""
 
 

@@ -18,7 +18,7 @@ from rmpc_bench.types import Estimator, Status
 
 KINDS = registry.names("estimators")
 PARAMETERS = {
-    "genie": [{}],
+    "oracle": [{}],
     "kalman": [{}, {"noise": "matched", "use_y0": False}],
     "robust-kalman": [{"c": 0.1}, {"c": 0.1, "kl": "half", "tau": 0.5}],
     "risk-sensitive": [{"theta": 0.01}, {"theta_from": Radius(c=0.01)}, {"theta": 0.01, "tau": 1.0}],
@@ -75,7 +75,7 @@ def case(request):
     kind, parameters, (nx, nu, ny) = request.param
     rng = np.random.default_rng(11)
     model = random_model(rng, nx, nu, ny, 0.9)
-    if kind == "genie":
+    if kind == "oracle":
         model, parameters = uncertain(rng, model)
     start = {"x0": rng.standard_normal(nx)} | ({} if kind in WITHOUT_COVARIANCE else {"P0": model.Q_w})
     if kind in BOUNDED and (kind != "kalman" or parameters):

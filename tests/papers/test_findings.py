@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rmpc_bench.analysis.claims import judge
+from rmpc_bench.claims.verdict import judge
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ from numerics import game_twin as twin
 from rmpc_bench.controllers.minimax_lq import design
 from rmpc_bench.controllers.state_feedback import problem_of
 from rmpc_bench.estimators.mixed import design as mixed
-from rmpc_bench.experiment.engines import single_thread
+from rmpc_bench.execution.engines import single_thread
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.lq_game import solve

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from rmpc_bench.config.load import load_config
 from rmpc_bench.estimators import enhanced_robust, kalman_predictor, lmmse
-from rmpc_bench.experiment.config import load_config
-from rmpc_bench.experiment.engines import Task, serial, single_thread
+from rmpc_bench.execution.engines import Task, serial, single_thread
 from rmpc_bench.models import uncertain_linear
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from plants import servo_twin
 
+from rmpc_bench.config.load import load_config
 from rmpc_bench.estimators import kalman, risk_sensitive, robust_kalman
-from rmpc_bench.experiment.config import load_config
-from rmpc_bench.experiment.engines import single_thread
-from rmpc_bench.experiment.results import run
+from rmpc_bench.execution.engines import single_thread
+from rmpc_bench.execution.results import run
 from rmpc_bench.models.servo import ServoNoise
 from rmpc_bench.models.servo import design as servo_model
 from rmpc_bench.plants import servo

@@ -5,8 +5,8 @@ import pytest
 from numerics import lp_twin
 from numerics.test_bounded_window import data, integrators
 
-from rmpc_bench.experiment.config import load_config
-from rmpc_bench.experiment.engines import single_thread
+from rmpc_bench.config.load import load_config
+from rmpc_bench.execution.engines import single_thread
 from rmpc_bench.numerics.bounded_window import fit_anchored, fit_free
 from rmpc_bench.simulation.closed_loop import simulate_block
 

@@ -189,12 +189,12 @@ def test_csv_of_the_derived_tables(make_trials, tmp_path):
 
 def test_an_oracle_is_marked_on_screen_and_page(make_trials):
     """Oracle: the word, beside the method that is told what it should estimate, and what it means."""
-    trials = make_trials({"mse": {"B": [2.0, 3.0, 2.6], "genie": [1.0, 2.0, 1.5]}})
-    trials = replace(trials, oracles=frozenset({"genie"}))
+    trials = make_trials({"mse": {"B": [2.0, 3.0, 2.6], "oracle": [1.0, 2.0, 1.5]}})
+    trials = replace(trials, oracles=frozenset({"oracle"}))
     text = on_screen(trials)
-    assert "genie (oracle) " in text and "B (oracle)" not in text
+    assert "oracle (oracle) " in text and "B (oracle)" not in text
     assert "an oracle is told what no estimator can know" in text
-    assert "| genie (oracle) |" in page(trials)
+    assert "| oracle (oracle) |" in page(trials)
 
 
 def test_an_enormous_change_has_an_exponent(make_trials):

@@ -7,12 +7,12 @@ from simulation.toy import Delta, Halfway, Proportional, Walk, by_hand
 
 from rmpc_bench.controllers import mpc
 from rmpc_bench.estimators import robust_kalman
+from rmpc_bench.metrics import tracking
+from rmpc_bench.metrics.tracking import Units
+from rmpc_bench.noise.distributions import Uniform
+from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.plants import servo
-from rmpc_bench.simulation import metrics
 from rmpc_bench.simulation.closed_loop import simulate, simulate_block
-from rmpc_bench.simulation.distributions import Uniform
-from rmpc_bench.simulation.metrics import Units
-from rmpc_bench.simulation.noise import gaussian
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.scenario import Draws, Experiment, Scenario
 from rmpc_bench.types import Method, Status
@@ -109,7 +109,7 @@ def test_a_parameter_out_of_range_marks_its_run(rng, r):
 def experiment(plant, method, scenario, n_runs, n_steps):
     """All metrics of a method on a plant."""
     units = Units(n_steps, plant.Ts, plant.y_unit, plant.u_unit)
-    evaluated = tuple(getattr(metrics, name)(units) for name in ALL_METRICS)
+    evaluated = tuple(getattr(tracking, name)(units) for name in ALL_METRICS)
     return Experiment(plant, (method,), scenario, evaluated, n_runs, n_steps)
 
 

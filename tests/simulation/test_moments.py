@@ -9,14 +9,14 @@ from estimators.uncertain_oracles import P0, X0, benchmark
 from plants.uncertain_twin import NAMES, SIZES, corners, kron_moments, random_contraction, random_given
 from simulation.toy import Halfway, Proportional, Walk
 
-from rmpc_bench.estimators import enhanced_robust, genie, kalman, kalman_predictor
+from rmpc_bench.estimators import enhanced_robust, kalman, kalman_predictor, oracle
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter
 from rmpc_bench.models import uncertain_linear as models
+from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.plants.uncertain_linear import design
 from rmpc_bench.plants.uncertainty import Uncertainty
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.moments import Laws, Moments, exact_laws, exact_moments, signals
-from rmpc_bench.simulation.noise import Gaussian
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
@@ -283,7 +283,7 @@ def test_laws_are_gathered_from_all_terms():
 
 @pytest.mark.parametrize(
     ("what", "why"),
-    [("plant", "not linear"), ("run", "per run"), ("genie", "depend on the run"), ("halfway", "depend on the run"),
+    [("plant", "not linear"), ("run", "per run"), ("oracle", "depend on the run"), ("halfway", "depend on the run"),
      ("input", "an input"), ("noise", "does not tell"), ("x0", "does not tell")],
 )  # fmt: skip
 def test_words_for_what_has_no_exact_moments(what, why):
@@ -294,8 +294,8 @@ def test_words_for_what_has_no_exact_moments(what, why):
         plant = Walk()
     elif what == "run":
         plant = design(0.1, 5, A=0.5, C=1.0, H_A=0.1, G_x=1.0, uncertainty=Uncertainty(per="run"))
-    elif what == "genie":
-        method = method._replace(estimator=genie.design(model, 5, plant, **start))
+    elif what == "oracle":
+        method = method._replace(estimator=oracle.design(model, 5, plant, **start))
     elif what == "halfway":
         method = method._replace(estimator=Halfway())
     elif what == "input":

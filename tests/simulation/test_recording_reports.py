@@ -40,7 +40,7 @@ def test_what_a_method_reports(load, tmp_path):
 @pytest.mark.parametrize("record", [ALL, "{runs: all, signals: [Q_yw]}"])
 def test_what_a_method_does_not_report_is_not_missing(load, tmp_path, monkeypatch, record):
     """Nothing is computed again for want of it, and all runs are complete; a method with nothing else has no traces."""
-    from rmpc_bench.experiment.results import n_complete
+    from rmpc_bench.execution.results import n_complete
 
     first = run(load(record=record), directory=tmp_path / "out", jobs=1)
     blocks = spied(monkeypatch)

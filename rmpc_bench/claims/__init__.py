@@ -1,0 +1,1 @@
+"""Statements of papers: expressions, evaluation, findings."""

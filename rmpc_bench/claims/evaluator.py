@@ -1,0 +1,255 @@
+"""Values of the expressions of a claim, from the table of trials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from copy import copy
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from rmpc_bench.analysis.intervals import difference
+from rmpc_bench.analysis.sweep_points import lies_at
+from rmpc_bench.claims import tree as tree
+from rmpc_bench.claims.functions import applied
+from rmpc_bench.claims.matrices import of_matrix
+from rmpc_bench.claims.values import (
+    EvaluationError,
+    NoValue,
+    Value,
+    aligned,
+    combine,
+    compare,
+    listed,
+)
+from rmpc_bench.types import Array, MetricInfo
+
+__all__ = ["EvaluationError", "Evaluator", "Value", "compare"]
+
+_NOWHERE: Mapping[str, str] = {}
+
+
+class Table(Protocol):
+    """What is asked of `Trials`; what stands in for them at load time must not import pandas."""
+
+    @property
+    def methods(self) -> Sequence[str]: ...
+    @property
+    def metrics(self) -> Sequence[MetricInfo]: ...
+    @property
+    def point(self) -> Mapping[str, str]: ...
+    @property
+    def keys(self) -> Mapping[str, str]: ...
+    @property
+    def confidence(self) -> float: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def runs(self) -> Array: ...
+    @property
+    def each(self) -> Sequence[Table]: ...
+    def column(self, metric: str, method: str, /) -> Array: ...
+    def n_failed(self, method: str, /) -> int: ...
+    def matrix_series(self, quantity: str, method: str, /) -> Array: ...
+
+
+class Evaluator:
+    """Evaluates expressions on the runs that every column named in them finished.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    node : the tree that is about to be evaluated, or the part of it that is one statement
+    at : point of a sweep for terms that name none
+    pooled : whether a term may speak of several points, whose runs are then taken together
+
+    Raises
+    ------
+    EvaluationError
+        when a method or point is unknown or no run is left
+    """
+
+    def __init__(self, trials: Table, node: object, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
+        self.trials, self.pooled = trials, pooled
+        self.fixed: dict[tree.Expression, Value] = {}
+        metrics = {info.name for info in trials.metrics}
+        self.tables = {term: _tables(trials, term, at, pooled=pooled) for term in sorted(tree.terms(node))}
+        self.columns = {
+            term: np.concatenate([table.column(term.quantity, term.method) for table in tables])
+            for term, tables in self.tables.items()
+            if term.quantity in metrics
+        }
+        if len({len(column) for column in self.columns.values()}) > 1:
+            raise EvaluationError("the terms speak of different numbers of runs")
+        missing = [np.isnan(column) for column in self.columns.values()]
+        self.shared: Array = ~np.any(missing, axis=0) if missing else np.zeros(0, dtype=bool)
+        self.n = int(self.shared.sum())
+        tables = self.tables[next(iter(self.columns))] if self.columns else []
+        self.run: Array = np.concatenate([table.runs for table in tables]) if tables else np.zeros(0, dtype=np.int64)
+        self.left_out = len(self.shared) - self.n
+        if missing and not self.n:
+            raise NoValue("no run was finished by every method that is compared")
+
+    def resampled(self, rng: np.random.Generator) -> Evaluator:
+        """Return an evaluator on as many runs, drawn from the shared ones with replacement.
+
+        In a pooled claim a run is drawn with all its points, which have the same draws.
+        """
+        other = copy(self)
+        if self.pooled:
+            groups = self._points_of_runs
+            other.shared = np.concatenate([groups[i] for i in rng.choice(len(groups), len(groups))])
+        else:
+            other.shared = rng.choice(np.flatnonzero(self.shared), self.n)
+        return other
+
+    @cached_property
+    def _points_of_runs(self) -> list[Array]:
+        """For every shared run where it stands in the columns: once at every point."""
+        rows = np.flatnonzero(self.shared)
+        return [rows[self.run[rows] == run] for run in self.runs]
+
+    @property
+    def runs(self) -> Array:
+        """Indices of the shared runs, each once."""
+        return np.unique(self.run[self.shared])
+
+    def column(self, term: tree.Term) -> Array | None:
+        """Values of a metric over the shared runs; None when the term is not a metric."""
+        column = self.columns.get(term)
+        return None if column is None else column[self.shared]
+
+    def value(self, node: tree.Expression) -> Value:
+        """Evaluate an expression; raises EvaluationError where it has no value."""
+        if node in self.fixed:
+            return self.fixed[node]
+        found = self._value(node)
+        if not tree.terms(node) & self.columns.keys():
+            self.fixed[node] = found  # of no run, hence the same when the runs are drawn again
+        return found
+
+    def _value(self, node: tree.Expression) -> Value:
+        if isinstance(node, tree.Number):
+            return Value(np.array(node.value))
+        if isinstance(node, tree.Term):
+            return self._term(node)
+        if isinstance(node, tree.Listing):
+            return listed([self.value(item) for item in node.items])
+        if isinstance(node, tree.Operation):
+            return self._operation(node)
+        return self._call(node)
+
+    def number(self, node: tree.Expression) -> float:
+        """Evaluate an expression that must be one number, possibly inf."""
+        value = self.value(node)
+        if value.array.ndim:
+            raise EvaluationError("the expression is not one number")
+        if math.isnan(value.array):
+            raise NoValue("the expression is not one number")
+        return float(value.array)
+
+    def sides(self, link: tree.Link) -> tuple[Value, Array, Array]:
+        """Evaluate both sides of a comparison.
+
+        Returns
+        -------
+        left, right and tolerance of one shape, NaN-free; left with the axis 0 of that shape
+        """
+        left, right, tolerance = self.value(link.left), self.value(link.right), Value(np.array(0.0))
+        if link.tolerance is not None:
+            tolerance = self.value(link.tolerance)
+        if link.relative:
+            tolerance = combine(np.multiply, tolerance, right.of(np.abs(right.array)))
+        parts = aligned(left, right, tolerance)
+        arrays = np.broadcast_arrays(*(part.array for part in parts))
+        if any(np.isnan(array).any() for array in arrays):
+            raise NoValue(f"a side of {link.text} is not a number")
+        return parts[0].of(arrays[0]), arrays[1], arrays[2]
+
+    def holds(self, links: tuple[tree.Link, ...]) -> Value:
+        """Whether all comparisons of a chain hold, entry by entry over runs or over k; matrices as a whole."""
+        found: Value | None = None
+        for link in links:
+            left, right, tolerance = self.sides(link)
+            if not left.axis:
+                raise EvaluationError(f"{link.text} compares numbers; share needs columns over runs or series over k")
+            entries = compare(link.operator, left.array, right, tolerance)
+            value = left.of(entries.reshape(len(entries), -1).all(axis=1))
+            found = value if found is None else combine(np.logical_and, found, value)
+        assert found is not None  # the grammar has no empty chain
+        return found
+
+    def _term(self, term: tree.Term, function: str = "") -> Value:
+        """Evaluate a term that is an argument of `function` by itself."""
+        column, signal = self.column(term), self._is_signal(term)
+        reason = tree.misuse(term, function, signal=signal)
+        if reason:
+            raise EvaluationError(reason)
+        if term.quantity in tree.COUNTS:
+            return Value(np.array(float(sum(table.n_failed(term.method) for table in self.tables[term]))))
+        if column is not None:
+            return Value(column, "runs")
+        if signal:
+            return self._moment(term, function)
+        absent = f"{term.quantity}[{term.method}] is neither a metric nor a stored series"
+        return self._series(term, term.quantity, absent)
+
+    def _is_signal(self, term: tree.Term) -> bool:
+        return term.quantity in tree.SIGNALS and term not in self.columns
+
+    def _moment(self, term: tree.Term, function: str) -> Value:
+        """Evaluate mean, var, std or cov of a signal over the runs, at every k."""
+        quantity = f"{tree.MOMENTS[function]}({term.quantity})"
+        found = self._series(term, quantity, tree.unknown_moment(term, function))
+        if function in ("mean", "cov"):
+            return found
+        variance = of_matrix("diag", found)
+        # Rounding may leave the variance of what does not vary below 0.
+        return variance if function == "var" else variance.of(np.sqrt(np.maximum(variance.array, 0.0)))
+
+    def _series(self, term: tree.Term, quantity: str, absent: str) -> Value:
+        """Read a series of the method and point of a term; `absent` is the reason where there is none."""
+        tables = self.tables[term]
+        if len({table.keys.get(term.method, "") for table in tables}) > 1:
+            what = f"{term.quantity}[{term.method}]"
+            raise EvaluationError(f"{what} is a series, of one of {len(tables)} points: name one")
+        try:
+            return Value(tables[0].matrix_series(quantity, term.method), "k")
+        except KeyError:
+            raise EvaluationError(absent) from None
+
+    def _operation(self, node: tree.Operation) -> Value:
+        left, right = self.value(node.left), self.value(node.right)
+        if node.operator == "-":
+            return combine(difference, left, right)
+        function = {"+": np.add, "*": np.multiply, "/": np.divide}[node.operator]
+        return combine(function, left, right)
+
+    def _call(self, node: tree.Call) -> Value:
+        name, first = node.function, node.arguments[0]
+        if isinstance(first, tree.Chain):
+            return Value(np.mean(self.holds(first.links).array, axis=0))
+        if isinstance(first, tree.Term) and (name == "cov" or (name in tree.MOMENTS and self._is_signal(first))):
+            return self._term(first, name)
+        if name == "cov":
+            raise EvaluationError("cov needs a signal by itself, as cov(e[METHOD])")
+        return applied(name, [self.value(part) for part in node.arguments if not isinstance(part, tree.Chain)])
+
+
+def _tables(trials: Table, term: tree.Term, at: Mapping[str, str], *, pooled: bool) -> list[Table]:
+    """Points of a sweep that a term speaks of: one, or all that it leaves open where they are pooled."""
+    wanted = {**at, **dict(term.point)}
+    found = [table for table in trials.each if lies_at(table.point, wanted)]
+    where = ", ".join(f"{path}={value}" for path, value in wanted.items())
+    if not found:
+        raise EvaluationError(f"there is no point {where}")
+    found = [table for table in found if term.method in table.methods]
+    if not found:
+        raise EvaluationError(f"there is no method {term.method}")
+    if pooled:
+        return found
+    if len({table.keys.get(term.method, "") for table in found}) > 1:
+        raise EvaluationError(f"{term.quantity}[{term.method}] may be at any of {len(found)} points of the sweep")
+    return found[:1]

@@ -1,0 +1,113 @@
+"""The functions of claims, of values that are already there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from rmpc_bench.analysis.intervals import quantile
+from rmpc_bench.claims.matrices import distance, excess, of_matrix
+from rmpc_bench.claims.values import EvaluationError, NoSample, NoValue, Value, combine
+from rmpc_bench.types import Array
+
+
+@np.errstate(all="ignore")
+def applied(name: str, values: list[Value]) -> Value:
+    """Apply a function of the grammar, other than share and all.
+
+    Parameters
+    ----------
+    name : of the function
+    values : as many as it has arguments
+
+    Returns
+    -------
+    its value, NaN where it has none
+
+    Raises
+    ------
+    EvaluationError
+        when the function is not made for such values
+    """
+    first = values[0]
+    if name in _REDUCTIONS:
+        return Value(np.asarray(_REDUCTIONS[name](_sample(first))))
+    if name == "quantile":
+        q = values[1].array
+        if q.ndim or not 0 <= q <= 1:
+            raise EvaluationError("the second argument of quantile is a number from 0 to 1")
+        return Value(quantile(_sample(first), float(q)))
+    if name in ("last", "at", "slope", "since", "upto"):
+        return _of_series(name, values)
+    if name == "abs":
+        return first.of(np.abs(first.array))
+    if name in ("diag", "trace", "det"):
+        return of_matrix(name, first)
+    return _OF_SEVERAL[name](*values)
+
+
+def _sample(value: Value) -> Array:
+    """What a function of a column or series reduces along axis 0; of a list or matrix all of its numbers."""
+    return value.array if value.axis else value.array.reshape(-1)
+
+
+def _spread(array: Array) -> Array:
+    return np.full(array.shape[1:], np.nan) if len(array) < 2 else np.asarray(np.var(array, axis=0, ddof=1))
+
+
+_REDUCTIONS: dict[str, Callable[[Array], Array]] = {
+    "mean": lambda array: np.mean(array, axis=0),
+    "median": lambda array: quantile(array, 0.5),
+    "min": lambda array: np.min(array, axis=0),
+    "max": lambda array: np.max(array, axis=0),
+    "var": _spread,
+    "std": lambda array: np.sqrt(_spread(array)),
+}
+
+
+def _ratio(a: Value, b: Value) -> Value:
+    if not (a.axis == b.axis == "runs"):
+        return combine(np.divide, a, b)
+    if not ((a.array > 0) & (b.array > 0) & np.isfinite(a.array) & np.isfinite(b.array)).all():
+        raise NoValue("ratio of two columns needs positive, finite values in every run")
+    return Value(np.asarray(np.exp(np.mean(np.log(a.array) - np.log(b.array)))))
+
+
+def _entry(x: Value, i: Value) -> Value:
+    if len(x.entry) != 1 or i.array.ndim or not 0 <= i.array < x.entry[0] or i.array != int(i.array):
+        raise EvaluationError("entry needs a vector, or a series or column of vectors, and a place that counts from 0")
+    return x.of(x.array[..., int(i.array)])
+
+
+_OF_SEVERAL: dict[str, Callable[..., Value]] = {
+    "ratio": _ratio,
+    "entry": _entry,
+    "excess": excess,
+    "distance": distance,
+}
+
+
+def _of_series(name: str, values: list[Value]) -> Value:
+    """Evaluate at, last, slope, since or upto."""
+    series = values[0]
+    if series.axis != "k":
+        raise EvaluationError(f"{name} needs a series over k")
+    if name == "last":
+        return Value(series.array[-1])
+    if name == "slope":
+        steps = np.arange(len(series.array)) - (len(series.array) - 1) / 2
+        if len(steps) < 2:
+            raise NoSample("slope needs two samples")
+        return Value(np.asarray(np.tensordot(steps, series.array, axes=1) / (steps @ steps)))
+    if series.constant:
+        return Value(series.array[0]) if name == "at" else series
+    first, last = series.span
+    k = values[1].array
+    if k.ndim or not first <= k <= last or k != int(k):
+        raise NoSample(f"{name} needs a sample from {first} to {last}")
+    if name == "at":
+        return Value(series.array[int(k) - first])
+    cut = (int(k), last) if name == "since" else (first, int(k))
+    # A series that is left whole stays what it was: one that does not change over k is stored once, and fits any other.
+    return series if cut == series.span else Value(series.array[cut[0] - first : cut[1] - first + 1], "k", cut)

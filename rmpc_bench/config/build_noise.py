@@ -1,0 +1,112 @@
+"""From the noise laws of a configuration to those that runs are drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.config.draft import DraftConfig, Law
+from rmpc_bench.noise.bounded import ellipsoid
+from rmpc_bench.noise.bursts import HasBursts
+from rmpc_bench.noise.gaussian import Noise, gaussian
+from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
+from rmpc_bench.types import Array, DesignError, HasSets, Plant
+
+
+class NoiseLaws:
+    """Builds the noise of a draft and notes what cannot be built.
+
+    Parameters
+    ----------
+    draft : what the configuration says
+    model : builds the model of the configuration, which `same` speaks of; None where it cannot be built
+    """
+
+    def __init__(self, draft: DraftConfig, model: Callable[[], Any]) -> None:
+        self.draft, self.model = draft, model
+
+    def terms(self, laws: tuple[Law, ...], n: int, channel: str) -> tuple[Noise, ...]:
+        """Build the terms of a sum.
+
+        Parameters
+        ----------
+        laws : as configured
+        n : length of the vector
+        channel : ``process``, ``measurement`` or ``initial``, the deviation of the true initial state
+        """
+        return tuple(term for law in laws for term in self._terms(law, n, channel))
+
+    def _terms(self, law: Law, n: int, channel: str) -> tuple[Noise, ...]:
+        if law.part is not None:
+            made = law.part.build(self.draft.problems, n=n, Ts=self.draft.values["time"].step)
+            if channel == "initial" and isinstance(made, HasBursts):
+                self.draft.problems.append(law.part.problem("an initial state is no time for bursts", "bursts"))
+            return (made,) if made is not None else ()
+        model = self.model()
+        if model is None:
+            return ()
+        path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
+        mean, cov, shape = _believed(model, n, channel)
+        if channel != "initial" and _varies(model, channel, self.draft.values["time"].n_steps):
+            self.draft.note(path, f"'same' is one law at all k, and the model's {channel} noise is another at some k")
+            return ()
+        if len(cov) != n:
+            self.draft.note(path, f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
+            return ()
+        scale = law.same or 0.0
+        first = gaussian(n, mean=mean.tolist(), cov=cov, scale=scale)
+        return (first, ellipsoid(n, shape=shape, scale=scale)) if np.any(shape) else (first,)
+
+    def refuse_names(self, scenario: Scenario) -> None:
+        """Refuse uncertain quantities that are called as what random bursts draw: both are columns of one table."""
+        for name in sorted({*scenario.burst_names} & {*scenario.uncertainty}):
+            message = f"{name!r} is what random bursts of the noise are called; choose another name"
+            self.draft.note(["uncertainty", name], message, key=True)
+
+    def correlated(self, plant: Plant, scenario: Scenario) -> Scenario:
+        """Give the noises of a scenario their cross-covariance.
+
+        Parameters
+        ----------
+        plant : says the lengths of the noises
+        scenario : with independent ones
+        """
+        cross = self.draft.cross
+        if cross == "same":
+            cross = getattr(self.model(), "S", 0.0)
+        if cross is None or not np.any(cross):
+            return scenario
+        try:
+            return with_cross_covariance(scenario, np.atleast_2d(np.array(cross, dtype=float)), plant.nw, plant.nv)
+        except DesignError as error:
+            given = self.draft.tree.get("noise")
+            self.draft.note(
+                ["noise", "cross"] if isinstance(given, Mapping) and "cross" in given else ["noise"], str(error)
+            )
+            return scenario
+
+
+def _believed(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:
+    """Mean, covariance and set (its shape, or 0) that a model believes a noise to have."""
+    if channel == "initial":
+        # The spread of the process noise, as `P: process`; states that the model does not know start at their mean.
+        return np.zeros(n), np.pad(model.Q_w, (0, max(0, n - len(model.Q_w)))), 0.0
+    mean, cov = model.v_law if channel == "measurement" else model.w_law
+    if not isinstance(model, HasSets):
+        return mean, cov, 0.0
+    return mean, cov, model.M_v(0) if channel == "measurement" else model.M_w(0)
+
+
+def _varies(model: Any, channel: str, n_steps: int) -> bool:
+    """Whether a noise that a model with sets believes in depends on k; that of other models does not."""
+    if not isinstance(model, HasSets):
+        return False
+
+    def at(k: int) -> tuple[Array, Array]:
+        now = model.at(k)
+        return (now.Q_w, model.M_w(k)) if channel == "process" else (now.R_v, model.M_v(k))
+
+    pairs = ((a, b) for k in range(1, n_steps + 1) for a, b in zip(at(0), at(k), strict=True))
+    return any(a is not b and not np.array_equal(a, b) for a, b in pairs)

@@ -1,0 +1,224 @@
+"""The claims of a configuration: read, and checked against what the experiment will have to say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from rmpc_bench.analysis.sweep_points import lies_at, value_text
+from rmpc_bench.claims.claim import Claim, Stated
+from rmpc_bench.claims.dry_run import Expected, dry_run
+from rmpc_bench.claims.grammar import COUNTS, ClaimError, parse, parse_expression
+from rmpc_bench.claims.tree import (
+    MOMENTS,
+    SIGNALS,
+    Chain,
+    Expression,
+    Term,
+    misuse,
+    terms,
+    unknown_moment,
+    uses,
+)
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.reader import Map, plain
+from rmpc_bench.config.sections import ClaimKeys
+from rmpc_bench.config.sweep_points import Place, nowhere
+from rmpc_bench.registry import unknown
+from rmpc_bench.types import MetricInfo, ResultLayout
+
+
+def read_claims(
+    draft: DraftConfig, metrics: Sequence[str], places: Sequence[Place], layout: ResultLayout | None
+) -> tuple[Claim, ...]:
+    """Turn the claims of a draft into statements; what is wrong with them is noted.
+
+    Parameters
+    ----------
+    draft : of the first point
+    metrics : names of the metrics
+    places : the points of the sweep; empty where something is wrong with it
+    layout : what the results will have; None where it is not known because something else is wrong
+    """
+    claims = []
+    expected = _expected(draft, metrics, places, layout) if layout else None
+    for number, keys in enumerate(draft.claims):
+        if keys is not None:
+            checker = _Checker(draft, number, metrics, places, layout, expected)
+            claims.append(checker.claim(keys))
+    return tuple(claims)
+
+
+def _expected(
+    draft: DraftConfig, metrics: Sequence[str], places: Sequence[Place], layout: ResultLayout
+) -> Expected | None:
+    """What stands in for the results: of series where a method is what it is at the first point; None if unknown."""
+    if not places or not all(place.keys for place in places):
+        return None
+    columns = [MetricInfo(name, "", "") for name in metrics]
+    tables = [
+        Expected(
+            methods=list(draft.methods),
+            metrics=columns,
+            shapes={
+                name: shapes
+                for name, shapes in layout.arrays.items()
+                if place.keys.get(name) == places[0].keys.get(name)
+            },
+            point=place.coordinates,
+            keys=place.keys,
+        )
+        for place in places
+    ]
+    return replace(tables[0], points=tuple(tables))
+
+
+class _Checker:
+    """Checks one claim."""
+
+    def __init__(
+        self,
+        draft: DraftConfig,
+        number: int,
+        metrics: Sequence[str],
+        places: Sequence[Place],
+        layout: ResultLayout | None,
+        expected: Expected | None,
+    ) -> None:
+        self.draft, self.places, self.expected = draft, places, expected
+        self.smoke = layout is not None and layout.end == 0
+        self.of_runs = (*metrics, *COUNTS) if "runs" not in draft.values["evaluate"] else ()
+        self.series = [name for name in layout.series if name not in metrics] if layout else []
+        self.signals = [name for name in SIGNALS if name not in metrics]
+        moments = {f"{moment}({signal})": signal for signal in self.signals for moment in MOMENTS.values()}
+        seen = dict.fromkeys(moments.get(name, name) for name in self.series)
+        self.known = [*metrics, *COUNTS, *seen] if layout else []
+        self.path: list[str | int] = ["claims", number]
+        self.misplaced = False
+        self.noted = 0
+
+    def claim(self, keys: ClaimKeys) -> Claim:
+        check = (keys.check,) if isinstance(keys.check, str) else tuple(keys.check or ())
+        stated = keys.stated if isinstance(keys.stated, str) or keys.stated is None else Stated(**asdict(keys.stated))
+        claim = Claim(
+            keys.says,
+            keys.source,
+            check,
+            keys.finding,
+            stated,
+            tuple(keys.assumptions),
+            self._at(keys.at),
+            keys.at == "all",
+        )
+        for text in check:
+            self._terms(claim, text, "check", parse)
+        if isinstance(stated, Stated):
+            self._terms(claim, stated.of, "stated.of", parse_expression)
+        return claim
+
+    def _note(self, key: str, message: str) -> None:
+        self.noted += 1
+        self.draft.note([*self.path, *key.split(".")], message)
+
+    def _at(self, given: Any) -> tuple[dict[str, str], ...]:
+        """Read one point or a list of them; what names no point is noted and left out."""
+        if given is None:
+            return ()
+        if self.places and not self.places[0].coordinates:
+            self._note("at", "nothing is swept in this configuration")
+            return ()
+        if given == "all":
+            return ()
+        entries = given if isinstance(given, list) else [given]
+        found = []
+        for entry in entries:
+            if not isinstance(entry, Map) or not entry:
+                self._note("at", "must be a mapping from paths to values, a list of those, or 'all'")
+                continue
+            at = {name: value_text(plain(value)) for name, value in entry.items()}
+            if at in found:
+                self._note("at", "names a point twice")
+            message = nowhere(self.places, at)
+            if message:
+                self._note("at", message)
+            else:
+                found.append(at)
+        if not entries:
+            self._note("at", "must name at least one point")
+        self.misplaced = len(found) < len(entries) or not entries
+        return tuple(found)
+
+    def _terms(self, claim: Claim, text: str, key: str, grammar: Callable[[str], Chain | Expression]) -> None:
+        """Check that a text can be read, speaks of what is there, and asks for nothing that no results could answer."""
+        before = self.noted
+        try:
+            tree = grammar(text)
+        except ClaimError as error:
+            self._note(key, str(error))
+            return
+        named = sorted(terms(tree))
+        for term in named:
+            if self.draft.methods and term.method not in self.draft.methods:
+                self._note(key, unknown(term.method, self.draft.methods, "method"))
+            if self.known and term.quantity not in (*self.known, *self.signals):
+                self._note(key, unknown(term.quantity, self.known, "metric or series of this configuration"))
+        if any(term.quantity in self.of_runs for term in named):
+            self._note(key, "no runs are evaluated; add `runs` to `evaluate`")
+        for message in dict.fromkeys(self._moment(term, function) for term, function in sorted(uses(tree))):
+            if message:
+                self._note(key, message)
+        if self.places and not self.misplaced:
+            for at in claim.at or ({},):
+                counts = [self._place(claim, term, {**at, **dict(term.point)}, key) for term in named]
+                if 0 not in counts and len(set(counts)) > 1:
+                    self._note(key, "the terms speak of different numbers of points")
+        if self.noted == before and self.expected is not None and not self.misplaced:
+            for message in self._dry_run(claim, tree):
+                self._note(key, message)
+
+    def _dry_run(self, claim: Claim, tree: Chain | Expression) -> list[str]:
+        assert self.expected is not None  # its caller has looked
+        points = [dry_run(tree, self.expected, at, pooled=claim.pooled, short=self.smoke) for at in claim.at or ({},)]
+        return list(dict.fromkeys(message for messages in points for message in messages))
+
+    def _moment(self, term: Term, function: str) -> str:
+        """Say what is wrong with a signal, or with what stands in a function of signals; "" for nothing."""
+        signal = term.quantity in self.signals
+        if not self.known or not (signal or term.quantity in self.known):
+            return ""  # what it is is not known, or has been noted as such
+        message = misuse(term, function, signal=signal)
+        if message or not signal:
+            return message
+        known = f"{MOMENTS[function]}({term.quantity})" in self.series
+        return "" if known else unknown_moment(term, function)
+
+    def _place(self, claim: Claim, term: Term, wanted: Mapping[str, str], key: str) -> int:
+        """Count the points of a term: one, or in a pooled claim some; 0 when something is wrong with them."""
+        what = f"{term.quantity}[{term.method}]"
+        if not self.places[0].coordinates and not wanted:
+            return 1
+        found = [place for place in self.places if lies_at(place.coordinates, wanted)]
+        if not found:
+            self._note(key, f"{what}: {nowhere(self.places, wanted)}")
+            return 0
+        if not all(place.keys for place in found):
+            return 1  # something else is wrong, and what the points share is not known
+        different = len({place.keys.get(term.method, "") for place in found})
+        if not claim.pooled and different > 1:
+            self._note(key, f"{what} may be at any of {len(found)} points of the sweep: {self._way_out(term, found)}")
+            return 0
+        if claim.pooled and len(found) > 1 and term.quantity in (*self.series, *self.signals):
+            self._note(key, f"{what} is a series, of one point: {self._way_out(term, found)}")
+            return 0
+        if claim.pooled and different < len(found):
+            self._note(key, f"{what} is the same at several points, and would count more than once: name one of them")
+            return 0
+        return len(found) if claim.pooled else 1
+
+    def _way_out(self, term: Term, found: Sequence[Place]) -> str:
+        open_paths = [name for name in found[0].coordinates if len({place.coordinates[name] for place in found}) > 1]
+        example = ", ".join(f"{name}={found[0].coordinates[name]}" for name in open_paths)
+        if any(letter in example.replace(", ", "") for letter in "[],"):
+            return "name one with `at`"
+        return f"name one, as {term.quantity}[{term.method}, {example}], or give the claim an `at`"

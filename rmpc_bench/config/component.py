@@ -1,0 +1,133 @@
+"""One part of a configuration: a plant, a model, an estimator and so on, with the place where it is written."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench import registry
+from rmpc_bench.config.reader import Map, join, locate
+from rmpc_bench.config.schema import model_of, shown, validate
+from rmpc_bench.expressions.quantity import Expression
+from rmpc_bench.types import DesignError, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """A validated part, ready to be built.
+
+    Parameters
+    ----------
+    group, kind : where the registry finds its design function
+    parameters : keywords of the design function
+    tree : the mapping it was read from, with its marks
+    path : where it stands in the configuration
+    """
+
+    group: str
+    kind: str
+    parameters: Mapping[str, Any]
+    tree: Map
+    path: tuple[str | int, ...]
+
+    def build(self, problems: list[Problem], **provided: Any) -> Any:
+        """Call the design function; a DesignError becomes a problem at the parameter it blames, and None is returned.
+
+        Parameters
+        ----------
+        problems : gets the mistake
+        provided : what the bench provides; the design function receives what it asks for
+        """
+        design = registry.get(self.group, self.kind)
+        asked = inspect.signature(design).parameters
+        wanted = {name: value for name, value in provided.items() if name in asked}
+        try:
+            with np.errstate(all="ignore"):  # what overflows is refused below, or shows as a failed run
+                return design(**wanted, **self.parameters)
+        except DesignError as error:
+            problems.append(self.problem(str(error), error.parameter))
+        except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
+            problems.append(self.problem(f"cannot be computed from these numbers ({error})"))
+        return None
+
+    def asks(self, name: str) -> bool:
+        """Whether the design function takes something that the bench provides."""
+        return name in inspect.signature(registry.get(self.group, self.kind)).parameters
+
+    def problem(self, message: str, parameter: str = "") -> Problem:
+        """Something wrong with this part, at the parameter to blame."""
+        steps = parameter.split(".") if parameter else []
+        return Problem(*locate(self.tree, steps), join([*self.path, *steps]), message)
+
+    def resolved(self) -> dict[str, Any]:
+        """The part as plain data with every default filled in."""
+        return {"kind": self.kind, **{name.rstrip("_"): plain_data(value) for name, value in self.parameters.items()}}
+
+
+def plain_data(value: Any) -> Any:
+    """Dataclasses, tuples and arithmetic as plain YAML data; keys that are not set are left out."""
+    if isinstance(value, Expression):
+        return "".join(value.text.split())
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return {name.rstrip("_"): plain_data(item) for name, item in fields.items() if item is not None}
+    if isinstance(value, Mapping):
+        return {name: plain_data(item) for name, item in value.items() if item is not None}
+    return [plain_data(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def read_component(
+    group: str,
+    tree: Any,
+    path: Sequence[str | int],
+    problems: list[Problem],
+    *,
+    mark: tuple[str, int, int],
+    kind: str | None = None,
+    ignore: Sequence[str] = (),
+) -> Component | None:
+    """Validate a part against the signature of its design function.
+
+    Parameters
+    ----------
+    group : group of the registry
+    tree : what the configuration says
+    path : where it stands
+    problems : gets what is wrong
+    mark : place to show when the tree has none of its own
+    kind : kind of the part where no key says so
+    ignore : keys that somebody else reads
+    """
+    if not isinstance(tree, Map):
+        problems.append(Problem(*mark, join(path), f"must be a mapping (got {shown(tree)})"))
+        return None
+    kind = kind or _kind(group, tree, path, problems)
+    if kind is None:
+        return None
+    own = tree.copy()
+    for key in ("kind", *ignore):
+        own.pop(key, None)
+    checked = validate(model_of(group, kind), own, path, problems)
+    if checked is None:
+        return None
+    parameters = {name: getattr(checked, name) for name in type(checked).model_fields}
+    return Component(group, kind, parameters, tree, tuple(path))
+
+
+def _kind(group: str, tree: Map, path: Sequence[str | int], problems: list[Problem]) -> str | None:
+    noun = registry.singular(group)
+    if "kind" not in tree:
+        known = ", ".join(registry.names(group))
+        problems.append(Problem(*tree.mark, join(path), f"'kind' is missing; known kinds of {noun}: {known}"))
+        return None
+    kind = tree["kind"]
+    if not isinstance(kind, str) or kind not in registry.names(group):
+        message = registry.unknown(str(kind), registry.names(group), noun, f"rmpc-bench list {group}")
+        problems.append(Problem(*locate(tree, ["kind"]), join([*path, "kind"]), message))
+        return None
+    return kind

@@ -1,0 +1,169 @@
+"""The laws of a configuration: uncertain quantities, noise, and where everything starts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from rmpc_bench import registry
+from rmpc_bench.config.component import read_component
+from rmpc_bench.config.draft import DraftConfig, Law
+from rmpc_bench.config.reader import Items, Map, locate
+from rmpc_bench.config.schema import shown, validate
+from rmpc_bench.expressions import quantity
+from rmpc_bench.noise import distributions
+from rmpc_bench.types import Matrix, NonNegative
+
+_DISTRIBUTIONS: dict[str, type] = {
+    "uniform": distributions.Uniform,
+    "normal": distributions.Normal,
+    "choice": distributions.Choice,
+    "fixed": distributions.Fixed,
+}
+
+
+_SAME: Any = dict[str, NonNegative]
+_CROSS: Any = float | list[list[float]]
+
+_TAKEN = ("run", "pi", "sqrt", "sin", "cos")
+
+
+def read_uncertainty(draft: DraftConfig) -> None:
+    """Read the laws of the named uncertain quantities."""
+    for name, value in (draft.values["uncertainty"] or {}).items():
+        path: list[str | int] = ["uncertainty", name]
+        if not re.fullmatch(r"[A-Za-z_]\w*", name):
+            draft.note(path, "a name starts with a letter and goes on with letters, digits and _", key=True)
+        elif name in _TAKEN:
+            draft.note(path, f"{name!r} has a meaning already; choose another name", key=True)
+        law = _distribution(draft, value, path)
+        if law is not None:
+            draft.uncertainty[name] = law
+
+
+def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> distributions.Distribution | None:
+    if isinstance(value, Map):
+        kind = value.get("dist")
+        if not isinstance(kind, str) or kind not in _DISTRIBUTIONS:
+            draft.note([*path, "dist"], registry.unknown(str(kind), _DISTRIBUTIONS, "distribution"))
+            return None
+        own = value.copy()
+        del own["dist"]
+        law: distributions.Distribution | None = validate(_DISTRIBUTIONS[kind], own, path, draft.problems)
+        return law
+    try:
+        spread = quantity.spread(value) if isinstance(value, str) else None
+    except quantity.QuantityError as error:
+        draft.note(path, str(error))
+        return None
+    if spread is None:
+        choices = ", ".join(_DISTRIBUTIONS)
+        draft.note(path, f"expected a spread such as +-10% or {{dist: ..}} with one of {choices} (got {shown(value)})")
+        return None
+    return distributions.Uniform(-spread, spread)
+
+
+def read_noise(draft: DraftConfig) -> None:
+    """Read the noise that happens, per channel."""
+    noise = draft.section("noise")
+    if not isinstance(noise, Map):
+        noise = {"process": noise, "measurement": noise}
+        paths: dict[str, list[str | int]] = {name: ["noise"] for name in noise}
+        draft.cross = "same" if draft.section("noise") == "same" else None
+    else:
+        paths = {name: ["noise", name] for name in noise}
+    for name, law in noise.items():
+        if name == "cross":
+            draft.cross = law if law == "same" else draft.checked(_CROSS, paths[name])
+            if isinstance(draft.cross, list) and len({len(row) for row in draft.cross}) != 1:
+                draft.note(paths[name], "must be a number or a list of rows of the same length")
+                draft.cross = None
+        elif name not in ("process", "measurement"):
+            draft.note(paths[name], registry.unknown(name, ("process", "measurement", "cross"), "key"), key=True)
+        else:
+            draft.noise[name] = _laws(draft, law, paths[name])
+
+
+def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[Law, ...]:
+    """Read a law that may be a sum: its terms in order, none for `none` and for what is no law."""
+    if not (isinstance(law, Map) and list(law) == ["sum"]):
+        one = None if law == "none" else _law(draft, law, path, ("none", "same", "sum"))
+        return () if one is None else (one,)
+    terms, path = law["sum"], [*path, "sum"]
+    if not isinstance(terms, Items) or not terms:
+        draft.note(path, f"must be a list of laws (got {shown(terms)})")
+        return ()
+    return tuple(term for number, each in enumerate(terms) if (term := _term(draft, each, [*path, number])) is not None)
+
+
+def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> Law | None:
+    """Read one law of a sum, which is neither a sum nor nothing."""
+    if isinstance(law, Map) and "sum" in law:
+        draft.note(path, "a sum inside a sum; write all terms into one list")
+    elif law == "none":  # the number of a term names its stream, and a term that is not there has none
+        draft.note(path, "'none' adds nothing; leave it out, or silence a law with scale: 0 (or radius: 0)")
+    else:
+        return _law(draft, law, path, ("same",))
+    return None
+
+
+def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> Law | None:
+    """Read one noise law; None for what is not one.
+
+    Parameters
+    ----------
+    draft : gets what is wrong
+    law : what the configuration says
+    path : where it stands
+    words : laws without a design function that may stand there
+    """
+    if law == "same":
+        return Law(None, 1.0)
+    kinds = registry.names("noises")
+    if law in kinds:
+        draft.note(path, f"{law!r} needs its parameters: {{{law}: {{..}}}} (rmpc-bench describe noises/{law})")
+        return None
+    if law == "sum":
+        draft.note(path, "'sum' needs its terms: {sum: [{..}, {..}]}")
+        return None
+    if isinstance(law, Map) and len(law) > 1 and set(law) <= {"same", *kinds}:
+        draft.note(path, f"laws add up as a list: {{sum: [{', '.join(f'{{{kind}: ..}}' for kind in law)}]}}")
+        return None
+    if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in ("same", *kinds):
+        named = next(iter(law)) if isinstance(law, Map) and len(law) == 1 else law
+        text = named if isinstance(named, str) else shown(law)
+        known = [each for each in (*words, *kinds) if each != text]  # {none: {}} does not mean none
+        draft.note(path, registry.unknown(text, known, "noise law", "rmpc-bench list noises"))
+        return None
+    kind, value = next(iter(law.items()))
+    if kind == "same":
+        return _same(draft, law, [*path, kind])
+    part = read_component("noises", value, [*path, kind], draft.problems, mark=locate(law, [kind]), kind=kind)
+    return None if part is None else Law(part, None)
+
+
+def _same(draft: DraftConfig, law: Map, path: list[str | int]) -> Law | None:
+    """Read the model's own noise times a scale."""
+    scale = validate(_SAME, law["same"], path, draft.problems, mark=locate(law, ["same"]))
+    if scale is not None and set(scale) - {"scale"}:
+        draft.note(path, "the only key is 'scale'")
+    return None if scale is None else Law(None, scale.get("scale", 1.0))
+
+
+_Vector = float | list[float]
+_INITIAL: Mapping[str, Any] = {"x": _Vector, "x_hat": _Vector, "P": Matrix, "M": Matrix}
+
+
+def read_initial(draft: DraftConfig) -> None:
+    """Read the true initial state and the start of the estimators."""
+    initial = draft.values["initial"] or {}
+    draft.initial = {"x": 0.0, "x_hat": 0.0, "P": "process", "M": 0.0, "laws": ()}
+    for name, value in initial.items():
+        path: list[str | int] = ["initial", name]
+        if name not in _INITIAL:
+            draft.note(path, registry.unknown(name, _INITIAL, "key"), key=True)
+        elif name == "x" and isinstance(value, Map):
+            draft.initial["laws"] = _laws(draft, value, path)
+        elif name != "P" or value != "process":
+            draft.initial[name] = draft.checked(_INITIAL[name], path)

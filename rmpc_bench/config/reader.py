@@ -1,0 +1,279 @@
+"""YAML 1.2 core-schema texts, read into trees that remember where every key and value stands.
+
+PyYAML only scans and parses: it delivers events, and the tree is built here without recursion and without tags, so
+that a text can neither make objects, nor exhaust memory through aliases, nor overflow the stack.  The tree itself is
+in ``yaml_tree``, the way to write one in ``yaml_dump``; both are offered here too.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import yaml  # type: ignore[import-untyped]
+
+from rmpc_bench.config.tree import (
+    MAX_DEPTH,
+    Items,
+    Map,
+    Mark,
+    assign,
+    join,
+    locate,
+    locate_key,
+    merge,
+    plain,
+    scalar,
+    split,
+)
+from rmpc_bench.config.writer import dump
+from rmpc_bench.types import ConfigError, Problem
+
+__all__ = [
+    "Items", "Map", "Mark", "assign", "dump", "join", "load", "locate", "locate_key", "merge", "parse",
+    "parse_override", "plain", "scalar", "split",
+]  # fmt: skip
+
+MAX_NODES = 100_000
+_CORE = "tag:yaml.org,2002:"
+
+
+def parse(text: str, file: str, *, column: int = 1) -> Any:
+    """Read a text that holds one document.
+
+    Parameters
+    ----------
+    text : the YAML text
+    file : the name that errors and marks show
+    column : column of the first character of the text
+
+    Returns
+    -------
+    Map, Items or scalar.  What an alias stands for is shared, not copied.
+    """
+    return _Builder(text.removeprefix("\ufeff"), file, column).build()
+
+
+def load(path: str | Path) -> Any:
+    """Read a file; every trouble with it is a ConfigError that shows the path as given."""
+    where = Path(path)
+    try:
+        return parse(where.read_bytes().decode("utf-8-sig"), str(path))
+    except FileNotFoundError:
+        siblings = sorted(other.name for other in where.parent.glob("*.yaml"))
+        near = get_close_matches(where.name, siblings, n=1, cutoff=0.0)
+        hint = f"; did you mean '{where.with_name(near[0])}'?" if near else ""
+        message = "there is no such file" + hint
+    except IsADirectoryError:
+        message = "is a directory, not a YAML file"
+    except UnicodeDecodeError as error:
+        message = f"is not UTF-8 text (byte 0x{error.object[error.start]:02x} at offset {error.start})"
+    except (OSError, ValueError) as error:
+        message = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+    raise ConfigError([Problem(str(path), 1, 1, "", message)])
+
+
+def parse_override(text: str) -> tuple[str, Any, Mark]:
+    """Read the PATH=VALUE of ``-s``.
+
+    Parameters
+    ----------
+    text : what the user typed; the first ``=`` ends PATH, VALUE is a YAML document, nothing is null
+
+    Returns
+    -------
+    PATH for ``assign``, the value, and the place of VALUE; columns count within ``text``.
+    """
+    path, equals, value = text.partition("=")
+    file = f"-s {text}"
+    if not equals:
+        raise ConfigError([Problem(file, 1, 1, "", "expected PATH=VALUE; there is no '='")])
+    split(path.strip(), Mark(file, 1, 1))
+    column = len(path) + 2
+    return path.strip(), parse(value, file, column=column) if value.strip() else None, Mark(file, 1, column)
+
+
+@dataclass(slots=True)
+class _Node:
+    """A scalar or collection while the tree is built; size and height count what aliases stand for."""
+
+    value: Any
+    text: str | None
+    mark: Mark
+    size: int = 1
+    height: int = 0
+    open: bool = False
+    key: str | None = None
+    key_mark: Mark | None = None
+    wants_key: bool = False
+
+
+class _Stop(Exception):
+    """Trouble after which reading on makes no sense: index in the text, message."""
+
+
+class _Builder:
+    """Builds the tree from events and gathers problems on the way."""
+
+    def __init__(self, text: str, file: str, column: int) -> None:
+        self.text, self.file, self.column = text, file, column
+        self.starts = [0, *(end.end() for end in re.finditer(r"\r\n|\r|\n", text))]
+        self.problems: list[Problem] = []
+        self.anchors: dict[str, _Node] = {}
+        self.stack: list[_Node] = []
+        self.root: _Node | None = None
+        self.total = 0
+
+    def build(self) -> Any:
+        """Return the value of the only document, or raise all problems."""
+        try:
+            for event in self._events():
+                self._take(event)
+            if self.root is None:
+                raise _Stop(0, "the file is empty")
+        except _Stop as stop:
+            mark = self._mark(stop.args[0])
+            self.problems.append(Problem(*mark, "", stop.args[1]))
+        if self.problems or self.root is None:
+            raise ConfigError(self.problems)
+        return self.root.value
+
+    def _events(self) -> Iterator[Any]:
+        loader: Any = None
+        try:
+            loader = yaml.SafeLoader(self.text)
+            while loader.check_event():
+                yield loader.get_event()
+        except yaml.reader.ReaderError as error:
+            raise _Stop(error.position, f"control character U+{error.character:04X} is not allowed") from None
+        except yaml.MarkedYAMLError as error:
+            place = error.problem_mark or error.context_mark
+            line = f" that starts on line {self._mark(error.context_mark.index).line}" if error.context_mark else ""
+            context = f"{error.context}{line}: " if error.context else ""
+            raise _Stop(place.index, f"{context}{error.problem}") from None
+        except (ValueError, OverflowError) as error:  # PyYAML turns escapes and versions into numbers unchecked
+            raise _Stop(loader.index, f"not a valid escape or number ({error})") from None
+
+    def _take(self, event: Any) -> None:
+        index = event.start_mark.index
+        if isinstance(event, yaml.DocumentStartEvent) and self.root is not None:
+            raise _Stop(index, "a second document starts here; a file holds one")
+        if isinstance(event, yaml.CollectionEndEvent):
+            node = self.stack.pop()
+            node.open = False
+            self._place(node, node.mark)
+        elif isinstance(event, yaml.AliasEvent):
+            mark = self._mark(index)
+            self._place(self._alias(event.anchor, mark, index), mark)
+        elif isinstance(event, yaml.NodeEvent):
+            self._count(1, index)
+            self._node(event, self._mark(index))
+
+    def _node(self, event: Any, mark: Mark) -> None:
+        if isinstance(event, yaml.ScalarEvent):
+            node = _Node(self._scalar(event, mark), event.value, mark)
+        else:
+            is_map = isinstance(event, yaml.MappingStartEvent)
+            if event.tag not in (None, _CORE + ("map" if is_map else "seq")):
+                self._tag_problem(event.tag, mark)
+            node = _Node(Map(mark=mark) if is_map else Items(mark=mark), None, mark, 1, 1, True, wants_key=is_map)
+            if len(self.stack) >= MAX_DEPTH:
+                raise _Stop(event.start_mark.index, f"nested deeper than {MAX_DEPTH} levels")
+        if event.anchor is not None:
+            self.anchors[event.anchor] = node
+        if node.open:
+            self.stack.append(node)
+            return
+        if not self.stack and not node.text and event.end_mark.index == event.start_mark.index:
+            raise _Stop(0, "the file is empty")
+        self._place(node, mark)
+
+    def _scalar(self, event: Any, mark: Mark) -> Any:
+        text = event.value
+        if not text.isascii() and re.search("[\ud800-\udfff]", text):
+            self._problem(mark, "half of a surrogate pair is not a character; write \\U and eight digits")
+        try:
+            if event.tag is None:
+                return scalar(text) if event.implicit[0] else text
+            kind = event.tag.removeprefix(_CORE)
+            if kind == event.tag or kind not in ("str", "int", "float", "bool", "null"):
+                self._tag_problem(event.tag, mark)
+                return None
+            value = text if kind == "str" else scalar(text)
+            if kind == "float" and type(value) is int:
+                return float(value)
+            if ("null" if value is None else type(value).__name__) == kind:
+                return value
+            self._problem(mark, f"{text!r} is not of type !!{kind}")
+        except (ValueError, OverflowError) as error:
+            self._problem(mark, str(error))
+        return None
+
+    def _alias(self, name: str, mark: Mark, index: int) -> _Node:
+        node = self.anchors.get(name)
+        if node is None or node.open:
+            trouble = "has no anchor before it" if node is None else "refers to a collection that it stands in"
+            self._problem(mark, f"alias *{name} {trouble}")
+            return _Node(None, "", mark)
+        self._count(node.size, index)
+        if len(self.stack) + node.height > MAX_DEPTH:
+            raise _Stop(index, f"alias *{name}: nested deeper than {MAX_DEPTH} levels")
+        return node
+
+    def _place(self, node: _Node, mark: Mark) -> None:
+        if not self.stack:
+            self.root = node
+            return
+        parent = self.stack[-1]
+        parent.size += node.size
+        parent.height = max(parent.height, node.height + 1)
+        if isinstance(parent.value, Items):
+            parent.value.append(node.value)
+            parent.value.value_marks.append(mark)
+        elif parent.wants_key:
+            parent.wants_key, parent.key, parent.key_mark = False, self._key(parent.value, node, mark), mark
+        else:
+            parent.wants_key = True
+            if parent.key is not None and parent.key_mark is not None:
+                parent.value.put(parent.key, node.value, parent.key_mark, mark)
+
+    def _key(self, parent: Map, node: _Node, mark: Mark) -> str | None:
+        """Text of a key, or None when its value will have to be dropped."""
+        if node.text is None:
+            self._problem(mark, "a key must be a scalar, not a list or a mapping")
+        elif node.text in parent:
+            first = parent.key_marks[node.text]
+            message = f"the key is given twice; first on line {first.line}, column {first.column}"
+            self._problem(mark, message, node.text)
+        else:
+            return node.text
+        return None
+
+    def _count(self, nodes: int, index: int) -> None:
+        self.total += nodes
+        if self.total > MAX_NODES:
+            raise _Stop(index, f"more than {MAX_NODES} values (what aliases stand for counts each time)")
+
+    def _tag_problem(self, tag: str, mark: Mark) -> None:
+        short = "!!" + tag.removeprefix(_CORE) if tag.startswith(_CORE) else tag
+        self._problem(mark, f"tags are not allowed ({short})")
+
+    def _problem(self, mark: Mark, message: str, key: str | None = None) -> None:
+        self.problems.append(Problem(*mark, self._path(key), message))
+
+    def _path(self, key: str | None = None) -> str:
+        steps = [
+            str(len(node.value)) if isinstance(node.value, Items) else node.key
+            for node in self.stack
+            if not node.wants_key
+        ]
+        return join([step for step in [*steps, key] if step is not None])
+
+    def _mark(self, index: int) -> Mark:
+        line = bisect_right(self.starts, index)
+        return Mark(self.file, line, index - self.starts[line - 1] + (self.column if line == 1 else 1))

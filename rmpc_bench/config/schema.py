@@ -1,0 +1,243 @@
+"""From the signature of a design function to the keys of a configuration, validated by pydantic.
+
+A keyword of `design` is a key of the YAML, its annotation the check, its default the default.  What the bench itself
+provides (the model, the number of steps and so on) is no key; `PROVIDED` lists it.  Numbers may be written as
+quantities (``2*pi``, ``5%``).
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    create_model,
+)
+
+from rmpc_bench import registry
+from rmpc_bench.config.reader import Items, Map, Mark, join, locate, locate_key
+from rmpc_bench.config.unions import union
+from rmpc_bench.expressions import quantity
+from rmpc_bench.types import OverTime, Problem
+
+PROVIDED: dict[str, frozenset[str]] = {
+    "plants": frozenset({"Ts", "n_steps"}),
+    "models": frozenset({"Ts", "n_steps"}),
+    "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant"}),
+    "controllers": frozenset({"model", "n_steps", "estimator"}),
+    "references": frozenset({"ny", "Ts"}),
+    "noises": frozenset({"n", "Ts"}),
+    "metrics": frozenset({"units"}),
+    "figures": frozenset({"trials"}),
+}
+"""Parameters of a design that the bench fills in, by group."""
+
+
+def _number(value: Any) -> float:
+    return quantity.number(value)
+
+
+def _integer(value: Any) -> Any:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return value  # a float would lose digits of a long one
+    number = quantity.number(value)
+    return int(number) if number == int(number) else number  # pydantic says what is wrong with 2.5
+
+
+def _system_matrix(value: Any) -> Any:
+    """Read the numbers of a matrix; those that depend on the time index k stay functions of it."""
+    if isinstance(value, list):
+        return [_system_matrix(entry) for entry in value]
+    if value is None:
+        return None
+    expression = quantity.parse(value, ("k",))
+    return expression if expression.names else expression()
+
+
+def with_quantities(annotation: Any) -> Any:
+    """Let every number inside an annotation be written as a quantity, and choose between the members of a union."""
+    if annotation is float:
+        return Annotated[float, BeforeValidator(_number)]
+    if annotation is int:
+        return Annotated[int, BeforeValidator(_integer)]
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        inner, *constraints = arguments
+        if any(isinstance(constraint, OverTime) for constraint in constraints):
+            return Annotated[Any, BeforeValidator(_system_matrix)]
+        return Annotated[(with_quantities(inner), *constraints)]
+    if origin in (list, tuple, dict):
+        return origin[tuple(argument if argument is ... else with_quantities(argument) for argument in arguments)]
+    if origin in (Union, UnionType):
+        return union(arguments, with_quantities)
+    if inspect.isclass(annotation) and hasattr(annotation, "__dataclass_fields__"):
+        return _record(annotation)
+    return annotation
+
+
+def _record(kind: type) -> Any:
+    """Check the fields of a dataclass as keys of a mapping and make the dataclass."""
+    model = create_model(kind.__name__, __config__=_CONFIG, **_fields(kind, frozenset()))
+
+    def make(value: BaseModel) -> Any:
+        return kind(**{name: getattr(value, name) for name in type(value).model_fields})
+
+    return Annotated[model, AfterValidator(make)]
+
+
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False, frozen=True, protected_namespaces=())
+
+
+def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str, Any]:
+    keys = {name: key for name, key in inspect.signature(function).parameters.items() if name not in provided}
+    found = hints(function, {name: key.annotation for name, key in keys.items()})
+    fields: dict[str, Any] = {}
+    for name, parameter in keys.items():
+        default = ... if parameter.default is inspect.Parameter.empty else parameter.default
+        alias = name.rstrip("_")
+        field = Field(default, alias=alias) if alias != name else Field(default)
+        fields[name] = (with_quantities(found.get(name, Any)), field)
+    return fields
+
+
+def hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:
+    """Evaluate the annotations of keys only: what is provided may be annotated with names imported for mypy alone."""
+    annotations = {name: Any if text is inspect.Parameter.empty else text for name, text in annotations.items()}
+    inner = inspect.unwrap(function)
+    scope = vars(sys.modules[inner.__module__])
+    return get_type_hints(type("Keys", (), {"__annotations__": annotations}), scope, include_extras=True)
+
+
+@cache
+def model_of(group: str, kind: str) -> type[BaseModel]:
+    """Pydantic model of the keys of a registered part."""
+    return create_model(kind, __config__=_CONFIG, **_fields(registry.get(group, kind), PROVIDED[group]))
+
+
+def validate(
+    kind: Any, tree: Any, path: Sequence[str | int], problems: list[Problem], *, mark: Mark | None = None
+) -> Any:
+    """Check a tree against a pydantic model or any annotation; what is wrong goes to ``problems``.
+
+    Parameters
+    ----------
+    kind : pydantic model or annotation, inside which numbers may be written as quantities
+    tree : what to check, with its marks
+    path : where it stands, for the messages
+    problems : gets one entry per mistake
+    mark : place of the tree, for a scalar, which has none of its own
+
+    Returns
+    -------
+    The validated value, or None.
+    """
+    kind, adapter = _adapter(kind)
+    try:
+        return adapter.validate_python(tree)
+    except ValidationError as error:
+        problems += [_problem(entry, tree, path, kind, mark) for entry in error.errors()]
+        return None
+
+
+_ADAPTERS: dict[int, tuple[Any, Any, TypeAdapter[Any]]] = {}
+"""What pydantic has made of annotations; a sweep validates the same ones many times.  Some of them cannot be hashed, so
+they go by their id, and are kept so that no other one gets it."""
+
+
+def _adapter(kind: Any) -> tuple[Any, TypeAdapter[Any]]:
+    """Return an annotation with quantities, and its adapter."""
+    if id(kind) not in _ADAPTERS:
+        checked = with_quantities(kind)
+        _ADAPTERS[id(kind)] = kind, checked, TypeAdapter(checked)
+    return _ADAPTERS[id(kind)][1:]
+
+
+def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:
+    steps, node = [], tree
+    for step in entry["loc"]:  # pydantic puts the members of unions into its paths, too
+        if isinstance(node, dict) and step in node or isinstance(node, list) and step in range(len(node)):
+            steps.append(step)
+            node = node[step]
+    if entry["type"] == "extra_forbidden":
+        mark = locate_key(tree, steps)
+    elif entry["type"] == "missing" and isinstance(tree, Map | Items):
+        mark = locate(tree, steps)
+        what = f"{entry['loc'][-1]!r} is missing" if isinstance(entry["loc"][-1], str) else "has too few entries"
+        return Problem(*mark, join([*path, *steps]), what)
+    elif isinstance(tree, Map | Items):
+        mark = locate(tree, steps)
+    return Problem(*(mark or Mark("", 1, 1)), join([*path, *steps]), _message(entry, kind, steps))
+
+
+_WORDS: dict[str, str] = {
+    "greater_than": "must be > {gt}",
+    "greater_than_equal": "must be >= {ge}",
+    "less_than": "must be < {lt}",
+    "less_than_equal": "must be <= {le}",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text",
+    "string_too_short": "must not be empty",
+    "string_pattern_mismatch": "must consist of letters, digits, '_', '-' and '.', and begin with a letter or digit",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "dict_type": "must be a mapping",
+    "model_type": "must be a mapping",
+    "model_attributes_type": "must be a mapping",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "too_long": "has too many entries",
+    "too_short": "has too few entries",
+    "shape": "{message}",
+    "literal_error": "must be {expected}",
+    "value_error": "{error}",
+}
+
+
+def _message(entry: Any, kind: Any, steps: Sequence[str | int]) -> str:
+    context = {**entry.get("ctx", {}), "message": entry["msg"]}
+    if entry["type"] == "extra_forbidden":
+        known = _keys_at(kind, entry["loc"][:-1])
+        return registry.unknown(str(steps[-1]), known, "key")
+    text = _WORDS.get(entry["type"], entry["msg"]).format(**context)
+    return text if entry["type"] == "value_error" else f"{text} (got {shown(entry['input'])})"
+
+
+def shown(value: Any) -> str:
+    """A value as a message shows it."""
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    return "nothing" if value is None else repr(value)
+
+
+def _keys_at(kind: Any, steps: Sequence[str | int]) -> list[str]:
+    """Keys that are known at a path of pydantic's inside a model: the tags of unions are steps of it."""
+    if get_origin(kind) is Annotated:
+        return _keys_at(get_args(kind)[0], steps)
+    if get_origin(kind) in (Union, UnionType):
+        tagged = {mark.tag: member for member in get_args(kind) for mark in get_args(member) if isinstance(mark, Tag)}
+        return _keys_at(tagged[str(steps[0])], steps[1:])
+    if get_origin(kind) in (list, tuple) and steps:
+        entries = get_args(kind)
+        each = len(entries) == 1 or entries[1] is ...
+        return _keys_at(entries[0] if each else entries[int(steps[0])], steps[1:])
+    if get_origin(kind) is dict and steps:
+        return _keys_at(get_args(kind)[1], steps[1:])
+    if not (inspect.isclass(kind) and issubclass(kind, BaseModel)):
+        return []
+    fields = {field.alias or name: field.annotation for name, field in kind.model_fields.items()}
+    return _keys_at(fields.get(str(steps[0])), steps[1:]) if steps else list(fields)

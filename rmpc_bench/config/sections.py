@@ -1,0 +1,152 @@
+"""The keys of a configuration that are not parts: sizes, statistics, execution, claims."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, NamedTuple
+
+from annotated_types import Ge, Gt, Le, Len, Lt
+from pydantic import Field
+
+from rmpc_bench.claims.claim import FINDINGS
+from rmpc_bench.types import Count, NonNegative, Positive
+
+MOST_STEPS = 1_000_000
+MOST_RUNS = 10_000_000
+"""Beyond these a number is a slip of the pen, and its arrays would not fit."""
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+Text = Annotated[str, Len(1)]
+
+
+@dataclass(frozen=True)
+class Time:
+    """Sampling and length: `step` and `duration` in seconds, or a number of `steps`."""
+
+    step: Positive = 1.0
+    duration: Positive | None = None
+    steps: Count | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a length that is given twice, not at all, or not in whole steps."""
+        if (self.duration is None) == (self.steps is None):
+            raise ValueError("give either duration (seconds) or steps")
+        if self.duration is not None and self.duration > MOST_STEPS * self.step:
+            raise ValueError(f"there must be 1 to {MOST_STEPS:,} steps")
+        if self.duration is not None and abs(self.duration / self.step - round(self.duration / self.step)) > 1e-9:
+            raise ValueError(f"duration {self.duration:g} is not a whole number of steps of {self.step:g}")
+        if not 1 <= self.n_steps <= MOST_STEPS:
+            raise ValueError(f"there must be 1 to {MOST_STEPS:,} steps (got {self.n_steps:,})")
+
+    @property
+    def n_steps(self) -> int:
+        """Number of control periods N."""
+        return self.steps if self.steps is not None else round((self.duration or 0.0) / self.step)
+
+    @property
+    def tick(self) -> float:
+        """Length of a step in the unit that metrics give their windows in: seconds, or samples."""
+        return self.step if self.duration is not None else 1.0
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """How methods are compared; `primary` and `baseline` default to the first metric and the first method."""
+
+    primary: Text | None = None
+    baseline: Text | None = None
+    confidence: Annotated[float, Gt(0), Lt(1)] = 0.95
+    relevant: Annotated[float, Ge(0), Lt(1)] = 0.01
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How the work is done; nothing here changes a result."""
+
+    workers: Count = 2
+    block: Annotated[int, Ge(1), Le(MOST_RUNS)] = 50
+    max_failures: Annotated[int, Ge(0)] = 0
+
+
+Evaluation = Literal["runs", "ensemble", "moments"]
+Evaluate: Any = Evaluation | Annotated[list[Evaluation], Len(1)]
+"""What to compute: the runs one by one, the exact moments over all runs, or both; moments beside runs, or `ensemble`,
+give mean and covariance over the runs, too."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """Which trajectories to keep: of no run, of the first N, or of all.
+
+    A signal is y, u, x, x_hat or what some method reports of itself, such as Q_yw; bursts of the noise come along.
+    """
+
+    runs: Literal["none", "all"] | Count = "none"
+    signals: Annotated[list[Text], Len(1)] = field(default_factory=lambda: ["y", "u"])
+
+
+@dataclass(frozen=True)
+class Smoke:
+    """Size of a run with --smoke."""
+
+    runs: Count = 4
+    steps: Count = 20
+
+
+@dataclass(frozen=True)
+class StatedKeys:
+    """A size as the paper gives it: the expression `of` is `value` within `tolerance` (absolute)."""
+
+    of: Text
+    value: float
+    tolerance: NonNegative = 0.0
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class ClaimKeys:
+    """One statement of a paper."""
+
+    says: Text
+    source: str = ""
+    check: Text | list[Text] | None = None
+    at: Any = None
+    finding: Literal[FINDINGS] | None = None  # type: ignore[valid-type]
+    stated: Text | StatedKeys | None = None
+    assumptions: list[Text] = field(default_factory=list)
+
+
+class Section(NamedTuple):
+    """Annotation and default of a top-level key; ``...`` marks a required one."""
+
+    annotation: Any
+    default: Any
+
+
+SECTIONS: dict[str, Section] = {
+    "version": Section(Literal[1], ...),
+    "name": Section(Name, ...),
+    "paper": Section(Name | None, None),
+    "title": Section(str, ""),
+    "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0),
+    "runs": Section(Annotated[int, Ge(1), Le(MOST_RUNS)], ...),
+    "time": Section(Time, ...),
+    "uncertainty": Section(dict[str, Any], {}),
+    "plant": Section(dict[str, Any], ...),
+    "model": Section(dict[str, Any], ...),
+    "noise": Section(Any, "none"),
+    "initial": Section(dict[str, Any], {}),
+    "reference": Section(dict[str, Any], {"kind": "constant", "value": 0.0}),
+    "estimator": Section(dict[str, Any], {}),
+    "controller": Section(dict[str, Any], {}),
+    "methods": Section(dict[str, Any], ...),
+    "sweep": Section(dict[str, Any], {}),
+    "metrics": Section(list[Any], ["mse"]),
+    "statistics": Section(Statistics, Statistics()),
+    "evaluate": Section(Evaluate, ["runs"]),
+    "record": Section(Record, Record()),
+    "figures": Section(list[Any], ["boxplot"]),
+    "claims": Section(list[Any], []),
+    "execution": Section(Execution, Execution()),
+    "smoke": Section(Smoke, Smoke()),
+}

@@ -1,0 +1,1 @@
+"""Comparison of plant and design model before any run."""

@@ -1,0 +1,278 @@
+"""What `check --deep` finds: how far the plants are from the model, and where the comparison stands on weak ground."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.config.component import read_component
+from rmpc_bench.config.reader import Map, Mark
+from rmpc_bench.diagnostics.stability import LinearPair, linear_pair, spectral_radius
+from rmpc_bench.diagnostics.tolerance import Belief, divergence_over_time
+from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
+from rmpc_bench.types import Array, DesignError, HasLinearPart, LinearTruth, Method
+
+if TYPE_CHECKING:
+    from rmpc_bench.config.config_point import ConfigPoint
+
+MOST_PLANTS = 20
+ROUNDING = 1e-12  # a divergence below it is that of equal densities, summed in doubles
+STEADY = 0.01  # a gain that is closer to its limit, relative to it, counts as converged
+LIMIT = 1e-3  # a gain that moves less than this over the second half of a recursion has found its limit
+MOST_STEPS, MOST_ENTRIES = 40_000, 10_000_000  # of a covariance over time, beyond which no recursion is continued
+
+
+class Noise(NamedTuple):
+    """How much noise there is, relative to the model's."""
+
+    scale: float | None
+    """Standard deviation over the model's; None where there is no noise, or its law does not tell."""
+    channel: str
+    """``measurement`` or ``process``, whichever the scale is that of; else ``none`` or ``unknown``."""
+
+
+class Divergence(NamedTuple):
+    """Parts of the divergence (10) of zenere2018, averaged over time, of every plant."""
+
+    covariance: Array
+    mismatch: Array
+    """The mean part at the model's noise; with s times its standard deviation, 1 / s^2 of it."""
+    noise: Array
+    """What the mean part has beside, at every s."""
+
+    def at(self, scale: float) -> Array:
+        """Return the mean part at a scale of the noise."""
+        return np.asarray(self.mismatch / scale**2 + self.noise)
+
+
+class Gain(NamedTuple):
+    """How an estimator's gain converges."""
+
+    off: float = 0.0
+    """Distance from its limit when the experiment ends, relative to it."""
+    after: float | None = 0.0
+    """Time from which on it is within STEADY of its limit [s]; None where it has not converged by `until`."""
+    until: float = 0.0
+    """Time over which the recursion was continued [s]; 0 for a constant gain."""
+    missing: str = ""
+    """Why nothing is known."""
+
+
+class MethodFinding(NamedTuple):
+    """What concerns one method."""
+
+    c: float | None
+    """The tolerance it is designed for."""
+    noise: Noise
+    divergence: Divergence | str
+    """Or why there is none."""
+    model_radius: float | None
+    """Spectral radius of the loop with the model, at the last gains; None where there is no linear law."""
+    plant_radii: Array
+    """Those of the loop with the plants."""
+    gain: Gain
+
+
+class DeepFinding(NamedTuple):
+    """What concerns a configuration at one point of its sweep."""
+
+    plant: str
+    n_plants: int
+    """Number of plants that were looked at; 0 where the kind has no linear part."""
+    n_steps: int
+    Ts: float
+    methods: dict[str, MethodFinding]
+    confounded: dict[str, list[str]]
+    """Methods that differ from the baseline in the estimator and in these keys at once."""
+
+
+class _Believed(NamedTuple):
+    """A method with what its estimator was made from."""
+
+    method: Method
+    data: Mapping[str, Any]
+    pair: LinearPair | None
+    model: Belief | None
+    P0: Array | None
+
+
+def look_deep(point: ConfigPoint, baseline: str, known: dict[str, Gain] | None = None) -> DeepFinding:
+    """Find what `check --deep` tells.
+
+    Parameters
+    ----------
+    point : a configuration, at one point of its sweep
+    baseline : name of the method that the others are compared with
+    known : what other points have found about the gains, to share; gets the new
+    """
+    experiment, known = point.experiment, {} if known is None else known
+    plants, found = _plants(experiment), {}
+    for method in experiment.methods:
+        each = _believed(method, point.methods[method.name], experiment)
+        found[method.name] = MethodFinding(
+            _configured_c(each.data),
+            _noise(experiment.scenario, each.model),
+            _divergence(experiment, each, plants),
+            *_radii(each, plants),
+            _gain(experiment, each, known),
+        )
+    return DeepFinding(
+        str(point.shared["plant"].get("kind", type(experiment.plant).__name__)),
+        len(plants),
+        experiment.n_steps,
+        experiment.plant.Ts,
+        found,
+        _confounded(point.methods, baseline),
+    )
+
+
+def _believed(method: Method, data: Mapping[str, Any], experiment: Experiment) -> _Believed:
+    made = _remade(data, experiment.plant.Ts, experiment.n_steps, estimator=False)
+    pair = linear_pair(method.estimator, method.controller)
+    return _Believed(method, data, pair, *(made[:2] if made else (None, None)))
+
+
+def _remade(data: Mapping[str, Any], Ts: float, n_steps: int, *, estimator: bool) -> tuple[Any, Array, Any] | None:
+    """Make model, P0 and estimator once more from plain data, the latter for another number of steps."""
+    model = _built("models", data.get("model"), Ts=Ts, n_steps=n_steps)
+    if not isinstance(model, Belief) or np.ndim(model.A) != 2:
+        return None
+    n = len(model.A)
+    try:
+        x0 = initial_state(data["x_hat"], n)
+        P0 = model.Q_w if isinstance(data["P"], str) else initial_covariance(data["P"], n)
+    except DesignError:
+        return None
+    provided = {"model": model, "n_steps": n_steps, "x0": x0, "P0": P0, "plant": None}
+    return model, P0, _built("estimators", data.get("estimator"), **provided) if estimator else None
+
+
+def _built(group: str, data: Mapping[str, Any] | None, **provided: Any) -> Any:
+    """Build a part from plain data; None where there is none or its design refuses."""
+    if data is None:
+        return None
+    mark = Mark("", 1, 1)
+    part = read_component(group, Map(data, mark=mark), [], [], mark=mark)
+    return None if part is None else part.build([], **provided)
+
+
+def _plants(experiment: Experiment) -> list[LinearTruth]:
+    """Linear parts of the plants of the first runs; a single one where nothing is uncertain."""
+    plant, scenario = experiment.plant, experiment.scenario
+    if not isinstance(plant, HasLinearPart):
+        return []
+    found = []
+    for run in range(min(experiment.n_runs, MOST_PLANTS) if scenario.uncertainty else 1):
+        values = scenario.named_values(run)
+        changed = {name: change(values) for name, change in scenario.parameters.items()}
+        linear = plant.linear({**plant.nominal, **changed})
+        found += [linear] if linear is not None else []
+    return found
+
+
+def _configured_c(data: Mapping[str, Any]) -> float | None:
+    estimator = data["estimator"]
+    nested = [value.get("c") for value in estimator.values() if isinstance(value, Mapping)]
+    return next((float(value) for value in (estimator.get("c"), *nested) if value is not None), None)
+
+
+def _noise(scenario: Scenario, model: Belief | None) -> Noise:
+    """Compare the noise with that of a method's model."""
+    if model is None or not (scenario.measurement or scenario.process):
+        return Noise(None, "none")
+    for channel, terms, cov in (
+        ("measurement", scenario.measurement, model.R_v),
+        ("process", scenario.process, model.Q_w),
+    ):
+        roots = [getattr(term, "root", None) for term in terms]
+        power = sum(float(np.square(root).sum()) for root in roots if root is not None)
+        if roots and power == 0.0 and all(root is not None for root in roots):
+            continue  # of this channel there is none
+        if power > 0.0 and all(root is not None for root in roots) and np.trace(cov) > 0.0:
+            return Noise(float(np.sqrt(power / np.trace(cov))), channel)
+    silent = all(getattr(term, "root", None) is not None for term in (*scenario.measurement, *scenario.process))
+    return Noise(None, "none" if silent else "unknown")
+
+
+def _without_law(each: _Believed) -> str:
+    return "no controller" if isinstance(each.method.controller, Rest) else "no linear law with known gains"
+
+
+def _divergence(experiment: Experiment, each: _Believed, plants: Sequence[LinearTruth]) -> Divergence | str:
+    """Average the parts of (10) over time."""
+    if each.pair is None or each.model is None or each.P0 is None:
+        return _without_law(each)
+    if not plants:
+        return "no linear plant"
+    stacked = LinearTruth(*(np.stack(matrices) for matrices in zip(*plants, strict=True)))
+    if (stacked.E.shape[1], stacked.C.shape[1]) != (len(each.model.A), len(each.model.C)):
+        return f"a model of {len(each.model.A)} states"
+    n_steps, scenario = experiment.n_steps, experiment.scenario
+    r = scenario.reference.sample(n_steps + 1 + each.method.controller.preview)
+    try:
+        found = divergence_over_time(stacked, each.model, each.pair, scenario.x0, each.P0, r, n_steps)
+    except np.linalg.LinAlgError:
+        return "the model's density is singular"
+    averages = (part.mean(axis=1) for part in found)
+    return Divergence(*(np.where(np.abs(part) < ROUNDING, 0.0, part) for part in averages))
+
+
+def _radii(each: _Believed, plants: Sequence[LinearTruth]) -> tuple[float | None, Array]:
+    """Spectral radii of the loop with the model and with the plants."""
+    if each.pair is None or each.model is None:
+        return None, np.empty(0)
+    model = LinearTruth(each.model.A, each.model.B, each.model.C, np.eye(len(each.model.A)))
+    fitting = [plant for plant in plants if len(plant.C) == len(each.model.C)]
+    return spectral_radius(model, each.pair), np.array([spectral_radius(plant, each.pair) for plant in fitting])
+
+
+def _gain(experiment: Experiment, each: _Believed, known: dict[str, Gain]) -> Gain:
+    """Look the convergence of a gain up, or find it."""
+    described = [each.data.get(key) for key in ("model", "estimator", "x_hat", "P")]
+    key = json.dumps([experiment.plant.Ts, experiment.n_steps, *described], sort_keys=True)
+    if key not in known:
+        known[key] = _convergence(experiment, each)
+    return known[key]
+
+
+def _convergence(experiment: Experiment, each: _Believed) -> Gain:
+    """Find the limit of an estimator's gain by going on with its recursion."""
+    if each.pair is None or each.model is None:
+        return Gain(missing=_without_law(each))
+    Ts, n_steps = experiment.plant.Ts, experiment.n_steps
+    schedule, n = each.pair.schedule, n_steps
+    if len(schedule.K) == 1 and len(schedule.L) == 1:
+        return Gain()
+    while 2 * n <= min(MOST_STEPS, MOST_ENTRIES // len(each.model.A) ** 2):
+        n *= 2
+        longer = _remade(each.data, Ts, n, estimator=True)
+        if longer is None or longer[2] is None or linear_pair(longer[2], each.method.controller) is None:
+            return Gain(missing=f"its design refuses {n} steps")
+        gains = longer[2].L if np.any(longer[2].L) else longer[2].K  # a predictor has L = 0
+        distance = np.linalg.norm(gains - gains[-1], axis=(1, 2)) / max(float(np.linalg.norm(gains[-1])), 1e-300)
+        if distance[n // 2 :].max() <= LIMIT:
+            late = np.flatnonzero(distance > STEADY)
+            return Gain(float(distance[n_steps]), float(Ts * (late[-1] + 1 if len(late) else 0)), Ts * n)
+    return Gain(np.nan, None, Ts * n)
+
+
+def _confounded(methods: Mapping[str, Any], baseline: str) -> dict[str, list[str]]:
+    """Find the methods that differ from the baseline in the estimator and in the controller at once."""
+    of_baseline, found = _leaves(methods[baseline].get("controller", {})), {}
+    for name, data in methods.items():
+        of_method = _leaves(data.get("controller", {}))
+        every = dict.fromkeys([*of_baseline, *of_method])
+        keys = [key for key in every if of_baseline.get(key) != of_method.get(key)]
+        if keys and data["estimator"] != methods[baseline]["estimator"]:
+            found[name] = keys
+    return found
+
+
+def _leaves(tree: Any, path: str = "controller") -> dict[str, str]:
+    if not isinstance(tree, Mapping):
+        return {path: json.dumps(tree, sort_keys=True)}
+    return {leaf: text for key, value in tree.items() for leaf, text in _leaves(value, f"{path}.{key}").items()}

@@ -1,0 +1,163 @@
+"""Kalman filter or predictor that is told every F: a floor for those that have to guess them.
+
+Floor   with gaussian noises whose covariances the model knows, no one-step predictor (`form: filter`: no filter) has a
+        smaller mean square error; otherwise no linear one.
+
+Model   the plant's own matrices with the F of the run, A + H_A F_x G_x and so on, which it learns at k, and the model's
+        covariances of w and v.  P is the covariance of x_pred - x given the F of the run.
+Source  the Kalman filter, with correlated noises; as a floor beside souto2011.
+Limit   without uncertainty it is the Kalman predictor.
+Cost    a Riccati step per run and step.
+Fails   the plant must be of a kind with uncertain matrices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.estimators.gain_schedule import Form
+from rmpc_bench.models.uncertain_linear import UncertainModel
+from rmpc_bench.models.uncertain_system import UncertainSystem
+from rmpc_bench.numerics.linalg import mv, symmetrise
+from rmpc_bench.types import Array, DesignError, Estimate, Status
+
+OK = np.int8(Status.OK)
+
+
+class OracleState(NamedTuple):
+    """What the next step needs."""
+
+    x_pred: Float[Array, "runs nx"]
+    P: Float[Array, "runs nx nx"]
+    """Covariance of x_pred - x."""
+    e: Float[Array, "runs ny"]
+    K: Float[Array, "runs nx ny"]
+    F_x: Float[Array, "runs samples rx sx"]
+    F_w: Float[Array, "runs samples rw sw"]
+    F_v: Float[Array, "runs samples rv sv"]
+
+
+@dataclass(frozen=True, eq=False)
+class Oracle:
+    """A predictor that is told what is uncertain.
+
+    Parameters
+    ----------
+    system : the plant's matrices
+    model : its noises
+    x0, P0 : prediction before the first measurement, and its covariance
+    form : whether x_hat(k) uses y(k)
+    """
+
+    system: UncertainSystem
+    model: UncertainModel
+    x0: Float[Array, " nx"]
+    P0: Float[Array, "nx nx"]
+    form: Form = "predictor"
+
+    informed = True
+
+    def init(self, n_runs: int, delta: Any) -> OracleState:
+        """Start every run at ``x0``; ``delta`` has the F of all runs."""
+        nx, ny = self.system.size("nx"), self.system.size("ny")
+        return OracleState(
+            np.tile(self.x0, (n_runs, 1)),
+            np.tile(self.P0, (n_runs, 1, 1)),
+            np.zeros((n_runs, ny)),
+            np.zeros((n_runs, nx, ny)),
+            *delta,
+        )
+
+    def correct(self, k: int, state: OracleState, y: Float[Array, "runs ny"]) -> tuple[OracleState, Estimate]:
+        """Find the gain that y(k) deserves; a predictor's estimate is x_pred(k)."""
+        m, x_pred, P = self.system.at(k), state.x_pred, state.P
+        A, C = _sum(m.A, m.H_A, state.F_x[:, k], m.G_x), _sum(m.C, m.H_C, state.F_x[:, k], m.G_x)
+        B = np.concatenate(
+            [_sum(m.Bw, m.H_Bw, state.F_w[:, k], m.G_w), _sum(m.Bv, m.H_Bv, state.F_v[:, k], m.G_v)], axis=2
+        )
+        D = np.concatenate(
+            [_sum(m.Dw, m.H_Dw, state.F_w[:, k], m.G_w), _sum(m.Dv, m.H_Dv, state.F_v[:, k], m.G_v)], axis=2
+        )
+        mean, joint = self.model.noise
+        R = _abc(D, joint, D)
+        Y = _abc(C, P, C) + R
+        K = _gain(_abc(A, P, C) + _abc(B, joint, D), Y)
+        rest, noise = A - _ab(K, C), B - _ab(K, D)
+        P_next = _abc(rest, P, rest) + _abc(noise, joint, noise)  # Joseph form
+        e = y - mv(C, x_pred) - np.einsum("rij,j->ri", D, mean)
+        moved = mv(A, x_pred) + np.einsum("rij,j->ri", B, mean)
+        after = state._replace(x_pred=moved, P=symmetrise(P_next), e=e, K=K)
+        x_hat, P_hat = x_pred, P
+        if self.form == "filter":
+            L = _gain(np.einsum("rij,rkj->rik", P, C), Y)
+            kept = np.eye(len(m.A)) - _ab(L, C)
+            x_hat, P_hat = x_pred + mv(L, e), _abc(kept, P, kept) + _abc(L, R, L)
+        return after, Estimate(x_hat, P_hat, None, np.full(len(y), OK), {"e": e})
+
+    def predict(self, k: int, state: OracleState, u: Float[Array, "runs nu"]) -> OracleState:
+        """Go to k+1."""
+        B = self.system.at(k).B
+        return state._replace(x_pred=state.x_pred + mv(state.K, state.e) + mv(B, u))
+
+
+def _sum(M: Array, H: Array, F: Array, G: Array) -> Float[Array, "runs n m"]:
+    """Return M + H F G for the F of every run."""
+    total: Array = M + np.einsum("ij,rjk,kl->ril", H, F, G)
+    return total
+
+
+def _ab(A: Array, B: Array) -> Array:
+    product: Array = np.einsum("rij,rjk->rik", A, B)
+    return product
+
+
+def _abc(A: Array, P: Array, C: Array) -> Array:
+    """Return A P C' for every run; P may be shared."""
+    left = np.einsum("rij,jk->rik" if P.ndim == 2 else "rij,rjk->rik", A, P)
+    product: Array = np.einsum("rik,rlk->ril", left, C)
+    return product
+
+
+def _gain(N: Float[Array, "runs nx ny"], Y: Float[Array, "runs ny ny"]) -> Float[Array, "runs nx ny"]:
+    """Return N Y^+ for every run."""
+    if Y.shape[1] == 1:
+        return np.divide(N, Y, out=np.zeros_like(N), where=Y > 0.0)
+    return _ab(N, np.linalg.pinv(symmetrise(Y), hermitian=True))
+
+
+def design(
+    model: Any,
+    n_steps: int,
+    plant: Any,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    form: Form = "predictor",
+) -> Oracle:
+    """Kalman filter or predictor that is told every F: a floor, no method.
+
+    Parameters
+    ----------
+    model : an uncertain linear model, whose noises it believes
+    n_steps : number of control periods N
+    plant : the truth, whose matrices it knows
+    x0 : (nx,) mean of the initial state
+    P0 : (nx, nx) its covariance
+    form : `predictor` does not use y(k) for x_hat(k), as the predictors it is compared with; `filter` does
+
+    Raises
+    ------
+    DesignError
+        If the plant has no uncertain matrices, or the model no noises w and v, or others than the plant.
+    """
+    if not isinstance(model, UncertainModel) or not isinstance(getattr(plant, "system", None), UncertainSystem):
+        raise DesignError("needs plant and model of a kind with uncertain matrices, such as uncertain-linear")
+    for size in ("nx", "nu", "ny", "nw", "nv"):
+        truth, belief = plant.system.size(size), model.system.size(size)
+        if truth != belief:
+            raise DesignError(f"plant and model must have the same sizes; {size} is {truth} and {belief}")
+    return Oracle(plant.system, model, x0, P0, form)

@@ -1,0 +1,1 @@
+"""From an ExperimentConfig to stored trials and published results."""

@@ -1,0 +1,153 @@
+"""Ways to work through tasks: in this process, or in worker processes of joblib.
+
+Results come back in any order; nothing in them depends on the way.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Generator, Sequence
+from contextlib import AbstractContextManager
+from multiprocessing import resource_tracker as multiprocessing_tracker
+from typing import NamedTuple
+
+from rmpc_bench.execution.interrupts import held
+from rmpc_bench.simulation.closed_loop import Block, simulate_block
+from rmpc_bench.simulation.scenario import Draws, Experiment
+from rmpc_bench.types import HasDrawn
+
+
+class Task(NamedTuple):
+    """One method over a range of runs, at one point of a sweep."""
+
+    method: str
+    first: int
+    stop: int
+    point: int = 0
+
+    @property
+    def runs(self) -> range:
+        """Indices of the runs."""
+        return range(self.first, self.stop)
+
+
+class Done(NamedTuple):
+    """A finished task."""
+
+    task: Task
+    block: Block
+    uncertainty: list[dict[str, float]]
+
+
+def single_thread() -> AbstractContextManager[object]:
+    """Hold BLAS to one thread: more of them change last bits and slow small matrices down."""
+    import scipy.linalg  # noqa: F401 - SciPy brings a BLAS of its own, which must be loaded to be limited
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(limits=1)  # type: ignore[no-any-return]
+
+
+def work(experiments: Sequence[Experiment], task: Task) -> Done:
+    """Do one task.
+
+    Parameters
+    ----------
+    experiments : one per point of the sweep
+    task : what to do
+    """
+    experiment = experiments[task.point]
+    draws = _drawn(experiment, task.runs)
+    block = simulate_block(experiment, experiment.method(task.method), task.runs, draws)
+    return Done(task, block, _uncertain_values(experiment, task.runs, draws))
+
+
+def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list[dict[str, float]]:
+    """What every run has drawn once and for all: the named quantities, its bursts, and what the plant has beside."""
+    plant = experiment.plant
+    drawn = plant.drawn(draws.delta) if isinstance(plant, HasDrawn) else {}
+    scenario = experiment.scenario
+    return [
+        scenario.named_values(run)
+        | scenario.burst_values(run)
+        | {name: float(values[row]) for name, values in drawn.items()}
+        for row, run in enumerate(runs)
+    ]
+
+
+_last: list[tuple[Experiment, range, Draws]] = []
+"""What was drawn last in this process: the methods of a block come one after the other, and share it."""
+
+
+def _drawn(experiment: Experiment, runs: range) -> Draws:
+    if not (_last and _last[0][0] is experiment and _last[0][1] == runs):
+        _last[:] = [(experiment, runs, experiment.scenario.draw(experiment.plant, runs, experiment.n_steps))]
+    return _last[0][2]
+
+
+def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generator[Done]:
+    """Do the tasks in this process, one after the other."""
+    try:
+        with single_thread():
+            for task in tasks:
+                yield work(experiments, task)
+    finally:
+        _last.clear()
+
+
+def processes(experiments: Sequence[Experiment], tasks: Sequence[Task], workers: int) -> Generator[Done]:
+    """Do the tasks in worker processes; closing the generator ends them."""
+    from joblib import Parallel, delayed
+    from joblib.externals.loky import get_reusable_executor
+    from joblib.externals.loky.backend import resource_tracker
+
+    for tracker in (resource_tracker, multiprocessing_tracker):
+        tracker.ensure_running()  # it lets signals through when it starts, so it must not start below
+    parallel = Parallel(
+        n_jobs=workers,
+        backend="loky",
+        return_as="generator_unordered",
+        batch_size=1,
+        inner_max_num_threads=1,
+        initializer=_start_worker,
+        initargs=(experiments,),
+    )
+    results = None
+    try:
+        with held():  # an interruption of the start would leave the pool in a state that cannot be ended
+            results = parallel(delayed(_work_here)(task) for task in tasks)
+        for done in results:  # noqa: UP028 - `yield from` would close the results before the warnings are off
+            yield done
+    finally:
+        with held(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that finished tasks were not used is what an interruption means
+            if results is not None:
+                results.close()
+            get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
+
+
+_here: list[Experiment] = []
+"""The experiments of this worker process, sent once when it started."""
+
+
+def _start_worker(experiments: Sequence[Experiment]) -> None:
+    # Ctrl-C in a terminal reaches every process of the group; the parent alone decides what happens then.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
+    threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
+    single_thread()  # for good: what it returns would undo it
+    _here[:] = experiments
+
+
+def _follow(parent: int) -> None:
+    """End this worker when its parent has been killed; loky alone would let it wait for minutes."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def _work_here(task: Task) -> Done:
+    return work(_here, task)

@@ -1,0 +1,105 @@
+"""manifest.json: what computed an experiment, and when."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Callable, Collection
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import rmpc_bench
+from rmpc_bench.config.load import ExperimentConfig
+
+FILE = "manifest.json"
+_PACKAGES = ("numpy", "scipy", "numba", "joblib", "pandas")
+
+
+class Session:
+    """One sitting at an experiment; enter it before computing, and its end is noted with the reason.
+
+    Parameters
+    ----------
+    directory : directory of the experiment
+    config : the experiment
+    modified : what was changed against the file
+    say : called with a warning when other versions computed what is stored already
+    """
+
+    def __init__(
+        self, directory: Path, config: ExperimentConfig, modified: Collection[str], say: Callable[[str], None]
+    ) -> None:
+        self._path, self._config, self._modified, self._say = directory / FILE, config, list(modified), say
+
+    def __enter__(self) -> Session:
+        """Note the start."""
+        before = read(self._path.parent)
+        versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version()}
+        versions |= {name: version(name) for name in _PACKAGES}
+        changed = {name: text for name, text in before.get("versions", {}).items() if versions.get(name) != text}
+        if changed:
+            there = ", ".join(f"{name} {text}" for name, text in changed.items())
+            self._say(f"part of this was computed with {there}; last digits may differ (--fresh computes all again)")
+        self._data: dict[str, Any] = {
+            "name": self._config.name,
+            "experiment": self._config.hash,
+            "seed": self._config.experiment.scenario.seed,
+            "modified": self._modified,
+            "versions": versions,
+            "blas": _blas(),
+            "git": _git(self._config.path.parent),
+            "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+            "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
+        }
+        self._write()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Note the end and its reason."""
+        self._data["sessions"][-1] |= {"stop": _now(), "why": "finished" if kind is None else kind.__name__}
+        self._write()
+
+    def _write(self) -> None:
+        partial = self._path.with_suffix(".part")
+        partial.write_text(json.dumps(self._data, indent=2) + "\n", encoding="utf-8")
+        partial.replace(self._path)
+
+
+def read(directory: Path) -> dict[str, Any]:
+    """Return the manifest of a directory; empty when there is none that can be read."""
+    try:
+        data = json.loads((directory / FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _blas() -> list[dict[str, Any]]:
+    from threadpoolctl import threadpool_info
+
+    wanted = ("user_api", "internal_api", "version", "architecture")
+    return [{key: info.get(key) for key in wanted} for info in threadpool_info()]
+
+
+def _git(directory: Path) -> dict[str, Any] | None:
+    """Commit of the repository that the configuration lies in, and whether something is not committed."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(directory), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+
+    try:
+        return {"commit": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
+    except (OSError, subprocess.SubprocessError):
+        return None

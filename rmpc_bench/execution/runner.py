@@ -1,0 +1,154 @@
+"""From a configuration to stored trials: find what is missing, compute it, store every block as it arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench.config.config_point import ConfigPoint
+from rmpc_bench.config.load import ExperimentConfig
+from rmpc_bench.config.reader import dump, plain
+from rmpc_bench.execution import engines
+from rmpc_bench.execution.engines import Done, Task
+from rmpc_bench.execution.manifest import Session
+from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
+from rmpc_bench.execution.store import Store, WriteError
+from rmpc_bench.simulation.recording import kept
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import WarmsUp
+
+RESOLVED = "config.resolved.yaml"
+
+
+def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) -> list[Task]:
+    """Tasks that are not stored yet, block by block; what points of a sweep share is computed at the first of them.
+
+    Parameters
+    ----------
+    config : the experiment
+    store : what is there
+    methods : names of the methods to compute
+    """
+    if "runs" not in config.evaluate:
+        return []
+    tasks, seen = [], set()
+    for number, point in enumerate(config.points):
+        n_runs = point.experiment.n_runs
+        for name, key in point.method_keys.items():
+            if name in methods and key not in seen:
+                seen.add(key)
+                done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
+                missing = [run for run in range(n_runs) if run not in done]
+                tasks += [Task(name, *bounds, number) for bounds in _ranges(missing, config.execution.block)]
+    # All methods of a block of runs come together, so that what an interrupted run leaves is comparable.
+    return sorted(tasks, key=lambda task: task.first // config.execution.block)
+
+
+def _ranges(runs: list[int], block: int) -> Iterator[tuple[int, int]]:
+    """Consecutive runs that lie in the same block of run indices, as (first, stop)."""
+    start = 0
+    for i in range(1, len(runs) + 1):
+        if i == len(runs) or runs[i] != runs[i - 1] + 1 or runs[i] // block != runs[start] // block:
+            yield runs[start], runs[i - 1] + 1
+            start = i
+
+
+def compute(
+    config: ExperimentConfig,
+    directory: Path,
+    *,
+    workers: int | None = None,
+    only: Collection[str] | None = None,
+    progress: Progress | None = None,
+    modified: Collection[str] = (),
+) -> None:
+    """Compute and store what is missing; the same call continues an interrupted one.
+
+    Parameters
+    ----------
+    config : the experiment
+    directory : where its trials.sqlite lies or will lie
+    workers : worker processes, 1 for none; the configuration's `execution.workers` unless given
+    only : names of the methods to compute; all unless given
+    progress : display
+    modified : what was changed against the file, noted for the report
+
+    Raises
+    ------
+    StoreError
+        If the directory holds another experiment or is being written to.
+    WriteError
+        If a block cannot be written.
+    """
+    progress = progress or Silent()
+    names = [method.name for method in config.experiment.methods]
+    methods = names if only is None else [name for name in names if name in only]
+    with Store(directory) as store:
+        store.claim(config.hash, config.shared)
+        _keep_configuration(config, directory)
+        tasks = pending(config, store, methods)
+        with Session(directory, config, modified, progress.say):
+            if tasks:
+                total = config.n_trials(methods)
+                left = sum(len(task.runs) for task in tasks)
+                _compute(config, store, tasks, workers or config.execution.workers, progress, (total, total - left))
+
+
+def _keep_configuration(config: ExperimentConfig, directory: Path) -> None:
+    """Keep the file as given, and as it was understood, beside the trials."""
+    try:
+        (directory / RESOLVED).write_text(dump(plain(config.resolved)), encoding="utf-8")
+        (directory / "config.yaml").write_bytes(config.path.read_bytes())
+    except OSError as error:
+        raise WriteError(str(error)) from None
+
+
+def _compute(
+    config: ExperimentConfig,
+    store: Store,
+    tasks: list[Task],
+    workers: int,
+    progress: Progress,
+    counts: tuple[int, int],
+) -> None:
+    experiments = tuple(point.experiment for point in config.points)
+    _warm_up(experiments, tasks, progress)
+    progress.start(config.name, *counts)
+    try:
+        with closing(_engine(experiments, tasks, workers)) as results:
+            for done in results:
+                _store(store, config.points[done.task.point], done)
+                progress.advance(len(done.task.runs))
+    finally:
+        progress.stop()
+
+
+def _engine(experiments: Sequence[Experiment], tasks: list[Task], workers: int) -> Any:
+    workers = min(workers, len(tasks))
+    return engines.serial(experiments, tasks) if workers == 1 else engines.processes(experiments, tasks, workers)
+
+
+def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
+    """Do in this process, once, what every worker then finds done: compile, and finish the designs of the methods."""
+    for plant in {type(experiment.plant): experiment.plant for experiment in experiments}.values():
+        if isinstance(plant, WarmsUp):
+            with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
+                plant.warm_up()
+    asked = {(task.point, task.method) for task in tasks}
+    methods = [experiments[point].method(name) for point, name in sorted(asked)]
+    parts: list[Any] = [part for method in methods for part in (method.estimator, method.controller)]
+    designs = [*(getattr(part, "model", None) for part in parts), *parts]
+    text = "preparing estimators and control laws (the first time, compiling them) ..."
+    with said_if_slow(progress, text), engines.single_thread():
+        for design in {id(design): design for design in designs if isinstance(design, WarmsUp)}.values():
+            design.warm_up()
+
+
+def _store(store: Store, point: ConfigPoint, done: Done) -> None:
+    block, task = done.block, done.task
+    names = [metric.info.name for metric in point.experiment.metrics]
+    columns = {point.metric_keys[name]: column for name, column in zip(names, block.metrics, strict=True)}
+    key, draw = point.method_keys[task.method], point.uncertainty_key
+    store.add_block(key, task.runs, block, columns, draw, done.uncertainty)

@@ -1,0 +1,1 @@
+"""One parser for quantities and for the checks of claims."""

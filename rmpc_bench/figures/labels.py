@@ -1,0 +1,87 @@
+"""Text in figures: formulas where matplotlib can set them, units, and lines no longer than their place."""
+
+from __future__ import annotations
+
+import re
+
+from matplotlib.cbook import is_math_text
+from matplotlib.font_manager import FontProperties
+from matplotlib.mathtext import MathTextParser
+from matplotlib.textpath import TextToPath
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.style import FONT, FONT_SIZE
+
+POINTS_PER_INCH = 72
+GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho", "Lambda": "Lambda", "Pi": "Pi"}
+ACCENTS = ("hat", "breve")
+
+
+def typeset(text: str) -> str:
+    """Keep `$...$` where matplotlib can set it, else make the text literal."""
+    try:
+        for line in text.split("\n"):
+            MathTextParser("path").parse(line)
+    except ValueError:
+        return literal(text)
+    return text
+
+
+def literal(text: str) -> str:
+    """Protect every dollar sign of a text."""
+    return text.replace(r"\$", "$").replace("$", r"\$")
+
+
+def with_unit(name: str, unit: str) -> str:
+    """Join a name that is typeset and a plain unit, such as rad^2, whose exponents are raised."""
+    raised = re.sub(r"\^(-?\d+(?:\.\d+)?)", r"$^{\1}$", literal(unit))
+    return f"{name} [{raised}]" if unit else name
+
+
+def symbol(name: str, component: str = "") -> str:
+    """Typeset a signal or a quantity, such as x_hat, and the component of it that is shown (counted from 0)."""
+    formula = _formula(name)
+    shown = f"${formula}$" if formula else literal(name)
+    return f"{shown}[{component}]" if component else shown
+
+
+def _formula(name: str) -> str:
+    """A letter with an accent or with a short index, such as r_breve or Q_yw; empty for other names."""
+    for accent in ACCENTS:
+        core = name.removesuffix(f"_{accent}")
+        if core != name:
+            return rf"\{accent}{{{letter}}}" if (letter := _letter(core)) else ""
+    core, _, index = name.partition("_")
+    if not index:
+        return _letter(name)
+    return f"{letter}_{{{index}}}" if (letter := _letter(core)) and index.isalnum() and len(index) <= 2 else ""
+
+
+def _letter(name: str) -> str:
+    return rf"\{GREEK[name]}" if name in GREEK else name if len(name) == 1 and name.isalpha() else ""
+
+
+def wrapped(text: str, limit: float) -> list[str]:
+    """Break a label at the blanks outside its formulas so that no line is wider than `limit` points, if possible."""
+    lines: list[str] = []
+    for paragraph in text.splitlines():
+        words = re.findall(r"(?:\\\$|\$(?:\\.|[^$])*\$|\S)+", paragraph)
+        for index, word in enumerate(words):
+            if index and width(f"{lines[-1]} {word}") <= limit:
+                lines[-1] += f" {word}"
+            else:
+                lines.append(word)
+    return lines or [""]
+
+
+def width(text: str) -> float:
+    """Width of one line of a label in points."""
+    formula = is_math_text(text)
+    font = FontProperties(family=FONT, size=FONT_SIZE)
+    line = text if formula else text.replace(r"\$", "$")
+    return float(TextToPath().get_text_width_height_descent(line, font, formula)[0])
+
+
+def marked(trials: Trials, method: str) -> str:
+    """Name a method in a table; an oracle is marked as one."""
+    return f"{method} (oracle)" if method in trials.oracles else method

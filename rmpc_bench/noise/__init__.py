@@ -1,0 +1,1 @@
+"""Noise laws and distributions of uncertain quantities."""

@@ -1,0 +1,300 @@
+"""Noise laws with bounds: uniform in a box, and laws made for an ellipsoid.
+
+Model   w = center + L u: u in the box [-1, 1]^n, or in the unit ball and L a root of the shape M; then w lies in the
+        ellipsoid (w - center)' M^-1 (w - center) <= 1.  A singular M makes it flat.
+Source  ma2025, (1), (74), (75); Section V for the skewed cube, whose points may leave the ball: `outside` says what
+        becomes of them.
+Limit   skew 1/2 and outside `reject` give the law `uniform`.
+Sums    laws add up, {sum: [{gaussian: {cov: 0.25}}, {ellipsoid: {shape: 5}}]}; each has a random stream of its own.
+Bursts  times at which the box is larger; the law is then another at every k, and tells no moments.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from annotated_types import Ge, Le
+from jaxtyping import Float
+
+from rmpc_bench.noise.bursts import Burst, BurstyNoise, RandomBursts, placed
+from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
+
+Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
+SKEW = 0.9
+"""Share of positive coordinates in ma2025."""
+SINGULAR = 1e-12
+"""A smallest eigenvalue below this share of the largest is a rounding of 0."""
+
+
+class Moments(NamedTuple):
+    """First two moments of a point."""
+
+    mean: Float[Array, " n"]
+    cov: Float[Array, "n n"]
+
+
+@runtime_checkable
+class Points(Protocol):
+    """A law of points in n dimensions."""
+
+    def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
+        """Points one by one; a longer draw begins with the shorter one."""
+
+
+@runtime_checkable
+class KnownPoints(Points, Protocol):
+    """Points with moments in closed form."""
+
+    def moments(self, n: int) -> Moments:
+        """Mean and covariance of a point."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """Uniform in [-1, 1]^n."""
+
+    def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
+        """Points one by one."""
+        return 2.0 * rng.random((n_samples, n)) - 1.0
+
+    def moments(self, n: int) -> Moments:
+        """Mean and covariance of a point."""
+        return Moments(np.zeros(n), np.eye(n) / 3.0)
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Uniform in the unit ball."""
+
+    def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
+        """Points one by one: n coordinates of a random direction in n + 2 dimensions are uniform in the ball."""
+        g = rng.standard_normal((n_samples, n + 2))
+        points: Array = g[:, :n] / _lengths(g)
+        return points
+
+    def moments(self, n: int) -> Moments:
+        """Mean and covariance of a point."""
+        return Moments(np.zeros(n), np.eye(n) / (n + 2))
+
+
+@dataclass(frozen=True)
+class SkewedCube:
+    """Every coordinate uniform on (0, 1) with probability `skew`, else on (-1, 0)."""
+
+    skew: float
+
+    def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
+        """Points one by one; another skew turns signs of the same moduli."""
+        modulus, sign = np.moveaxis(rng.random((n_samples, 2, n)), 1, 0)
+        points: Array = np.where(sign < self.skew, modulus, -modulus)
+        return points
+
+    def moments(self, n: int) -> Moments:
+        """Mean and covariance of a point."""
+        mean = (2.0 * self.skew - 1.0) / 2.0
+        return Moments(np.full(n, mean), (1.0 / 3.0 - mean**2) * np.eye(n))
+
+
+@dataclass(frozen=True)
+class ProjectedCube:
+    """The skewed cube, points outside the unit ball moved radially onto its sphere.
+
+    Its moments have no closed form for every n, so it offers none.
+    """
+
+    cube: SkewedCube
+
+    def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
+        """Points one by one, those of the cube where they are inside."""
+        u = self.cube.draw(rng, n_samples, n)
+        projected: Array = u / np.maximum(_lengths(u), 1.0)
+        return projected
+
+
+@dataclass(frozen=True)
+class RejectedCube:
+    """The skewed cube, drawn again until it is inside the unit ball: uniform there but for the shares of the signs."""
+
+    cube: SkewedCube
+
+    def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
+        """Points one by one, those of the cube where they are inside.
+
+        A cube holds so little of a ball of many dimensions that drawing again would not come to an end.  What it would
+        arrive at is a uniform point of the ball with the signs of the cube; it has a stream of its own, so that the
+        points do not depend on how many of the earlier ones were outside.
+        """
+        u = self.cube.draw(rng, n_samples, n)
+        inside = Ball().draw(rng.spawn(1)[0], n_samples, n)
+        return np.where(_lengths(u) <= 1.0, u, np.copysign(inside, u))
+
+    def moments(self, n: int) -> Moments:
+        """Mean and covariance of a point: its signs and the moduli of a uniform one are independent."""
+        balance = 2.0 * self.cube.skew - 1.0  # mean of a sign
+        # Modulus of a coordinate: n / (n + 1), the mean radius, times that of a random direction.
+        direction = math.exp(math.lgamma(0.5 * n) - math.lgamma(0.5 * (n + 1))) / math.sqrt(math.pi)
+        mean = balance * n / (n + 1) * direction
+        second = np.full((n, n), balance**2 * 2.0 / (math.pi * (n + 2)))
+        np.fill_diagonal(second, 1.0 / (n + 2))
+        return Moments(np.full(n, mean), second - mean**2)
+
+
+def _lengths(u: Float[Array, "samples n"]) -> Float[Array, "samples 1"]:
+    lengths: Array = np.sqrt(np.einsum("ki,ki->k", u, u))[:, None]
+    return lengths
+
+
+@dataclass(frozen=True, eq=False)
+class BoundedNoise:
+    """Noise center + factor u; it lies about `center`, which is its mean only where u has none."""
+
+    center: Float[Array, " n"]
+    factor: Float[Array, "n n"]
+    points: Points
+
+    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run."""
+        noise: Array = self.center + self.deviation(rng, n_samples)
+        return noise
+
+    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run without its center."""
+        u = np.ascontiguousarray(self.points.draw(rng, n_samples, len(self.center)))
+        deviation: Array = np.einsum("ij,kj->ki", self.factor, u)
+        return deviation
+
+
+@dataclass(frozen=True, eq=False)
+class KnownBoundedNoise(BoundedNoise):
+    """Bounded noise that tells its moments."""
+
+    points: KnownPoints
+
+    @property
+    def mean(self) -> Float[Array, " n"]:
+        """Mean of the noise."""
+        mean: Array = self.center + self.factor @ self.points.moments(len(self.center)).mean
+        return mean
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the noise."""
+        return symmetrise(self.factor @ self.points.moments(len(self.center)).cov @ self.factor.T)
+
+
+def uniform(
+    n: int,
+    Ts: Positive = 1.0,
+    *,
+    radius: NonNegative | list[NonNegative],
+    center: float | list[float] = 0.0,
+    mix: Matrix | Array | None = None,
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> KnownBoundedNoise | BurstyNoise:
+    """Noise center + mix diag(radius) u, every coordinate of u uniform in [-1, 1] and independent of the others.
+
+    Without `mix` it is uniform between center - radius and center + radius.
+
+    Parameters
+    ----------
+    n : dimension
+    Ts : sampling time [s], for bursts
+    radius : a number (in every coordinate) or one per coordinate
+    center : a number (in every coordinate) or one per coordinate
+    mix : correlates the coordinates: a number (times the identity), a diagonal or a matrix; the identity unless given
+    bursts : times at which the deviation from the center is `factor` times as wide; where they overlap, the factors
+        multiply.  A list of {from: 3.4, to: 4.0, factor: 2} (seconds, ends included), the same in every run, or random
+        ones, {within: [[1, 3.8], [4.6, 7]], duration: [0.3, 0.8], factor: [1.5, 3]}
+
+    Raises
+    ------
+    DesignError
+        If a size does not fit, or a burst has no place.
+    """
+    factor = np.diag(_vector("radius", radius, n))
+    if mix is not None:
+        factor = _matrix("mix", mix, n) @ factor
+    steady = KnownBoundedNoise(_vector("center", center, n), factor, Box())
+    return BurstyNoise(steady, placed(bursts, Ts)) if bursts else steady
+
+
+def ellipsoid(
+    n: int,
+    *,
+    shape: Matrix | Array,
+    law: Literal["uniform", "skewed-cube"] = "uniform",
+    root: Literal["symmetric", "lower", "upper"] = "symmetric",
+    outside: Literal["keep", "project", "reject"] = "keep",
+    center: float | list[float] = 0.0,
+    skew: Share = SKEW,
+    scale: NonNegative = 1.0,
+) -> BoundedNoise:
+    """Noise center + scale L u for an ellipsoid with the shape M, L a root of M.
+
+    `uniform`: u is uniform in the unit ball, and so is the noise in the ellipsoid.  `skewed-cube` (ma2025, Section V):
+    every coordinate of u is uniform on (0, 1) with probability `skew`, else on (-1, 0); the cube is not inside the
+    ball, so the noise leaves the ellipsoid unless `outside` keeps it in.
+
+    Parameters
+    ----------
+    n : dimension
+    shape : M, positive semidefinite: a number (times the identity), a diagonal or a matrix
+    law : how u is distributed, `uniform` or `skewed-cube`
+    root : L: `symmetric` (L L = M), `lower` (Cholesky, L L' = M), or `upper`, the Cholesky factor R with R' R = M that
+        MATLAB's chol returns, taken for a root: then R R' is not M, and the noise need not lie in the ellipsoid
+    outside : of the skewed cube, where u is outside the ball: `keep` it (as ma2025 writes), `project` it radially onto
+        the sphere, or `reject` it and draw again; inside, u is the same under all three; `project` tells no moments
+    center : a number (in every coordinate) or one per coordinate
+    skew : of the skewed cube: probability of a positive coordinate
+    scale : factor on L
+
+    Raises
+    ------
+    DesignError
+        If a size does not fit, the shape is not positive semidefinite, a singular one is to have a Cholesky factor, or
+        `outside` or `skew` is given to the uniform law.
+    """
+    try:
+        M = as_covariance(shape, n)
+    except ValueError as error:
+        raise DesignError(str(error), "shape") from None
+    factor, middle = scale * _root(M, root), _vector("center", center, n)
+    if law == "uniform":
+        for name, given in (("outside", outside != "keep"), ("skew", skew != SKEW)):
+            if given:
+                raise DesignError("belongs to law: skewed-cube", name)
+        return KnownBoundedNoise(middle, factor, Ball())
+    cube = SkewedCube(skew)
+    if outside == "keep" or n == 1:  # in one dimension the cube is the ball
+        return KnownBoundedNoise(middle, factor, cube)
+    if outside == "reject":
+        return KnownBoundedNoise(middle, factor, RejectedCube(cube))
+    return BoundedNoise(middle, factor, ProjectedCube(cube))
+
+
+def _root(M: Float[Array, "n n"], kind: str) -> Float[Array, "n n"]:
+    if kind == "symmetric":
+        return psd_sqrt(M)
+    lam = np.linalg.eigvalsh(M)
+    if lam[0] <= SINGULAR * lam[-1]:
+        raise DesignError(f"the shape is singular: it has a symmetric root only (got {kind!r})", "root")
+    lower: Array = np.linalg.cholesky(M)
+    return lower if kind == "lower" else lower.T
+
+
+def _matrix(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
+    try:
+        return as_matrix(value, n)
+    except ValueError as error:
+        raise DesignError(str(error), name) from None
+
+
+def _vector(name: str, value: float | list[float], n: int) -> Float[Array, " n"]:
+    try:
+        return as_vector(value, n)
+    except ValueError as error:
+        raise DesignError(str(error), name) from None

@@ -1,0 +1,256 @@
+"""Bursts: times at which a noise is wider.
+
+Model   noise(k) = center + g(k) z(k), z without bursts; g(k) is the product of the factors of all bursts that sample k
+        lies in, and 1 outside.  A burst holds its ends: the samples k with from <= k Ts <= to.
+Source  belda2017, Section VI: twice the width in <3.4 s, 4 s> and <6.2 s, 6.6 s>.  Random bursts are ours.
+Limit   bursts of the factor 1 change no bit.
+Streams z comes from the generator of the law, random bursts from a child of it: neither moves the other.  The child
+        gives the factor first, then duration and start of one burst after the other, so that another window moves none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rmpc_bench.noise.distributions import Uniform
+from rmpc_bench.types import Array, DesignError, NonNegative
+
+Range: TypeAlias = NonNegative | tuple[NonNegative, NonNegative]
+"""A number, or the ends of the range in which it is uniform."""
+ROUNDING = 1e-9
+"""Share of a sample that a time may be off."""
+
+
+@dataclass(frozen=True)
+class Burst:
+    """A time at which a noise is wider.
+
+    Parameters
+    ----------
+    from_ : where it begins [s]
+    to : where it ends [s], included
+    factor : how many times as wide the noise is
+    """
+
+    from_: NonNegative
+    to: NonNegative
+    factor: NonNegative
+
+
+@dataclass(frozen=True)
+class RandomBursts:
+    """Bursts that every run has elsewhere.
+
+    Parameters
+    ----------
+    within : windows [from, to] [s]; each has one burst, whose start is uniform as far as it fits in
+    duration : of a burst [s], a number or the range [low, high] in which it is uniform; rounded to samples, and so is
+        the start
+    factor : how many times as wide the noise is in all bursts of a run, a number or the range [low, high]
+    """
+
+    within: list[tuple[NonNegative, NonNegative]]
+    duration: Range
+    factor: Range
+
+
+class Span(NamedTuple):
+    """Samples first..last, both included, and the factor of the noise there."""
+
+    first: int
+    last: int
+    factor: float
+
+
+class Window(NamedTuple):
+    """Samples first..last in which a random burst lies."""
+
+    first: int
+    last: int
+
+
+@runtime_checkable
+class HasBursts(Protocol):
+    """A law of noise may offer this; metrics then tell samples in bursts from the others.
+
+    The generators are the fresh ones that `draw` gets.
+    """
+
+    @property
+    def burst_names(self) -> tuple[str, ...]:
+        """Names of what is drawn; none where all runs have the same bursts."""
+
+    def burst_values(self, rng: np.random.Generator) -> Mapping[str, float]:
+        """What one run has drawn, name by name."""
+
+    def in_burst(self, rng: np.random.Generator, n_samples: int) -> Bool[Array, " samples"]:
+        """Whether a sample of one run is in a burst."""
+
+
+@runtime_checkable
+class Bursts(Protocol):
+    """Where the bursts of a run lie."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what is drawn."""
+
+    def spans(self, rng: np.random.Generator) -> Sequence[Span]:
+        """Bursts of one run, given a generator of their own."""
+
+    def values(self, spans: Sequence[Span]) -> Mapping[str, float]:
+        """What has been drawn to get them."""
+
+
+@dataclass(frozen=True)
+class FixedBursts:
+    """The same bursts in every run."""
+
+    fixed: tuple[Span, ...]
+    names: tuple[str, ...] = ()
+
+    def spans(self, rng: np.random.Generator) -> Sequence[Span]:
+        """Bursts of one run."""
+        return self.fixed
+
+    def values(self, spans: Sequence[Span]) -> Mapping[str, float]:
+        """Nothing is drawn."""
+        return {}
+
+
+@dataclass(frozen=True)
+class DrawnBursts:
+    """One burst in each window, all of one factor."""
+
+    windows: tuple[Window, ...]
+    duration: Uniform
+    """Samples from the first to the last one."""
+    factor: Uniform
+    Ts: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what is drawn."""
+        ends = (f"burst_{number}_{end}" for number in range(1, len(self.windows) + 1) for end in ("from", "to"))
+        return (*ends, "burst_factor")
+
+    def spans(self, rng: np.random.Generator) -> Sequence[Span]:
+        """Bursts of one run, by inverse transform."""
+        p, *pairs = rng.random(1 + 2 * len(self.windows)).tolist()
+        factor = self.factor.quantile(p)
+        spans = []
+        for (first, last), p_duration, p_start in zip(self.windows, pairs[::2], pairs[1::2], strict=True):
+            length = round(self.duration.quantile(p_duration))
+            start = round(Uniform(float(first), float(last - length)).quantile(p_start))
+            spans.append(Span(start, start + length, factor))
+        return spans
+
+    def values(self, spans: Sequence[Span]) -> Mapping[str, float]:
+        """Begin and end of every burst [s], and the factor."""
+        # 34 * 0.1 is 3.4000000000000004 in doubles
+        ends = (round(end * self.Ts, 12) for span in spans for end in (span.first, span.last))
+        return dict(zip(self.names, (*ends, spans[0].factor), strict=True))
+
+
+@runtime_checkable
+class Steady(Protocol):
+    """Noise about a center."""
+
+    @property
+    def center(self) -> Float[Array, " n"]:
+        """What it lies about."""
+
+    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run without its center."""
+
+
+@dataclass(frozen=True, eq=False)
+class BurstyNoise:
+    """A steady noise that is wider in bursts; its moments depend on k, so it tells none."""
+
+    steady: Steady
+    bursts: Bursts
+
+    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run."""
+        gain = np.ones(n_samples)
+        for first, last, factor in self._spans(rng):
+            gain[first : last + 1] *= factor
+        noise: Array = self.steady.center + gain[:, None] * self.steady.deviation(rng, n_samples)
+        return noise
+
+    @property
+    def burst_names(self) -> tuple[str, ...]:
+        """Names of what is drawn."""
+        return self.bursts.names
+
+    def burst_values(self, rng: np.random.Generator) -> Mapping[str, float]:
+        """What one run has drawn."""
+        return self.bursts.values(self._spans(rng))
+
+    def in_burst(self, rng: np.random.Generator, n_samples: int) -> Bool[Array, " samples"]:
+        """Whether a sample of one run is in a burst."""
+        inside = np.zeros(n_samples, dtype=bool)
+        for first, last, _ in self._spans(rng):
+            inside[first : last + 1] = True
+        return inside
+
+    def _spans(self, rng: np.random.Generator) -> Sequence[Span]:
+        return self.bursts.spans(rng.spawn(1)[0])  # which does not move the generator itself
+
+
+def placed(bursts: Sequence[Burst] | RandomBursts, Ts: float) -> Bursts:
+    """Put bursts on the samples.
+
+    Parameters
+    ----------
+    bursts : as configured, in seconds
+    Ts : sampling time [s]
+
+    Raises
+    ------
+    DesignError
+        If one ends before it begins or holds no sample, or a window is shorter than the longest burst that it may hold.
+    """
+    if isinstance(bursts, RandomBursts):
+        return _drawn(bursts, Ts)
+    spans = tuple(Span(*_samples(each.from_, each.to, Ts), each.factor) for each in bursts)
+    for number, (burst, span) in enumerate(zip(bursts, spans, strict=True)):
+        if burst.to < burst.from_:
+            raise DesignError(f"must not be before from, {burst.from_:g} (got {burst.to:g})", f"bursts.{number}.to")
+        if span.last < span.first:
+            raise DesignError(f"holds no sample; they are {Ts:g} s apart", f"bursts.{number}")
+    return FixedBursts(spans)
+
+
+def _drawn(bursts: RandomBursts, Ts: float) -> DrawnBursts:
+    if not bursts.within:
+        raise DesignError("holds no window; leave bursts out where there are none", "bursts.within")
+    duration, factor = (_uniform(name, getattr(bursts, name)) for name in ("duration", "factor"))
+    windows = tuple(Window(*_samples(start, end, Ts)) for start, end in bursts.within)
+    for number, ((start, end), window) in enumerate(zip(bursts.within, windows, strict=True)):
+        if end < start or window.last - window.first < round(duration.high / Ts):
+            raise DesignError(
+                f"from {start:g} to {end:g} s there is no room for a burst of {duration.high:g} s; "
+                "widen the window or shorten the duration",
+                f"bursts.within.{number}",
+            )
+    return DrawnBursts(windows, Uniform(duration.low / Ts, duration.high / Ts), factor, Ts)
+
+
+def _uniform(name: str, given: Range) -> Uniform:
+    low, high = given if isinstance(given, tuple) else (given, given)
+    if low > high:
+        raise DesignError(f"the range must begin with its smaller end (got [{low:g}, {high:g}])", f"bursts.{name}")
+    return Uniform(low, high)
+
+
+def _samples(start: float, end: float, Ts: float) -> tuple[int, int]:
+    """First and last sample k with start <= k Ts <= end."""
+    return math.ceil(start / Ts - ROUNDING), math.floor(end / Ts + ROUNDING)

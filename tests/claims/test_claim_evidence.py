@@ -1,0 +1,88 @@
+"""What claims.md says of a comparison: where it is tightest, with digits that tell the sides apart."""
+
+import json
+
+import numpy as np
+import pytest
+
+from rmpc_bench.claims.verdict import Claim, claims_markdown, claims_table, judge
+
+VAR = np.array([[0.1, 0.1], [3.62498, 10], [5, 20]])
+BOUND = np.array([[0.1, 0.1], [3.62537, 12], [6, 20]])
+SERIES = {"v": VAR, "b": BOUND, "same": BOUND, "t": [1.0, 1.0 + 1e-15, 1.0 - 1e-15], "one": [1.0, 1.0, 1.0]}
+SERIES |= {
+    "P": [[[4, 1], [1, 3]], [[4, 2], [2, 3]], [[4, 1], [1, 3]]],
+    "c": [[1.0, 2.0]],
+    "up": [1.0, 1.0, 1.0 + 4e-16],
+}
+
+SOME = "equal to 12 digits in 3 of 6 entries"
+
+
+@pytest.fixture
+def trials(make_trials):
+    """Two columns and some series of method A."""
+    rows = [
+        ("A", name, ",".join(map(str, index)), k, 0, float(value[index]))
+        for name, values in SERIES.items()
+        for k, value in enumerate(np.asarray(values, dtype=float))
+        for index in np.ndindex(value.shape)
+    ]
+    return make_trials({"mse": {"A": [1.0, 2.0], "B": [1.5, 2.5]}}, rows)
+
+
+def said(check, trials):
+    """Return what claims.md says after the check."""
+    text = claims_markdown([judge(Claim("", "", (check,)), trials)], informational=False)
+    [line] = [line for line in text.splitlines() if line.startswith(f"- `{check}`: ")]
+    return line.removeprefix(f"- `{check}`: ")
+
+
+@pytest.mark.parametrize(
+    ("check", "words"),
+    [
+        (
+            "all(v[A] <= b[A])",
+            "holds; closest at k = 1, entry 0: 3.62498 and 3.62537, equal to 12 digits in 3 of 6 entries",
+        ),
+        (
+            "all(b[A] >= v[A])",
+            "holds; closest at k = 1, entry 0: 3.62537 and 3.62498, equal to 12 digits in 3 of 6 entries",
+        ),
+        ("all(since(v[A], 1) < since(2 * b[A], 1))", "holds; closest at k = 1, entry 0: 3.625 and 7.251"),
+        ("all(b[A] <= v[A])", "does not hold; fails most at k = 1, entry 1: 12 and 10"),
+        ("all(b[A] < same[A])", "does not hold; fails most at k = 0, entry 0: 0.1 and 0.1"),
+        ("all(b[A] <= same[A])", "holds; equal to 12 digits in all 6 entries"),
+        ("all(b[A] ~ v[A] +- 2)", "holds; farthest apart at k = 1, entry 1: 12 and 10"),
+        ("at(P[A], 1) ~ [[4, 1.5], [2, 3]] +- 1", "holds; farthest apart at entry 0,1: 2 and 1.5"),
+        ("last(entry(v[A], 0)) < 6", "holds; 5 and 6"),
+        ("all(c[A] < 3)", "holds; closest at entry 1: 2 and 3"),  # the same at all k
+        ("all(same[A] ~ b[A] +- 1)", "holds; equal to 12 digits in all 6 entries"),
+        ("1 <= 1", "holds; 1 and 1"),
+        ("last(up[A]) ~ 1 +- 1%", "holds; 1 and 1, equal to 12 digits"),
+        ("1 < 1.00000123", "holds; 1 and 1.0000012"),
+        ("all(entry(since(v[A], 2), 0) < 7)", "holds; closest at k = 2: 5 and 7"),
+        ("all(mse[A] < mse[B])", "holds; 1 and 1.5, n = 2"),
+    ],
+)
+def test_where_a_comparison_is_tightest(trials, check, words):
+    """Oracle: by hand."""
+    assert said(check, trials) == words
+
+
+def test_sides_that_digits_cannot_tell_apart(trials):
+    """Equal up to rounding counts as equal where it holds; where it fails the difference is said."""
+    assert said("all(t[A] <= one[A] + 1e-14)", trials) == "holds; equal to 12 digits in all 3 entries"
+    assert said("all(up[A] <= one[A])", trials) == (
+        "does not hold; fails most at k = 2: 1 and 1, left - right = 4.4e-16"
+    )
+    assert said("all(one[A] < one[A] + 1e-14)", trials).startswith("holds; closest at k = 0: 1 and 1, left - right = -")
+
+
+def test_the_place_in_the_table(trials):
+    """As JSON numbers; none for columns and single numbers."""
+    checks = ("all(v[A] <= b[A])", "at(P[A], 1) < 9", "all(mse[A] < mse[B])", "1 < 2")
+    verdicts = [judge(Claim("", "", (check,)), trials) for check in checks]
+    rows = [row["numbers"][0] for row in json.loads(json.dumps(claims_table(verdicts)))]
+    places = [(row["k"], row["entry"]) for row in rows]
+    assert places == [(1, [0]), (None, [0, 0]), (None, None), (None, None)]

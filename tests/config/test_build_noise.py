@@ -1,0 +1,289 @@
+"""Sums of noise laws, `same` for a model with sets, laws of the initial state, and the set that it starts in."""
+
+import numpy as np
+import pytest
+from conftest import ROUND
+from small_experiment import KEYS, cli, write
+from uncertain_experiment import PLANT, write_estimation
+
+from rmpc_bench import load_config, registry
+from rmpc_bench.config.reader import dump, plain
+from rmpc_bench.estimators import kalman
+from rmpc_bench.noise.bounded import ellipsoid, uniform
+from rmpc_bench.noise.gaussian import gaussian
+from rmpc_bench.simulation.scenario import stream
+from rmpc_bench.types import ConfigError
+
+G, E = "{gaussian: {cov: 0.25}}", "{ellipsoid: {shape: [4, 3, 2, 1], law: skewed-cube, outside: project}}"
+SUM = f"{{sum: [{G}, {E}]}}"
+START = "{sum: [{gaussian: {mean: [60, -45, 0, 0], cov: 100}}, {ellipsoid: {shape: 400}}]}"
+LINEAR = "{kind: linear, A: [[0.9, 0.2], [0, 0.7]], C: [[1, 0]], P_w: 0.25, M_w: [[5, 2], [2, 5]], P_v: 0.25, M_v: 5}"
+TRUTH = PLANT.replace("Bw: [[1], [0.5]]", "Bw: 1").replace("H_A: [[0], [0.1]], G_x: [[1, 0]], ", "")
+KALMAN = "{KF: {estimator: {kind: kalman}}}"
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Return a function that loads the small experiment with some keys replaced."""
+    return lambda **keys: load_config(write(tmp_path, **keys))
+
+
+@pytest.fixture
+def mixed(tmp_path):
+    """Return a function that loads an estimation experiment with a model that knows sets."""
+
+    def load(**keys):
+        keys = {"plant": TRUTH, "model": LINEAR, "methods": KALMAN, "initial": "{P: 1}"} | keys
+        return load_config(write_estimation(tmp_path, **keys))
+
+    return load
+
+
+def test_terms_of_a_sum_have_streams_of_their_own(load):
+    """Oracle: the laws and the streams w/0, w/1, v/0 and v/1 by hand, added up."""
+    noise = f"{{process: {SUM}, measurement: {{sum: [{{gaussian: {{std: 0.1}}}}, {{uniform: {{radius: 1}}}}]}}}}"
+    experiment = load(noise=noise).experiment
+    drawn = experiment.scenario.draw(experiment.plant, range(3, 5), 10)
+    cube = ellipsoid(4, shape=[4.0, 3.0, 2.0, 1.0], law="skewed-cube", outside="project")
+    channels = {"w": (gaussian(4, cov=0.25), cube), "v": (gaussian(1, std=0.1), uniform(1, radius=1.0))}
+    for row, run in enumerate((3, 4)):
+        for name, laws in channels.items():
+            one, two = (law.draw(stream(7, run, f"{name}/{number}"), 11) for number, law in enumerate(laws))
+            np.testing.assert_array_equal(getattr(drawn, name)[row], one + two)
+
+
+@pytest.mark.parametrize("law", [G, "same", "{ellipsoid: {shape: 2}}"])
+def test_a_sum_of_one_is_that_one(load, law):
+    """Oracle: the configuration without the sum: the same data, the same hash."""
+    bare, alone = load(noise=f"{{process: {law}}}"), load(noise=f"{{process: {{sum: [{law}]}}}}")
+    assert bare.resolved == alone.resolved and bare.hash == alone.hash
+
+
+def test_every_word_of_a_sum_is_in_the_hash(load):
+    """Order, place, parameters and number of terms of what befalls all methods."""
+    laws = [SUM, f"{{sum: [{E}, {G}]}}", SUM.replace("0.25", "0.26"), f"{{sum: [{G}, {G}, {E}]}}", G, E]
+    laws += [SUM.replace("project", outside) for outside in ("keep", "reject")]
+    configs = [load(noise=f"{{process: {law}}}") for law in laws] + [load(initial=f"{{x: {SUM}}}")]
+    assert len({config.hash for config in configs}) == len(laws) + 1
+    explicit = E.replace("shape", "root: symmetric, center: 0, skew: 90%, scale: 1, shape")
+    assert load(noise=f"{{process: {{sum: [{G}, {explicit}]}}}}").hash == configs[0].hash
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"noise": f"{{process: {SUM}, measurement: {{uniform: {{radius: sqrt(5)}}}}}}"},
+        {"noise": f"{{process: {{sum: [same, {{same: {{scale: 1/3}}}}, {E}]}}}}"},
+        {"initial": f"{{x: {START}, x_hat: [60, -45, 0, 0], P: 100, M: 400}}"},
+        {"initial": f"{{x: {SUM}, M: [1, 2, 3, 1/3]}}"},
+    ],
+)
+def test_sums_and_sets_are_written_back(load, tmp_path, keys):
+    """Oracle: what is written loads to the same data and the same hashes."""
+    config = load(**keys)
+    copy = tmp_path / "config.resolved.yaml"
+    copy.write_text(dump(plain(config.resolved)), encoding="utf-8")
+    again = load_config(copy)
+    assert again.resolved == config.resolved
+    assert (again.hash, again.full_hash) == (config.hash, config.full_hash)
+
+
+def test_terms_can_be_swept_and_overridden(tmp_path):
+    """A step into a list is a number; the other terms keep their streams."""
+    path = write(tmp_path, noise=f"{{process: {SUM}}}", sweep="{grid: {noise.process.sum.1.ellipsoid.scale: [0, 1]}}")
+    silent, loud = (point.experiment for point in load_config(path).points)
+    one, two = (each.scenario.draw(each.plant, range(2), 5).w for each in (silent, loud))
+    first = gaussian(4, cov=0.25).draw(stream(7, 1, "w/0"), 6)
+    np.testing.assert_array_equal(one[1], first)
+    assert (two != one).any()
+    config = load_config(path, overrides=["noise.process.sum.0.gaussian.cov=9"])
+    assert config.points[0].shared["noise"]["process"]["sum"][0]["gaussian"]["cov"] == 9.0
+
+
+def test_same_of_a_model_with_sets(mixed):
+    """Oracle: its stochastic noise and a uniform one in its set, with the streams 0 and 1; the scale goes for both."""
+    scenario = mixed(noise="{process: {same: {scale: 2}}, measurement: same}").experiment.scenario
+    normal, bounded = scenario.process
+    np.testing.assert_allclose(normal.cov, np.eye(2), **ROUND)
+    np.testing.assert_allclose(bounded.cov, np.array([[5.0, 2.0], [2.0, 5.0]]), **ROUND)  # 2^2 M / (n + 2)
+    assert [term.cov.item() for term in scenario.measurement] == pytest.approx([0.25, 5 / 3], rel=1e-12)  # ROUND
+    drawn = scenario.draw(mixed().experiment.plant, range(1), 4)
+    laws = gaussian(1, cov=0.25), ellipsoid(1, shape=5.0)
+    one, two = (law.draw(stream(7, 0, f"v/{number}"), 5) for number, law in enumerate(laws))
+    np.testing.assert_array_equal(drawn.v[0], one + two)
+
+
+def test_same_without_a_set_is_one_law(mixed, load):
+    """Oracle: an empty set adds no term; nor does any other model's noise have two."""
+    scenario = mixed(noise="same", model=LINEAR.replace("M_v: 5", "M_v: 0")).experiment.scenario
+    assert [len(scenario.process), len(scenario.measurement)] == [2, 1]
+    scenario = load(noise="same", initial="{x: {same: {}}}").experiment.scenario
+    assert [len(scenario.process), len(scenario.measurement), len(scenario.x0_noise)] == [1, 1, 1]
+
+
+def test_the_start_has_the_spread_of_the_stochastic_noise(mixed):
+    """Oracle: `x: same` belongs to `P: process`, the set to M."""
+    [law] = mixed(initial="{x: {same: {scale: 2}}}").experiment.scenario.x0_noise
+    np.testing.assert_allclose(law.cov, np.eye(2), **ROUND)
+
+
+def test_same_is_one_law_at_all_k(mixed):
+    """A law that changes over time cannot be the noise of every k; matrices that are not its own may change."""
+    for key, name, text in (
+        ("P_w", "process", "P_w: [1 + k, 1]"), ("M_v", "measurement", "M_v: [5 + k]"),
+    ):  # fmt: skip
+        model = LINEAR.replace({"P_w": "P_w: 0.25", "M_v": "M_v: 5"}[key], text)
+        with pytest.raises(ConfigError) as caught:
+            mixed(model=model)
+        [problem] = caught.value.problems
+        assert problem.path == "noise"
+        assert problem.message == f"'same' is one law at all k, and the model's {name} noise is another at some k"
+    assert mixed(model=LINEAR.replace("0.7", "0.7 + 0*k")).experiment.scenario.process
+
+
+def test_initial_state_by_a_sum_of_laws(load):
+    """Oracle: the streams x0 and x0/1 by hand; mean and covariance of a normal and a uniform law."""
+    experiment = load(initial=f"{{x: {START}}}").experiment
+    laws = gaussian(4, mean=[60.0, -45.0, 0.0, 0.0], cov=100.0), ellipsoid(4, shape=400.0)
+    for run, x0 in enumerate(experiment.scenario.draw(experiment.plant, range(3), 2).x0):
+        one, two = (law.draw(stream(7, run, name), 1)[0] for law, name in zip(laws, ("x0", "x0/1"), strict=True))
+        np.testing.assert_array_equal(x0, one + two)
+    mean, cov = experiment.scenario.initial_law()
+    np.testing.assert_array_equal(mean, [60.0, -45.0, 0.0, 0.0])
+    np.testing.assert_allclose(cov, (100.0 + 400.0 / 6.0) * np.eye(4), **ROUND)
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """Return what a registered estimator `curious` is given as M0."""
+    seen = []
+
+    def design(model, n_steps, *, x0, P0, M0):
+        seen.append(M0)
+        return kalman.design(model, n_steps, x0=x0, P0=P0)
+
+    monkeypatch.setitem(registry._REGISTERED["estimators"], "curious", design)
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("M", "expected"),
+    [("400", 400 * np.eye(4)), ("[1, 2, 3, 0]", np.diag([1.0, 2.0, 3.0, 0.0])), (None, 0 * np.eye(4))],
+)
+def test_estimators_that_ask_for_it_get_the_set(load, told, M, expected):
+    """Oracle: a number is times the identity, a list a diagonal; zero unless given; it is no key."""
+    config = load(initial="{}" if M is None else f"{{M: {M}}}", methods="{a: {estimator: {kind: curious}}}")
+    np.testing.assert_array_equal(told, [expected])
+    assert config.methods["a"]["estimator"] == {"kind": "curious"}
+
+
+def test_a_set_that_is_zero_changes_no_key(load):
+    """Oracle: trials from before there were sets are still those of their methods; another set is another method."""
+    plain_, zero, set_ = load(), load(initial="{x: 0, x_hat: 0, P: process, M: 0}"), load(initial="{M: 2}")
+    assert zero.resolved == plain_.resolved and zero.full_hash == plain_.full_hash
+    assert "M" not in plain_.methods["S-MPC"] and "M" not in plain_.resolved["initial"]
+    assert set_.hash == plain_.hash and set_.full_hash != plain_.full_hash
+    assert set_.points[0].method_keys["S-MPC"] != plain_.points[0].method_keys["S-MPC"]
+
+
+MISTAKES = [
+    # key, its value, the text whose place is shown, path, message
+    ("noise", "{process: {sum: []}}", "[]", "noise.process.sum", "must be a list of laws (got a list of 0)"),
+    ("noise", f"{{process: {{sum: {G}}}}}", G, "noise.process.sum", "must be a list of laws (got a mapping)"),
+    ("noise", "{process: sum}", "sum", "noise.process", "'sum' needs its terms"),
+    ("noise", "{process: {sum: [same, none]}}", "none", "noise.process.sum.1", "'none' adds nothing"),
+    ("noise", f"{{process: {{sum: [{G}, {{sum: []}}]}}}}", "{sum: []", "noise.process.sum.1", "a sum inside a sum"),
+    ("noise", "{process: {sum: [same, gaussian]}}", "gau", "noise.process.sum.1", "'gaussian' needs its parameters"),
+    ("noise", "{process: {sum: [same, {ellipsoud: {}}]}}", "{ell", "noise.process.sum.1", "did you mean 'ellipsoid'?"),
+    ("noise", "{process: {sum: [same, 3]}}", "3", "noise.process.sum.1", "'3' is not a known noise law; known: same"),
+    ("noise", "{process: {sum: [same, {same: {scale: -1}}]}}", "-1", "noise.process.sum.1.same.scale", "must be >= 0"),
+    ("noise", "{process: {gaussian: {std: 1}, same: {}}}", "{gau", "noise.process", "laws add up as a list: {sum: ["),
+    ("noise", "{process: {none: {}}}", "{none", "noise.process", "'none' is not a known noise law; known: same, sum"),
+    ("noise", f"{{process: {{sum: [{G}, {{uniform: {{radius: [1, -1]}}}}]}}}}", "-1",
+     "noise.process.sum.1.uniform.radius.1", "must be >= 0 (got -1)"),
+    ("noise", "{process: {uniform: {radius: [1, 1]}}}", "[1, 1]", "noise.process.uniform.radius", "4 numbers"),
+    ("noise", "{measurement: {ellipsoid: {shape: -1}}}", "-1", "noise.measurement.ellipsoid.shape", "semidefinite"),
+    ("noise", "{process: {ellipsoid: {shape: [1, 1]}}}", "[1, 1]", "noise.process.ellipsoid.shape", "4 x 4 numbers"),
+    ("noise", "{process: {ellipsoid: {}}}", "{}", "noise.process.ellipsoid", "'shape' is missing"),
+    ("noise", "{process: {ellipsoid: {shape: 0, root: lower}}}", "lower", "noise.process.ellipsoid.root", "singular"),
+    ("noise", "{process: {ellipsoid: {shape: 0, root: middle}}}", "middle", "noise.process.ellipsoid.root", "'lower'"),
+    ("noise", "{process: {ellipsoid: {shape: 1, outside: keep, law: skewed-cube, skew: 2}}}", "2",
+     "noise.process.ellipsoid.skew", "must be <= 1 (got 2)"),
+    ("noise", "{process: {ellipsoid: {shape: 1, outside: reject}}}", "reject", "noise.process.ellipsoid.outside",
+     "belongs to law: skewed-cube"),
+    ("initial", f"{{x: {{sum: [{G}, {{ellipsoid: {{shape: [1]}}}}]}}}}", "[1]", "initial.x.sum.1.ellipsoid.shape",
+     "4 x 4 numbers"),
+    ("initial", "{M: -1}", "-1", "initial.M", "must be positive semidefinite (smallest eigenvalue -1)"),
+    ("initial", "{M: [1, 2]}", "[1, 2]", "initial.M", "a number, 4 numbers or 4 x 4 numbers are wanted"),
+    ("initial", "{M: process}", "process", "initial.M", "unknown name 'process'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("key", "value", "text", "path", "message"), MISTAKES, ids=[case[1] for case in MISTAKES])
+def test_one_mistake_is_reported_once_at_its_place(load, key, value, text, path, message):
+    """Line, column, key path and reason; nothing that only follows from it."""
+    with pytest.raises(ConfigError) as caught:
+        load(**{key: value})
+    [problem] = caught.value.problems
+    place = [*KEYS].index(key) + 1, len(key) + 3 + value.rindex(text)
+    assert (problem.line, problem.column, problem.path) == (*place, path)
+    assert message in problem.message
+
+
+def test_a_cross_covariance_needs_normal_noises(mixed):
+    """A sum has no cross-covariance with anything."""
+    with pytest.raises(ConfigError, match="one gaussian law of either noise"):
+        mixed(noise="{process: same, measurement: same, cross: [[0.1], [0]]}")
+
+
+PREDICTOR = "{KF: {estimator: {kind: kalman-predictor}}}"
+
+
+@pytest.mark.parametrize(
+    ("outside", "where"), [("keep", None), ("reject", None), ("project", "process"), ("project", "start")]
+)
+def test_exact_moments_need_laws_that_tell_theirs(mixed, outside, where):
+    """Oracle: the laws of the bench; where one does not tell, the place that asks and the reason."""
+    cube = f"{{sum: [{{gaussian: {{cov: 1}}}}, {{ellipsoid: {{shape: 1, law: skewed-cube, outside: {outside}}}}}]}}"
+    keys = {"noise": f"{{process: {cube}}}"} if where != "start" else {"noise": "none", "initial": f"{{x: {cube}}}"}
+    keys |= {"evaluate": "moments", "model": "{from: plant, W: 1, V: 1}", "methods": PREDICTOR}
+    if where is None:
+        assert mixed(**keys).experiment.scenario.noise_laws(2, 1) is not None
+        return
+    with pytest.raises(ConfigError) as caught:
+        mixed(**keys)
+    [problem] = caught.value.problems
+    assert problem.path == "evaluate"
+    reason = f"a law of {'the initial state' if where == 'start' else 'noise'} does not tell its moments"
+    assert problem.message == f"KF has no exact moments: {reason}; evaluate: [runs, moments]"
+
+
+def test_check_shows_every_term(tmp_path):
+    """One line for each, the set beside the covariance; without a sum one line as ever."""
+    path = write(tmp_path, noise=f"{{process: {SUM}, measurement: {G}}}", initial=f"{{x: {START}, P: 100, M: 400}}")
+    lines = [" ".join(line.split()) for line in cli("check", path).stdout.splitlines()]
+    first = lines.index(next(line for line in lines if line.startswith("noise ")))
+    assert lines[first].startswith("noise process = gaussian: {mean: 0.0, cov: 0.25, scale: 1.0} process: 1.0")
+    assert lines[first + 1].startswith("+ ellipsoid: shape: [4.0, 3.0, 2.0, 1.0] law: skewed-cube")
+    assert lines[first + 2] == "measurement = gaussian: {mean: 0.0, cov: 0.25, scale: 1.0}"
+    assert lines[first + 3].startswith("start x = gaussian: {mean: [60.0,")
+    assert lines[first + 3].endswith("x_hat = 0.0, P = 100.0, M = 400.0")
+    assert lines[first + 4].startswith("+ ellipsoid: {shape: 400.0, law: uniform")
+    shown = " ".join(cli("check", write(tmp_path)).stdout.split())
+    assert "noise process: none measurement: {gaussian" in shown and "start x = 0 x_hat = 0.0, P = process" in shown
+
+
+@pytest.mark.parametrize("kind", ["ellipsoid", "uniform"])
+def test_describe_shows_every_parameter(kind):
+    """Oracle: the keys of the design, each with its meaning."""
+    shown = cli("describe", f"noises/{kind}").stdout
+    parameters = ["radius", "center"] if kind == "uniform" else "shape law root outside center skew scale".split()
+    for name in parameters:
+        assert f"\n  {name}  (" in shown
+    assert "{sum: [" in shown
+
+
+def test_describe_of_a_configuration_shows_the_terms(tmp_path):
+    """A sum is a list there too."""
+    shown = cli("describe", write(tmp_path, noise=f"{{process: {SUM}}}", initial=f"{{x: {START}}}")).stdout
+    assert shown.count("sum:") == 2 and "- {gaussian: {mean: 0.0, cov: 0.25, scale: 1.0}}" in shown

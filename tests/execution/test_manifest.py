@@ -1,0 +1,94 @@
+"""manifest.json: who computed what, and when."""
+
+import json
+from datetime import datetime, timedelta
+
+import pytest
+from small_experiment import write
+
+from rmpc_bench import __version__, load_config
+from rmpc_bench.execution import manifest
+from rmpc_bench.execution.manifest import Session
+
+
+@pytest.fixture
+def config(tmp_path):
+    """Return the small experiment."""
+    return load_config(write(tmp_path))
+
+
+def sit(directory, config, *, modified=(), error=None):
+    """Go through a session and return what it said; an error may end it."""
+    said = []
+    try:
+        with Session(directory, config, modified, said.append):
+            assert manifest.read(directory)["sessions"][-1]["why"] == "running"
+            if error is not None:
+                raise error
+    except BaseException as caught:
+        assert caught is error
+    return said
+
+
+def test_what_is_noted(tmp_path, config):
+    """Hash, seed, versions, BLAS and platform, readable as JSON."""
+    assert sit(tmp_path, config, modified=["-s seed=8"]) == []
+    text = (tmp_path / "manifest.json").read_text()
+    data = json.loads(text)
+    assert text.endswith("}\n")
+    assert (data["name"], data["experiment"], data["seed"]) == ("tiny", config.hash, 7)
+    assert data["modified"] == ["-s seed=8"]
+    assert data["versions"]["rmpc-bench"] == __version__
+    assert set(data["versions"]) == {"rmpc-bench", "python", "numpy", "scipy", "numba", "joblib", "pandas"}
+    assert data["blas"] and {"user_api", "internal_api", "version", "architecture"} == set(data["blas"][0])
+    assert set(data["platform"]) == {"system", "machine", "cores"}
+    assert [path.name for path in tmp_path.glob("manifest*")] == ["manifest.json"]
+
+
+def test_commit_of_the_configuration(tmp_path, config):
+    """Outside a repository there is none; inside, the commit and whether it is all."""
+    assert set(manifest._git(tmp_path / "nowhere") or {}) <= {"commit", "dirty"}
+    sit(tmp_path, config)
+    git = manifest.read(tmp_path)["git"]
+    assert git is None or set(git) == {"commit", "dirty"}
+
+
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt(), ValueError("bug")])
+def test_every_session_has_an_end_and_a_reason(tmp_path, config, error):
+    """Times are UTC, the reason is the exception's name."""
+    sit(tmp_path, config, error=error)
+    [session] = manifest.read(tmp_path)["sessions"]
+    assert session["why"] == ("finished" if error is None else type(error).__name__)
+    start, stop = datetime.fromisoformat(session["start"]), datetime.fromisoformat(session["stop"])
+    assert start.utcoffset() == timedelta(0) and start <= stop
+
+
+def test_sessions_add_up(tmp_path, config):
+    """A later one keeps those before."""
+    sit(tmp_path, config, error=KeyboardInterrupt())
+    sit(tmp_path, config)
+    assert [session["why"] for session in manifest.read(tmp_path)["sessions"]] == ["KeyboardInterrupt", "finished"]
+
+
+def test_other_versions_are_said(tmp_path, config):
+    """Continuing with another NumPy is allowed and announced."""
+    sit(tmp_path, config)
+    data = manifest.read(tmp_path)
+    data["versions"]["numpy"] = "1.0"
+    (tmp_path / "manifest.json").write_text(json.dumps(data))
+    [said] = sit(tmp_path, config)
+    assert "numpy 1.0" in said and "--fresh" in said
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "{", "\x00"])
+def test_a_broken_manifest_is_begun_again(tmp_path, config, text):
+    """It is not worth losing trials for."""
+    (tmp_path / "manifest.json").write_text(text)
+    assert manifest.read(tmp_path) == {}
+    sit(tmp_path, config)
+    assert len(manifest.read(tmp_path)["sessions"]) == 1
+
+
+def test_no_manifest(tmp_path):
+    """It is empty."""
+    assert manifest.read(tmp_path) == {}

@@ -1,0 +1,171 @@
+"""trials.sqlite: blocks in, columns out, one writer, nothing lost."""
+
+import math
+import sqlite3
+
+import numpy as np
+import pytest
+
+from rmpc_bench.execution.store import FILE, Store, StoreError, WriteError, differences
+from rmpc_bench.simulation.closed_loop import Block
+from rmpc_bench.types import Status
+
+OK, DIVERGED = Status.OK, Status.DIVERGED
+
+
+def add(store, runs, *, method="m", metric="q", values=None, status=None):
+    """Store a block whose value is the run's index unless given."""
+    values = np.array([float(run) for run in runs] if values is None else values)
+    status = np.array([OK] * len(runs) if status is None else status, dtype=np.int8)
+    block = Block(status, values[None], {})
+    store.add_block(method, runs, block, {metric: values}, "d", [{"eps": 0.1 * run} for run in runs])
+
+
+@pytest.fixture
+def store(tmp_path):
+    """Return a writable store in a directory that was not there."""
+    with Store(tmp_path / "a" / "b") as opened:
+        yield opened
+
+
+def test_blocks_come_back_in_the_order_of_the_runs(store):
+    """Whatever the order they were stored in; runs beyond the wanted number stay out."""
+    add(store, [4, 5])
+    add(store, [0, 1])
+    assert store.column("m", 5) == ([0, 1, 4], ["ok", "ok", "ok"])
+    np.testing.assert_array_equal(store.values("m", "q", [0, 4, 1]), [0.0, 4.0, 1.0])
+    assert store.column("other", 5) == ([], [])
+
+
+@pytest.mark.parametrize("value", [0.1 + 0.2, 0.0, 5e-324, 1.7976931348623157e308, math.inf, -math.inf])
+def test_every_float_comes_back_bit_for_bit(store, value):
+    """Infinity is a value (never), NaN is none."""
+    add(store, [0, 1], values=[value, math.nan])
+    found = store.values("m", "q", [0, 1, 2])
+    assert found[:1].tobytes() == np.array([value]).tobytes()
+    assert np.isnan(found[1:]).all()
+
+
+def test_a_failed_run_is_finished(store):
+    """It has a status and no values, and is not computed again."""
+    add(store, [0, 1], status=[OK, DIVERGED], values=[1.0, math.nan])
+    assert store.column("m", 2) == ([0, 1], ["ok", "diverged"])
+    assert store.finished("m", ["q"]) == {0, 1}
+
+
+def test_finished_wants_every_metric(store):
+    """A run is finished when all metrics asked for are there."""
+    add(store, [0, 1], metric="q")
+    add(store, [1, 2], metric="p")
+    assert store.finished("m", ["q"]) == {0, 1}
+    assert store.finished("m", ["q", "p"]) == {1}
+    assert store.finished("m", []) == {0, 1, 2}
+    assert store.finished("other", ["q"]) == set()
+
+
+def test_uncertainty_is_stored_once_per_run(store):
+    """Methods share it."""
+    add(store, [1, 0], method="m")
+    add(store, [0, 2], method="n")
+    assert store.uncertainty("d", 2) == [(0, "eps", 0.0), (1, "eps", 0.1)]
+
+
+def test_a_block_is_stored_whole_or_not_at_all(store):
+    """A mistake in the middle leaves nothing behind, and the store goes on working."""
+    with pytest.raises(WriteError, match="NOT NULL"):
+        block = Block(np.array([OK], dtype=np.int8), np.array([[1.0]]), {})
+        store.add_block("m", [0], block, {"q": np.array([1.0])}, "d", [{"eps": math.nan}])
+    assert store.finished("m", []) == set()
+    add(store, [0])
+    assert store.finished("m", ["q"]) == {0}
+
+
+def test_one_experiment_owns_the_directory(tmp_path):
+    """Another one is refused, with every difference; the same one is welcome again."""
+    with Store(tmp_path) as store:
+        store.claim("hash", {"seed": 1, "time": {"step": 0.1, "steps": 10}})
+    with Store(tmp_path) as store:
+        store.claim("hash", {"seed": 1, "time": {"step": 0.1, "steps": 10}})
+        with pytest.raises(StoreError) as caught:
+            store.claim("other", {"seed": 2, "time": {"step": 0.1, "steps": 20}, "noise": "none"})
+    assert str(caught.value).splitlines()[1:] == [
+        "  seed: there 1, here 2",
+        "  time.steps: there 10, here 20",
+        '  noise: there null, here "none"',
+    ]
+
+
+def test_one_writer_at_a_time(tmp_path):
+    """A second one is told so at once; when the first has gone it may."""
+    with Store(tmp_path) as store:
+        add(store, [0])
+        with pytest.raises(StoreError, match="another process writes to it"):
+            Store(tmp_path)
+    with Store(tmp_path) as store:
+        add(store, [1])
+        assert store.finished("m", ["q"]) == {0, 1}
+
+
+def test_many_may_read(tmp_path):
+    """Reading needs no lock of its own and cannot write."""
+    with Store(tmp_path) as store:
+        add(store, [0])
+    with Store(tmp_path, writable=False) as first, Store(tmp_path, writable=False) as second:
+        assert first.finished("m", ["q"]) == second.finished("m", ["q"]) == {0}
+        with pytest.raises(WriteError, match="readonly"):
+            add(first, [1])
+
+
+def test_rollback_journal_for_network_file_systems(tmp_path):
+    """No write-ahead log, which needs shared memory."""
+    with Store(tmp_path):
+        pass
+    connection = sqlite3.connect(tmp_path / FILE)
+    assert connection.execute("PRAGMA journal_mode").fetchone() == ("delete",)
+    connection.close()
+    assert [path.name for path in tmp_path.iterdir()] == [FILE]
+
+
+@pytest.mark.parametrize("content", [b"not a database " * 100, b"SQLite format 3\x00" + b"\xff" * 4096])
+def test_a_file_that_is_no_store(tmp_path, content):
+    """It is left as it is."""
+    (tmp_path / FILE).write_bytes(content)
+    for writable in (True, False):
+        with pytest.raises(StoreError, match="is not a store of trials"):
+            Store(tmp_path, writable=writable)
+    assert (tmp_path / FILE).read_bytes() == content
+
+
+def test_another_database_is_not_read_as_a_store(tmp_path):
+    """Reading a database without our tables says so."""
+    connection = sqlite3.connect(tmp_path / FILE)
+    connection.execute("CREATE TABLE mine (a)")
+    connection.close()
+    with pytest.raises(StoreError, match="is not a store of trials"):
+        Store(tmp_path, writable=False)
+
+
+def test_a_directory_that_cannot_be_made(tmp_path):
+    """Below a regular file there is none."""
+    (tmp_path / "file").touch()
+    with pytest.raises(WriteError, match="file"):
+        Store(tmp_path / "file" / "results")
+
+
+def test_a_full_disk(tmp_path):
+    """Writing fails, everything before is there, and room makes it go on."""
+    with Store(tmp_path) as store:
+        add(store, range(10))
+        [pages] = store._connection.execute("PRAGMA page_count").fetchone()
+        store._connection.execute(f"PRAGMA max_page_count = {pages}")
+        with pytest.raises(WriteError, match="full"):
+            add(store, range(10, 5000))
+        assert store.finished("m", ["q"]) == set(range(10))
+        store._connection.execute("PRAGMA max_page_count = 100000")
+        add(store, range(10, 5000))
+        assert store.finished("m", ["q"]) == set(range(5000))
+
+
+def test_differences_of_equal_trees():
+    """There are none, however the keys are ordered."""
+    assert differences({"a": 1, "b": [1, 2]}, {"b": [1, 2], "a": 1}) == []

@@ -1,0 +1,226 @@
+"""The boxplot, read back from its artists."""
+
+import math
+
+import matplotlib
+import numpy as np
+import pytest
+
+from rmpc_bench.config.schema import model_of
+from rmpc_bench.figures import style
+from rmpc_bench.figures.kinds import boxplot, save
+from rmpc_bench.types import DesignError, MetricInfo
+
+INF = math.inf
+
+
+def lines(figure, panel=0, **wanted):
+    """Return (x, y) of the lines of a panel that have these properties."""
+    found = []
+    for line in figure.axes[panel].lines:
+        if all(getattr(line, f"get_{name}")() == value for name, value in wanted.items()):
+            found.append(np.array(line.get_xydata()))
+    return found
+
+
+def labels(figure, panel=0):
+    return [text.get_text() for text in figure.axes[panel].get_xticklabels()]
+
+
+def brute_force(values):
+    """Quartiles by interpolation on the sorted list, whiskers at the last values within 1.5 of their distance."""
+    values = sorted(values)
+
+    def at(share):
+        place = share * (len(values) - 1)
+        low = int(place)
+        return values[low] + (place - low) * (values[min(low + 1, len(values) - 1)] - values[low])
+
+    q25, median, q75 = at(0.25), at(0.5), at(0.75)
+    inside = [value for value in values if q25 - 1.5 * (q75 - q25) <= value <= q75 + 1.5 * (q75 - q25)]
+    outside = [value for value in values if value < inside[0] or value > inside[-1]]
+    return q25, median, q75, inside[0], inside[-1], outside
+
+
+def test_boxes_against_brute_force(make_trials):
+    """Every artist of every method."""
+    rng = np.random.default_rng(3)
+    columns = {name: list(rng.standard_t(2, 101)) for name in "ABC"}
+    figure = boxplot(make_trials({"mse": columns}))
+    medians = lines(figure, color=style.RED, linestyle="-")
+    boxes = lines(figure, color=style.BLUE)
+    outliers = lines(figure, marker="+")
+    whiskers = [line for line in lines(figure, color="black", linestyle="--")]
+    assert len(medians) == len(boxes) == len(outliers) == 3 and len(whiskers) == 6
+    for position, values in enumerate(columns.values(), start=1):
+        q25, median, q75, low, high, outside = brute_force(values)
+        box, line = boxes[position - 1], medians[position - 1]
+        assert (box[:, 1].min(), box[:, 1].max(), line[0, 1]) == pytest.approx((q25, q75, median), rel=1e-12)
+        assert box[:, 0].mean() == pytest.approx(position, abs=0.2) and line[:, 0].mean() == position
+        ends = [whisker[1, 1] for whisker in whiskers if whisker[0, 0] == position]
+        assert ends == [low, high]
+        assert sorted(outliers[position - 1][:, 1]) == outside and outside
+    assert labels(figure) == ["A\nn=101", "B\nn=101", "C\nn=101"]
+
+
+def test_failed_and_never(make_trials):
+    """Never is counted but not drawn; a method without a finite value leaves its place empty."""
+    columns = {
+        "A": [1.0, 2.0, 3.0, INF],
+        "B": ["diverged"] * 4,
+        "C": [INF] * 4,
+        "D": [1.0, "diverged", "out-of-range", 2.0],
+    }
+    figure = boxplot(make_trials({"mse": columns}))
+    assert labels(figure) == ["A\nn=4\n1 never", "B\nno value\n0/4", "C\nn=4\n4 never", "D\n2/4"]
+    medians = lines(figure, color=style.RED, linestyle="-")
+    assert [(line[:, 0].mean(), line[0, 1]) for line in medians] == [(1, 2), (4, 1.5)]
+    assert figure.axes[0].get_xlim() == (0.5, 4.5)
+
+
+@pytest.mark.parametrize("log", [False, True])
+@pytest.mark.parametrize("values", [[INF, INF], ["diverged"], [1.0], [2.0, 2.0], [1e300, 1e308, 1.7e308], [1e-9, 1e9]])
+def test_no_warning_on_odd_columns(make_trials, tmp_path, values, log):
+    """Nothing finite, one value, equal values, the edges of floating point."""
+    save(boxplot(make_trials({"mse": {"A": values}}), log=log), tmp_path, "odd")
+
+
+def test_metric_order_size_and_log(make_trials):
+    """The parameters a configuration may give."""
+    infos = [MetricInfo("mse", "rad^2", "lower"), MetricInfo("input_power", "V^2*s^-1", "lower")]
+    trials = make_trials({"mse": {"A": [1, 2], "B": [3, 4]}, "input_power": {"A": [5, 6], "B": [7, -8]}}, infos)
+    figure = boxplot(trials)
+    assert figure.axes[0].get_ylabel() == "mse [rad$^{2}$]" and figure.axes[0].get_yscale() == "linear"
+    figure = boxplot(trials, metric="input_power", order=["B"], width=5, height=3)
+    assert figure.axes[0].get_ylabel() == "input_power [V$^{2}$*s$^{-1}$]"
+    assert (labels(figure), list(figure.get_size_inches())) == (["B\nn=2"], [5, 3])
+    assert boxplot(trials, log=True).axes[0].get_yscale() == "log"
+    figure = boxplot(trials, metric="input_power", log=True)
+    assert figure.axes[0].get_yscale() == "linear" and "linear" in figure.axes[0].get_ylabel()
+    assert set(model_of("figures", "boxplot").model_fields) == {"metric", "width", "height", "log", "order", "at"}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"metric": "mae"}, "'mae' is not a metric of this experiment (known: mse)"),
+        ({"order": ["A", "C"]}, "'C' is not a method of this experiment (known: A, B)"),
+        ({"order": ["A", "A"]}, "must name at least one method, and each one once"),
+        ({"order": []}, "must name at least one method, and each one once"),
+        ({"width": 0.0}, "must be at least 1 inch (got 0)"),
+        ({"height": INF}, "must be at least 1 inch (got inf)"),
+    ],
+)
+def test_errors_name_the_parameter(make_trials, given, message):
+    """So that the message can point into the file."""
+    with pytest.raises(DesignError) as error:
+        boxplot(make_trials({"mse": {"A": [1.0], "B": [2.0]}}), **given)
+    assert str(error.value) == message and error.value.parameter in given
+
+
+@pytest.mark.parametrize(
+    ("label", "shown"),
+    [
+        ("R, $c=10^{-1}$", "R, $c=10^{-1}$"),
+        (r"R, $\frac{1$", r"R, \$\frac{1\$"),
+        ("costs 5$", r"costs 5\$"),
+        (r"$\nosuch$", r"\$\nosuch\$"),
+        (r"5\$", r"5\$"),
+        ("", ""),
+        ("a_b^c {", "a_b^c {"),
+    ],
+)
+def test_labels(make_trials, tmp_path, label, shown):
+    """Formulas where they can be set, else the text as it is."""
+    figure = boxplot(make_trials({"mse": {"A": [1.0, 2.0]}}, labels={"A": label}))
+    assert labels(figure) == [f"{shown}\nn=2"]
+    save(figure, tmp_path, "labels")
+
+
+def test_labels_never_overlap(make_trials):
+    """Long ones break at blanks outside formulas, longer ones stand upright and make the picture taller."""
+    four = {name: [1.0, 2.0] for name in "ABCD"}
+    figure = boxplot(make_trials({"mse": four}, labels={"A": "robust MPC, $c = 10^{-1}$"}))
+    assert labels(figure)[0] == "robust MPC,\n$c = 10^{-1}$\nn=2" and labels(figure)[1] == "B\nn=2"
+    many = {f"method number {i}": [1.0, 2.0] for i in range(12)}
+    for columns in (four, many):
+        figure = boxplot(make_trials({"mse": columns}))
+        boxes = [text.get_window_extent() for text in figure.axes[0].get_xticklabels()]
+        assert all(left.x1 <= right.x0 for left, right in zip(boxes, boxes[1:], strict=False))
+        assert min(box.y0 for box in boxes) >= 0
+    assert labels(figure)[0] == "method number 0, n=2" and figure.get_figheight() > 2.4
+    assert figure.get_figwidth() == 3.5
+
+
+def hp_hu(*pairs):
+    """Points of a sweep over the horizons."""
+    return [{"controller.Hp": hp, "controller.Hu": hu} for hp, hu in pairs]
+
+
+def test_points_of_a_sweep_are_panels(make_trials, make_sweep):
+    """As in Fig. 8 of zenere2018: own boxes, a common axis, labels and equal counts below the last panel only."""
+    first, second = hp_hu(("10", "8"), ("15", "3"))
+    values = [{"A": [1.0, 2.0, 3.0], "B": [2.0, 3.0, 4.0]}, {"A": [5.0, 6.0, 9.0], "B": [7.0, 7.5, 8.0]}]
+    sweep = make_sweep(
+        *((point, make_trials({"mse": columns})) for point, columns in zip((first, second), values, strict=True))
+    )
+    figure = boxplot(sweep)
+    assert [axes.get_title() for axes in figure.axes] == ["Hp=10, Hu=8", "Hp=15, Hu=3"]
+    for panel, columns in enumerate(values):
+        medians = lines(figure, panel, color=style.RED, linestyle="-")
+        assert [line[0, 1] for line in medians] == [np.median(column) for column in columns.values()]
+    assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim()
+    assert labels(figure, 0) == [] and labels(figure, 1) == ["A\nn=3", "B\nn=3"]
+    assert list(figure.get_size_inches()) == [3.5, 3.8]
+    shared = figure.get_supylabel()
+    tops, bottoms = zip(*((axes.get_position().y1, axes.get_position().y0) for axes in figure.axes), strict=True)
+    assert shared == "mse [rad$^{2}$]"
+    assert figure._supylabel.get_position()[1] == pytest.approx((max(tops) + min(bottoms)) / 2)
+    assert boxplot(sweep, log=True).axes[1].get_yscale() == "log"
+
+
+def test_counts_of_every_panel_where_they_differ(make_trials, make_sweep):
+    """A run that failed at one point must be seen there."""
+    tables = [make_trials({"mse": {"A": [1.0, 2.0], "B": [1.0, last]}}) for last in ("diverged", 2.0)]
+    figure = boxplot(make_sweep(*zip(hp_hu(("10", "8"), ("15", "3")), tables, strict=True)))
+    assert labels(figure, 0) == ["n=2", "1/2"] and labels(figure, 1) == ["A\nn=2", "B\nn=2"]
+
+
+def test_labels_of_a_sweep_never_overlap(make_trials, make_sweep):
+    """Many methods with long names, counts that differ, long titles."""
+    names = [f"method number {i}" for i in range(12)]
+    tables = [make_trials({"mse": {name: [1.0, last] for name in names}}) for last in (2.0, "diverged")]
+    points = [{"estimator": f"{{kind: robust-kalman, c: 0.1, and: {i}, further: keys of the component}}"} for i in "ab"]
+    figure = boxplot(make_sweep(*zip(points, tables, strict=True)))
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [text.get_window_extent() for text in axes.get_xticklabels()]
+        assert all(left.x1 <= right.x0 for left, right in zip(boxes, boxes[1:], strict=False))
+    title = figure.axes[1].title.get_window_extent()
+    assert title.y1 <= min(text.get_window_extent().y0 for text in figure.axes[0].get_xticklabels())
+    assert 0 <= title.x0 and title.x1 <= figure.bbox.x1 and "\n" in figure.axes[1].get_title()
+    assert title.y0 >= figure.axes[1].get_window_extent().y1
+
+
+@pytest.mark.parametrize("panels", [1, 2])
+def test_same_bytes(make_trials, make_sweep, tmp_path, panels):
+    """Saved twice, drawn twice, and with other parameters of the user; no date, no version."""
+    table = make_trials({"mse": {"A": [1.0, 2.0, 9.0], "B": [3.0, 4.0, INF]}}, labels={"A": "$c^2$"})
+    trials = make_sweep(*((point, table) for point in hp_hu(("10", "8"), ("15", "3")))) if panels > 1 else table
+    figure = boxplot(trials)
+    first = save(figure, tmp_path / "new" / "directory", "box")
+    assert [path.name for path in first] == ["box.svg", "box.png"]
+    before = dict(matplotlib.rcParams)
+    with matplotlib.rc_context(
+        {"font.size": 20, "axes.facecolor": "black", "svg.fonttype": "none", "svg.hashsalt": "x"}
+    ):
+        again = [save(figure, tmp_path, "again"), save(boxplot(trials), tmp_path, "other")]
+    assert dict(matplotlib.rcParams) == before
+    for paths in again:
+        assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in first]
+    svg, png = (path.read_bytes() for path in first)
+    for word in (b"dc:date", b"matplotlib.org", b"<text"):
+        assert word not in svg
+    assert b"tEXt" not in png and b"tIME" not in png
+    assert b'width="252pt"' in svg
+    assert int.from_bytes(png[16:20], "big") == 700  # 3.5 in at 200 dpi

@@ -1,0 +1,189 @@
+"""The entries of a reported matrix over time, read back from the artists."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import ROUND
+from matplotlib.patches import Rectangle
+
+from rmpc_bench.analysis.trials import Traces
+from rmpc_bench.config.reader import parse
+from rmpc_bench.config.schema import model_of, validate
+from rmpc_bench.figures.curves import COLOURS
+from rmpc_bench.figures.kinds import save_as
+from rmpc_bench.figures.recorded_figures import elements
+from rmpc_bench.types import DesignError
+
+N, RUNS = 50, 2
+NAMES = ("constant", "tuned", "KF")
+ALL = [(i, j) for i in range(3) for j in range(3)]
+
+
+@pytest.fixture
+def matrices():
+    """Q of two methods, (runs, samples, 3, 3); that of `tuned` has no value before k = 4."""
+    rng = np.random.default_rng(4)
+    Q = {name: rng.normal(size=(RUNS, N, 3, 3)) + 3.0 * np.eye(3) for name in NAMES[:2]}
+    Q["tuned"][:, :4] = np.nan
+    return Q
+
+
+@pytest.fixture
+def trials(make_trials, matrices):
+    """Two methods report a matrix and a vector, the third nothing; the noise has a burst."""
+    table = make_trials({"mse": dict.fromkeys(NAMES, [1.0] * RUNS)}, labels={"KF": "Kalman"})
+    bursts = np.zeros((RUNS, N + 1, 1))
+    bursts[:, 10:21] = 1.0
+    traces = {}
+    for name in NAMES:
+        signals = {"y": np.zeros((RUNS, N + 1, 3)), "bursts": bursts}
+        shapes = {}
+        if name in matrices:
+            signals |= {"Q_yw": matrices[name].reshape(RUNS, N, 9), "r": np.zeros((RUNS, N + 1, 4))}
+            shapes = {"Q_yw": (3, 3), "r": (4,)}
+        traces[name] = Traces(np.arange(RUNS), signals, np.zeros((N + 1, 3)), shapes)
+    return replace(table, traces=traces, Ts=0.1)
+
+
+def panel(figure, i, j):
+    return figure.axes[3 * i + j]
+
+
+def line(axes, name):
+    (found,) = [each for each in axes.lines if each.get_color() == COLOURS[NAMES.index(name)]]
+    return found
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_an_entry_is_in_its_place(trials, matrices):
+    """Row i, column j: held values in steps, the last one to the end, gaps where there is none."""
+    figure = elements(trials, signal="Q_yw", run=1)
+    assert len(figure.axes) == 9
+    for i, j in ALL:
+        for name, Q in matrices.items():
+            drawn = line(panel(figure, i, j), name)
+            np.testing.assert_array_equal(drawn.get_ydata(), np.append(Q[1, :, i, j], Q[1, -1, i, j]))
+            np.testing.assert_array_equal(drawn.get_xdata(), 0.1 * np.arange(N + 1))
+            assert drawn.get_drawstyle() == "steps-post"
+    assert [panel(figure, 0, j).get_title() for j in range(3)] == [f"$Q_{{yw}}$[·,{j}]" for j in range(3)]
+    assert [panel(figure, i, 0).get_ylabel() for i in range(3)] == [f"$Q_{{yw}}$[{i},·]" for i in range(3)]
+    assert legend(figure) == ["constant", "tuned", "burst"]
+    assert figure.legends[0].get_title().get_text() == "run 1"
+    assert figure.get_supxlabel() == "$t$ [s]"
+
+
+def test_the_diagonal_has_one_axis_and_the_rest_another(trials):
+    """And nothing is cut off."""
+    figure = elements(trials, signal="Q_yw")
+    for group in ([each for each in ALL if each[0] == each[1]], [each for each in ALL if each[0] != each[1]]):
+        limits = {panel(figure, *each).get_ylim() for each in group}
+        assert len(limits) == 1
+        ((low, high),) = limits
+        for each in group:
+            values = np.concatenate([line.get_ydata() for line in panel(figure, *each).lines])
+            assert low <= np.nanmin(values) and np.nanmax(values) <= high
+    assert panel(figure, 0, 0).get_ylim() != panel(figure, 0, 1).get_ylim()
+    assert len({axes.get_xlim() for axes in figure.axes}) == 1
+
+
+def test_bursts_and_window(trials):
+    """In every panel, cut to the window."""
+    figure = elements(trials, signal="Q_yw", from_=1.5, to=4.0)
+    for axes in figure.axes:
+        (band,) = [each for each in axes.patches if isinstance(each, Rectangle)]
+        np.testing.assert_allclose([band.get_x(), band.get_width()], [1.5, 0.55], **ROUND)
+        np.testing.assert_allclose(axes.get_xlim(), (1.5, 4.0), **ROUND)
+    assert legend(elements(trials, signal="Q_yw", from_=3.0, order=["tuned"])) == ["tuned"]
+
+
+def test_a_signal_of_the_estimator_and_a_single_entry(trials):
+    """A matrix at all samples is no step; of one entry there is one panel."""
+    traces = trials.traces["tuned"]
+    S = np.random.default_rng(1).normal(size=(RUNS, N + 1, 1))
+    traces = traces._replace(signals={**traces.signals, "S": S}, shapes={"S": (1, 1)})
+    figure = elements(replace(trials, traces={"tuned": traces}), signal="S")
+    (axes,) = figure.axes
+    np.testing.assert_array_equal(line(axes, "tuned").get_ydata(), S[0, :, 0])
+    assert line(axes, "tuned").get_drawstyle() == "default" and legend(figure) == ["tuned", "burst"]
+
+
+def test_a_method_that_failed_does_not_shrink_the_others(trials, matrices):
+    """It is named above the legend."""
+    frame = trials.frame.copy()
+    frame.loc[(frame["method"] == "constant") & (frame["run"] == 0), "status"] = "diverged"
+    wild = trials.traces["constant"]
+    signals = {**wild.signals, "Q_yw": np.full((RUNS, N, 9), 1e99)}
+    table = replace(trials, frame=frame, traces=trials.traces | {"constant": wild._replace(signals=signals)})
+    figure = elements(table, signal="Q_yw")
+    assert figure.legends[0].get_title().get_text() == "run 0, constant diverged"
+    alone = elements(trials, signal="Q_yw", order=["tuned"])
+    for axes, other in zip(figure.axes, alone.axes, strict=True):
+        assert axes.get_ylim() == other.get_ylim()
+
+
+@pytest.mark.parametrize(
+    ("given", "parameter", "message"),
+    [
+        ({"signal": "Q"}, "signal", "'Q' is not a recorded signal (recorded: y, bursts, Q_yw, r)"),
+        ({"signal": "r"}, "signal", "r is no square matrix (4): show it with trajectories"),
+        ({"signal": "y"}, "signal", "y is no square matrix: show it with trajectories"),
+        ({"signal": "Q_yw", "run": 2}, "run", "run 2 is not recorded (recorded: 0, 1)"),
+        ({"signal": "Q_yw", "order": ["KF"]}, "order", "'KF' does not report Q_yw"),
+        (
+            {"signal": "Q_yw", "order": ["D"]},
+            "order",
+            "'D' is not a method of this experiment (known: constant, tuned, KF)",
+        ),
+        ({"signal": "Q_yw", "to": 0.0}, "to", "fewer than two samples lie between `from` and `to` (there are 0 to 5)"),
+        ({"signal": "Q_yw", "width": 2.5}, "width", "3 columns need a width of 3.2 inches (got 2.5)"),
+    ],
+)
+def test_errors_show_the_choices(trials, given, parameter, message):
+    """A figure that cannot be drawn is left out with a reason."""
+    with pytest.raises(DesignError) as error:
+        elements(trials, **given)
+    assert (str(error.value), error.value.parameter) == (message, parameter)
+
+
+def test_matrices_of_different_sizes(trials):
+    """They cannot share panels."""
+    traces = trials.traces["tuned"]
+    other = traces._replace(signals={**traces.signals, "Q_yw": np.ones((RUNS, N, 4))}, shapes={"Q_yw": (2, 2)})
+    with pytest.raises(DesignError, match="Q_yw has not the same size in all methods: name some with `order`"):
+        elements(replace(trials, traces=trials.traces | {"tuned": other}), signal="Q_yw")
+
+
+@pytest.mark.parametrize("text", ["A", "tuned penalties and a filter with a rather long name"])
+def test_nothing_covers_anything(trials, text):
+    """Legend and note above the titles of the columns, all inside the picture; panels large enough to be read."""
+    figure = elements(replace(trials, labels=dict.fromkeys(NAMES, text)), signal="Q_yw")
+    box = figure.legends[0].get_window_extent()
+    assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1 + 1
+    for axes in figure.axes:
+        extent = axes.get_window_extent()
+        assert extent.width > 50 and extent.height > 40  # at 100 dpi
+        assert axes.title.get_window_extent().y1 <= box.y0
+
+
+def test_same_bytes(trials, tmp_path):
+    """Drawn twice, saved twice."""
+    for stem in ("one", "other"):
+        save_as(elements(trials, signal="Q_yw", order=["tuned"]), tmp_path / f"{stem}.svg")
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
+
+
+def test_keys():
+    """As a configuration writes them."""
+    problems = []
+    text = "{signal: Q_yw, run: 2, from: 1, to: 2*3, width: 7, order: [A]}"
+    keys = validate(model_of("figures", "elements"), parse(text, "f.yaml"), [], problems)
+    assert not problems and (keys.signal, keys.run, keys.from_, keys.to, keys.width) == ("Q_yw", 2, 1, 6, 7)
+    validate(model_of("figures", "elements"), parse("{run: -1}", "f.yaml"), [], problems)
+    assert sorted(str(problem).split(": ", 1)[1] for problem in problems) == [
+        "'signal' is missing",
+        "run: must be >= 0 (got -1)",
+    ]

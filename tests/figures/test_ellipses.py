@@ -1,0 +1,258 @@
+"""Covariance ellipses among the runs, read back from the artists."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import ROUND
+
+from rmpc_bench.config.component import plain_data
+from rmpc_bench.config.reader import parse
+from rmpc_bench.config.schema import model_of, validate
+from rmpc_bench.figures.curves import COLOURS, paler
+from rmpc_bench.figures.ellipses import Ellipse, outline
+from rmpc_bench.figures.ensemble_figures import ellipses
+from rmpc_bench.figures.keys import NO_MOMENTS, NO_P
+from rmpc_bench.figures.kinds import save
+from rmpc_bench.figures.style import REFERENCE
+from rmpc_bench.types import DesignError, MetricInfo
+
+INFOS = (MetricInfo("x0_end", "m", "zero"), MetricInfo("x1_end", "m/s^2", "zero"))
+ROBUST = np.array([[14.4, -22.7], [-22.7, 76.4]])  # souto2011, section 5
+CLASSIC = np.array([[3.7, -0.6], [-0.6, 0.1]])
+N = 20
+
+
+def x_hat(method, k):
+    return np.array([1.0 + k, -2.0 * k]) * (1 if method == "classic" else 3)
+
+
+@pytest.fixture
+def runs():
+    """Values of two metrics."""
+    return np.random.default_rng(3).normal(size=(2, 30))
+
+
+@pytest.fixture
+def trials(make_trials, with_series, runs):
+    """Two methods with the matrices of the chapter, that of the classic one over k, and the same true states."""
+    x, y = (dict.fromkeys(("classic", "robust"), list(values)) for values in runs)
+    table = make_trials({"x0_end": x, "x1_end": y}, INFOS)
+    entries = []
+    for method in ("classic", "robust"):
+        for i in (0, 1):
+            over_k = np.array([x_hat(method, k)[i] for k in range(N + 1)])
+            entries += [(method, "mean(x_hat)", f"{i}", over_k + 9, 500), (method, "mean(x_hat)", f"{i}", over_k, 0)]
+            for j in (0, 1):
+                constant = [ROBUST[i, j]]
+                growing = CLASSIC[i, j] * (1 + np.arange(N + 1.0))
+                entries.append((method, "P", f"{i},{j}", growing if method == "classic" else constant, 0))
+    return with_series(table, *entries)
+
+
+def rings(figure, color):
+    """The ellipses of a colour, without the centre."""
+    lines = [line for line in figure.axes[0].lines if line.get_color() == color and line.get_marker() == "None"]
+    return [np.array(line.get_xydata()) for line in lines]
+
+
+def centre(figure, color):
+    (line,) = [line for line in figure.axes[0].lines if line.get_color() == color and line.get_marker() == "+"]
+    return np.array(line.get_xydata())[0]
+
+
+def dots(figure):
+    """Colour -> values of the dots."""
+    lines = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
+    return {line.get_color(): np.array(line.get_xydata()).T for line in lines}
+
+
+def legend(figure):
+    return [text for text in (text.get_text() for text in figure.legends[0].get_texts()) if text]
+
+
+def distances(points, centre, P):
+    """Squared distance of points from a centre in the metric of P."""
+    return np.einsum("pi,ij,pj->p", points - centre, np.linalg.inv(P), points - centre)
+
+
+@pytest.mark.parametrize("k", [None, 0, 7])
+def test_points_satisfy_the_equation(trials, k):
+    """(z - c)' P^-1 (z - c) = s^2, all around; the last sample unless told otherwise; exact centres count."""
+    figure = ellipses(trials, x="x0_end", y="x1_end", k=k)
+    at = N if k is None else k
+    for color, method in zip(COLOURS, ("classic", "robust"), strict=False):
+        P = CLASSIC * (1 + at) if method == "classic" else ROBUST
+        c = x_hat(method, at)
+        assert np.array_equal(centre(figure, color), c)
+        for radius, points in zip((1.0, 3.0), rings(figure, color), strict=True):
+            np.testing.assert_allclose(distances(points, c, P), radius**2, rtol=1e-9)  # P of condition 1e3
+            np.testing.assert_allclose(points[0], points[-1], **ROUND)
+            reach = radius * np.sqrt(np.diag(P))
+            np.testing.assert_allclose(points.max(axis=0) - c, reach, rtol=1e-3)  # between two of 181 points
+            np.testing.assert_allclose(c - points.min(axis=0), reach, rtol=1e-3)
+    assert figure.axes[0].get_title() == f"at k = {at}"
+
+
+def test_dots_axes_and_legend(trials, runs):
+    """The values of the runs, once, as they are the same for both; names with units; the radii by their lines."""
+    figure = ellipses(trials, x="x0_end", y="x1_end")
+    assert list(dots(figure)) == [REFERENCE] and np.array_equal(dots(figure)[REFERENCE], runs)
+    assert figure.axes[0].get_xlabel() == "x0_end [m]" and figure.axes[0].get_ylabel() == "x1_end [m/s$^{2}$]"
+    assert sorted(legend(figure)) == [r"$1\sigma$", r"$3\sigma$", "30 runs", "classic", "robust"]
+    (box,) = figure.legends
+    samples = dict(zip((text.get_text() for text in box.get_texts()), box.get_lines(), strict=True))
+    lines = [line for line in figure.axes[0].lines if line.get_color() == COLOURS[0]]
+    for line, text, dashes in zip(lines, (r"$1\sigma$", r"$3\sigma$"), ("-", "--"), strict=False):
+        assert line.get_linestyle() == samples[text].get_linestyle() == dashes
+    assert lines[0].get_linewidth() > lines[1].get_linewidth() and samples["robust"].get_color() == COLOURS[1]
+    assert figure.axes[0].get_aspect() == "auto"
+
+
+def test_radii_and_components(trials):
+    """As many as there are kinds of lines; the states the other way round."""
+    figure = ellipses(trials, x="x1_end", y="x0_end", sigmas=(0.5, 1, 2, 2.5), components=(1, 0), order=["robust"])
+    found = rings(figure, COLOURS[1])
+    for radius, points in zip((0.5, 1, 2, 2.5), found, strict=True):
+        np.testing.assert_allclose(
+            distances(points, x_hat("robust", N)[::-1], ROBUST[::-1, ::-1]), radius**2, rtol=1e-9
+        )
+    assert rings(figure, COLOURS[0]) == [] and r"$2.5\sigma$" in legend(figure) and "classic" not in legend(figure)
+
+
+def test_values_that_depend_on_the_method(trials, runs):
+    """Each method has its own dots, in a paler colour of its own; runs that failed have none and are counted."""
+    frame = trials.frame.copy()
+    robust = frame["method"] == "robust"
+    frame.loc[robust, "x0_end"] += 1
+    frame.loc[robust & (frame["run"] < 2), "status"] = "diverged"
+    frame.loc[robust & (frame["run"] == 2), "x1_end"] = np.inf
+    figure = ellipses(replace(trials, frame=frame), x="x0_end", y="x1_end")
+    assert set(dots(figure)) == {paler(color, 0.35) for color in COLOURS[:2]}
+    assert np.array_equal(dots(figure)[paler(COLOURS[0], 0.35)], runs)
+    assert np.array_equal(dots(figure)[paler(COLOURS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
+    assert figure.axes[0].get_title() == "at k = 20, 2 failed, 1 never" and "27 to 30 runs" in legend(figure)
+
+
+def test_a_failed_run_does_not_make_the_truth_depend_on_the_method(trials, runs):
+    """What both methods finished is compared."""
+    frame = trials.frame.copy()
+    frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
+    figure = ellipses(replace(trials, frame=frame), x="x0_end", y="x1_end")
+    assert np.array_equal(dots(figure)[REFERENCE], np.delete(runs, 4, axis=1))
+    assert figure.axes[0].get_title() == "at k = 20, 1 failed" and "29 runs" in legend(figure)
+
+
+@pytest.mark.parametrize(
+    ("P", "ends"),
+    [
+        ([[4.0, -6.0], [-6.0, 9.0]], [[2, -3], [-2, 3]]),
+        ([[3.6, -0.6], [-0.6, 0.1]], [[3.6**0.5, -(0.1**0.5)], [-(3.6**0.5), 0.1**0.5]]),
+        ([[4.0, 0.0], [0.0, 0.0]], [[2, 0], [-2, 0]]),
+        ([[0.0, 0.0], [0.0, 9.0]], [[0, 3], [0, -3]]),
+        ([[0.0, 0.0], [0.0, 0.0]], [[0, 0], [0, 0]]),
+    ],
+)
+def test_a_singular_matrix_is_a_segment(P, ends):
+    """Along its only direction, to the radius, drawn once so that dashes stay dashes."""
+    points = outline(Ellipse(np.array([1.0, -1.0]), np.array(P)), 2.0)
+    np.testing.assert_allclose(points, [1.0, -1.0] + 2.0 * np.array(ends), atol=1e-12)  # the centre's rounding
+
+
+def test_very_different_scales_are_no_segment():
+    """A state in nanometres beside one in kilometres: condition 1e24, but no correlation of 1."""
+    P = np.array([[1e-18, 0.5e-6 * 1e-6], [0.5e-6 * 1e-6, 1e6]])
+    points = outline(Ellipse(np.zeros(2), P), 1.0)
+    assert len(points) > 100
+    scale = np.sqrt(np.diag(P))
+    np.testing.assert_allclose(distances(points / scale, np.zeros(2), P / np.outer(scale, scale)), 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("P", [[[1.0, 2.0], [2.0, 1.0]], [[-1.0, 0.0], [0.0, 1.0]], [[np.nan, 0.0], [0.0, 1.0]]])
+def test_what_is_no_covariance_has_no_ellipse(trials, tmp_path, P):
+    """It is said in the legend, and the others are drawn."""
+    assert outline(Ellipse(np.zeros(2), np.array(P)), 1.0) is None
+    series = trials.series.copy()
+    for i in (0, 1):
+        for j in (0, 1):
+            its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
+            series.loc[its, "value"] = P[i][j]
+    figure = ellipses(replace(trials, series=series), x="x0_end", y="x1_end")
+    assert "robust (no ellipse)" in legend(figure) and len(rings(figure, COLOURS[0])) == 2
+    assert rings(figure, COLOURS[1]) == []
+    save(figure, tmp_path, "none")
+
+
+def test_centres_from_runs_where_there_are_no_exact_ones(trials):
+    """The mean over the runs."""
+    sampled = replace(trials, series=trials.series[(trials.series["n"] > 0) | (trials.series["quantity"] == "P")])
+    assert np.array_equal(centre(ellipses(sampled, x="x0_end", y="x1_end"), COLOURS[0]), x_hat("classic", N) + 9)
+
+
+def test_a_method_without_P(trials):
+    """It has no ellipse, and is not shown unless asked for."""
+    lacking = (trials.series["quantity"] == "P") & (trials.series["method"] == "classic")
+    table = replace(trials, series=trials.series[~lacking])
+    assert "classic" not in legend(ellipses(table, x="x0_end", y="x1_end"))
+    with pytest.raises(DesignError) as error:
+        ellipses(table, x="x0_end", y="x1_end", order=["classic"])
+    assert str(error.value) == "'classic' has no P (those that have: robust)" and error.value.parameter == "order"
+
+
+@pytest.mark.parametrize(
+    ("given", "parameter", "message"),
+    [
+        ({"x": "mse"}, "x", "'mse' is not a metric of this experiment (known: x0_end, x1_end)"),
+        ({"y": "mse"}, "y", "'mse' is not a metric of this experiment (known: x0_end, x1_end)"),
+        ({"k": 21}, "k", "there is no sample 21 (they go from 0 to 20)"),
+        ({"components": (0, 2)}, "components", "'classic' has 2 states (they count from 0)"),
+        ({"components": (1, 1)}, "components", "must be two different states"),
+        ({"sigmas": ()}, "sigmas", "must be 1 to 4 positive numbers"),
+        ({"sigmas": (1, -1)}, "sigmas", "must be 1 to 4 positive numbers"),
+        ({"order": ["D"]}, "order", "'D' is not a method of this experiment (known: classic, robust)"),
+        ({"height": 0.5}, "height", "must be at least 1 inch (got 0.5)"),
+    ],
+)
+def test_errors_show_the_choices(trials, given, parameter, message):
+    """A figure that cannot be drawn is left out with a reason."""
+    with pytest.raises(DesignError) as error:
+        ellipses(trials, **({"x": "x0_end", "y": "x1_end"} | given))
+    assert (str(error.value), error.value.parameter) == (message, parameter)
+
+
+def test_without_moments_or_P(trials):
+    """The way out is a key of the configuration."""
+    for quantity, message in (("P", NO_MOMENTS), ("mean(x_hat)", NO_P)):
+        table = replace(trials, series=trials.series[trials.series["quantity"] == quantity])
+        with pytest.raises(DesignError) as error:
+            ellipses(table, x="x0_end", y="x1_end")
+        assert str(error.value) == message
+
+
+def test_a_point_of_a_sweep(trials, make_sweep):
+    """Named above the sample."""
+    sweep = make_sweep(({"model.d": "1"}, trials), ({"model.d": "2"}, trials))
+    assert ellipses(sweep, x="x0_end", y="x1_end", at={"model.d": 2}).axes[0].get_title() == "d=2\nat k = 20"
+
+
+def test_same_bytes(trials, tmp_path):
+    """Drawn twice, saved twice."""
+    paths = [save(ellipses(trials, x="x0_end", y="x1_end"), tmp_path, stem) for stem in ("one", "other")]
+    assert [path.read_bytes() for path in paths[0]] == [path.read_bytes() for path in paths[1]]
+
+
+def test_keys():
+    """As a configuration writes them."""
+    problems = []
+    text = "{x: a, y: b, k: 1500, sigmas: [1, 2*2], components: [2, 0]}"
+    keys = validate(model_of("figures", "ellipses"), parse(text, "f.yaml"), [], problems)
+    assert not problems and (keys.x, keys.y, keys.k, keys.sigmas, keys.components) == ("a", "b", 1500, (1, 4), (2, 0))
+    assert plain_data(keys.sigmas) == [1, 4]
+    wrong = "{x: a, sigmas: [1, 2, 3, 4, 5], components: [0, 1, 2], k: -1}"
+    validate(model_of("figures", "ellipses"), parse(wrong, "f.yaml"), [], problems)
+    assert sorted(str(problem).split(": ", 1)[1] for problem in problems) == [
+        "'y' is missing",
+        "components: has too many entries (got a list of 3)",
+        "k: must be >= 0 (got -1)",
+        "sigmas: has too many entries (got a list of 5)",
+    ]

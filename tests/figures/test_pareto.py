@@ -1,0 +1,273 @@
+"""Methods in the plane of two metrics, read back from the artists."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import ROUND
+from matplotlib.colors import to_hex
+
+from rmpc_bench.config.reader import parse
+from rmpc_bench.config.schema import model_of, validate
+from rmpc_bench.figures.curves import COLOURS, FAR
+from rmpc_bench.figures.kinds import pareto, save_as
+from rmpc_bench.figures.pareto import dots_of, not_dominated
+from rmpc_bench.figures.style import REFERENCE
+from rmpc_bench.types import DesignError, MetricInfo
+
+ERROR, EFFORT = MetricInfo("error", "mm", "lower"), MetricInfo("effort", "N m", "lower")
+SCORE, BIAS, RATIO = MetricInfo("score", "", "higher"), MetricInfo("bias", "mm", "zero"), MetricInfo("nees", "x", "one")
+INF = math.inf
+
+
+@pytest.fixture
+def columns():
+    """Nine runs of four methods; the medians of A to D are 1, 2, 3, 4 times those of another column."""
+    rng = np.random.default_rng(7)
+    base = np.exp(0.1 * rng.normal(size=9))
+    return {name: list(number * base) for number, name in enumerate("ABCD", start=1)}
+
+
+@pytest.fixture
+def trials(make_trials, columns):
+    """Error grows from A to D; effort falls from A to C, and D is dominated by C."""
+    effort = {"A": columns["D"], "B": columns["B"], "C": columns["A"], "D": columns["C"]}
+    return make_trials({"error": columns, "effort": effort}, infos=(ERROR, EFFORT))
+
+
+def draw(trials, **keys):
+    return pareto(trials, **{"x": "error", "y": "effort", **keys})
+
+
+def dots(figure):
+    """Colour -> (x, y, whether it is filled) of the dots, in the order in which they are drawn."""
+    found = {}
+    for line in figure.axes[0].lines:
+        if line.get_marker() != "None":
+            place = (line.get_xdata()[0], line.get_ydata()[0], to_hex(line.get_markerfacecolor()) != "#ffffff")
+            found.setdefault(to_hex(line.get_markeredgecolor()), []).append(place)
+    return found
+
+
+def steps(figure):
+    """Corners of the step line."""
+    (line,) = [line for line in figure.axes[0].lines if line.get_color() == REFERENCE]
+    return [tuple(corner) for corner in np.array(line.get_xydata()).tolist()]
+
+
+def bars(figure):
+    """Ends of the bars, as ((x, x), (y, y)), those without a length left out."""
+    lines = [np.array(line.get_xydata()).T for line in figure.axes[0].lines if line.get_zorder() == 2.4]
+    return [line.tolist() for line in lines]
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.axes[0].texts]
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_medians_with_the_middle_half(trials):
+    """The quartiles of numpy in both directions, labels beside the dots, metrics with their units on the axes."""
+    figure = draw(trials)
+    expected = []
+    for name, color in zip("ABCD", COLOURS, strict=False):
+        x, y = (np.quantile(trials.column(metric, name), [0.25, 0.5, 0.75]) for metric in ("error", "effort"))
+        ((drawn_x, drawn_y, _),) = dots(figure)[color]
+        np.testing.assert_allclose([drawn_x, drawn_y], [x[1], y[1]], **ROUND)
+        expected += [[[x[0], x[2]], [y[1], y[1]]], [[x[1], x[1]], [y[0], y[2]]]]
+    np.testing.assert_allclose(bars(figure), expected, **ROUND)
+    assert texts(figure) == ["A", "B", "C", "D"] and legend(figure) == ["not dominated"]
+    (axes,) = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("error [mm]", "effort [N m]")
+    assert axes.get_title() == "medians, bars: middle half, 9 runs"
+
+
+def test_means_with_standard_errors(trials):
+    """s / sqrt(n) on both sides of the mean."""
+    figure = draw(trials, bars="se", order=["B"])
+    values = trials.column("error", "B")
+    se = values.std(ddof=1) / 3.0
+    ((x, *_),) = dots(figure)[COLOURS[1]]
+    np.testing.assert_allclose(x, values.mean(), **ROUND)
+    np.testing.assert_allclose(bars(figure)[0][0], [values.mean() - se, values.mean() + se], **ROUND)
+    assert figure.axes[0].get_title() == "means, bars: standard errors, 9 runs"
+
+
+def brute_force(points):
+    """Points that no other one is at least as good as in both, better in one; smaller is better."""
+    return [a for a in points if not any(all(q <= p for p, q in zip(a, b, strict=True)) and a != b for b in points)]
+
+
+def test_the_front_against_brute_force(trials, make_trials):
+    """Filled dots are those of the front; steps go from one to the next, first to the side, then down."""
+    figure = draw(trials)
+    filled = [each[:2] for color in COLOURS[:4] for each in dots(figure).get(color, []) if each[2]]
+    every = [each[:2] for each in (dots(figure)[color][0] for color in COLOURS[:4])]
+    front = sorted(brute_force(every))
+    assert sorted(filled) == front and len(front) == 3
+    (a, b, c) = front
+    assert steps(figure) == [a, (b[0], a[1]), b, (c[0], b[1]), c]
+    rng = np.random.default_rng(3)
+    names = "abcdefghijkl"
+    for _ in range(5):
+        made = {metric: {name: [float(rng.integers(1, 6))] for name in names} for metric in ("error", "effort")}
+        table = make_trials(made, infos=(ERROR, EFFORT))
+        found = not_dominated(dots_of([table], names, (ERROR, EFFORT), "quartiles"), (ERROR, EFFORT))
+        points = [(made["error"][name][0], made["effort"][name][0]) for name in names]
+        assert [(dot.x.middle, dot.y.middle) for dot in found] == sorted(brute_force(points))
+
+
+def test_larger_may_be_better(make_trials):
+    """Steps then go the other way; the corner lies on the side of what is worse."""
+    table = make_trials(
+        {"score": {"A": [5.0], "B": [3.0], "C": [2.0]}, "effort": {"A": [4.0], "B": [1.0], "C": [2.0]}}, (SCORE, EFFORT)
+    )
+    figure = pareto(table, x="score", y="effort")
+    assert [dots(figure)[color][0][2] for color in COLOURS[:3]] == [True, True, False]
+    assert steps(figure) == [(5.0, 4.0), (3.0, 4.0), (3.0, 1.0)]
+    assert figure.axes[0].get_title() == "1 run"
+
+
+def test_without_a_front(trials):
+    """All dots are filled and nothing joins them."""
+    figure = draw(trials, front=False)
+    assert all(each[2] for found in dots(figure).values() for each in found) and not figure.legends
+    assert REFERENCE not in [line.get_color() for line in figure.axes[0].lines]
+
+
+def test_metrics_that_are_best_at_zero_or_one(make_trials):
+    """Of every run the distance from there, and the axis says so."""
+    table = make_trials({"bias": {"A": [-3.0, 1.0, -2.0]}, "nees": {"A": [0.5, 1.0, 8.0]}}, infos=(BIAS, RATIO))
+    figure = pareto(table, x="bias", y="nees")
+    ((x, y, _),) = dots(figure)[COLOURS[0]]
+    np.testing.assert_allclose([x, y], [2.0, math.log(2.0)], **ROUND)
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("|bias| [mm]", "|log nees|")
+
+
+def test_failed_and_never(make_trials):
+    """Failed runs do not count, and the label says so; a bar to never goes to the edge, such a median is left out."""
+    nan = "diverged"
+    table = make_trials(
+        {
+            "error": {"A": [1.0, 2.0, 3.0, nan], "B": [1.0, 1.0, INF, 1.0], "C": [INF, INF, 1.0, INF]},
+            "effort": {"A": [2.0, 4.0, 6.0, 5.0], "B": [1.0, 2.0, 3.0, 4.0], "C": [1.0] * 4},
+        },
+        infos=(ERROR, EFFORT),
+    )
+    figure = draw(table)
+    ((x, y, _),) = dots(figure)[COLOURS[0]]
+    assert (x, y) == (2.0, 4.0) and texts(figure) == ["A, 3/4", "B, n=4"]
+    assert figure.axes[0].get_title() == "medians, bars: middle half; left out: C"
+    assert [bar for bar in bars(figure) if max(bar[0]) > 1e99] == [[[1.0, FAR], [2.5, 2.5]]]
+    assert COLOURS[2] not in dots(figure) and max(figure.axes[0].get_xlim()) < 5
+
+
+@pytest.fixture
+def sweep(trials, make_sweep):
+    """B does not depend on the path; A is better in error and worse in effort from point to point."""
+    tables = []
+    for number in range(3):
+        frame = trials.frame[trials.frame["method"].isin(["A", "B"])].copy()
+        mine = frame["method"] == "A"
+        frame.loc[mine, "error"] /= 1.0 + number
+        frame.loc[mine, "effort"] *= 1.0 + number
+        value = str(number)
+        keys = {"A": value, "B": "b"}
+        tables.append(({"kp": value}, replace(trials, methods=("A", "B"), frame=frame, keys=keys, title=f"kp={value}")))
+    table = make_sweep(*tables)
+    return replace(table, frame=pd.concat([each.frame for _, each in tables]))
+
+
+def test_the_points_of_a_sweep(sweep):
+    """In its order, joined; what points share is one dot with the name of its method, the others have their values."""
+    figure = draw(sweep)
+    mine = [each[:2] for each in dots(figure)[COLOURS[0]]]
+    expected = [[np.median(point.column(metric, "A")) for metric in ("error", "effort")] for point in sweep.points]
+    np.testing.assert_allclose(mine, expected, **ROUND)
+    (line,) = [each for each in figure.axes[0].lines if len(each.get_xdata()) == 3]
+    np.testing.assert_allclose(line.get_xydata(), expected, **ROUND)
+    assert len(dots(figure)[COLOURS[1]]) == 1
+    assert texts(figure) == ["kp=0", "kp=1", "kp=2", "B"] and legend(figure) == ["A", "not dominated"]
+    assert texts(draw(sweep, at=[{"kp": 2}, {"kp": 0}])) == ["kp=2", "kp=0", "B"]
+    assert texts(draw(sweep, at=[{"kp": 1}])) == ["A", "B"]
+
+
+def test_logarithmic_axes(trials, make_trials):
+    """Where all numbers are positive; else linear, and said so."""
+    axes = draw(trials, log=True).axes[0]
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    table = make_trials({"error": {"A": [0.0, 0.0, 1.0]}, "effort": {"A": [1.0, 2.0, 3.0]}}, infos=(ERROR, EFFORT))
+    axes = draw(table, log=True).axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "log")
+    assert axes.get_xlabel() == "error [mm]\n(linear: some <= 0)"
+
+
+@pytest.mark.parametrize("n", [1, 8])
+def test_labels_cover_nothing(make_trials, n):
+    """Short ones stand beside the dots, inside the panel; where they do not fit, all of them are in the legend."""
+    rng = np.random.default_rng(11)
+    names = [f"M{number}" for number in range(n)]
+    made = {metric: {name: list(rng.random(3)) for name in names} for metric in ("error", "effort")}
+    table = make_trials(made, infos=(ERROR, EFFORT))
+    figure = draw(table)
+    panel = figure.axes[0].get_window_extent()
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts]
+    assert len(boxes) == n
+    for number, box in enumerate(boxes):
+        assert panel.x0 <= box.x0 and box.x1 <= panel.x1 and panel.y0 <= box.y0 and box.y1 <= panel.y1
+        assert not any(box.overlaps(other) for other in boxes[:number])
+    long = {name: f"tuned penalties and a Kalman filter, $c=10^{{{name[1:]}}}$" for name in names}
+    figure = draw(replace(table, labels=long))
+    assert (texts(figure) == []) == (n == 8) and (long["M0"] in legend(figure)) == (n == 8)
+
+
+@pytest.mark.parametrize(
+    ("given", "parameter", "message"),
+    [
+        ({"x": "mse"}, "x", "'mse' is not a metric of this experiment (known: error, effort)"),
+        ({"y": "error"}, "y", "must be another metric than x"),
+        ({"order": ["Z"]}, "order", "'Z' is not a method of this experiment (known: A, B, C, D)"),
+        ({"at": [{"kp": 1}]}, "at", "this experiment has no sweep to choose from"),
+        ({"width": 0.5}, "width", "must be at least 1 inch (got 0.5)"),
+    ],
+)
+def test_errors_show_the_choices(trials, given, parameter, message):
+    """A figure that cannot be drawn is left out with a reason."""
+    with pytest.raises(DesignError) as error:
+        draw(trials, **given)
+    assert (str(error.value), error.value.parameter) == (message, parameter)
+
+
+def test_no_dot_and_too_many(make_trials, trials, make_sweep):
+    """Nothing to draw, or nothing that could be told apart."""
+    failed = make_trials({"error": {"A": ["diverged"]}, "effort": {"A": ["diverged"]}}, infos=(ERROR, EFFORT))
+    with pytest.raises(DesignError, match="no method has a value of both error and effort"):
+        draw(failed)
+    points = [({"kp": str(n)}, replace(trials, keys={name: f"{name}{n}" for name in "ABCD"})) for n in range(16)]
+    with pytest.raises(DesignError, match="64 points cannot be told apart .at most 60.: name some points of the sweep"):
+        draw(make_sweep(*points))
+
+
+def test_same_bytes(trials, tmp_path):
+    """Drawn twice, saved twice."""
+    for stem in ("one", "other"):
+        save_as(draw(trials), tmp_path / f"{stem}.svg")
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
+
+
+def test_keys():
+    """As a configuration writes them."""
+    problems = []
+    text = "{x: rms, y: effort, bars: se, front: false, at: [{kp: 1}]}"
+    keys = validate(model_of("figures", "pareto"), parse(text, "f.yaml"), [], problems)
+    assert not problems and (keys.x, keys.bars, keys.front, keys.at) == ("rms", "se", False, [{"kp": 1}])
+    validate(model_of("figures", "pareto"), parse("{x: rms, bars: iqr}", "f.yaml"), [], problems)
+    assert sorted(str(problem).split(": ", 1)[1] for problem in problems) == [
+        "'y' is missing",
+        "bars: must be 'quartiles' or 'se' (got 'iqr')",
+    ]

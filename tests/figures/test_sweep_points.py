@@ -1,0 +1,134 @@
+"""Which points of a sweep a figure shows."""
+
+from dataclasses import replace
+
+import pytest
+
+from rmpc_bench.figures.kinds import boxplot
+from rmpc_bench.figures.sweep_points import chosen, only, short
+from rmpc_bench.types import DesignError
+
+TABLE = {"mse": {"A": [1.0, 2.0]}}
+
+
+def sweep_of(make_trials, make_sweep, points):
+    return make_sweep(*((point, make_trials(TABLE)) for point in points))
+
+
+@pytest.fixture
+def sweep(make_trials, make_sweep):
+    """Three points of two paths, one of them a word."""
+    words = [("10", "kalman"), ("15", "kalman"), ("1e-1", "robust")]
+    return sweep_of(make_trials, make_sweep, [{"controller.Hp": hp, "estimator": word} for hp, word in words])
+
+
+@pytest.mark.parametrize(
+    ("at", "places"),
+    [
+        (None, [0, 1, 2]),
+        ([{"controller.Hp": 15}], [1]),
+        ([{"controller.Hp": 10.0}], [0]),
+        ([{"controller.Hp": "10"}], [0]),
+        ([{"controller.Hp": 0.1}], [2]),
+        ([{"estimator": "robust"}, {"controller.Hp": 10}], [2, 0]),
+        ([{"estimator": "kalman"}, {"controller.Hp": 10}], [0, 1]),
+        ([{}], [0, 1, 2]),
+    ],
+)
+def test_points_are_found_by_their_values(sweep, at, places):
+    """Numbers as numbers, words as words, each point once, in the order of `at`."""
+    assert chosen(sweep, at) == tuple(sweep.points[place] for place in places)
+
+
+@pytest.mark.parametrize(
+    ("at", "place", "title"),
+    [
+        (None, 0, "Hp=10, estimator=kalman (first of 3 points)"),
+        ({"estimator": "kalman"}, 0, "Hp=10, estimator=kalman (first of 2 points)"),
+        ({"controller.Hp": 15}, 1, "Hp=15, estimator=kalman"),
+    ],
+)
+def test_one_point_says_which_it_is(sweep, at, place, title):
+    """And that there are others, where nothing chose between them."""
+    assert only(sweep, at) == (sweep.points[place], title)
+
+
+def test_without_a_sweep(make_trials):
+    """The table itself, without a title."""
+    table = make_trials(TABLE)
+    assert chosen(table, None) == (table,) and only(table, None) == (table, "")
+
+
+def test_short_names_only_where_they_are_unique(make_trials, make_sweep):
+    """Two paths that end alike are written in full."""
+    table = sweep_of(make_trials, make_sweep, [{"methods.A.estimator.c": "1", "methods.B.estimator.c": "2"}])
+    assert short(table.points[0]) == "methods.A.estimator.c=1, methods.B.estimator.c=2"
+
+
+@pytest.mark.parametrize(
+    ("point", "text"),
+    [
+        ({"reference.values": "pi first"}, "pi first"),
+        ({"controller.Hp": "10", "reference.values": "0 first"}, "Hp=10, 0 first"),
+        ({"plant.x": "half weight", "model.y": "half weight"}, "x=half weight, y=half weight"),
+        ({"plant.perturb.R": "1 + 5%", "reference.value": "2 * pi"}, "R=1 + 5%, value=2 * pi"),
+        ({"controller.law": "printed", "estimator": "{kind: kalman}"}, "law=printed, estimator={kind: kalman}"),
+    ],
+)
+def test_a_value_of_several_words_stands_for_itself(make_trials, make_sweep, point, text):
+    """Where it is the only one; arithmetic, single words and components keep their paths."""
+    assert short(sweep_of(make_trials, make_sweep, [point]).points[0]) == text
+
+
+@pytest.mark.parametrize(
+    ("title", "text"),
+    [
+        ("R/Q 1e-5", "R/Q 1e-5"),
+        ("reference.values=pi first, R/Q 1e-5", "pi first, R/Q 1e-5"),
+        ("controller.Hp=10, R/Q 1e-5, reference.values=pi first", "Hp=10, R/Q 1e-5, pi first"),
+    ],
+)
+def test_values_with_a_name_together(make_trials, make_sweep, title, text):
+    """The name stands for what changes together, beside the other paths."""
+    point = {"reference.values": "pi first", "controller.Hp": "10", "name": "R/Q 1e-5", "controller.R": "1"}
+    table = sweep_of(make_trials, make_sweep, [point]).points[0]
+    assert short(replace(table, title=title)) == text
+
+
+@pytest.mark.parametrize(
+    ("at", "message"),
+    [
+        ([{"Hp": 10}], "'Hp' is not a path of the sweep (known: controller.Hp, estimator)"),
+        (
+            [{"controller.Hp": 12}],
+            "no point of the sweep has controller.Hp=12 (there are Hp=10, estimator=kalman; Hp=15, estimator=kalman; "
+            "Hp=1e-1, estimator=robust)",
+        ),
+        ([{"estimator": None}], "no point of the sweep has estimator=null"),
+        ([{"estimator": True}], "no point of the sweep has estimator=true"),
+        ([{"estimator": {"kind": "kalman"}}], "no point of the sweep has estimator={kind: kalman}"),
+        ([], "must name at least one point"),
+    ],
+)
+def test_errors_show_the_choices(sweep, at, message):
+    """What is known, what there is."""
+    with pytest.raises(DesignError) as error:
+        boxplot(sweep, at=at)
+    assert str(error.value).startswith(message) and error.value.parameter == "at"
+
+
+def test_no_sweep_no_choice(make_trials):
+    """A key that would have no effect is an error."""
+    with pytest.raises(DesignError, match="this experiment has no sweep to choose from"):
+        boxplot(make_trials(TABLE), at=[{"controller.Hp": 10}])
+
+
+def test_too_many_points(make_trials, make_sweep):
+    """Six fit, seven must be chosen from."""
+    points = [{"controller.Hp": str(hp)} for hp in range(10, 17)]
+    sweep = sweep_of(make_trials, make_sweep, points)
+    with pytest.raises(DesignError, match=r"7 points .* \(at most 6\): choose with `at`, .* \[\{controller.Hp: 10\}\]"):
+        boxplot(sweep)
+    assert len(boxplot(sweep, at=[{"controller.Hp": hp} for hp in range(10, 16)]).axes) == 6
+    with pytest.raises(DesignError, match="no point .*; ..."):
+        boxplot(sweep, at=[{"controller.Hp": 9}])
