@@ -218,7 +218,9 @@ def _show(group: str, kind: str) -> None:
     for text in (inspect.getdoc(module), inspect.getdoc(design)):
         if text:
             click.echo(f"\n{text.split('Parameters' + chr(10) + '---')[0].rstrip()}")
-    meanings = _meanings(inspect.getdoc(design) or "")
+    # A class inherits keys, which are documented in the class that has them.
+    documented = reversed(design.__mro__) if inspect.isclass(design) else (design,)
+    meanings = {key: text for each in documented for key, text in _meanings(inspect.getdoc(each) or "").items()}
     fields = model_of(group, kind).model_fields
     if fields:
         click.echo("\nKeys")

@@ -1,8 +1,8 @@
-"""From the signature of a design function to the keys of a configuration, validated by pydantic.
+"""From a design function or a dataclass to the keys of a configuration, validated by pydantic.
 
-A keyword of `design` is a key of the YAML, its annotation the check, its default the default.  What the bench itself
-provides (the model, the number of steps and so on) is no key; `PROVIDED` lists it.  Numbers may be written as
-quantities (``2*pi``, ``5%``).
+A keyword of `design`, or a field of the dataclass, is a key of the YAML, its annotation the check, its default the
+default.  What the bench itself provides (the model, the number of steps and so on) is no key; `PROVIDED` lists it.
+Numbers may be written as quantities (``2*pi``, ``5%``).
 """
 
 from __future__ import annotations
@@ -115,6 +115,9 @@ def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str,
 def hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:
     """Evaluate the annotations of keys only: what is provided may be annotated with names imported for mypy alone."""
     annotations = {name: Any if text is inspect.Parameter.empty else text for name, text in annotations.items()}
+    if inspect.isclass(function):  # fields may be inherited: each is evaluated in the module of its own class
+        found = get_type_hints(function, include_extras=True)
+        return {name: found.get(name, Any) for name in annotations}
     inner = inspect.unwrap(function)
     scope = vars(sys.modules[inner.__module__])
     return get_type_hints(type("Keys", (), {"__annotations__": annotations}), scope, include_extras=True)
