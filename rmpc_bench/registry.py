@@ -6,11 +6,12 @@ Nothing is imported before it is asked for.  Installed packages add parts throug
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from typing import Any
+
+from rmpc_bench.types.issue import unknown as unknown
 
 Design = Callable[..., Any]
 
@@ -167,14 +168,6 @@ def estimator(kind: str, *args: Any, **parameters: Any) -> Any:
 def controller(kind: str, *args: Any, **parameters: Any) -> Any:
     """Design a controller by its name."""
     return get("controllers", kind)(*args, **parameters)
-
-
-def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
-    """Say that a name is not known, which one may be meant and where the choices are."""
-    known = list(known)
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
-    return f"{name!r} is not a known {noun}{hint}" + (f" ({way_out})" if way_out else "")
 
 
 @cache

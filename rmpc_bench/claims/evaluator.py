@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from rmpc_bench.analysis.intervals import difference
-from rmpc_bench.analysis.sweep_points import lies_at
+from rmpc_bench.types.sweep_points import lies_at
 from rmpc_bench.claims import tree as tree
 from rmpc_bench.claims.functions import applied
 from rmpc_bench.claims.matrices import of_matrix

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from rmpc_bench.analysis.sweep_points import lies_at, value_text
+from rmpc_bench.types.sweep_points import lies_at, value_text
 from rmpc_bench.claims.claim import Claim, Stated
 from rmpc_bench.claims.dry_run import Expected, dry_run
 from rmpc_bench.claims.grammar import COUNTS, ClaimError, parse, parse_expression

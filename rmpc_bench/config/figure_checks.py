@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench import registry
-from rmpc_bench.analysis.sweep_points import value_text
+from rmpc_bench.types.sweep_points import value_text
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.reader import plain

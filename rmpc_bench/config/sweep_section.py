@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import product
 from typing import Any, NamedTuple
 
-from rmpc_bench.analysis.sweep_points import lies_at, value_text
+from rmpc_bench.types.sweep_points import lies_at, value_text
 from rmpc_bench.config import reader
 from rmpc_bench.config.inheritance import FILE, PATH, opened
 from rmpc_bench.config.reader import Items, Map, Mark, join, locate, locate_key, plain

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rmpc_bench.analysis.sweep_points import lies_at, value_text
+from rmpc_bench.types.sweep_points import lies_at, value_text
 from rmpc_bench.types import DesignError
 
 if TYPE_CHECKING:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from typing import NamedTuple
 
 
@@ -16,3 +18,19 @@ class Issue(NamedTuple):
 def no_such_component(noun: str, index: int, n: int) -> str:
     """Say that an index counts beyond the components there are: ``there is no state 3 (they count from 0 to 1)``."""
     return f"there is no {noun} {index} (they count from 0 to {n - 1})"
+
+
+def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
+    """Say that a name is unknown, and give the nearest known one, or else all known ones.
+
+    Parameters
+    ----------
+    name : the unknown name
+    known : the names there are
+    noun : what they are names of
+    way_out : command that lists them
+    """
+    known = list(known)
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
+    return f"{name!r} is not a known {noun}{hint}" + (f" ({way_out})" if way_out else "")

@@ -1,0 +1,57 @@
+"""Points of a sweep: the text of a value, and which point has the wanted values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rmpc_bench.types.issue import unknown
+
+
+def value_text(value: object) -> str:
+    """Return the text of a value in tables and claims: ``8``, ``0.001``, ``{kind: kalman}``."""
+    if isinstance(value, str):
+        return value
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, float) and abs(value) < 1e15 and value == int(value):
+        return str(int(value))  # 10 and 10.0 are the same point
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {value_text(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(value_text(item) for item in value) + "]"
+    return repr(value)
+
+
+def same_value(one: str, other: str) -> bool:
+    """Whether two texts name the same value of a sweep: 0.001 is 1e-3."""
+    try:
+        return one == other or float(one) == float(other)
+    except ValueError:
+        return False
+
+
+def lies_at(there: Mapping[str, str], wanted: Mapping[str, str]) -> bool:
+    """Whether a point of a sweep has all the wanted values."""
+    return all(path in there and same_value(there[path], value) for path, value in wanted.items())
+
+
+def no_such_point(points: Sequence[Mapping[str, str]], wanted: Mapping[str, str]) -> str:
+    """Say why no point of a sweep has the wanted values; empty if one has them, or if no point is known.
+
+    Parameters
+    ----------
+    points : path -> text of the value, of every point; an experiment without a sweep has one point without paths
+    wanted : path -> text of the value
+    """
+    if not points or any(lies_at(point, wanted) for point in points):
+        return ""
+    known = list(points[0])
+    if not known:
+        return "nothing is swept in this configuration"
+    for name, value in wanted.items():
+        if name not in known:
+            return unknown(name, known, "path of the sweep")
+        values = list(dict.fromkeys(point[name] for point in points))
+        if not any(lies_at(point, {name: value}) for point in points):
+            return f"{name} has no value {value} in the sweep (it has {', '.join(values[:10])})"
+    return "the sweep has no such point"
