@@ -11,7 +11,6 @@ from typing import Protocol
 import numpy as np
 
 from rmpc_bench.analysis.intervals import difference
-from rmpc_bench.types.sweep_points import lies_at
 from rmpc_bench.claims import tree as tree
 from rmpc_bench.claims.functions import applied
 from rmpc_bench.claims.matrices import of_matrix
@@ -25,6 +24,7 @@ from rmpc_bench.claims.values import (
     listed,
 )
 from rmpc_bench.types import Array, MetricInfo
+from rmpc_bench.types.sweep_points import lies_at
 
 __all__ = ["EvaluationError", "Evaluator", "Value", "compare"]
 

@@ -237,8 +237,8 @@ def _show(group: str, kind: str) -> None:
 
 def _default(value: Any) -> str:
     """Show a default as a configuration would write it."""
-    from rmpc_bench.types.sweep_points import value_text
     from rmpc_bench.config.component import plain_data
+    from rmpc_bench.types.sweep_points import value_text
 
     return value_text(plain_data(value)) if is_dataclass(value) else repr(value)
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from rmpc_bench.types.sweep_points import lies_at, value_text
 from rmpc_bench.claims.claim import Claim, Stated
 from rmpc_bench.claims.dry_run import Expected, dry_run
 from rmpc_bench.claims.grammar import COUNTS, ClaimError, parse, parse_expression
@@ -27,6 +26,7 @@ from rmpc_bench.config.sections import ClaimKeys
 from rmpc_bench.config.sweep_points import Place, nowhere
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import MetricInfo, ResultLayout
+from rmpc_bench.types.sweep_points import lies_at, value_text
 
 
 def read_claims(

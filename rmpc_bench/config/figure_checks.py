@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench import registry
-from rmpc_bench.types.sweep_points import value_text
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.reader import plain
@@ -21,6 +20,7 @@ from rmpc_bench.simulation.moments import Moments, exact_laws, signals
 from rmpc_bench.simulation.recording import has_bursts
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Method, ResultLayout
+from rmpc_bench.types.sweep_points import value_text
 
 OF_RUNS = ("boxplot", "trajectories", "ellipses", "tubes", "elements", "plane", "pareto")
 """Kinds of figures that show single runs."""

@@ -7,12 +7,12 @@ from contextlib import suppress
 from itertools import product
 from typing import Any, NamedTuple
 
-from rmpc_bench.types.sweep_points import lies_at, value_text
 from rmpc_bench.config import reader
 from rmpc_bench.config.inheritance import FILE, PATH, opened
 from rmpc_bench.config.reader import Items, Map, Mark, join, locate, locate_key, plain
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
+from rmpc_bench.types.sweep_points import lies_at, value_text
 
 SWEPT = ("seed", "time", "uncertainty", "plant", "model", "noise", "initial", "reference", "estimator", "controller")
 """Top-level keys whose paths may be swept, beside those of a method."""

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rmpc_bench.types.sweep_points import lies_at, value_text
 from rmpc_bench.types import DesignError
+from rmpc_bench.types.sweep_points import lies_at, value_text
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
