@@ -1,0 +1,43 @@
+"""Digits that stay the same when rounding errors change."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rmpc_bench.analysis.rounding import decimal_text, negligible, significant, significant_text
+
+
+@given(st.integers(1, 10**7 - 1), st.integers(-30, 30), st.sampled_from([-1e-13, 1e-13, 3e-14]))
+def test_a_border_is_one_number(digits, exponent, noise):
+    """Also a number of seven digits, the last of which is rounded away, keeps its text."""
+    value = float(f"{digits}e{exponent}")
+    assert significant_text(value * (1 + noise)) == significant_text(value)
+    assert significant(value * (1 + noise)) == significant(value) == pytest.approx(value, rel=6e-6)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(123456.5, "123456"), (0.1 + 0.2, "0.3"), (2.5e-7, "2.5e-07"), (-0.0, "0"), (1e22, "1e+22"), (-1.25, "-1.25")],
+)
+def test_by_hand(value, text):
+    """Six digits, without the zeros that say nothing."""
+    assert significant_text(value) == text
+
+
+def test_decimals():
+    """A border of decimals is one number, too, and no zero has a sign."""
+    assert decimal_text(0.125, 2) == decimal_text(math.nextafter(0.125, 1), 2) == decimal_text(0.125 * (1 - 1e-13), 2)
+    assert (decimal_text(-0.001, 2), decimal_text(-0.0, 0), decimal_text(-1.5, 1)) == ("0.00", "0", "-1.5")
+
+
+def test_what_is_no_finite_number_stays():
+    """There is nothing to round."""
+    assert significant(math.inf) == math.inf and math.isnan(significant(math.nan))
+
+
+def test_negligible():
+    """Beside its scale; infinity hides nothing."""
+    assert negligible(1e-17, 1.0) and negligible(-1e-17, -1.0) and negligible(0.0, 1.0)
+    assert not negligible(1e-8, 1.0) and not negligible(1.0, math.inf) and not negligible(1.0, math.nan)
