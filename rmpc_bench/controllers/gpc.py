@@ -27,7 +27,7 @@ from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTu
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import as_matrix, mv
-from rmpc_bench.numerics.tracking import SMALLEST, Gains, gains, track
+from rmpc_bench.numerics.tracking import SMALLEST, TrackingLaw, gains, track
 from rmpc_bench.types import Array, Command, DesignError, Estimate, HasWindow, Horizon, Matrix, Status
 
 OK = np.int8(Status.OK)
@@ -75,7 +75,7 @@ class Gpc:
     Np: int
     Q_yw: Float[Array, "ny ny"]
     R_u: Float[Array, "nu nu"]
-    gains: Gains | None
+    gains: TrackingLaw | None
 
     @property
     def preview(self) -> int:
@@ -278,7 +278,7 @@ def _noise(keys: LpNoise, estimator: Any, nx: int, ny: int) -> NoiseTuning:
 
 
 def _linear(
-    law: Gains, x: Float[Array, "runs nx"], w: Float[Array, "Np ny"]
+    law: TrackingLaw, x: Float[Array, "runs nx"], w: Float[Array, "Np ny"]
 ) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
     """First inputs and least costs of constant gains."""
     ahead = w.reshape(1, -1)  # the same for all runs

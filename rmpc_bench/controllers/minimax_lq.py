@@ -26,15 +26,15 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.state_feedback import Regulator, noise_roots, problem_of, stages_of
+from rmpc_bench.controllers.state_feedback import Regulator, game_of, noise_roots, stages_of
 from rmpc_bench.models.linear import Model
 from rmpc_bench.models.noise_sets import LEVEL, BelievesSets
 from rmpc_bench.numerics.ellipsoid import confidence
 from rmpc_bench.numerics.game_table import HALF, MIDDLE, Tables, tables
 from rmpc_bench.numerics.linalg import at_sample, mv, psd_sqrt
-from rmpc_bench.numerics.lq_game import Problem, Solution, plan, price_alone, solve
+from rmpc_bench.numerics.lq_game import Game, Solution, plan, smallest_multiplier, solve
 from rmpc_bench.numerics.lq_windows import Stages, window_law
-from rmpc_bench.numerics.stage_prices import solve_stages
+from rmpc_bench.numerics.stage_multipliers import solve_stages
 from rmpc_bench.numerics.worst_noise import worst_cost
 from rmpc_bench.types import Array, DesignError, Estimate, Horizon, Matrix
 
@@ -88,46 +88,46 @@ class MinimaxLq(Regulator):
         rho, worst = np.empty(len(x_hat)), np.empty(len(x_hat))
         for row, x in enumerate(x_hat):
             found = self.solution(k, M_root, x)
-            U = plan(self.problem(k), self._feedback[window], found)
+            U = plan(self.game(k), self._feedback[window], found)
             rho[row] = found.rho
             worst[row] = worst_cost(stages, U, x, M_root, self.w_roots[window], starts) - x @ S @ x
         return rho, worst
 
-    def problem(self, k: int) -> Problem:
+    def game(self, k: int) -> Game:
         """The game at k."""
-        return self._problem.window(k, self.horizon)
+        return self._game.window(k, self.horizon)
 
     def solution(self, k: int, M_root: Float[Array, "nx nx"], x: Float[Array, " nx"]) -> Solution:
         """Solve for one state, exactly."""
-        return (solve_stages if self.set == "stages" else solve)(self.problem(k), M_root, x)
+        return (solve_stages if self.set == "stages" else solve)(self.game(k), M_root, x)
 
     def warm_up(self) -> None:
         """Make the tables, which brings compiled code along, before the design goes to workers."""
         if self.set != "stages":  # which has no price for all stages
-            _ = self._prices if self.M_roots is None else self._tables
+            _ = self._smallest_multipliers if self.M_roots is None else self._tables
 
     @cached_property
-    def _problem(self) -> Problem:
+    def _game(self) -> Game:
         wider = np.sqrt(self.horizon) if self.set == "product" else 1.0
-        return problem_of(self.stages, self.w_roots * wider)
+        return game_of(self.stages, self.w_roots * wider)
 
     @cached_property
     def _feedback(self) -> Float[Array, "t nu nx"]:
         """R_u^-1 B'."""
         return np.linalg.solve(self.stages.R, self.stages.B.mT)
 
-    def _problems(self) -> list[Problem]:
-        return [self.problem(k) for k in range(len(self.stages.A) - self.horizon + 1)]
+    def _games(self) -> list[Game]:
+        return [self.game(k) for k in range(len(self.stages.A) - self.horizon + 1)]
 
     @cached_property
-    def _prices(self) -> list[float]:
+    def _smallest_multipliers(self) -> list[float]:
         """Smallest prices, all that is known ahead where the sets of e come with the estimates."""
-        return [price_alone(problem) for problem in self._problems()]
+        return [smallest_multiplier(game) for game in self._games()]
 
     @cached_property
     def _tables(self) -> Tables:
         assert self.M_roots is not None, "sets that come with the estimates make no tables"
-        return tables(self._problems(), self.M_roots)
+        return tables(self._games(), self.M_roots)
 
     def _first(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:
         from rmpc_bench.numerics.game_kernel import rows_kernel
@@ -135,15 +135,15 @@ class MinimaxLq(Regulator):
 
         first, holds = np.full_like(x, np.nan), np.zeros(len(x), dtype=bool)
         if self.M_roots is None:
-            price, guess = self._prices[k], 0.0
+            multiplier, guess = self._smallest_multipliers[k], 0.0
         else:
             made = self._tables
-            price, guess = made.tau_min[k], made.s[k]
+            multiplier, guess = made.tau_min[k], made.s[k]
             if made.usable[k]:
                 lookup_kernel(made.series[k], MIDDLE, HALF, x, first, holds)
         rest = np.flatnonzero(~holds)
         if rest.size:
-            rows_kernel(*self.problem(k), M_roots, price, guess, x, rest, first)
+            rows_kernel(*self.game(k), M_roots, multiplier, guess, x, rest, first)
         return first
 
     def _first_of_stages(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:

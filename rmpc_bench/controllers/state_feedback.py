@@ -6,7 +6,7 @@ Model   from the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1)
                    `w_mean`), or is not looked at; w = 0.
         game-gain  w works against the cost at the price tau w' M_w^-1 w, tau = ratio times the smallest price for which
                    the game is bounded; M_w is the estimator's set of the process noise.  Unlike minimax-lq it answers
-                   to every w(t) as it comes, so that smaller prices will do.
+                   to every w(t) as it comes, so that smaller multipliers will do.
 Source  lqr: textbook.  game-gain: H-infinity control of finite horizon, full information (Basar and Bernhard 1995).
 Limit   ratio -> infinity gives lqr; horizon -> infinity of lqr gives the stationary Riccati gain.
 Cost    one small matrix-vector product per run and step.
@@ -27,13 +27,13 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import Model
 from rmpc_bench.models.noise_sets import BelievesSets, stochastic_sets
 from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv, psd_sqrt
-from rmpc_bench.numerics.lq_game import Problem
-from rmpc_bench.numerics.lq_windows import Stages, game_gains, game_prices, noise_sizes, window_law
+from rmpc_bench.numerics.lq_game import Game
+from rmpc_bench.numerics.lq_windows import Stages, game_gains, noise_sizes, smallest_multipliers, window_law
 from rmpc_bench.types import Array, Command, DesignError, Estimate, EstimatesMean, Horizon, Matrix, Status
 
 OK = np.int8(Status.OK)
 LARGEST = 1e100
-"""Cost of noise beyond which squares of prices overflow."""
+"""Cost of noise beyond which squares of multipliers overflow."""
 
 
 class NoState(NamedTuple):
@@ -141,9 +141,9 @@ class GameGain(Regulator):
 
     @cached_property
     def L(self) -> Float[Array, "k nu nx"]:
-        """Gains over k, made at the first step: the smallest prices take a search."""
-        prices = self.ratio * game_prices(self.stages, self.G, self.horizon)
-        return game_gains(self.stages, self.G, self.horizon, prices)
+        """Gains over k, made at the first step: the smallest multipliers take a search."""
+        multipliers = self.ratio * smallest_multipliers(self.stages, self.G, self.horizon)
+        return game_gains(self.stages, self.G, self.horizon, multipliers)
 
     def warm_up(self) -> None:
         """Make the gains before the design goes to workers."""
@@ -233,7 +233,7 @@ def noise_roots(model: Model, estimator: Any, stages: Stages, horizon: int) -> F
     return G
 
 
-def problem_of(stages: Stages, G: Float[Array, "t nx nx"]) -> Problem:
+def game_of(stages: Stages, G: Float[Array, "t nx nx"]) -> Game:
     """The game of all stages, of which windows are taken."""
     S_B = stages.B @ np.linalg.solve(stages.R, stages.B.mT)
-    return Problem(stages.A, S_B, np.ascontiguousarray(stages.Q), G)
+    return Game(stages.A, S_B, np.ascontiguousarray(stages.Q), G)

@@ -37,7 +37,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
-from rmpc_bench.models.design_noise import Belief, beliefs
+from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
@@ -62,7 +62,7 @@ class Margins:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ParameterRules:
     """How the free parameters of Table 2 are chosen."""
 
     x: Excess
@@ -122,17 +122,17 @@ def design(
         not quadratically stable (`rule: state`), or a bound overflows.
     """
     x, w, v = _excesses(eps, gamma)
-    choice = Choice(x, w, v, rule == "state", tuned, equations == "printed")
-    believed = beliefs(model, n_steps, design_scale)
-    if any(now.S.any() for now in believed):
+    choice = ParameterRules(x, w, v, rule == "state", tuned, equations == "printed")
+    systems = design_systems(model, n_steps, design_scale)
+    if any(now.S.any() for now in systems):
         raise DesignError("this predictor needs w and v without correlation; put what they share into Bw and Dw")
     if choice.state:
-        _insist_on_a_bound(believed, design_scale)
-    steps, P, X = _recursion(believed, P0, choice)
+        _insist_on_a_bound(systems, design_scale)
+    steps, P, X = _recursion(systems, P0, choice)
     extra = {name: np.array([step.a[i] for step in steps]) for i, name in enumerate(("a_x", "a_w", "a_v"))}
     if choice.state:
         extra["X"] = np.array(X)
-    nominal, K, Phi = [now.nominal for now in believed], [step.K for step in steps], [step.Phi for step in steps]
+    nominal, K, Phi = [now.nominal for now in systems], [step.K for step in steps], [step.Phi for step in steps]
     remarks = _remarks(steps, X, choice, design_scale)
     return predictor_schedule(nominal, x0, K, P, F=Phi, extra=extra, remarks=remarks)
 
@@ -146,15 +146,17 @@ def _excesses(eps: float | Margins | None, gamma: float | None) -> tuple[Excess,
     return one, one, one
 
 
-def _recursion(believed: Sequence[Belief], P0: Array, choice: Choice) -> tuple[list[Step], list[Array], list[Array]]:
+def _recursion(
+    systems: Sequence[DesignSystem], P0: Array, choice: ParameterRules
+) -> tuple[list[Step], list[Array], list[Array]]:
     """Run Table 2; X ends where (47) fails."""
     steps: list[Step] = []
-    tracked = choice.state or any(_sees_the_state(now) for now in believed)
+    tracked = choice.state or any(_sees_the_state(now) for now in systems)
     P, X = [P0], [P0] if tracked else []
     recursion, noises = None, None
-    for k, now in enumerate(believed):
+    for k, now in enumerate(systems):
         try:
-            if recursion is None or noises is None or now is not recursion.belief:
+            if recursion is None or noises is None or now is not recursion.system:
                 recursion = Recursion(now, choice)
                 noises = recursion.first_noises()
             step = recursion.step(P[k], X[k] if len(X) > k else None, noises)
@@ -168,7 +170,7 @@ def _recursion(believed: Sequence[Belief], P0: Array, choice: Choice) -> tuple[l
         _refuse_overflow(k + 1, step.P_next, "the error")
         if choice.state:
             _refuse_overflow(k + 1, X[k + 1], "the state")
-    return steps, P[:-1], X[: len(believed)]
+    return steps, P[:-1], X[: len(systems)]
 
 
 def _refuse_overflow(k: int, bound: Array, what: str) -> None:
@@ -182,17 +184,17 @@ def _refuse_overflow(k: int, bound: Array, what: str) -> None:
 class Recursion:
     """Table 2 at one k, with everything that depends on the system alone computed once."""
 
-    def __init__(self, belief: Belief, choice: Choice) -> None:
-        self.belief, self.choice = belief, choice
-        m = belief.m
+    def __init__(self, system: DesignSystem, choice: ParameterRules) -> None:
+        self.system, self.choice = system, choice
+        m = system.m
         self.A, self.C, self.G = m.A, m.C, m.G_x
         self.M: Array = np.vstack([m.A, m.C])
         H = np.vstack([m.H_A, m.H_C])
         self.HH: Array = H.dot(H.T)
-        self.uncertain = _sees_the_state(belief)
+        self.uncertain = _sees_the_state(system)
         self.noises = NoisePair(
-            NoiseChannel(np.vstack([m.Bw, m.Dw]), np.vstack([m.H_Bw, m.H_Dw]), m.G_w, belief.W),
-            NoiseChannel(np.vstack([m.Bv, m.Dv]), np.vstack([m.H_Bv, m.H_Dv]), m.G_v, belief.V),
+            NoiseChannel(np.vstack([m.Bw, m.Dw]), np.vstack([m.H_Bw, m.H_Dw]), m.G_w, system.W),
+            NoiseChannel(np.vstack([m.Bv, m.Dv]), np.vstack([m.H_Bv, m.H_Dv]), m.G_v, system.V),
         )
         protects_X = choice.tuned and choice.state
         self.within = self.noises.no_worse(m.A, m.G_x, choice.w, choice.v) if protects_X else (FREE, FREE)
@@ -257,7 +259,7 @@ class Recursion:
         return symmetrise(Y[:nx, :nx] - predictor_gain(N, Y[nx:, nx:]).dot(N.T))  # Step 5
 
 
-def _remarks(steps: Sequence[Step], X: Sequence[Array], choice: Choice, scale: float) -> tuple[str, ...]:
+def _remarks(steps: Sequence[Step], X: Sequence[Array], choice: ParameterRules, scale: float) -> tuple[str, ...]:
     """Say whether P is the bound it is meant to be."""
     found = []
     scaled = "" if scale == 1.0 else f" for {scale:g} times the uncertainty of the model"
@@ -271,12 +273,12 @@ def _remarks(steps: Sequence[Step], X: Sequence[Array], choice: Choice, scale: f
     return tuple(found)
 
 
-def _sees_the_state(now: Belief) -> bool:
+def _sees_the_state(now: DesignSystem) -> bool:
     m = now.m
     return bool((m.H_A.any() or m.H_C.any()) and m.G_x.any())
 
 
-def _insist_on_a_bound(believed: Sequence[Belief], scale: float) -> None:
+def _insist_on_a_bound(systems: Sequence[DesignSystem], scale: float) -> None:
     """Refuse a system, if it does not vary, that is not quadratically stable.
 
     Where B U_c B' > 0, X stays bounded for all k with some sequence of a_x only if the system is: the mean of X over k
@@ -284,8 +286,8 @@ def _insist_on_a_bound(believed: Sequence[Belief], scale: float) -> None:
     """
     from rmpc_bench.numerics.stability import hinf_norm, spectral_radius
 
-    m = believed[0].m
-    if not _sees_the_state(believed[0]) or any(now is not believed[0] for now in believed):
+    m = systems[0].m
+    if not _sees_the_state(systems[0]) or any(now is not systems[0] for now in systems):
         return
     says = "the system is not quadratically stable: the"
     or_else = "and must be < 1, or no bound of this kind holds for all k"

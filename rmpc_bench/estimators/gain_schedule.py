@@ -21,7 +21,7 @@ from rmpc_bench.numerics.ellipsoid import sum_shape, weight
 from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
 from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step
-from rmpc_bench.numerics.riccati import blind_step, error_radius, filter_step
+from rmpc_bench.numerics.riccati import error_radius, filter_step, unmeasured_step
 from rmpc_bench.types import Array, DesignError, Estimate, Status
 
 OK = np.int8(Status.OK)
@@ -104,8 +104,8 @@ class GainScheduleFilter:
 
     def series(self) -> dict[str, Array]:
         """Gains, covariances and sets over k, and rho, the spectral radius of F - K C, made here as few need it."""
-        believed = {name: matrices for name, matrices in (("P", self.P), ("M", self.M)) if matrices is not None}
-        return {"K": self.K, "L": self.L, **believed, "rho": error_radius(self.F, self.K, self.C), **self.extra}
+        series = {name: matrices for name, matrices in (("P", self.P), ("M", self.M)) if matrices is not None}
+        return {"K": self.K, "L": self.L, **series, "rho": error_radius(self.F, self.K, self.C), **self.extra}
 
 
 def over_time(matrices: Sequence[Array]) -> Array:
@@ -188,7 +188,7 @@ def riccati_schedule(
         try:
             inflation = inflate(k, P_pred[-1])
             counts = k > 0 or use_y0
-            step = (filter_step if counts else blind_step)(now.A, now.C, now.Q_w, now.R_v, inflation.V)
+            step = (filter_step if counts else unmeasured_step)(now.A, now.C, now.Q_w, now.R_v, inflation.V)
         except np.linalg.LinAlgError:
             refuse_overflow(P_pred)
             raise singular_innovation(k) from None

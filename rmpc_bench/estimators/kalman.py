@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import Model
-from rmpc_bench.models.noise_sets import NoiseKind, counted
+from rmpc_bench.models.noise_sets import NoiseKind, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import mv, symmetrise
@@ -118,8 +118,8 @@ def design(
     """
     if isinstance(model, StateDependentModel):
         return _relinearised(model, x0, P0, form, noise, use_y0)
-    believed, P0 = counted(model, P0, M0, noise)
-    return riccati_schedule(believed, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)
+    design_model, P0 = with_noise_kind(model, P0, M0, noise)
+    return riccati_schedule(design_model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)
 
 
 def _relinearised(

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import FilterState, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import LinearModel, Model
-from rmpc_bench.models.noise_sets import NoiseKind, NoiseSets, counted, stochastic_sets
+from rmpc_bench.models.noise_sets import NoiseKind, NoiseSets, stochastic_sets, with_noise_kind
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.types import Array, DesignError, Estimate, Matrix, NonNegative
@@ -131,16 +131,16 @@ def design(
         D = as_covariance(D0, nx)
     except ValueError as error:
         raise DesignError(str(error), "D0") from None
-    believed, P0 = counted(model, P0, M0, noise)
+    design_model, P0 = with_noise_kind(model, P0, M0, noise)
     start = np.block([[P0, np.zeros((nx, nx))], [np.zeros((nx, nx)), D]])
     return DisturbanceFilter(
         riccati_schedule(
-            DriftingModel(believed, drift),
+            DriftingModel(design_model, drift),
             n_steps,
             np.concatenate([x0, np.zeros(nx)]),
             start,
             lambda k, P_pred: Inflation(P_pred, 0.0),
             use_y0=use_y0,
         ),
-        stochastic_sets(believed),
+        stochastic_sets(design_model),
     )

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
-from rmpc_bench.models.design_noise import Belief, beliefs
+from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.models.linear import LinearModel, Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
@@ -29,7 +29,7 @@ from rmpc_bench.types import Array, DesignError, NonNegative
 
 
 @dataclass(frozen=True)
-class Law:
+class EntryLaw:
     """Law of the diagonal entries of the F, `{low: -1, high: 1}` or `{mean: 0, variance: 1/3}`.
 
     Parameters
@@ -79,7 +79,7 @@ def design(
     *,
     x0: Float[Array, " nx"],
     P0: Float[Array, "nx nx"],
-    law: Law | None = None,
+    law: EntryLaw | None = None,
 ) -> GainScheduleFilter:
     """Best linear predictor under white uncertainty of a known law.
 
@@ -97,24 +97,24 @@ def design(
     DesignError
         If E x x' overflows.
     """
-    mean, variance = (law or Law(low=-1.0, high=1.0)).moments
-    believed = beliefs(model, n_steps)
-    moments = None
+    mean, variance = (law or EntryLaw(low=-1.0, high=1.0)).moments
+    systems = design_systems(model, n_steps)
+    mean_system = None
     models, P, K, X = [], [P0], [], []
     mu, cov = x0, P0
-    for k, now in enumerate(believed):
-        if moments is None or now is not moments.belief:
-            moments = Moments(now, mean, variance)
+    for k, now in enumerate(systems):
+        if mean_system is None or now is not mean_system.system:
+            mean_system = MeanSystem(now, mean, variance)
         second = cov + np.outer(mu, mu)
-        J = moments.noise(second)
-        step = predictor_step(moments.M, J, P[-1])
-        models.append(moments.model)
+        J = mean_system.noise(second)
+        step = predictor_step(mean_system.M, J, P[-1])
+        models.append(mean_system.model)
         X.append(second)
         K.append(step.K)
         P.append(step.P_next)
         nx = len(mu)
-        mu = moments.model.A.dot(mu) + moments.model.f0
-        cov = symmetrise(moments.model.A.dot(cov).dot(moments.model.A.T) + J[:nx, :nx])
+        mu = mean_system.model.A.dot(mu) + mean_system.model.f0
+        cov = symmetrise(mean_system.model.A.dot(cov).dot(mean_system.model.A.T) + J[:nx, :nx])
         if not cov.trace() + mu.dot(mu) < LARGEST:  # true for nan
             raise DesignError(
                 f"the second moment of the state grows beyond {LARGEST:g} at k = {k + 1}: the system is not stable in "
@@ -123,24 +123,24 @@ def design(
     return predictor_schedule(models, x0, K, P[:-1], extra={"X": np.array(X)})
 
 
-class Moments:
+class MeanSystem:
     """The system in the mean at one k, and the covariance of what is left."""
 
-    def __init__(self, belief: Belief, mean: float, variance: float) -> None:
-        self.belief, self.variance = belief, variance
-        m, old = belief.m, belief.nominal
+    def __init__(self, system: DesignSystem, mean: float, variance: float) -> None:
+        self.system, self.variance = system, variance
+        m, old = system.m, system.nominal
         nx = len(m.A)
         self.x = Source(np.vstack([m.H_A, m.H_C]), m.G_x)
         w, v = Source(np.vstack([m.H_Bw, m.H_Dw]), m.G_w), Source(np.vstack([m.H_Bv, m.H_Dv]), m.G_v)
         self.M: Array = np.vstack([m.A, m.C]) + _mean_part(self.x, mean)
         extra_w, extra_v = _mean_part(w, mean), _mean_part(v, mean)
         enters = np.hstack([np.vstack([m.Bw, m.Dw]) + extra_w, np.vstack([m.Bv, m.Dv]) + extra_v])
-        joint = np.block([[belief.W, belief.S], [belief.S.T, belief.V]])
-        W = belief.W + np.outer(belief.wbar, belief.wbar)
-        V = belief.V + np.outer(belief.vbar, belief.vbar)
+        joint = np.block([[system.W, system.S], [system.S.T, system.V]])
+        W = system.W + np.outer(system.wbar, system.wbar)
+        V = system.V + np.outer(system.vbar, system.vbar)
         uncertain = w.covariance(W, variance) + v.covariance(V, variance)
         self.J: Array = symmetrise(enters.dot(joint).dot(enters.T) + uncertain)
-        shift = extra_w.dot(belief.wbar) + extra_v.dot(belief.vbar)
+        shift = extra_w.dot(system.wbar) + extra_v.dot(system.vbar)
         Q, R, S = self.J[:nx, :nx], self.J[nx:, nx:], self.J[:nx, nx:]
         f0, d0 = old.f0 + shift[:nx], old.d0 + shift[nx:]
         self.model = LinearModel(self.M[:nx], m.B, self.M[nx:], Q, R, S_wv=S, f0=f0, d0=d0)

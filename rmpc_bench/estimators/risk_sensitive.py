@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import Model
-from rmpc_bench.numerics.kl_ball import Inflation, Reading, Tau, inflate, inflate_to_radius, right_side
+from rmpc_bench.numerics.kl_ball import Inflation, Interpretation, Tau, inflate, inflate_to_radius, right_side
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.types import Array, DesignError, Positive
 
@@ -37,7 +37,7 @@ class Radius:
     """
 
     c: Positive
-    kl: Reading = "printed"
+    kl: Interpretation = "printed"
 
 
 def design(

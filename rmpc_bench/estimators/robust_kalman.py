@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.linear import Model
-from rmpc_bench.numerics.kl_ball import Reading, Tau, inflate_to_radius, right_side
+from rmpc_bench.numerics.kl_ball import Interpretation, Tau, inflate_to_radius, right_side
 from rmpc_bench.types import Array, Positive
 
 
@@ -30,7 +30,7 @@ def design(
     x0: Float[Array, " nx"],
     P0: Float[Array, "nx nx"],
     c: Positive,
-    kl: Reading = "printed",
+    kl: Interpretation = "printed",
     tau: Tau = 0.0,
     form: Form = "filter",
 ) -> GainScheduleFilter:

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule, refuse_overflow
-from rmpc_bench.models.design_noise import Belief, beliefs
+from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import as_covariance, symmetrise
@@ -69,24 +69,24 @@ def design(
     DesignError
         If R does not fit or is singular, the noises are correlated, or P overflows.
     """
-    believed = beliefs(model, n_steps)
-    if any(now.nominal.S_wv.any() for now in believed):
+    systems = design_systems(model, n_steps)
+    if any(now.nominal.S_wv.any() for now in systems):
         raise DesignError("this filter needs process and measurement noise without correlation; use kalman-predictor")
-    R_given = _given(R, believed[0].nominal.ny)
-    noise = [now.nominal.R_v if R_given is None else R_given for now in believed]
+    R_given = _given(R, systems[0].nominal.ny)
+    noise = [now.nominal.R_v if R_given is None else R_given for now in systems]
     P_pred, P, L, K, F, lam = [P0], [], [], [], [], []
-    last: tuple[Belief, Belief] | None = None
+    last: tuple[DesignSystem, DesignSystem] | None = None
     R_hat = noise[0]
-    for k, now in enumerate(believed):
+    for k, now in enumerate(systems):
         try:
             step = filter_step(now.m.A, now.m.C, now.nominal.Q_w, R_hat, P_pred[-1])
         except np.linalg.LinAlgError:
             refuse_overflow(P_pred)
             raise DesignError(f"the covariance of the innovation is singular at k = {k}: give R", "R") from None
         after = min(k + 1, n_steps)
-        if last is None or now is not last[0] or believed[after] is not last[1]:
-            last = now, believed[after]
-            chosen = _multiplier(now, believed[after].m.C, noise[after], alpha)
+        if last is None or now is not last[0] or systems[after] is not last[1]:
+            last = now, systems[after]
+            chosen = _multiplier(now, systems[after].m.C, noise[after], alpha)
         R_hat = noise[after] - chosen.surplus
         transition, P_next = _predict(now, chosen, step.P)
         P.append(step.P)
@@ -96,7 +96,7 @@ def design(
         lam.append(chosen.lam)
         P_pred.append(P_next)
     refuse_overflow(P_pred)
-    models = [now.nominal for now in believed]
+    models = [now.nominal for now in systems]
     extra = {"P_pred": np.array(P_pred[:-1]), "lam": np.array(lam)}
     predictor = predictor_schedule(models, x0, K, P_pred[:-1], F=F, extra=extra)
     return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=np.array(P))
@@ -109,7 +109,7 @@ def _given(R: Matrix | None, ny: int) -> Array | None:
         raise DesignError(str(error), "R") from None
 
 
-def _multiplier(now: Belief, C: Array, R: Array, alpha: float) -> Multiplier:
+def _multiplier(now: DesignSystem, C: Array, R: Array, alpha: float) -> Multiplier:
     """Choose lam, Step 1; C and R are those of k+1."""
     m = now.m
     CM = C.dot(np.hstack([m.H_A if m.G_x.any() else 0.0 * m.H_A, m.H_Bw if m.G_w.any() else 0.0 * m.H_Bw]))
@@ -126,7 +126,7 @@ def _multiplier(now: Belief, C: Array, R: Array, alpha: float) -> Multiplier:
     return Multiplier(lam, symmetrise(CM.dot(CM.T)) / lam, noise)
 
 
-def _predict(now: Belief, chosen: Multiplier, P: Array) -> tuple[Array, Array]:
+def _predict(now: DesignSystem, chosen: Multiplier, P: Array) -> tuple[Array, Array]:
     """Return the transition matrix and P_pred of k+1 from P(k), Steps 2 and 3."""
     A, G = now.m.A, now.m.G_x
     F = A

@@ -17,7 +17,7 @@ from rmpc_bench.models.uncertain_system import SIZES, Matrices
 from rmpc_bench.types import Array
 
 
-class Belief(NamedTuple):
+class DesignSystem(NamedTuple):
     """An uncertain system with its noises at one k."""
 
     nominal: LinearModel
@@ -31,7 +31,7 @@ class Belief(NamedTuple):
     vbar: Float[Array, " nv"]
 
 
-def beliefs(model: Model, n_steps: int, scale: float = 1.0) -> list[Belief]:
+def design_systems(model: Model, n_steps: int, scale: float = 1.0) -> list[DesignSystem]:
     """Beliefs at k = 0..N, the same object as long as nothing varies.
 
     Parameters
@@ -40,23 +40,23 @@ def beliefs(model: Model, n_steps: int, scale: float = 1.0) -> list[Belief]:
     n_steps : N
     scale : factor of all uncertainty
     """
-    found: list[Belief] = []
+    found: list[DesignSystem] = []
     if isinstance(model, UncertainModel):
         system = model.system.scaled(scale)
         noises = (model.W, model.V, model.S, model.wbar, model.vbar)
         for k in range(n_steps + 1 if system.varies else 1):
-            found.append(Belief(model.at(k), system.at(k), *noises))
+            found.append(DesignSystem(model.at(k), system.at(k), *noises))
         return found if system.varies else found * (n_steps + 1)
     for k in range(n_steps + 1):
         now = model.at(k)
-        found.append(found[-1] if found and found[-1].nominal is now else _certain(now))
+        found.append(found[-1] if found and found[-1].nominal is now else _without_uncertainty(now))
     return found
 
 
-def _certain(now: LinearModel) -> Belief:
+def _without_uncertainty(now: LinearModel) -> DesignSystem:
     nx, ny = now.nx, now.ny
     sizes = {name: 1 for pair in SIZES.values() for name in pair} | {"nx": nx, "nu": now.nu, "ny": ny}
     sizes |= {"nw": nx, "nv": ny}
     zero = {name: np.zeros((sizes[rows], sizes[columns])) for name, (rows, columns) in SIZES.items()}
     m = Matrices(**{**zero, "A": now.A, "B": now.B, "C": now.C, "Bw": np.eye(nx), "Dv": np.eye(ny)})
-    return Belief(now, m, now.Q_w, now.R_v, now.S_wv, np.zeros(nx), np.zeros(ny))
+    return DesignSystem(now, m, now.Q_w, now.R_v, now.S_wv, np.zeros(nx), np.zeros(ny))

@@ -27,7 +27,7 @@ TABLE: Mapping[str, tuple[str, str]] = {
 }  # fmt: skip
 """Matrix -> what its rows and columns count: states, inputs, outputs."""
 
-BELIEFS = ("A", "B", "C", "P_w", "P_v")
+LINEAR_PART = ("A", "B", "C", "P_w", "P_v")
 """Matrices that a `LinearModel` is made of."""
 
 
@@ -108,9 +108,9 @@ class MixedModel:
 
     def at(self, k: int) -> LinearModel:
         """The model at k >= 0; its noises are the stochastic ones."""
-        k = k if any(self.matrices[name].varies for name in BELIEFS) else 0
+        k = k if any(self.matrices[name].varies for name in LINEAR_PART) else 0
         if ("", k) not in self._made:
-            A, B, C, P_w, P_v = (self._at(name, k) for name in BELIEFS)
+            A, B, C, P_w, P_v = (self._at(name, k) for name in LINEAR_PART)
             self._made["", k] = LinearModel(A, B, C, P_w, P_v, f0=self.w_mean, d0=self.v_mean)
         made: LinearModel = self._made["", k]
         return made

@@ -80,7 +80,7 @@ def uniform_covariance(M: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return cov
 
 
-def counted(
+def with_noise_kind(
     model: Model, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"] | None, noise: NoiseKind
 ) -> tuple[Model, Float[Array, "nx nx"]]:
     """Return a model and an initial covariance that count what is bounded as uniform, if `matched`, or leave it out."""

@@ -31,7 +31,7 @@ from jaxtyping import Bool, Float, Int
 
 from rmpc_bench.numerics.linalg import as_compiled, mv
 from rmpc_bench.numerics.lp import Bounds, LpStatus, lexicographic
-from rmpc_bench.numerics.minimax import Outcome, fit
+from rmpc_bench.numerics.minimax import FitOutcome, fit
 from rmpc_bench.types import Array
 
 CERTAIN = 1.0 - 1e-9
@@ -46,7 +46,7 @@ AGE, PROCESS = 0.99, 1.01
 """Weight of a noise in the second objective, per sample of age, and that of process noise."""
 
 
-class Window(NamedTuple):
+class SampleWindow(NamedTuple):
     """The last samples of every run, the newest one last; places before the first point are not used.
 
     Entry j of A, c and before belongs to the step from the point before to point j: x(j) = A_j x(j-1) + c_j.
@@ -70,7 +70,7 @@ class WindowFits(NamedTuple):
     """False where what is given is not finite, or a solver fails."""
 
 
-def fit_free(window: Window, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
+def fit_free(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
     """Fit the last points, the first of which may be anywhere.
 
     Parameters
@@ -83,14 +83,14 @@ def fit_free(window: Window, C: Float[Array, "kC ny nx"], points: int) -> Window
     F, moved = reduced(window, C, points)
     fits = fit(F, d, np.tile(np.arange(C.shape[1]), points))
     x = path[:, -1] + mv(moved, fits.x)
-    certain = (prices(window, C, points, fits.mu) < CERTAIN).all(axis=1)
+    certain = (multiplier_sums(window, C, points, fits.mu) < CERTAIN).all(axis=1)
     exact = fits.r.sum(axis=1) <= NOTHING * np.abs(d).max(axis=1)
-    found = WindowFits(x, np.zeros_like(x), fits.r, (fits.outcome == Outcome.UNIQUE) & (certain | exact))
+    found = WindowFits(x, np.zeros_like(x), fits.r, (fits.outcome == FitOutcome.UNIQUE) & (certain | exact))
     rest = np.flatnonzero(~found.solved)
     return _solved_in_full(found, rest, window, C, path, d, anchored=False) if len(rest) else found
 
 
-def fit_anchored(window: Window, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
+def fit_anchored(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
     """Fit the last points, the first of which follows from the estimate before it; arguments as `fit_free` has them."""
     path, d = predicted(window, C, points, anchored=True)
     x, r = np.empty_like(path[:, -1]), np.empty_like(window.y[:, -1])
@@ -99,7 +99,7 @@ def fit_anchored(window: Window, C: Float[Array, "kC ny nx"], points: int) -> Wi
 
 
 def predicted(
-    window: Window, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
+    window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
 ) -> tuple[Float[Array, "runs points nx"], Float[Array, "runs outputs"]]:
     """States of the points from their first one on without noise, and what the outputs differ from them.
 
@@ -115,7 +115,7 @@ def predicted(
 
 
 def reduced(
-    window: Window, C: Float[Array, "kC ny nx"], points: int
+    window: SampleWindow, C: Float[Array, "kC ny nx"], points: int
 ) -> tuple[Float[Array, "runs outputs nx"], Float[Array, "runs nx nx"]]:
     """Change of the outputs, and that of the last state, with the first state where there is no process noise."""
     from rmpc_bench.numerics.bounded_window_kernel import reduced_kernel
@@ -128,20 +128,20 @@ def reduced(
     return F, moved
 
 
-def prices(
-    window: Window, C: Float[Array, "kC ny nx"], points: int, mu: Float[Array, "runs outputs"]
+def multiplier_sums(
+    window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, mu: Float[Array, "runs outputs"]
 ) -> Float[Array, "runs nx"]:
     """Sums of |lam_j,i| over the points, from the prices mu of the outputs."""
-    from rmpc_bench.numerics.bounded_window_kernel import price_kernel
+    from rmpc_bench.numerics.bounded_window_kernel import multiplier_kernel
 
-    price = np.empty((len(mu), window.c.shape[2]))
+    sums = np.empty((len(mu), window.c.shape[2]))
     A, C = as_compiled(window.A), as_compiled(C)
-    price_kernel(A, C, A.shape[1] - points, mu, price)
-    return price
+    multiplier_kernel(A, C, A.shape[1] - points, mu, sums)
+    return sums
 
 
 def full_matrix(
-    window: Window, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
+    window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
 ) -> Float[Array, "runs equations states"]:
     """Left sides of all equations in the states of the points: C x(j) of every point, then x(j) - A_j x(j-1)."""
     runs, places, ny = window.y.shape
@@ -160,11 +160,11 @@ def full_matrix(
 
 
 def _solved_in_full(
-    found: WindowFits, rows: Array, window: Window, C: Array, path: Array, d: Array, *, anchored: bool
+    found: WindowFits, rows: Array, window: SampleWindow, C: Array, path: Array, d: Array, *, anchored: bool
 ) -> WindowFits:
     """Solve the full program of some runs."""
     points, nx, ny = path.shape[1], path.shape[2], C.shape[1]
-    F = full_matrix(Window(*(each[rows] for each in window)), C, points, anchored=anchored)
+    F = full_matrix(SampleWindow(*(each[rows] for each in window)), C, points, anchored=anchored)
     outputs, states = np.arange(points * ny), np.arange(0 if anchored else nx, points * nx)  # one equation each
     group = np.concatenate([outputs % ny, ny + states % nx])
     age = points - 1 - np.concatenate([outputs // ny, states // nx])
@@ -172,14 +172,14 @@ def _solved_in_full(
     data = np.concatenate([d[rows], np.zeros((len(rows), len(states)))], axis=1)
     finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(data).all(axis=1)
     for i, run in enumerate(rows):
-        answer = quietest(F[i], data[i], group, weight) if finite[i] else None
+        answer = least_noise_fit(F[i], data[i], group, weight) if finite[i] else None
         found.solved[run] = answer is not None
         z, bounds = answer or (np.full(F.shape[2], np.nan), np.full(ny + nx, np.nan))
         found.x[run], found.r[run], found.rho[run] = path[run, -1] + z[-nx:], bounds[:ny], bounds[ny:]
     return found
 
 
-def quietest(
+def least_noise_fit(
     F: Float[Array, "n p"], d: Float[Array, " n"], group: Int[Array, " n"], weight: Float[Array, " n"]
 ) -> tuple[Float[Array, " p"], Float[Array, " groups"]] | None:
     """Of the minimax fits choose one with the least weighted sum of absolute residuals.

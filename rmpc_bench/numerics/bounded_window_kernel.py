@@ -77,7 +77,7 @@ def reduced_kernel(A: Any, C: Any, first: int, F: Any, moved: Any) -> None:  # p
 
 
 @numba.njit(cache=True, error_model="numpy")
-def price_kernel(A: Any, C: Any, first: int, mu: Any, price: Any) -> None:  # pragma: no cover
+def multiplier_kernel(A: Any, C: Any, first: int, mu: Any, price: Any) -> None:  # pragma: no cover
     """Write what a unit of every rho would save: the sum over the window of |lam_i|."""
     runs, points, nx = A.shape[:3]
     ny, last = C.shape[1], len(C) - 1

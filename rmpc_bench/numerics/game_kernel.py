@@ -308,7 +308,7 @@ def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cov
 
 
 @numba.njit(cache=True, error_model="numpy")
-def price_alone_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
+def smallest_multiplier_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
     """Smallest price that bounds the maximiser alone, from above: the norm of the map from noise to cost.
 
     It lies between the trace of that map and the trace over its size; halved until neighbours are left.

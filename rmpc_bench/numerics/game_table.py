@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.numerics.lq_game import Problem, price_alone
+from rmpc_bench.numerics.lq_game import Game, smallest_multiplier
 from rmpc_bench.types import Array
 
 NODES = 44
@@ -42,26 +42,26 @@ class Tables(NamedTuple):
     usable: Bool[Array, " k"]
 
 
-def tables(problems: Sequence[Problem], M_roots: Float[Array, "k n n"]) -> Tables:
+def tables(games: Sequence[Game], M_roots: Float[Array, "k n n"]) -> Tables:
     """Make the tables of all k.
 
     Parameters
     ----------
-    problems : the games of k = 0..
+    games : the games of k = 0..
     M_roots : roots of the sets of e(k), of length 1 where they are the same at all k
     """
-    found = [_table(problem, M_roots[k if len(M_roots) > 1 else 0]) for k, problem in enumerate(problems)]
+    found = [_table(game, M_roots[k if len(M_roots) > 1 else 0]) for k, game in enumerate(games)]
     tau_min, s, series, usable = zip(*found, strict=True)
     return Tables(np.array(tau_min), np.array(s), np.array(series), np.array(usable))
 
 
-def _table(problem: Problem, M_root: Float[Array, "n n"]) -> tuple[float, float, Array, bool]:
+def _table(game: Game, M_root: Float[Array, "n n"]) -> tuple[float, float, Array, bool]:
     from rmpc_bench.numerics.game_kernel import nodes_kernel
 
-    n, tau_min = len(M_root), price_alone(problem)
+    n, tau_min = len(M_root), smallest_multiplier(game)
     found = np.full((NODES, 6, n, n), np.nan)
     offsets = MIDDLE + HALF * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-    s = nodes_kernel(*problem, tau_min, offsets, M_root, found) if tau_min > 0.0 else np.nan
+    s = nodes_kernel(*game, tau_min, offsets, M_root, found) if tau_min > 0.0 else np.nan
     if not np.isfinite(found).all():
         return tau_min, 0.0, np.zeros((1 + 3 * n * n, NODES)), False
     with np.errstate(all="ignore"):  # what is not finite is not used

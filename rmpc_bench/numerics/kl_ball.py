@@ -33,7 +33,7 @@ from rmpc_bench.types import Array
 
 Tau: TypeAlias = Annotated[float, Ge(0), Le(1)]
 """Member of the family of divergences."""
-Reading: TypeAlias = Literal["printed", "half"]
+Interpretation: TypeAlias = Literal["printed", "half"]
 """(16) as printed, or with the factor 1/2 that the divergence (10) of two Gaussians has."""
 
 LARGEST = 1e100
@@ -47,7 +47,7 @@ class Inflation(NamedTuple):
     theta: float
 
 
-def right_side(c: float, kl: Reading) -> float:
+def right_side(c: float, kl: Interpretation) -> float:
     """Right side of (16) for a ball of radius c: half of the left side is at most c where (10) is taken at its word."""
     return 2.0 * c if kl == "half" else c
 

@@ -11,7 +11,7 @@ Solution For fixed prices it is a linear-quadratic game.  Pi_N = Q,
          D = -d(rho - tau_2)/d tau_2 and s = log(tau_2 / tau_min - 1), which is nearly a straight line.
          No matrix M or M_w is inverted, so both may be singular.
 Sets     one price for all stages belongs to the set sum over t of w' M_w^-1 w <= 1, a price of its own for every stage
-         to every w(t) in its own ellipsoid (stage_prices.py).
+         to every w(t) in its own ellipsoid (stage_multipliers.py).
 Source   ma2025, Theorem 1; the reduction is ours (tests: it equals the semidefinite program and a dense form of it).
 Cost     the smallest price takes some fifty short passes over the horizon, once; a state then five passes, or, from a
          table, (1 + 3 n^2) polynomials.
@@ -27,7 +27,7 @@ from jaxtyping import Float
 from rmpc_bench.types import Array
 
 
-class Problem(NamedTuple):
+class Game(NamedTuple):
     """A game; axis 0 is the stage t = 0..N-1."""
 
     A: Float[Array, "N n n"]
@@ -38,9 +38,9 @@ class Problem(NamedTuple):
     G: Float[Array, "N n n"]
     """Root of the set of w(t)."""
 
-    def window(self, first: int, length: int) -> Problem:
+    def window(self, first: int, length: int) -> Game:
         """Stages from ``first`` on."""
-        return Problem(*(each[first : first + length] for each in self))
+        return Game(*(each[first : first + length] for each in self))
 
 
 class Solution(NamedTuple):
@@ -57,19 +57,19 @@ class Solution(NamedTuple):
     """Pi_1 T x_w: u(0) = -R^-1 B' first."""
 
 
-def price_alone(problem: Problem) -> float:
+def smallest_multiplier(game: Game) -> float:
     """Smallest price tau_min of noise for which the maximiser alone is bounded."""
-    from rmpc_bench.numerics.game_kernel import price_alone_kernel
+    from rmpc_bench.numerics.game_kernel import smallest_multiplier_kernel
 
-    return float(price_alone_kernel(problem.A, problem.Q, problem.G))
+    return float(smallest_multiplier_kernel(game.A, game.Q, game.G))
 
 
-def solve(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
+def solve(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
     """Solve the game with one price of noise.
 
     Parameters
     ----------
-    problem : the game
+    game : the game
     M_root : root of the set of e
     x : estimate x_hat
     """
@@ -77,24 +77,24 @@ def solve(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) 
 
     x = np.ascontiguousarray(x, dtype=float)
     first, x_w = np.empty_like(x), np.empty_like(x)
-    rho, tau_1, tau_2 = solve_kernel(*problem, M_root, x, price_alone(problem), 0.0, first, x_w)
-    return Solution(rho, tau_1, np.full(len(problem.A), tau_2), x_w, first)
+    rho, tau_1, tau_2 = solve_kernel(*game, M_root, x, smallest_multiplier(game), 0.0, first, x_w)
+    return Solution(rho, tau_1, np.full(len(game.A), tau_2), x_w, first)
 
 
-def plan(problem: Problem, feedback: Float[Array, "N nu n"], solution: Solution) -> Float[Array, "N nu"]:
+def plan(game: Game, feedback: Float[Array, "N nu n"], solution: Solution) -> Float[Array, "N nu"]:
     """All controls of a game, of which the first one is applied.
 
     Parameters
     ----------
-    problem : the game
+    game : the game
     feedback : R^-1 B' of every stage
     solution : of the game
     """
     from rmpc_bench.numerics.game_kernel import backward_kernel
 
-    N, n = problem.A.shape[:2]
+    N, n = game.A.shape[:2]
     paths, U, z = np.empty((2, N, n, n)), np.empty(feedback.shape[:2]), solution.x_w
-    backward_kernel(*problem, np.where(solution.tau > 0.0, solution.tau, 1.0), np.empty((6, n, n)), paths)
+    backward_kernel(*game, np.where(solution.tau > 0.0, solution.tau, 1.0), np.empty((6, n, n)), paths)
     for t in range(N):
         U[t] = -feedback[t] @ paths[1, t] @ z
         z = paths[0, t] @ z

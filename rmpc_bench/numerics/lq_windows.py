@@ -63,7 +63,7 @@ def window_law(stages: Stages, horizon: int, F: Float[Array, "t nx m"]) -> Windo
     return WindowLaw(K, K_d, S)
 
 
-def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, prices: Float[Array, " k"]) -> Array:
+def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, multipliers: Float[Array, " k"]) -> Array:
     """First gains R^-1 B' Pi_1 T of the games of all windows: u = -L x.
 
     Parameters
@@ -71,17 +71,17 @@ def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, prices:
     stages : system and weights
     G : roots of the sets of the noise
     horizon : N
-    prices : of the noise, one per window, above the smallest ones
+    multipliers : of the noise, one per window, above the smallest ones
     """
-    first, bounded = _game(stages, G, horizon, prices)
+    first, bounded = _game(stages, G, horizon, multipliers)
     if not bounded.all():
         raise ValueError("a price lies below the smallest one")
-    n_windows = len(prices)
+    n_windows = len(multipliers)
     gains: Array = np.linalg.solve(stages.R[:n_windows], stages.B[:n_windows].mT @ first)
     return gains
 
 
-def game_prices(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
+def smallest_multipliers(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
     """Smallest price of noise for which the game of each window is bounded: the square of an H-infinity norm.
 
     Found by halving; 0 where no noise costs anything.
@@ -108,11 +108,11 @@ def noise_sizes(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Flo
 
 
 def _game(
-    stages: Stages, G: Float[Array, "t nx nx"], horizon: int, prices: Float[Array, " k"]
+    stages: Stages, G: Float[Array, "t nx nx"], horizon: int, multipliers: Float[Array, " k"]
 ) -> tuple[Float[Array, "k nx nx"], Bool[Array, " k"]]:
     """Pi_1 T of every window, and whether its game is bounded; without noise at the price 0."""
-    n_windows, nx = len(prices), stages.A.shape[1]
-    share = np.divide(1.0, prices, out=np.zeros(n_windows), where=prices > 0.0)[:, None, None]
+    n_windows, nx = len(multipliers), stages.A.shape[1]
+    share = np.divide(1.0, multipliers, out=np.zeros(n_windows), where=multipliers > 0.0)[:, None, None]
     Pi, first, bounded = stages.Q[horizon - 1 :], np.zeros(0), np.ones(n_windows, dtype=bool)
     with np.errstate(all="ignore"):  # of windows whose game is not bounded
         for t in range(horizon - 1, -1, -1):

@@ -24,7 +24,7 @@ from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.types import Array
 
 
-class Outcome(IntEnum):
+class FitOutcome(IntEnum):
     """What became of a fit; the numbers are those of minimax_kernel.py."""
 
     UNIQUE = 0
@@ -44,7 +44,7 @@ class Fits(NamedTuple):
     mu: Float[Array, "rows n"]
     """Dual values."""
     outcome: Int8[Array, " rows"]
-    """Members of `Outcome`."""
+    """Members of `FitOutcome`."""
 
 
 def fit(F: Float[Array, "rows n p"], d: Float[Array, "rows n"], group: Int[Array, " n"]) -> Fits:

@@ -196,13 +196,13 @@ class NoiseChannel:
         """
         if not self.present or not self.cross.any():
             return 0.0
-        return min(max(best_excess(self.lam, *self._prices(T)), within[0]), within[1])
+        return min(max(best_excess(self.lam, *self._coefficients(T)), within[0]), within[1])
 
     def no_worse(self, T: Float[Array, "nx nz"], t0: float) -> tuple[float, float]:
         """Return the least and the largest t at which trace(T bound T') is not larger than at t0 > 0."""
-        return no_worse(self.lam, *self._prices(T), t0) if self.present else (0.0, math.inf)
+        return no_worse(self.lam, *self._coefficients(T), t0) if self.present else (0.0, math.inf)
 
-    def _prices(self, T: Float[Array, "nx nz"]) -> tuple[Float[Array, " s"], float]:
+    def _coefficients(self, T: Float[Array, "nx nz"]) -> tuple[Float[Array, " s"], float]:
         """Return the p and q of trace(T bound T') = constant + sum_i p_i / (a - lam_i) + q a."""
         seen, own = T.dot(self.cross), T.dot(self.H)
         return (seen * seen).sum(axis=0), float((own * own).sum())

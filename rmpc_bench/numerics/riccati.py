@@ -50,7 +50,7 @@ def filter_step(
     return FilterStep(L, A.dot(L), P, symmetrise(A.dot(P).dot(A.T) + Q_w))
 
 
-def blind_step(
+def unmeasured_step(
     A: Float[Array, "nx nx"],
     C: Float[Array, "ny nx"],
     Q_w: Float[Array, "nx nx"],

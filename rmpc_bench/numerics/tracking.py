@@ -24,7 +24,7 @@ SMALLEST = 1e-13
 """Pivot over the largest of its stage that counts as 0: rounding of the factorisation."""
 
 
-class Gains(NamedTuple):
+class TrackingLaw(NamedTuple):
     """The solution as a linear function: u(0) = K_w w - K_x x + u_0, least cost |E_w w - E_x x + e_0|^2."""
 
     K_x: Float[Array, "nu nx"]
@@ -44,7 +44,7 @@ def gains(
     Q_yw: Float[Array, "ny ny"],
     Q_u: Float[Array, "nu nu"],
     N: int,
-) -> Gains:
+) -> TrackingLaw:
     """Solve for every state and every reference at once, where neither the model nor the weights change.
 
     Parameters
@@ -74,7 +74,7 @@ def gains(
         lost.append(R[nu + nx :, nu + nx :])
     first = np.linalg.solve(R[:nu, :nu], R[:nu, nu:])
     E_x, e = np.vstack([S, *(np.zeros((len(part), nx)) for part in lost)]), np.vstack([s, *lost])
-    return Gains(first[:, :nx], first[:, nx:-1], first[:, -1], E_x, e[:, :-1], e[:, -1])
+    return TrackingLaw(first[:, :nx], first[:, nx:-1], first[:, -1], E_x, e[:, :-1], e[:, -1])
 
 
 def track(

@@ -8,7 +8,7 @@ from conftest import random_model, random_psd
 
 from rmpc_bench import registry
 from rmpc_bench.estimators.enhanced_robust import Margins
-from rmpc_bench.estimators.lmmse import Law
+from rmpc_bench.estimators.lmmse import EntryLaw
 from rmpc_bench.estimators.risk_sensitive import Radius
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
@@ -25,7 +25,7 @@ PARAMETERS = {
     "kalman-predictor": [{}, {"R": 2.0, "gain": "steady"}],
     "enhanced-robust": [{}, {"eps": Margins(x=0.1, w=0.2, v=0.3), "tuned": True}, {"rule": "state"}],
     "sayed-bdu": [{}, {"alpha": 0.1, "form": "predictor"}],
-    "lmmse": [{}, {"law": Law(mean=0.2, variance=0.1)}],
+    "lmmse": [{}, {"law": EntryLaw(mean=0.2, variance=0.1)}],
     "lp-window": [{}, {"Ne": 2, "start": "anchored"}],
     "mixed": [{}, {"q": "lag", "use_y0": False}, {"q": "one-pass"}],
     "set-membership": [

@@ -13,7 +13,7 @@ from rmpc_bench.estimators.mixed import design as mixed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.numerics.linalg import psd_sqrt
-from rmpc_bench.numerics.lq_windows import game_prices
+from rmpc_bench.numerics.lq_windows import smallest_multipliers
 from rmpc_bench.types import DesignError, Estimate
 
 A, B, C = np.array([[0.9, 0.3], [-0.2, 0.7]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
@@ -82,7 +82,7 @@ def test_game_gain_is_the_saddle_of_the_big_game():
     model, estimator, stages, M_w = system(N)
     big, (_, M_2) = oracles.matrices(stages), oracles.inverse_sets(np.eye(2), M_w)
     w = slice(2, None)
-    price = 1.3 * game_prices(stages, psd_sqrt(M_w), N)[0]
+    price = 1.3 * smallest_multipliers(stages, psd_sqrt(M_w), N)[0]
     saddle = np.block([[big.B, big.D[:, w]], [big.D[:, w].T, big.C[w, w] - price * M_2[w, w]]])
     expected = np.linalg.solve(saddle, -np.concatenate([big.b, big.c[w]]) @ x)
     law = game_gain(model, 3, estimator, horizon=N, ratio=1.3, **WEIGHTS)

@@ -8,7 +8,7 @@ from conftest import random_model, random_psd
 from estimators.uncertain_oracles import P0, X0, benchmark, ensemble, random_uncertain
 
 from rmpc_bench.estimators.kalman_predictor import design as kalman_predictor
-from rmpc_bench.estimators.lmmse import Law, design
+from rmpc_bench.estimators.lmmse import EntryLaw, design
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
 from rmpc_bench.types import DesignError
 
@@ -67,7 +67,7 @@ def test_it_is_the_best_linear_predictor(low, high, varying, rng):
     """Oracle: one big joint second moment of x(n) and all measurements; F of several sizes, means, S, time varying."""
     model = correlated(random_uncertain(rng, 6, size=0.5, varying=varying), 6, [[0.1, 0.0], [0.05, -0.1]])
     start = random_psd(rng, 3)
-    filter_ = design(model, 6, x0=np.ones(3), P0=start, law=Law(low=low, high=high))
+    filter_ = design(model, 6, x0=np.ones(3), P0=start, law=EntryLaw(low=low, high=high))
     for n in (1, 4, 6):
         expected = best_by_joint_moments(model, np.ones(3), start, n, low, high)
         np.testing.assert_allclose(filter_.P[n], expected, rtol=1e-9, atol=1e-9 * np.trace(expected))
@@ -78,7 +78,7 @@ def test_P_is_the_exact_covariance_of_the_error(low, high, rng):
     """Oracle: the moments of the closed loop, which do not use that the gain is the best one; no bias."""
     for varying in (False, True):
         model = correlated(random_uncertain(rng, 40, size=0.4, varying=varying), 40, [[0.1, 0.0], [0.05, -0.1]])
-        filter_ = design(model, 40, x0=np.ones(3), P0=random_psd(rng, 3), law=Law(low=low, high=high))
+        filter_ = design(model, 40, x0=np.ones(3), P0=random_psd(rng, 3), law=EntryLaw(low=low, high=high))
         mean, cov = ensemble(model, filter_, 40, low, high)
         np.testing.assert_allclose(cov, filter_.P, rtol=1e-11, atol=1e-11)
         np.testing.assert_allclose(mean, 0.0, atol=1e-11)
@@ -103,11 +103,13 @@ def test_no_other_gain_does_better(rng):
 )
 def test_the_benchmark_has_the_known_covariance(law, diagonal, trace):
     """Oracle: the reference study section 7; the law by its moments is the same."""
-    filter_ = design(benchmark(300), 300, x0=X0, P0=P0, law=Law(**law))
+    filter_ = design(benchmark(300), 300, x0=X0, P0=P0, law=EntryLaw(**law))
     np.testing.assert_allclose(np.diag(filter_.P[300]), diagonal, atol=5e-4)
     np.testing.assert_allclose(np.trace(filter_.P[300]), trace, atol=5e-3)
     mean = 0.5 * (law["low"] + law["high"])
-    same = design(benchmark(300), 300, x0=X0, P0=P0, law=Law(mean=mean, variance=(law["high"] - law["low"]) ** 2 / 12))
+    same = design(
+        benchmark(300), 300, x0=X0, P0=P0, law=EntryLaw(mean=mean, variance=(law["high"] - law["low"]) ** 2 / 12)
+    )
     np.testing.assert_allclose(same.P, filter_.P, rtol=1e-12)
     if mean == 0.0:
         np.testing.assert_array_equal(design(benchmark(300), 300, x0=X0, P0=P0).P, filter_.P)
@@ -118,7 +120,7 @@ def test_without_variance_it_is_the_kalman_predictor(rng):
     model = random_uncertain(rng, 10)
     start = random_psd(rng, 3)
     for mean in (0.0, 0.7):
-        ours = design(model, 10, x0=np.ones(3), P0=start, law=Law(mean=mean, variance=0.0))
+        ours = design(model, 10, x0=np.ones(3), P0=start, law=EntryLaw(mean=mean, variance=0.0))
         m = model.system.over_time
         given = {name: np.array(M) for name, M in m._asdict().items()}
         for H, G, changed in (
@@ -140,13 +142,13 @@ def test_a_law_is_said_in_one_way():
     """Oracle: the interface."""
     for wrong in ({}, {"low": -1.0}, {"mean": 0.0}, {"low": -1.0, "high": 1.0, "mean": 0.0}, {"low": 1.0, "high": 0.0}):
         with pytest.raises(ValueError, match="low"):
-            Law(**wrong)
-    assert Law(low=0.0, high=1.0).moments == (0.5, 1 / 12)
-    assert Law(mean=0.2, variance=0.1).moments == (0.2, 0.1)
+            EntryLaw(**wrong)
+    assert EntryLaw(low=0.0, high=1.0).moments == (0.5, 1 / 12)
+    assert EntryLaw(mean=0.2, variance=0.1).moments == (0.2, 0.1)
 
 
 def test_a_system_that_is_unstable_in_the_mean_square_is_refused():
     """Oracle: by hand; x+ = (0.9 + F) x with F of variance 1 multiplies E x^2 by 1.81, beyond 1e100 at k = 389."""
     model = uncertain_model(600, A=[[0.9]], C=[[1.0]], H_A=[[1.0]], G_x=[[1.0]], Dv=[[1.0]], V=1.0)
     with pytest.raises(DesignError, match=r"beyond 1e\+100 at k = 389"):
-        design(model, 600, x0=np.zeros(1), P0=np.eye(1), law=Law(mean=0.0, variance=1.0))
+        design(model, 600, x0=np.zeros(1), P0=np.eye(1), law=EntryLaw(mean=0.0, variance=1.0))

@@ -199,7 +199,7 @@ def robot(rng, runs, steps):
 
 def test_on_the_robot_the_reduced_program_is_the_full_one(rng, monkeypatch):
     """Oracle: linprog at some 200 instants, in units of the noise; no solver of the bench is asked."""
-    monkeypatch.setattr(bounded_window, "quietest", None)
+    monkeypatch.setattr(bounded_window, "least_noise_fit", None)
     model, x0, y, u = robot(rng, 4, 51)
     estimates = run(design(model, 51, x0=x0), y, u)
     unit = 5e-4

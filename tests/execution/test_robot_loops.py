@@ -102,7 +102,7 @@ def test_a_singular_pose_stops_a_run_and_no_other():
 @pytest.mark.parametrize("name", ["constant", "tuned"])
 def test_a_solver_that_always_fails_ends_all_runs(name, monkeypatch):
     """Oracle: by hand; an anchored window is full at k = 3, the 51st estimate in a row without a fit is that of 53."""
-    monkeypatch.setattr(bounded_window, "quietest", lambda *_: None)
+    monkeypatch.setattr(bounded_window, "least_noise_fit", lambda *_: None)
     record, status, _ = loop(name, "estimator.start=anchored", steps=60)
     np.testing.assert_array_equal(status, np.full(2, Status.DIVERGED))
     np.testing.assert_array_equal(record.info["fallback"][:, :, 0], np.tile(np.arange(61) >= 3, (2, 1)))

@@ -9,7 +9,7 @@ from estimators.mixed_systems import in_ellipsoid
 
 from rmpc_bench.models.linear import Model
 from rmpc_bench.models.mixed_noise import design
-from rmpc_bench.models.noise_sets import NoiseSets, counted, uniform_covariance
+from rmpc_bench.models.noise_sets import NoiseSets, uniform_covariance, with_noise_kind
 from rmpc_bench.numerics.ellipsoid import sum_shape
 from rmpc_bench.types import DesignError, HasSets
 
@@ -104,18 +104,18 @@ def test_sets_of_an_estimator(rng):
     model = design(3, A=[0.5, 0.5], C=[[1.0, 0.0]], P_w=P.tolist(), M_w=M.tolist(), P_v=0.25, M_v=5.0)
     c2, c1 = -2.0 * np.log(0.05), 3.841458820694124
     alone, inflated = NoiseSets(model), NoiseSets(model, 0.95)
-    believed = pickle.loads(pickle.dumps(NoiseSets(model, 0.95, bounded=False)))
+    sets = pickle.loads(pickle.dumps(NoiseSets(model, 0.95, bounded=False)))
     for k in (0, 9):
         np.testing.assert_array_equal(alone.process(k), M)
         np.testing.assert_array_equal(alone.measurement(k), [[5.0]])
         np.testing.assert_allclose(inflated.process(k), sum_shape(M, c2 * P), **ROUND)
         wide = (np.sqrt(5.0) + np.sqrt(c1 * 0.25)) ** 2
         np.testing.assert_allclose(inflated.measurement(k), [[wide]], rtol=1e-9)  # digits of c1
-        np.testing.assert_allclose(believed.process(k), c2 * P, **ROUND)
-        np.testing.assert_allclose(believed.measurement(k), [[c1 * 0.25]], rtol=1e-9)
+        np.testing.assert_allclose(sets.process(k), c2 * P, **ROUND)
+        np.testing.assert_allclose(sets.measurement(k), [[c1 * 0.25]], rtol=1e-9)
     np.testing.assert_array_equal(alone.initial(P, M), M)
     np.testing.assert_allclose(inflated.initial(P, M), sum_shape(M, c2 * P), **ROUND)
-    np.testing.assert_allclose(believed.initial(P, M), c2 * P, **ROUND)
+    np.testing.assert_allclose(sets.initial(P, M), c2 * P, **ROUND)
 
 
 def test_a_model_without_sets_has_none(rng):
@@ -125,7 +125,7 @@ def test_a_model_without_sets_has_none(rng):
     np.testing.assert_array_equal(NoiseSets(model).process(4), np.zeros((3, 3)))
     np.testing.assert_array_equal(NoiseSets(model).measurement(4), np.zeros((2, 2)))
     np.testing.assert_array_equal(NoiseSets(model, 0.9).process(0), NoiseSets(model, 0.9, bounded=False).process(0))
-    assert counted(model, np.eye(3), np.zeros((3, 3)), "matched")[0].at(2) is model
+    assert with_noise_kind(model, np.eye(3), np.zeros((3, 3)), "matched")[0].at(2) is model
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
@@ -139,8 +139,8 @@ def test_the_covariance_of_a_uniform_law(n, rng):
 def test_a_matched_model_keeps_the_rest():
     """Oracle: by hand; M / 4 of two states, M / 3 of one output, M0 / 4."""
     model = design(3, A=[0.5, 0.5], C=[[1.0, 0.0]], P_w=1.0, M_w=[4.0, 8.0], P_v=2.0, M_v=6.0, w_mean=1.0, v_mean=2.0)
-    believed, P0 = counted(model, np.eye(2), 4.0 * np.eye(2), "matched")
-    now = believed.at(1)
+    matched, P0 = with_noise_kind(model, np.eye(2), 4.0 * np.eye(2), "matched")
+    now = matched.at(1)
     for ours, theirs in (
         (now.Q_w, np.diag([2.0, 3.0])), (now.R_v, [[4.0]]), (P0, 2.0 * np.eye(2)), (now.f0, [1.0, 1.0]),
         (now.d0, [2.0]), (now.A, model.at(1).A),

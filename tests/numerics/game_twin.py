@@ -37,7 +37,7 @@ def bound(stages, M, M_w, x, price):
     return min((cost(edge * (1.0 + 1e-12)), edge), (cost(inside), inside))
 
 
-def price_alone(stages, M_w):
+def smallest_multiplier(stages, M_w):
     """Price at which the maximiser alone becomes unbounded, by halving."""
     low, high = 0.0, 1.0
     while recursion(stages, M_w, high, alone=True) is None:
@@ -50,7 +50,7 @@ def price_alone(stages, M_w):
 
 def solve(stages, M, M_w, x):
     """(rho, tau_1, tau_2) by search over the price."""
-    smallest = price_alone(stages, M_w)
+    smallest = smallest_multiplier(stages, M_w)
     found = minimize_scalar(
         lambda s: bound(stages, M, M_w, x, smallest * (1.0 + np.exp(s)))[0],
         bounds=(-12.0, 12.0), method="bounded", options={"xatol": 1e-9},

@@ -8,16 +8,16 @@ from rmpc_bench.numerics import bounded_window
 from rmpc_bench.numerics.bounded_window import (
     AGE,
     PROCESS,
-    Window,
+    SampleWindow,
     fit_anchored,
     fit_free,
     full_matrix,
+    least_noise_fit,
+    multiplier_sums,
     predicted,
-    prices,
-    quietest,
     reduced,
 )
-from rmpc_bench.numerics.minimax import Outcome, fit
+from rmpc_bench.numerics.minimax import FitOutcome, fit
 
 TS = 0.01
 CLOSE = 1e-9  # data of size 1; SciPy keeps bounds to 1e-10
@@ -35,7 +35,7 @@ def integrators(rng, runs, points, axes=3, coupling=0.9, places=None):
         before[:, j] = x + rng.uniform(-1.0, 1.0, (runs, nx))
         x = np.einsum("rij,rj->ri", A[:, j], x) + c[:, j]
         y[:, j] = x[:, :axes] + rng.uniform(-1.0, 1.0, (runs, axes))
-    return Window(y, A, c, before), np.eye(axes, nx)[None]
+    return SampleWindow(y, A, c, before), np.eye(axes, nx)[None]
 
 
 def data(window, C, i, points, anchored=False):
@@ -135,7 +135,7 @@ def test_the_certificate_decides_as_the_full_program(rng):
         window, C = integrators(rng, 12, points)
         _, d = predicted(window, C, points, anchored=False)
         F, _ = reduced(window, C, points)
-        largest = prices(window, C, points, fit(F, d, np.tile(np.arange(3), points)).mu).max(axis=1)
+        largest = multiplier_sums(window, C, points, fit(F, d, np.tile(np.arange(3), points)).mu).max(axis=1)
         assert points > 4 or largest.max() < 0.9
         for i in np.flatnonzero(np.abs(largest - 1.0) > 1e-6):
             _, _, rho, _ = lp_twin.solve(data(window, C, i, points))
@@ -150,7 +150,7 @@ def test_the_paths_and_prices_are_those_of_plain_loops(rng):
     C = C + 0.1 * rng.standard_normal((4, 3, 6))
     mu = rng.standard_normal((5, 12))
     F, moved = reduced(window, C, 4)
-    price = prices(window, C, 4, mu)
+    price = multiplier_sums(window, C, 4, mu)
     for anchored in (False, True):
         path, d = predicted(window, C, 4, anchored=anchored)
         for i in range(5):
@@ -182,7 +182,7 @@ def test_the_first_price_is_what_the_reduced_dual_demands(rng):
 
 def test_no_noise_is_fitted_exactly_and_at_once(rng, monkeypatch):
     """Oracle: the states that made the data; the full program is not asked, even where rounding is all there is."""
-    monkeypatch.setattr(bounded_window, "quietest", None)
+    monkeypatch.setattr(bounded_window, "least_noise_fit", None)
     window, C = integrators(rng, 8, 4)
     x = window.before[:, 0]
     before, y = np.empty_like(window.before), np.empty_like(window.y)
@@ -190,7 +190,7 @@ def test_no_noise_is_fitted_exactly_and_at_once(rng, monkeypatch):
         before[:, j], x = x, np.einsum("rij,rj->ri", window.A[:, j], x) + window.c[:, j]
         y[:, j] = x[:, :3]
     for start in (before, before + rng.standard_normal(before.shape)):  # right and wrong estimates before
-        fits = fit_free(Window(y, window.A, window.c, start), C, 4)
+        fits = fit_free(SampleWindow(y, window.A, window.c, start), C, 4)
         assert fits.solved.all() and not fits.rho.any() and fits.r.max() < 1e-10  # roundings of sums of size 100
         np.testing.assert_allclose(fits.x, x, atol=1e-8)  # a velocity: those divided by Ts
 
@@ -204,14 +204,14 @@ def test_rows_do_not_depend_on_each_other(fitted, rng):
     np.testing.assert_array_equal(together.solved, [True, False, True, False, False, True])
     assert np.isnan(together.x[[1, 3, 4]]).any(axis=1).all() and np.isfinite(together.x[together.solved]).all()
     for i in range(6):
-        alone = fitted(Window(*(each[i : i + 1] for each in window)), C, 6)
+        alone = fitted(SampleWindow(*(each[i : i + 1] for each in window)), C, 6)
         for a, b in zip(alone, together, strict=True):
             np.testing.assert_array_equal(a, b[i : i + 1])
 
 
 def test_a_solver_that_fails_leaves_the_row_unsolved(rng, monkeypatch):
     """Oracle: by construction."""
-    monkeypatch.setattr(bounded_window, "quietest", lambda *_: None)
+    monkeypatch.setattr(bounded_window, "least_noise_fit", lambda *_: None)
     window, C = integrators(rng, 3, 4)
     fits = fit_anchored(window, C, 4)
     assert not fits.solved.any() and np.isnan(fits.rho).all() and np.isnan(fits.x).all()
@@ -224,13 +224,15 @@ def test_ties_are_left_to_the_full_program(monkeypatch):
     of |y - c| is least where the noises below and above weigh the same, at the .3 of the last point.
     """
     calls = []
-    monkeypatch.setattr(bounded_window, "quietest", lambda *given: calls.append(given) or quietest(*given))
+    monkeypatch.setattr(
+        bounded_window, "least_noise_fit", lambda *given: calls.append(given) or least_noise_fit(*given)
+    )
     y = np.array([[[0.0, 1.0], [0.3, 0.25], [0.3, 0.4]]])
-    window = Window(y, np.ones((1, 3, 1, 1)), np.zeros((1, 3, 1)), np.zeros((1, 3, 1)))
+    window = SampleWindow(y, np.ones((1, 3, 1, 1)), np.zeros((1, 3, 1)), np.zeros((1, 3, 1)))
     C, group = np.ones((1, 2, 1)), np.tile([0, 1], 3)
     tied = fit(reduced(window, C, 3)[0], predicted(window, C, 3, anchored=False)[1], group)
-    assert tied.outcome[0] == Outcome.OPTIMAL and abs(tied.x[0, 0] - 0.3) > 0.1
-    np.testing.assert_array_equal(prices(window, C, 3, tied.mu), [[0.0]])
+    assert tied.outcome[0] == FitOutcome.OPTIMAL and abs(tied.x[0, 0] - 0.3) > 0.1
+    np.testing.assert_array_equal(multiplier_sums(window, C, 3, tied.mu), [[0.0]])
     fits = fit_free(window, C, 3)
     assert len(calls) == 1 and fits.solved.all()
     np.testing.assert_allclose(fits.x, [[0.3]], atol=CLOSE)
@@ -241,7 +243,7 @@ def test_ties_are_left_to_the_full_program(monkeypatch):
 def test_outputs_whose_sizes_differ_too_much_are_refused(size, solved):
     """Oracle: by hand; two unknowns, each halfway between its data: 0 and the size, 0 and 1; no data have no size."""
     F, d, group = np.kron(np.eye(2), np.ones((2, 1))), np.array([0.0, size, 0.0, 1.0]), np.array([0, 0, 1, 1])
-    answer = quietest(F, d, group, np.ones(4))
+    answer = least_noise_fit(F, d, group, np.ones(4))
     assert (answer is not None) == solved
     if solved:
         np.testing.assert_allclose(answer, [[0.5 * size, 0.5]] * 2, rtol=1e-6)  # 1e-10 of the larger one

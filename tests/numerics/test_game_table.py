@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from controllers import minimax_oracles as oracles
 
-from rmpc_bench.controllers.state_feedback import problem_of
+from rmpc_bench.controllers.state_feedback import game_of
 from rmpc_bench.numerics.game_lookup import lookup_kernel
 from rmpc_bench.numerics.game_table import HALF, MIDDLE, tables
 from rmpc_bench.numerics.linalg import psd_sqrt
@@ -14,7 +14,7 @@ from rmpc_bench.numerics.lq_windows import Stages
 
 def looked_up(stages, M, M_w, x):
     """What the table says of every state, whether it holds, and whether the table is usable at all."""
-    problem, root = problem_of(stages, psd_sqrt(M_w)), psd_sqrt(M[None])
+    problem, root = game_of(stages, psd_sqrt(M_w)), psd_sqrt(M[None])
     made = tables([problem], root)
     first, holds = np.empty_like(x), np.zeros(len(x), dtype=bool)
     lookup_kernel(made.series[0], MIDDLE, HALF, x, first, holds)
@@ -51,7 +51,7 @@ def nearly_double(gap):
     A = np.broadcast_to(np.diag([0.9, 0.7]), (6, 2, 2))
     B, Q, R = np.ones((6, 2, 1)), np.broadcast_to(np.eye(2), (6, 2, 2)), np.ones((6, 1, 1))
     stages, M_w = Stages(A, B, np.ascontiguousarray(Q), R), np.broadcast_to(np.diag([0.3, 1.0]), (6, 2, 2))
-    problem = problem_of(stages, psd_sqrt(M_w))
+    problem = game_of(stages, psd_sqrt(M_w))
     from rmpc_bench.numerics.game_kernel import Y, backward_kernel
 
     made = tables([problem], np.eye(2)[None])
@@ -72,5 +72,5 @@ def test_crossing_eigenvalues_are_noticed(gap, expected):
 def test_no_noise_makes_no_table():
     """Oracle: where there is no price there is no function of it."""
     stages = oracles.paper_stages(0, 3)
-    made = tables([problem_of(stages, np.zeros((3, 2, 2)))], np.eye(2)[None])
+    made = tables([game_of(stages, np.zeros((3, 2, 2)))], np.eye(2)[None])
     assert not made.usable[0] and made.tau_min[0] == 0.0

@@ -7,9 +7,9 @@ from controllers import minimax_oracles as oracles
 from numerics import game_twin as twin
 from scipy.optimize import minimize_scalar
 
-from rmpc_bench.controllers.state_feedback import problem_of
+from rmpc_bench.controllers.state_feedback import game_of
 from rmpc_bench.numerics.linalg import psd_sqrt
-from rmpc_bench.numerics.lq_game import plan, price_alone, solve
+from rmpc_bench.numerics.lq_game import plan, smallest_multiplier, solve
 from rmpc_bench.numerics.lq_windows import Stages, window_law
 
 X = [(60.0, -45.0), (3.0, -2.0), (0.2, 0.1), (0.0, 0.0)]
@@ -22,7 +22,7 @@ DENSE = {"rtol": 1e-11, "atol": 1e-11}
 
 def solved(stages, M, M_w, x):
     """Solution and all its controls."""
-    problem = problem_of(stages, psd_sqrt(np.asarray(M_w)))
+    problem = game_of(stages, psd_sqrt(np.asarray(M_w)))
     found = solve(problem, psd_sqrt(M[None])[0], np.array(x, dtype=float))
     return found, plan(problem, np.linalg.solve(stages.R, stages.B.mT), found)
 
@@ -110,8 +110,8 @@ def test_the_kernel_equals_its_plain_twin(seed):
     rho, tau_1, tau_2 = twin.solve(stages, M, M_w, x)
     np.testing.assert_allclose(ours.rho, rho, rtol=1e-10)  # a search to 1e-9 of its argument
     np.testing.assert_allclose([ours.tau_1, ours.tau[0]], [tau_1, tau_2], rtol=1e-4)  # where the cost is flat
-    problem = problem_of(stages, psd_sqrt(M_w))
-    np.testing.assert_allclose(price_alone(problem), twin.price_alone(stages, M_w), rtol=1e-9)
+    problem = game_of(stages, psd_sqrt(M_w))
+    np.testing.assert_allclose(smallest_multiplier(problem), twin.smallest_multiplier(stages, M_w), rtol=1e-9)
 
 
 def test_a_thousand_stages():
@@ -169,7 +169,7 @@ def test_noise_that_nothing_reaches():
     stages, M_w = paper(4)
     stages = stages._replace(A=np.concatenate([np.zeros((1, 2, 2)), stages.A[1:]]))
     ours, U = solved(stages, M, M_w, (3.0, -2.0))
-    np.testing.assert_allclose(ours.rho, twin.price_alone(stages, M_w), **ROUND)
+    np.testing.assert_allclose(ours.rho, twin.smallest_multiplier(stages, M_w), **ROUND)
     np.testing.assert_array_equal(U[0], 0.0)
 
 
@@ -236,7 +236,7 @@ def test_the_price_of_a_singular_map_is_its_norm():
     for t in range(7):
         wide[3 * t : 3 * t + 3, 3 * t : 3 * t + 3] = G[t]
     expected = np.linalg.eigvalsh(wide @ big @ wide)[-1]
-    np.testing.assert_allclose(price_alone(problem_of(stages, G)), expected, **ROUND)
+    np.testing.assert_allclose(smallest_multiplier(game_of(stages, G)), expected, **ROUND)
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1e-8, 1e-12, 1e-20])

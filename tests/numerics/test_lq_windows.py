@@ -7,7 +7,7 @@ from controllers import minimax_oracles as oracles
 from scipy.linalg import solve_discrete_are
 
 from rmpc_bench.numerics.linalg import psd_sqrt
-from rmpc_bench.numerics.lq_windows import Stages, game_gains, game_prices, window_law
+from rmpc_bench.numerics.lq_windows import Stages, game_gains, smallest_multipliers, window_law
 
 
 def big_plan(stages, f, x):
@@ -68,7 +68,7 @@ def test_the_smallest_price_of_a_game_is_an_h_infinity_norm():
     G = np.linalg.cholesky(np.array([[0.5, 0.1], [0.1, 0.2]]))
     stages = Stages(*(np.broadcast_to(each, (300, *each.shape)) for each in (A, B, Q, R)))
     wide = np.broadcast_to(G, (300, 2, 2))
-    price = game_prices(stages, wide, 300)
+    price = smallest_multipliers(stages, wide, 300)
     L = game_gains(stages, wide, 300, 1.000001 * price)[0]
     loop, size = A - B @ L, 0.0
     for angle in np.linspace(0.0, np.pi, 2000):
@@ -83,10 +83,12 @@ def test_every_window_has_its_own_price():
     rng = np.random.default_rng(11)
     stages, (_, M_w) = oracles.random_stages(rng, 2, 1, 9), oracles.random_sets(rng, 2, 9)
     G = psd_sqrt(M_w)
-    prices = game_prices(stages, G, 5)
+    prices = smallest_multipliers(stages, G, 5)
     for k in range(5):
         part = Stages(*(each[k : k + 5] for each in stages))
-        np.testing.assert_allclose(game_prices(part, G[k : k + 5], 5)[0], prices[k], rtol=1e-11)  # of the halving
+        np.testing.assert_allclose(
+            smallest_multipliers(part, G[k : k + 5], 5)[0], prices[k], rtol=1e-11
+        )  # of the halving
         with pytest.raises(ValueError, match="below"):
             game_gains(part, G[k : k + 5], 5, 0.999 * prices[k : k + 1])
 
@@ -96,7 +98,7 @@ def test_a_price_where_noise_is_seen_late():
     A, B, Q, R = np.array([[0.9, 0.5], [0.0, 0.8]]), np.array([[1.0], [0.0]]), np.diag([1.0, 0.0]), np.eye(1)
     stages = Stages(*(np.broadcast_to(each, (5, *each.shape)) for each in (A, B, Q, R)))
     G = np.broadcast_to(np.diag([0.0, 1.0]), (5, 2, 2))
-    price = game_prices(stages, G, 5)[0]
+    price = smallest_multipliers(stages, G, 5)[0]
     low, high = 1e-6, 100.0  # the same by hand: the price at which the noise of no stage is free
     for _ in range(60):
         middle, X = 0.5 * (low + high), Q

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from rmpc_bench.numerics.minimax import Outcome, fit
+from rmpc_bench.numerics.minimax import FitOutcome, fit
 
 CLOSE = 1e-9  # data of size 1; HiGHS keeps bounds to 1e-10
 FAMILIES = ("integers", "integer data", "integer matrix", "consistent", "scales", "rank", "no unknowns")
@@ -52,14 +52,14 @@ def instance(rng, family):
 def one(F, d, group):
     """The fit of one row."""
     fits = fit(F[None], d[None], group)
-    return fits.x[0], fits.r[0], fits.mu[0], Outcome(fits.outcome[0])
+    return fits.x[0], fits.r[0], fits.mu[0], FitOutcome(fits.outcome[0])
 
 
 def check(rng, family):
     """Compare one instance with SciPy; its data are scaled to size 1, because SciPy's tolerances are absolute."""
     F, d, group, groups = instance(rng, family)
     x, r, mu, outcome = one(F, d, group)
-    assert outcome != Outcome.FAILED
+    assert outcome != FitOutcome.FAILED
     size = max(np.abs(d).max(), 1e-300)
     columns = np.maximum(np.abs(F).max(axis=0, initial=0.0), 1e-300)
     G, e = F / columns, d / size
@@ -68,7 +68,7 @@ def check(rng, family):
     assert (np.abs(e - G @ (x * columns / size)) <= r[group] / size + CLOSE).all()
     assert np.abs(G.T @ mu).max(initial=0.0) < CLOSE and abs(mu @ e - r.sum() / size) < CLOSE
     assert all(np.abs(mu[group == g]).sum() <= 1.0 + CLOSE for g in range(groups))
-    if outcome == Outcome.UNIQUE:
+    if outcome == FitOutcome.UNIQUE:
         scale = 1.0 + np.abs(theirs.x).max()
         for ours, other in ((r / size, theirs.x[F.shape[1] :]), (x * columns / size, theirs.x[: F.shape[1]])):
             np.testing.assert_allclose(ours, other, atol=1e-6 * scale)  # what a width of 1e-9 becomes at a flat corner
@@ -80,7 +80,7 @@ def test_fits_are_scipys(family):
     """Oracle: linprog, on data that make ties, or none: bounds, duals, and x where it says that it is unique."""
     rng = np.random.default_rng(FAMILIES.index(family))
     outcomes = [check(rng, family) for _ in range(40)]
-    assert family == "rank" or Outcome.UNIQUE in outcomes
+    assert family == "rank" or FitOutcome.UNIQUE in outcomes
 
 
 @pytest.mark.slow
@@ -102,7 +102,7 @@ def test_nearly_dependent_columns_fail_or_are_right(eps):
         F[:, -1] = 2.0 * F[:, 0] + eps * rng.standard_normal(n)
         d = rng.standard_normal(n)
         _, r, _, outcome = one(F, d, group)
-        if outcome != Outcome.FAILED:
+        if outcome != FitOutcome.FAILED:
             best = scipys(np.column_stack([F[:, :-1], (F[:, -1] - 2.0 * F[:, 0]) / eps]), d, group, 1).fun
             assert abs(r[0] - best) <= 1e-5 * best
 
@@ -115,10 +115,10 @@ def test_dependent_columns_are_not_in_doubt(rng):
         best = scipys(F, d, group, 2).fun
         for last in (2.0 * F[:, 0], F @ rng.standard_normal(p)):
             _, r, _, outcome = one(np.column_stack([F, last]), d, group)
-            assert outcome == Outcome.OPTIMAL and abs(r.sum() - best) < CLOSE
+            assert outcome == FitOutcome.OPTIMAL and abs(r.sum() - best) < CLOSE
         other = rng.standard_normal(n)
         _, r, _, outcome = one(np.column_stack([F, F[:, 0] + 1e-3 * other]), d, group)
-        assert outcome == Outcome.UNIQUE
+        assert outcome == FitOutcome.UNIQUE
         assert abs(r.sum() - scipys(np.column_stack([F, other]), d, group, 2).fun) < CLOSE
 
 
@@ -148,12 +148,12 @@ def test_four_points_on_a_line_by_hand():
     x, r, mu, outcome = one(np.column_stack([np.ones(4), t]), d, np.zeros(4, dtype=int))
     np.testing.assert_allclose((*x, *r), (0.5, 0.0, 0.5), atol=1e-14)
     np.testing.assert_allclose(np.abs(mu).sum(), 1.0)
-    assert outcome == Outcome.UNIQUE
+    assert outcome == FitOutcome.UNIQUE
 
 
 def test_unique_means_that_the_face_is_a_point():
     """Oracle: the smallest and the largest value of every unknown among the optima, by linprog, on data with ties."""
-    rng, seen = np.random.default_rng(4), {Outcome.UNIQUE: 0.0, Outcome.OPTIMAL: 0.0}
+    rng, seen = np.random.default_rng(4), {FitOutcome.UNIQUE: 0.0, FitOutcome.OPTIMAL: 0.0}
     for _ in range(25):
         F, d, group, groups = instance(rng, "integers")
         _, r, _, outcome = one(F, d, group)
@@ -163,7 +163,9 @@ def test_unique_means_that_the_face_is_a_point():
             ends = [scipys(F, d, group, groups, sign * e, r.sum() + 1e-9) for sign in (1.0, -1.0)]
             width = np.inf if any(end.status == 3 for end in ends) else -ends[1].fun - ends[0].fun
             seen[outcome] = max(seen[outcome], width)
-    assert seen[Outcome.UNIQUE] < 1e-6 and seen[Outcome.OPTIMAL] > 0.1  # the face is cut at 1e-9, its corners are flat
+    assert (
+        seen[FitOutcome.UNIQUE] < 1e-6 and seen[FitOutcome.OPTIMAL] > 0.1
+    )  # the face is cut at 1e-9, its corners are flat
 
 
 numbers = st.integers(0, 2**32 - 1)
@@ -203,7 +205,7 @@ def test_rows_do_not_depend_on_each_other(rng):
     F, d, group = rng.standard_normal((9, 12, 4)), rng.standard_normal((9, 12)), np.arange(12) % 3
     d[2, 5], F[4, 3, 1], d[6, 0] = np.nan, np.inf, -np.inf
     fits = fit(F, d, group)
-    np.testing.assert_array_equal(fits.outcome == Outcome.FAILED, [i in (2, 4, 6) for i in range(9)])
+    np.testing.assert_array_equal(fits.outcome == FitOutcome.FAILED, [i in (2, 4, 6) for i in range(9)])
     assert np.isnan(fits.x[[2, 4, 6]]).all() and np.isnan(fits.r[[2, 4, 6]]).all() and np.isnan(fits.mu[2]).all()
     for i in range(9):
         for together, alone in zip(fits, fit(F[i : i + 1], d[i : i + 1], group), strict=True):
@@ -228,11 +230,11 @@ def test_data_without_residuals_are_fitted_exactly(rng):
     d = np.einsum("rij,rj->ri", F, x)
     fits = fit(F, d, np.arange(12) % 3)
     np.testing.assert_allclose(fits.x, x, rtol=1e-11)  # twelve roundings and the condition of F
-    assert (fits.outcome == Outcome.UNIQUE).all() and fits.r.max() < 1e-13
+    assert (fits.outcome == FitOutcome.UNIQUE).all() and fits.r.max() < 1e-13
     nothing = fit(F, np.zeros_like(d), np.arange(12) % 3)
-    assert not nothing.x.any() and not nothing.r.any() and (nothing.outcome == Outcome.UNIQUE).all()
+    assert not nothing.x.any() and not nothing.r.any() and (nothing.outcome == FitOutcome.UNIQUE).all()
     flat = fit(np.concatenate([F, F[:, :, :1]], axis=2), np.zeros_like(d), np.arange(12) % 3)
-    assert (flat.outcome == Outcome.OPTIMAL).all()
+    assert (flat.outcome == FitOutcome.OPTIMAL).all()
 
 
 def test_no_unknowns_leave_the_largest_datum(rng):
@@ -240,6 +242,6 @@ def test_no_unknowns_leave_the_largest_datum(rng):
     d = rng.standard_normal((7, 15))
     fits = fit(np.empty((7, 15, 0)), d, np.zeros(15, dtype=int))
     np.testing.assert_array_equal(fits.r[:, 0], np.abs(d).max(axis=1))
-    assert fits.x.shape == (7, 0) and (fits.outcome == Outcome.UNIQUE).all()
+    assert fits.x.shape == (7, 0) and (fits.outcome == FitOutcome.UNIQUE).all()
     lone = fit(np.empty((1, 1, 0)), np.array([[-2.0]]), np.array([1]))
     np.testing.assert_array_equal(lone.r, [[0.0, 2.0]])

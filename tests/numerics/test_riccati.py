@@ -5,7 +5,14 @@ import pytest
 from conftest import ROUND, random_model, random_psd
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.numerics.riccati import blind_step, error_map, error_radius, filter_step, predictor_gain, predictor_step
+from rmpc_bench.numerics.riccati import (
+    error_map,
+    error_radius,
+    filter_step,
+    predictor_gain,
+    predictor_step,
+    unmeasured_step,
+)
 
 
 @pytest.mark.parametrize(("nx", "ny"), [(1, 1), (4, 1), (3, 2), (2, 3)])
@@ -118,10 +125,10 @@ def test_a_precise_sensor_beside_a_poor_one_is_not_taken_for_singular():
     np.testing.assert_allclose(K, [[1.0, 0.5]], **ROUND)
 
 
-def test_a_blind_step_is_a_step_without_information(rng):
+def test_an_unmeasured_step_is_a_step_without_information(rng):
     """Oracle: a measurement of nothing, C = 0, by the usual step."""
     A, Q_w, V = rng.standard_normal((3, 3)), random_psd(rng, 3), random_psd(rng, 3)
     C = np.zeros((2, 3))
-    ours, theirs = (step(A, C, Q_w, np.eye(2), V) for step in (blind_step, filter_step))
+    ours, theirs = (step(A, C, Q_w, np.eye(2), V) for step in (unmeasured_step, filter_step))
     for a, b in zip(ours, theirs, strict=True):
         np.testing.assert_array_equal(a, b)

@@ -9,13 +9,13 @@ from controllers import minimax_oracles as oracles
 from numerics import game_twin as twin
 
 from rmpc_bench.controllers.minimax_lq import design
-from rmpc_bench.controllers.state_feedback import problem_of
+from rmpc_bench.controllers.state_feedback import game_of
 from rmpc_bench.estimators.mixed import design as mixed
 from rmpc_bench.execution.engines import single_thread
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.lq_game import solve
-from rmpc_bench.numerics.stage_prices import solve_stages
+from rmpc_bench.numerics.stage_multipliers import solve_stages
 from rmpc_bench.types import Estimate
 
 pytestmark = pytest.mark.perf
@@ -79,7 +79,7 @@ def problem(horizon):
 def test_one_exact_solution(benchmark, horizon):
     """The solver without tables, one state; the smallest price, which a table has, is found anew."""
     stages, M, M_w = problem(horizon)
-    game, root = problem_of(stages, psd_sqrt(M_w)), psd_sqrt(M[None])[0]
+    game, root = game_of(stages, psd_sqrt(M_w)), psd_sqrt(M[None])[0]
     solve(game, root, X)
     benchmark(solve, game, root, X)
 
@@ -102,6 +102,6 @@ def test_one_solution_by_the_plain_twin(benchmark, horizon):
 def test_one_price_per_stage(benchmark, horizon):
     """The tightest certificate, one state."""
     stages, M, M_w = problem(horizon)
-    game, root = problem_of(stages, psd_sqrt(M_w)), psd_sqrt(M[None])[0]
+    game, root = game_of(stages, psd_sqrt(M_w)), psd_sqrt(M[None])[0]
     solve_stages(game, root, X)
     benchmark.pedantic(solve_stages, args=(game, root, X), rounds=3)

@@ -5,10 +5,10 @@ import pytest
 from conftest import ROUND, SOLVER
 from controllers import minimax_oracles as oracles
 
-from rmpc_bench.controllers.state_feedback import problem_of
+from rmpc_bench.controllers.state_feedback import game_of
 from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.lq_game import plan, solve
-from rmpc_bench.numerics.stage_prices import GAP, make_form, search, solve_stages
+from rmpc_bench.numerics.stage_multipliers import GAP, make_form, search, solve_stages
 
 
 def case(kind, seed, N=4):
@@ -60,7 +60,7 @@ SPECIAL = [
 
 def game(stages, M, M_w):
     """Problem and root of M."""
-    return problem_of(stages, psd_sqrt(np.asarray(M_w))), psd_sqrt(M[None])[0]
+    return game_of(stages, psd_sqrt(np.asarray(M_w))), psd_sqrt(M[None])[0]
 
 
 def semidefinite(stages, M, M_w, x):

@@ -1,9 +1,9 @@
 """The linear-quadratic game with a price of its own for the noise of every stage: the tightest bound of the three.
 
-Problem  lq_game.py's, with tau_t at stage t: every w(t) has its own ellipsoid, and rho = min over all prices.
+Problem  lq_game.py's, with tau_t at stage t: every w(t) has its own ellipsoid, and rho = min over all multipliers.
 Form     in noises v of unit size, e = M_root v_0 and w(t) = G_t v_{t+1}, with T v the states that they cause without
          control, each times the root of its weight, F v and f what control leaves of T v and of x_hat:
-         rho(tau) = sum of tau + h' (D(tau) - S)^-1 h, with h = T' f, S = T' F and D the prices along the diagonal,
+         rho(tau) = sum of tau + h' (D(tau) - S)^-1 h, with h = T' f, S = T' F and D the multipliers along the diagonal,
          where D(tau) >= C = T' T.  It is convex and smooth inside; the optimum lies on the edge as a rule.
 Solution a primal-dual path inside the domain, with the steps of Mehrotra: Z of W = D - C and eta = (D - S)^-1 h, with
          |eta_t|^2 + trace Z_tt = 1 for every block at the optimum.  Any Z and eta scaled to that give a lower bound,
@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import psd_sqrt, symmetrise
-from rmpc_bench.numerics.lq_game import Problem, Solution, solve
+from rmpc_bench.numerics.lq_game import Game, Solution, solve
 from rmpc_bench.types import Array
 
 GAP = 1e-9
@@ -47,7 +47,7 @@ class Form(NamedTuple):
     """What control leaves of those that x_hat causes."""
 
 
-class Prices(NamedTuple):
+class StageMultipliers(NamedTuple):
     """What the search has found."""
 
     rho: float
@@ -58,26 +58,26 @@ class Prices(NamedTuple):
     """A lower bound of the least rho."""
 
 
-def solve_stages(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
+def solve_stages(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
     """Solve the game with one price per stage.
 
     The search ends within 1e-9 of the least bound, relative, as its lower bound shows: in all of 4000 states tried,
     with flat sets, missing noise, A_0 = 0 and N up to 100.  Where it finds nothing better, the result is the optimum of
     one price for all stages, in which w fills N M_w.  Noise without effect has a price of 1e-20 rho.  With a flat M the
-    recursion at the same prices of the stages may have tau_1 so far away that rho moves by 2e-7, by rounding.
+    recursion at the same multipliers of the stages may have tau_1 so far away that rho moves by 2e-7, by rounding.
 
     Parameters
     ----------
-    problem : the game; G is the root of the set of w(t) at each stage
+    game : the game; G is the root of the set of w(t) at each stage
     M_root : root of the set of e
     x : estimate x_hat
     """
-    x, (N, n) = np.ascontiguousarray(x, dtype=float), problem.A.shape[:2]
-    start = solve(problem._replace(G=problem.G * np.sqrt(N)), M_root, x)
+    x, (N, n) = np.ascontiguousarray(x, dtype=float), game.A.shape[:2]
+    start = solve(game._replace(G=game.G * np.sqrt(N)), M_root, x)
     start = start._replace(tau=start.tau / N)
     if N == 1:
         return start
-    form = make_form(problem, M_root, x)
+    form = make_form(game, M_root, x)
     size = (form.T**2).sum(axis=0).reshape(N + 1, n).sum(axis=1)
     matters = size > NOTHING * size.max()
     if not matters[1:].any():
@@ -88,21 +88,21 @@ def solve_stages(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, 
         return start
     tau, eta = np.full(N + 1, found.rho * NEXT_TO_NOTHING), np.zeros(kept.size)
     tau[matters], eta[kept] = found.tau, found.eta
-    first = _costate(problem, (form.F @ eta + form.f).reshape(N, n))
+    first = _costate(game, (form.F @ eta + form.f).reshape(N, n))
     return Solution(found.rho, float(tau[0]), tau[1:], x + M_root @ eta[:n], first)
 
 
-def make_form(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Form:
+def make_form(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Form:
     """Write the game as one step.
 
     Parameters
     ----------
-    problem : the game
+    game : the game
     M_root : root of the set of e
     x : estimate x_hat
     """
-    T = _reach(problem, M_root, problem.G)
-    alone = _reach(problem, x[:, None], psd_sqrt(problem.S_B))
+    T = _reach(game, M_root, game.G)
+    alone = _reach(game, x[:, None], psd_sqrt(game.S_B))
     E = alone[:, 1:]
     left = np.linalg.solve(np.eye(len(E)) + E @ E.T, np.column_stack([T, alone[:, 0]]))
     return Form(T, np.ascontiguousarray(left[:, :-1]), np.ascontiguousarray(left[:, -1]))
@@ -110,8 +110,8 @@ def make_form(problem: Problem, M_root: Float[Array, "n n"], x: Float[Array, " n
 
 def search(
     T: Float[Array, "states noises"], F: Float[Array, "states noises"], f: Float[Array, " states"], n: int
-) -> Prices:
-    """Find the prices of some blocks of noise, by a primal-dual path.
+) -> StageMultipliers:
+    """Find the multipliers of some blocks of noise, by a primal-dual path.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def search(
     C, S, h = symmetrise(T.T @ T), symmetrise(T.T @ F), T.T @ f
     size = np.sqrt(_traces(C, n))
     tau = 2.0 * size * size.sum() + np.linalg.norm(h.reshape(-1, n), axis=1)  # inside, by Cauchy and Schwarz
-    found, Z = Prices(np.inf, tau, h, -np.inf), np.zeros_like(C)
+    found, Z = StageMultipliers(np.inf, tau, h, -np.inf), np.zeros_like(C)
     for number in range(MOST_STEPS):
         try:
             D = np.diag(np.repeat(tau, n))
@@ -194,23 +194,23 @@ def _traces(X: Float[Array, "d d"], n: int) -> Float[Array, " m"]:
     return np.asarray(np.diag(X).reshape(-1, n).sum(axis=1))
 
 
-def _reach(problem: Problem, first: Float[Array, "n k"], maps: Float[Array, "N n n"]) -> Float[Array, "states inputs"]:
+def _reach(game: Game, first: Float[Array, "n k"], maps: Float[Array, "N n n"]) -> Float[Array, "states inputs"]:
     """States, each times the root of its weight, by first states and by what enters at every stage, without control."""
-    N, n = problem.A.shape[:2]
-    weight, width = psd_sqrt(problem.Q), first.shape[1]
+    N, n = game.A.shape[:2]
+    weight, width = psd_sqrt(game.Q), first.shape[1]
     now, rows = np.zeros((n, width + N * n)), np.empty((N, n, width + N * n))
     now[:, :width] = first
     for t in range(N):
-        now = problem.A[t] @ now
+        now = game.A[t] @ now
         now[:, width + t * n : width + (t + 1) * n] = maps[t]
         rows[t] = weight[t] @ now
     return rows.reshape(N * n, -1)
 
 
-def _costate(problem: Problem, y: Float[Array, "N n"]) -> Float[Array, " n"]:
+def _costate(game: Game, y: Float[Array, "N n"]) -> Float[Array, " n"]:
     """Half the slope of the cost by x(1), of the states times the roots of their weights."""
-    weighted = np.einsum("tij,tj->ti", psd_sqrt(problem.Q), y)
+    weighted = np.einsum("tij,tj->ti", psd_sqrt(game.Q), y)
     slope = weighted[-1]
     for t in range(len(y) - 2, -1, -1):
-        slope = problem.A[t + 1].T @ slope + weighted[t]
+        slope = game.A[t + 1].T @ slope + weighted[t]
     return np.asarray(slope)
