@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rmpc_bench.analysis.intervals import Interval, difference, geometric, quantile, student, wilson
-from rmpc_bench.claims import tree as tree
+from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import Value, compare
+from rmpc_bench.expressions.arithmetic import Call, Node
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1000
@@ -167,11 +168,11 @@ def _of_means(link: tree.Link, evaluator: Evaluator) -> Interval | None:
     return student(gap, evaluator.trials.confidence) if gap.ndim and np.isfinite(gap).all() else None
 
 
-def _mean_of(side: tree.Expression, evaluator: Evaluator) -> Array | None:
+def _mean_of(side: Node, evaluator: Evaluator) -> Array | None:
     """The column whose mean a side is, or the number that it is."""
     if not tree.terms(side):
         return np.array(evaluator.number(side))
-    if isinstance(side, tree.Call) and side.function == "mean" and isinstance(side.arguments[0], tree.Term):
+    if isinstance(side, Call) and side.function == "mean" and isinstance(side.arguments[0], tree.Term):
         return evaluator.column(side.arguments[0])
     return None
 
@@ -189,9 +190,9 @@ def _bootstrap(link: tree.Link, evaluator: Evaluator) -> Interval | None:
     return low, high
 
 
-def _against_level(estimate: tree.Expression, level: tree.Expression, evaluator: Evaluator) -> Interval | None:
+def _against_level(estimate: Node, level: Node, evaluator: Evaluator) -> Interval | None:
     """Interval of a share (Wilson), or of a ratio (Student on the logs), minus a fixed level."""
-    if not isinstance(estimate, tree.Call) or tree.terms(level):
+    if not isinstance(estimate, Call) or tree.terms(level):
         return None
     fixed, confidence = evaluator.number(level), evaluator.trials.confidence
     (a, *_), low, high = estimate.arguments, math.nan, math.nan

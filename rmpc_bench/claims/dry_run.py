@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rmpc_bench.claims import tree as tree
+from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoSample, NoValue
+from rmpc_bench.expressions.arithmetic import Node
 from rmpc_bench.types import Array, MetricInfo
 
 _RUNS = 2
@@ -68,9 +69,7 @@ class Expected:
         return np.broadcast_to(np.eye(shape[1]) if square else np.ones(shape[1:]), shape)
 
 
-def dry_run(
-    node: tree.Chain | tree.Expression, expected: Expected, at: Mapping[str, str], *, pooled: bool, short: bool
-) -> list[str]:
+def dry_run(node: Node, expected: Expected, at: Mapping[str, str], *, pooled: bool, short: bool) -> list[str]:
     """Evaluate a check, or the expression of a size, with the right shapes in place of results.
 
     Parameters
@@ -84,7 +83,7 @@ def dry_run(
     -------
     why it has no value, whatever the numbers will be; empty where nothing is wrong with it
     """
-    statements: Sequence[object] = (node,)
+    statements: Sequence[Node] = (node,)
     if isinstance(node, tree.Chain) and not node.everywhere:
         statements = node.links
     found = []
@@ -101,11 +100,11 @@ def dry_run(
     return found
 
 
-def _evaluate(statement: object, evaluator: Evaluator) -> None:
+def _evaluate(statement: Node, evaluator: Evaluator) -> None:
     if isinstance(statement, tree.Chain):
         for link in statement.links:
             evaluator.sides(link)
     elif isinstance(statement, tree.Link):
         evaluator.sides(statement)
-    elif isinstance(statement, tree.Number | tree.Term | tree.Listing | tree.Operation | tree.Call):
+    else:
         evaluator.number(statement)

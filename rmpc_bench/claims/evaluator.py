@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Protocol
@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from rmpc_bench.analysis.intervals import difference
-from rmpc_bench.claims import tree as tree
+from rmpc_bench.claims import tree
 from rmpc_bench.claims.functions import applied
 from rmpc_bench.claims.matrices import of_matrix
 from rmpc_bench.claims.values import (
@@ -22,17 +22,25 @@ from rmpc_bench.claims.values import (
     combine,
     compare,
     listed,
+    negative,
 )
+from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Number, Operation, Percent
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.sweep_points import lies_at
 
 __all__ = ["EvaluationError", "Evaluator", "Value", "compare"]
 
 _NOWHERE: Mapping[str, str] = {}
+_OPERATORS: Mapping[str, Callable[..., Array]] = {
+    "+": np.add,
+    "-": difference,
+    "*": np.multiply,
+    "/": np.divide,
+}
 
 
 class Table(Protocol):
-    """What is asked of `Trials`; what stands in for them at load time must not import pandas."""
+    """What an evaluator reads of `Trials`, or of the placeholder results of a dry run, which do without pandas."""
 
     @property
     def methods(self) -> Sequence[str]: ...
@@ -71,9 +79,9 @@ class Evaluator:
         when a method or point is unknown or no run is left
     """
 
-    def __init__(self, trials: Table, node: object, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
+    def __init__(self, trials: Table, node: Node, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
         self.trials, self.pooled = trials, pooled
-        self.fixed: dict[tree.Expression, Value] = {}
+        self.fixed: dict[Node, Value] = {}
         metrics = {info.name for info in trials.metrics}
         self.tables = {term: _tables(trials, term, at, pooled=pooled) for term in sorted(tree.terms(node))}
         self.columns = {
@@ -121,7 +129,7 @@ class Evaluator:
         column = self.columns.get(term)
         return None if column is None else column[self.shared]
 
-    def value(self, node: tree.Expression) -> Value:
+    def value(self, node: Node) -> Value:
         """Evaluate an expression; raises EvaluationError where it has no value."""
         if node in self.fixed:
             return self.fixed[node]
@@ -130,18 +138,25 @@ class Evaluator:
             self.fixed[node] = found  # of no run, hence the same when the runs are drawn again
         return found
 
-    def _value(self, node: tree.Expression) -> Value:
-        if isinstance(node, tree.Number):
-            return Value(np.array(node.value))
-        if isinstance(node, tree.Term):
-            return self._term(node)
-        if isinstance(node, tree.Listing):
-            return listed([self.value(item) for item in node.items])
-        if isinstance(node, tree.Operation):
-            return self._operation(node)
-        return self._call(node)
+    def _value(self, node: Node) -> Value:
+        match node:
+            case Number():
+                return Value(np.array(node.value))
+            case tree.Term():
+                return self._term(node)
+            case tree.Listing():
+                return listed([self.value(item) for item in node.items])
+            case Negation():
+                return negative(self.value(node.operand))
+            case Percent():
+                return combine(np.divide, self.value(node.operand), Value(np.array(100.0)))
+            case Operation():
+                return self._operation(node)
+            case Call():
+                return self._call(node)
+        raise TypeError(f"{type(node).__name__} has no value in a claim")
 
-    def number(self, node: tree.Expression) -> float:
+    def number(self, node: Node) -> float:
         """Evaluate an expression that must be one number, possibly inf."""
         value = self.value(node)
         if value.array.ndim:
@@ -220,14 +235,13 @@ class Evaluator:
         except KeyError:
             raise EvaluationError(absent) from None
 
-    def _operation(self, node: tree.Operation) -> Value:
-        left, right = self.value(node.left), self.value(node.right)
-        if node.operator == "-":
-            return combine(difference, left, right)
-        function = {"+": np.add, "*": np.multiply, "/": np.divide}[node.operator]
-        return combine(function, left, right)
+    def _operation(self, node: Operation) -> Value:
+        found = self.value(node.first)
+        for operand in node.rest:
+            found = combine(_OPERATORS[operand.operator], found, self.value(operand.node))
+        return found
 
-    def _call(self, node: tree.Call) -> Value:
+    def _call(self, node: Call) -> Value:
         name, first = node.function, node.arguments[0]
         if isinstance(first, tree.Chain):
             return Value(np.mean(self.holds(first.links).array, axis=0))
@@ -235,7 +249,7 @@ class Evaluator:
             return self._term(first, name)
         if name == "cov":
             raise EvaluationError("cov needs a signal by itself, as cov(e[METHOD])")
-        return applied(name, [self.value(part) for part in node.arguments if not isinstance(part, tree.Chain)])
+        return applied(name, [self.value(part) for part in node.arguments])
 
 
 def _tables(trials: Table, term: tree.Term, at: Mapping[str, str], *, pooled: bool) -> list[Table]:

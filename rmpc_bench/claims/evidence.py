@@ -69,7 +69,7 @@ def _digits(left: float, right: float) -> int:
 
 
 def shown(value: float | None, uncertainty: float = math.nan, digits: int = _FEWEST) -> str:
-    """Write a number with the digits its uncertainty supports, or with so many where there is none; inf is never."""
+    """Write a number with the digits its uncertainty supports, or with so many where there is none; inf stays inf."""
     if value is None or math.isnan(value):
         return "-"
     if math.isinf(value):
@@ -80,7 +80,5 @@ def shown(value: float | None, uncertainty: float = math.nan, digits: int = _FEW
 
 
 def plain(value: float) -> float | str:
-    """Replace what JSON has no number for."""
-    if math.isinf(value):
-        return "never" if value > 0 else "-never"
-    return value
+    """Replace infinity, for which JSON has no number, by a text."""
+    return str(value) if math.isinf(value) else value

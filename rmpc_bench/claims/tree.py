@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
-from typing import TypeAlias
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+
+from rmpc_bench.expressions.arithmetic import Call, Node, Percent
 
 _TABLE = {
     "mean": ("x", "of a column over its runs, of a series over its samples; of a signal over the runs at each k"),
@@ -37,7 +38,7 @@ _TABLE = {
 FUNCTIONS = {name: arguments.count(",") + 1 for name, (arguments, _) in _TABLE.items()}
 """Function of the grammar -> number of its arguments."""
 FUNCTION_HELP: Mapping[str, str] = {name: f"{name}({arguments}): {line}" for name, (arguments, line) in _TABLE.items()}
-"""Function of the grammar -> how it is written, a colon, and what it is, in one line."""
+"""Function of the grammar -> its usage, a colon, and its meaning, in one line."""
 COMPARISONS = ("<", "<=", ">", ">=", "==", "~")
 COUNTS = ("n_failed",)
 """Quantities of a term that are neither a metric nor a series: they exist for every method."""
@@ -47,28 +48,8 @@ MOMENTS = {"mean": "mean", "var": "cov", "std": "cov", "cov": "cov"}
 """Function of a signal -> what it reads: of e the series ``mean(e)`` or ``cov(e)``."""
 
 
-class ClaimError(ValueError):
-    """A check that cannot be read; the message begins with the column, `column` counts from 1."""
-
-    def __init__(self, column: int, message: str) -> None:
-        self.column, self.message = column, message
-        super().__init__(f"column {column}: {message}")
-
-    def __reduce__(self) -> tuple[type[ClaimError], tuple[int, str]]:
-        """Pickle by column and message."""
-        return type(self), (self.column, self.message)
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number; `percent` when it was written with a per cent sign, `value` being divided already."""
-
-    value: float
-    percent: bool = False
-
-
 @dataclass(frozen=True, order=True)
-class Term:
+class Term(Node):
     """A metric, series or count of one method, possibly at a point of a sweep."""
 
     quantity: str
@@ -78,43 +59,30 @@ class Term:
 
 
 @dataclass(frozen=True)
-class Listing:
+class Listing(Node):
     """A vector, or a matrix as a list of rows."""
 
-    items: tuple[Expression, ...]
+    items: tuple[Node, ...]
 
 
 @dataclass(frozen=True)
-class Operation:
-    """One of + - * /; a sign is an operation on 0."""
+class Link(Node):
+    """One comparison; `tolerance` belongs to ~ and is a share of the right side where it is a percentage."""
 
+    left: Node
     operator: str
-    left: Expression
-    right: Expression
-
-
-@dataclass(frozen=True)
-class Call:
-    """A function of its arguments."""
-
-    function: str
-    arguments: tuple[Expression | Chain, ...]
-
-
-@dataclass(frozen=True)
-class Link:
-    """One comparison; `tolerance` belongs to ~, `relative` when it is a percentage of the right side."""
-
-    left: Expression
-    operator: str
-    right: Expression
-    tolerance: Expression | None
-    relative: bool
+    right: Node
+    tolerance: Node | None
     text: str
 
+    @property
+    def relative(self) -> bool:
+        """Whether the tolerance is a share of the right side."""
+        return isinstance(self.tolerance, Percent)
+
 
 @dataclass(frozen=True)
-class Chain:
+class Chain(Node):
     """Comparisons that must all hold; `everywhere` when they stand in ``all(...)``, as one statement `text`."""
 
     links: tuple[Link, ...]
@@ -122,25 +90,42 @@ class Chain:
     everywhere: bool = False
 
 
-Expression: TypeAlias = Number | Term | Listing | Operation | Call
+def children(node: Node) -> Iterator[Node]:
+    """Nodes directly below a node, from left to right."""
+    for field in fields(node):
+        value = getattr(node, field.name)
+        yield from (part for part in (value if isinstance(value, tuple) else (value,)) if isinstance(part, Node))
 
 
-def terms(node: object) -> set[Term]:
+def walk(node: Node) -> Iterator[Node]:
+    """A node and all nodes below it."""
+    yield node
+    for child in children(node):
+        yield from walk(child)
+
+
+def terms(node: Node) -> set[Term]:
     """Collect the terms of a tree; `COUNTS` are quantities too."""
-    return {term for term, _ in uses(node)}
+    return {part for part in walk(node) if isinstance(part, Term)}
 
 
-def uses(node: object, function: str = "") -> set[tuple[Term, str]]:
+def calls(node: Node) -> list[Call]:
+    """Collect the calls in a tree."""
+    return [part for part in walk(node) if isinstance(part, Call)]
+
+
+def uses(node: Node, function: str = "") -> set[tuple[Term, str]]:
     """Collect the terms of a tree, each with the function that it is an argument of by itself; "" where of none."""
     if isinstance(node, Term):
         return {(node, function)}
-    if isinstance(node, Call):
-        return uses(node.arguments, node.function)
-    if isinstance(node, tuple):
-        return {found for part in node for found in uses(part, function)}
-    if is_dataclass(node):
-        return {found for field in fields(node) for found in uses(getattr(node, field.name))}
-    return set()
+    inside = node.function if isinstance(node, Call) else ""
+    return {found for child in children(node) for found in uses(child, inside)}
+
+
+def functions(node: Node) -> set[str]:
+    """Collect the names of all functions in a tree, and the counted quantities among its terms."""
+    counted = {term.quantity for term in terms(node)} & set(COUNTS)
+    return {call.function for call in calls(node)} | counted
 
 
 def misuse(term: Term, function: str, *, signal: bool) -> str:
@@ -168,23 +153,3 @@ def unknown_moment(term: Term, function: str) -> str:
     """Say that there are no moments of a signal, and the way out."""
     what = f"{function}({term.quantity}[{term.method}])"
     return f"{what} is not there: ensemble moments need `evaluate: [runs, moments]`"
-
-
-def calls(node: object) -> list[Call]:
-    """Collect the calls in a tree."""
-    found = [node] if isinstance(node, Call) else []
-    parts = node if isinstance(node, tuple) else ()
-    if is_dataclass(node):
-        parts = tuple(getattr(node, field.name) for field in fields(node))
-    return found + [call for part in parts for call in calls(part)]
-
-
-def functions(node: object) -> set[str]:
-    """Collect the names of all functions in a tree, with the counted quantities among its terms."""
-    if isinstance(node, Term):
-        return {node.quantity} & {"n_failed"}
-    found = {node.function} if isinstance(node, Call) else set()
-    parts = node if isinstance(node, tuple) else ()
-    if is_dataclass(node):
-        parts = tuple(getattr(node, field.name) for field in fields(node))
-    return found.union(*(functions(part) for part in parts))

@@ -108,6 +108,11 @@ def combine(function: Callable[..., Array], *values: Value) -> Value:
         return parts[0].of(function(*(part.array for part in parts)))
 
 
+def negative(value: Value) -> Value:
+    """Change the sign, entry by entry; of 0 it is 0, without a sign."""
+    return value.of(difference(np.zeros(()), value.array))
+
+
 def listed(items: Sequence[Value]) -> Value:
     """Put the entries of a list together: numbers to a vector, columns or series to a column or series of vectors."""
     shapes = list(dict.fromkeys(item.entry for item in items))

@@ -15,7 +15,7 @@ from rmpc_bench.claims.claim import Claim, Stated
 from rmpc_bench.claims.comparison import Compared, compared
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
 from rmpc_bench.claims.evidence import evidence, plain, shown
-from rmpc_bench.claims.grammar import ClaimError, parse, parse_expression
+from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _read(claim: Claim, trials: Trials, at: Mapping[str, str]) -> _Interpretatio
     for check in claim.check:
         try:
             chain = parse(check)
-        except ClaimError as error:
+        except ExpressionError as error:
             reasons.append(f"{check}: {error}")
             continue
         for statement in (chain,) if chain.everywhere else chain.links:
@@ -105,7 +105,7 @@ def _read(claim: Claim, trials: Trials, at: Mapping[str, str]) -> _Interpretatio
         try:
             node = parse_expression(claim.stated.of)
             size = Evaluator(trials, node, at, pooled=claim.pooled).number(node)
-        except (ClaimError, EvaluationError) as error:
+        except (ExpressionError, EvaluationError) as error:
             reasons.append(f"{claim.stated.of}: {error}")
     return _Interpretation(numbers, reasons, size)
 
@@ -146,7 +146,7 @@ def claims_table(verdicts: Iterable[Verdict]) -> list[dict[str, Any]]:
 
     Returns
     -------
-    one dictionary per claim, of JSON types and finite numbers; inf is "never", an open end of an interval None
+    one dictionary per claim, of JSON types and finite numbers; inf is a text, an open end of an interval None
     """
     return [
         {

@@ -8,12 +8,10 @@ from typing import Any
 
 from rmpc_bench.claims.claim import Claim, Stated
 from rmpc_bench.claims.dry_run import Expected, dry_run
-from rmpc_bench.claims.grammar import COUNTS, ClaimError, parse, parse_expression
+from rmpc_bench.claims.grammar import COUNTS, ExpressionError, parse, parse_expression
 from rmpc_bench.claims.tree import (
     MOMENTS,
     SIGNALS,
-    Chain,
-    Expression,
     Term,
     misuse,
     terms,
@@ -24,6 +22,7 @@ from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.reader import Map, plain
 from rmpc_bench.config.sections import ClaimKeys
 from rmpc_bench.config.sweep_points import Place, nowhere
+from rmpc_bench.expressions.arithmetic import Node
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import MetricInfo, ResultLayout
 from rmpc_bench.types.sweep_points import lies_at, value_text
@@ -149,12 +148,12 @@ class _Checker:
         self.misplaced = len(found) < len(entries) or not entries
         return tuple(found)
 
-    def _terms(self, claim: Claim, text: str, key: str, grammar: Callable[[str], Chain | Expression]) -> None:
+    def _terms(self, claim: Claim, text: str, key: str, grammar: Callable[[str], Node]) -> None:
         """Check that a text can be read, speaks of what is there, and asks for nothing that no results could answer."""
         before = self.noted
         try:
             tree = grammar(text)
-        except ClaimError as error:
+        except ExpressionError as error:
             self._note(key, str(error))
             return
         named = sorted(terms(tree))
@@ -177,7 +176,7 @@ class _Checker:
             for message in self._dry_run(claim, tree):
                 self._note(key, message)
 
-    def _dry_run(self, claim: Claim, tree: Chain | Expression) -> list[str]:
+    def _dry_run(self, claim: Claim, tree: Node) -> list[str]:
         assert self.expected is not None  # its caller has looked
         points = [dry_run(tree, self.expected, at, pooled=claim.pooled, short=self.smoke) for at in claim.at or ({},)]
         return list(dict.fromkeys(message for messages in points for message in messages))

@@ -1,1 +1,1 @@
-"""One parser for quantities and for the checks of claims."""
+"""Arithmetic in configurations: one tokeniser and one parser, under quantities and under the checks of claims."""

@@ -225,7 +225,7 @@ def test_numbers_of_parts(trials, text, expected):
         ("since(v[A], 6)", "since needs a sample from 0 to 5"),
         ("upto(v[A], 1.5)", "upto needs a sample from 0 to 5"),
         ("upto(v[A], -1)", "upto needs a sample from 0 to 5"),
-        ("since(v[A], never)", "since needs a sample from 0 to 5"),
+        ("since(v[A], inf)", "since needs a sample from 0 to 5"),
         ("since(v[A], 0/0)", "since needs a sample from 0 to 5"),
         ("since(v[A], [1, 2])", "since needs a sample from 0 to 5"),
         ("at(since(v[A], 3), 2)", "at needs a sample from 3 to 5"),

@@ -54,7 +54,7 @@ def number(text, trials):
         ("trace([[1, 2], [3, 4]])", 5),
         ("mean([1, 2, 6])", 3),
         ("det(3) + trace(4)", 7),
-        ("min(never)", math.inf),
+        ("min(inf)", math.inf),
     ],
 )
 def test_functions(trials, text, expected):
@@ -78,8 +78,8 @@ def test_functions(trials, text, expected):
         ("v[A] ~ 1.5 +- [0.5, 0.6]", "confirmed"),
         ("v[A] ~ 1.5 +- [0.4, 0.6]", "not-confirmed"),
         ("v[A] ~ 1.5 +- 0.4", "not-confirmed"),
-        ("never ~ never +- 1", "confirmed"),
-        ("1 ~ never +- 5%", "not-confirmed"),
+        ("inf ~ inf +- 1", "confirmed"),
+        ("1 ~ inf +- 5%", "not-confirmed"),
     ],
 )
 def test_entry_by_entry(trials, check, finding):

@@ -11,8 +11,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rmpc_bench.claims.evaluator import Evaluator
-from rmpc_bench.claims.grammar import ClaimError, parse, parse_expression, terms
-from rmpc_bench.claims.tree import FUNCTION_HELP, FUNCTIONS, Call, Chain, Link, Number, Operation, Term, uses
+from rmpc_bench.claims.grammar import parse, parse_expression, terms
+from rmpc_bench.claims.tree import FUNCTION_HELP, FUNCTIONS, Chain, Link, Term, uses
+from rmpc_bench.expressions.arithmetic import Call, Number, Operand, Operation, Percent
+from rmpc_bench.expressions.tokens import ExpressionError
 
 
 def named(chain):
@@ -66,16 +68,16 @@ def make_numbers():
     class Nothing:
         methods, metrics = (), ()
 
-    return Evaluator(Nothing(), ())
+    return Evaluator(Nothing(), Number(0.0))
 
 
 @given(st.text(alphabet="ab[]() ,<=~+-*/%.0123e\npi", max_size=40))
-def test_any_text_is_a_tree_or_a_claim_error(text):
+def test_any_text_is_a_tree_or_a_expression_error(text):
     """No other exception, and the column lies in the text or at its end."""
     for read in (parse, parse_expression):
         try:
             read(text)
-        except ClaimError as error:
+        except ExpressionError as error:
             assert 1 <= error.column <= len(text) + 1
             assert str(error).startswith(f"column {error.column}: ")
 
@@ -87,7 +89,7 @@ def test_chain_of_product_md():
     assert chain.text == text
     assert [link.text for link in chain.links] == [text[:39], text[20:]]
     assert chain.links[0] == Link(
-        Call("mean", (Term("mse", "R-MPC1"),)), "<", Call("mean", (Term("mse", "R-MPC2"),)), None, False, text[:39]
+        Call("mean", (Term("mse", "R-MPC1"),)), "<", Call("mean", (Term("mse", "R-MPC2"),)), None, text[:39]
     )
     assert named(chain) == {("mse", "R-MPC1"), ("mse", "R-MPC2"), ("mse", "S-MPC")}
     assert parse(text) == chain
@@ -106,8 +108,10 @@ def test_tolerances():
     """A percentage belongs to the right side, anything else is absolute."""
     assert (parse("1 ~ 2 +- 5%").links[0].relative, parse("1 ~ 2 +- 0.05").links[0].relative) == (True, False)
     link = parse("1 ~ 2 + 3 +- 4 * 5 < 9").links[0]
-    assert link.right == Operation("+", Number(2), Number(3))
-    assert link.tolerance == Operation("*", Number(4), Number(5))
+    assert link.right == Operation(Number(2.0), (Operand("+", Number(3.0)),))
+    assert link.tolerance == Operation(Number(4.0), (Operand("*", Number(5.0)),))
+    assert parse("1 ~ 2 +- 5 %").links[0].tolerance == Percent(Number(5.0))
+    assert not parse("1 ~ 2 +- 2 * 5%").links[0].relative
 
 
 def test_terms_of_everything():
@@ -134,14 +138,14 @@ def test_terms_know_what_they_are_the_argument_of():
     ("text", "column", "words"),
     [
         ("maen(mse[A]) < 1", 1, "did you mean 'mean'?"),
-        ("1 < zzz(2)", 5, "known: abs all at"),
+        ("1 < zzz(2)", 5, "known: abs, all, at"),
         ("mean(mse) < 1", 6, "'mse' needs a method: mse[METHOD]"),
         ("mean(mse[A) < 1", 6, "closing bracket"),
         ("mean(mse[ ]) < 1", 6, "needs a method"),
-        ("mean(mse[A])", 13, "expected a comparison"),
+        ("mean(mse[A])", 13, "expected a comparison (<, <=, >, >=, ==, ~) after mean(mse[A])"),
         ("1 < ", 5, "got the end"),
         ("", 1, "got the end"),
-        ("1 < 2 3", 7, "expected the end (got '3')"),
+        ("1 < 2 3", 7, "an operator is missing before '3'"),
         ("1 ~ 2", 6, "expected '+-'"),
         ("1 +- 2 < 3", 3, "expected a comparison"),
         ("1 < 2 $", 7, "unexpected '$'"),
@@ -156,24 +160,31 @@ def test_terms_know_what_they_are_the_argument_of():
         ("1 < all(1 < 2)", 5, "a check of its own"),
         ("all(1 < 2) < 3", 12, "expected the end"),
         ("mean < 2", 6, "expected '('"),
-        ("[[1, 2], [3]] < 4", 2, "rows of the same length"),
-        ("[[[1]]] < 4", 2, "rows of the same length"),
-        ("1 < 1e999", 5, "infinity is written never"),
+        ("[[1, 2], [3]] < 4", 1, "rows of the same length"),
+        ("[[[1]]] < 4", 1, "rows of the same length"),
+        ("1 < 1e999", 5, "infinity is written inf"),
         ("(" * 60 + "1" + ")" * 60 + " < 2", 41, "nested deeper"),
         ("1" + "+1" * 300 + " < 2", 401, "longer than"),
-        ("__import__('os') < 1", 12, 'unexpected "\'"'),
+        ("2 pi < 1", 3, "an operator is missing before 'pi'; did you mean 2*pi?"),
+        ("mse[A] mse[B] < 1", 8, "an operator is missing before 'mse'"),
+        ("1 < (2", 5, "'(' is never closed"),
+        ("max([1, 2) < 1", 10, "expected ']' (got ')')"),
+        ("1 < 2**3", 6, "a power is written x*x"),
+        ("1 < never", 5, "'never' needs a method"),
+        ("__import__('os') < 1", 1, "unknown function"),
+        ("1 < 'a'", 5, 'unexpected "\'"'),
     ],
 )
 def test_errors_say_where_and_what(text, column, words):
     """Column and a way out."""
-    with pytest.raises(ClaimError) as caught:
+    with pytest.raises(ExpressionError) as caught:
         parse(text)
     assert (caught.value.column, words in str(caught.value)) == (column, True), str(caught.value)
 
 
 def test_errors_pickle():
     """An error may come back from a worker."""
-    error = pickle.loads(pickle.dumps(ClaimError(3, "what")))
+    error = pickle.loads(pickle.dumps(ExpressionError(3, "what")))
     assert (str(error), error.column) == ("column 3: what", 3)
 
 
@@ -189,7 +200,7 @@ def test_no_heavy_import():
 def test_values_are_numpy_arrays(make_numbers):
     """Lists become vectors and matrices, a sign goes to every entry."""
     np.testing.assert_array_equal(make_numbers.value(parse_expression("-[[1, 2], [3, 4]]")).array, [[-1, -2], [-3, -4]])
-    assert float(make_numbers.value(parse_expression("never - never")).array) == 0
+    assert float(make_numbers.value(parse_expression("inf - inf")).array) == 0
 
 
 def test_every_function_has_a_line():

@@ -154,8 +154,8 @@ def test_distances_of_series_and_vectors(trials):
         ("distance([3], [1], [[4]])", 1),
         ("distance([3, 0], 0, [[4, 0], [0, 0]])", 1.5),
         ("distance([3, 1], 0, [[4, 0], [0, 0]])", math.inf),
-        ("distance([3, never], [0, 1], [[4, 0], [0, 1]])", math.inf),
-        ("distance([2, never], [0, never], [[4, 0], [0, 1]])", 1),
+        ("distance([3, inf], [0, 1], [[4, 0], [0, 1]])", math.inf),
+        ("distance([2, inf], [0, inf], [[4, 0], [0, 1]])", 1),
         ("distance([0, 0], 0, [[0, 0], [0, 0]])", 0),
     ):
         assert number(text, trials) == pytest.approx(expected, rel=1e-12), text

@@ -165,12 +165,12 @@ def test_one_run_has_no_interval(make_trials):
         assert (verdict.finding, verdict.numbers[0].interval) == ("confirmed", None)
 
 
-def test_never(make_trials):
-    """Infinite columns: no interval of the mean, one of the median, and JSON says never."""
+def test_what_did_not_occur(make_trials):
+    """Infinite columns: no interval of the mean, one of the median, and JSON writes it as a text."""
     trials = make_trials({"t": {"A": [1.0, 2.0, INF, 3.0, 2.0, 1.0, 1.0, 1.5] * 2, "B": [INF] * 16}})
     verdicts = [
         judge(claim(check), trials)
-        for check in ("median(t[A]) < median(t[B])", "mean(t[A]) <= mean(t[B])", "max(t[B]) == never", "-never < 0")
+        for check in ("median(t[A]) < median(t[B])", "mean(t[A]) <= mean(t[B])", "max(t[B]) == inf", "-inf < 0")
     ]
     assert [verdict.finding for verdict in verdicts] == ["confirmed", "confirmed", "confirmed", "confirmed"]
     assert verdicts[0].numbers[0].interval == (-INF, -INF)
@@ -178,7 +178,7 @@ def test_never(make_trials):
     assert table[0]["numbers"][0] == {
         "text": "median(t[A]) < median(t[B])",
         "left": 1.75,
-        "right": "never",
+        "right": "inf",
         "holds": True,
         "interval": [None, None],
         "n": 16,
@@ -187,7 +187,7 @@ def test_never(make_trials):
         "k": None,
         "entry": None,
     }
-    assert table[3]["numbers"][0]["left"] == "-never"
+    assert table[3]["numbers"][0]["left"] == "-inf"
 
 
 def test_median_of_few_runs_is_open(make_trials):
