@@ -1,1 +1,1 @@
-"""What an estimator or a controller believes of the plant."""
+"""Design models: the models of the plant that estimators and controllers use."""

@@ -1,7 +1,7 @@
-"""What an estimator believes at one k, in the matrices of an uncertain linear system, whatever its model is.
+"""Design models of any kind in one form: the matrices and noises of an uncertain linear system at one k.
 
-Model   an UncertainModel as it is; any other model as a system without uncertainty, x(k+1) = A x + B u + f0 + w,
-        y = C x + d0 + v: Bw = I, Dv = I, Bv = 0, Dw = 0, H = 0, G = 0.
+Model   An `UncertainModel` is used as it is.  Any other model is written as a system without uncertainty,
+        x(k+1) = A x + B u + f0 + w, y = C x + d0 + v: Bw = I, Dv = I, Bv = 0, Dw = 0, H = 0, G = 0.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from rmpc_bench.types import Array
 
 
 class DesignSystem(NamedTuple):
-    """An uncertain system with its noises at one k."""
+    """A design model at one k, written as an uncertain system with its noises."""
 
     nominal: LinearModel
-    """The part without uncertainty, with the constant parts f0 and d0."""
+    """The nominal model, with the constant parts f0 and d0."""
     m: Matrices
     W: Float[Array, "nw nw"]
     V: Float[Array, "nv nv"]
     S: Float[Array, "nw nv"]
     wbar: Float[Array, " nw"]
-    """Mean of w; zero for a model without uncertainty, where f0 and d0 say it all."""
+    """Mean of w; zero for a model without uncertainty, whose f0 and d0 contain the means."""
     vbar: Float[Array, " nv"]
 
 
 def design_systems(model: Model, n_steps: int, scale: float = 1.0) -> list[DesignSystem]:
-    """Beliefs at k = 0..N, the same object as long as nothing varies.
+    """Return the design model at k = 0..N, one shared object as long as nothing varies.
 
     Parameters
     ----------
-    model : an UncertainModel, or any other, which is taken for one without uncertainty
-    n_steps : N
+    model : an `UncertainModel`; any other model has no uncertainty
+    n_steps : number of control periods N
     scale : factor of all uncertainty
     """
     found: list[DesignSystem] = []

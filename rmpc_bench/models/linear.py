@@ -17,23 +17,23 @@ Covariance = Array | Matrix
 
 @dataclass(frozen=True, eq=False, init=False)
 class LinearModel:
-    """A linear model with white noises at one k, or at every k where nothing varies.
+    """A linear model with white noises at one k, or at every k if nothing varies.
 
     Parameters
     ----------
     A : (nx, nx) state matrix
     B : (nx, nu) input matrix
     C : (ny, nx) output matrix
-    Q_w : (nx, nx) covariance of the process noise w, positive semidefinite; a number or a diagonal will do
-    R_v : (ny, ny) covariance of the measurement noise v, likewise
-    S_wv : (nx, ny) cross-covariance E w v', zero unless given
-    f0 : (nx,) constant part of x(k+1), zero unless given
-    d0 : (ny,) constant part of y(k), zero unless given
+    Q_w : (nx, nx) covariance of the process noise w, positive semidefinite; a number or a diagonal is expanded
+    R_v : (ny, ny) covariance of the measurement noise v, given in the same ways
+    S_wv : (nx, ny) cross-covariance E w v', zero by default
+    f0 : (nx,) constant part of x(k+1), zero by default
+    d0 : (ny,) constant part of y(k), zero by default
 
     Raises
     ------
     DesignError
-        If shapes do not fit together, or a covariance is not one.
+        If the shapes are inconsistent, or a covariance is not positive semidefinite.
     """
 
     A: Float[Array, "nx nx"]
@@ -75,7 +75,7 @@ class LinearModel:
             object.__setattr__(self, name, array)
 
     def at(self, k: int) -> LinearModel:
-        """The model at k: itself, as nothing varies."""
+        """Return the model at k, which is the same at every k."""
         return self
 
     @property
@@ -106,7 +106,7 @@ class LinearModel:
 
 @runtime_checkable
 class Model(Protocol):
-    """A linear model, possibly another one at every k."""
+    """A linear model that may vary with k."""
 
     def at(self, k: int, /) -> LinearModel:
         """The model at k."""

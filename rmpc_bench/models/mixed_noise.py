@@ -1,10 +1,10 @@
-"""What a method believes of a linear system with stochastic and bounded noises.
+"""Linear design model with stochastic and bounded noises.
 
 Model   x(k+1) = A_k x + B_k u + w,  w = w_mean + w_s + w_b,  w_s ~ N(0, P_w(k)),  w_b in E(0, M_w(k)),
         y(k)   = C_k x + v,          v = v_mean + v_s + v_b,  v_s ~ N(0, P_v(k)),  v_b in E(0, M_v(k)),
-        E(0, M) = {z : z' M^-1 z <= 1}; a singular M is a flat set, M = 0 no bounded noise.
-Source  ma2025, (3)-(10); the paper's P^w_k, M^w_k and H_k are P_w(k), M_w(k) and C_k here, the known means are ours.
-Time    a controller looks beyond the last step, so that a matrix has a value at every k.
+        E(0, M) = {z : z' M^-1 z <= 1}.  A singular M is a flat set; M = 0 means no bounded noise.
+Source  ma2025, (3)-(10).  The paper's P^w_k, M^w_k and H_k are P_w(k), M_w(k) and C_k here; known means are added.
+Time    The horizon of a controller exceeds the last step, so that a matrix has a value at every k.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ TABLE: Mapping[str, tuple[str, str]] = {
     "A": ("nx", "nx"), "B": ("nx", "nu"), "C": ("ny", "nx"),
     "P_w": ("nx", "nx"), "M_w": ("nx", "nx"), "P_v": ("ny", "ny"), "M_v": ("ny", "ny"),
 }  # fmt: skip
-"""Matrix -> what its rows and columns count: states, inputs, outputs."""
+"""Matrix -> number of its rows and of its columns: states, inputs or outputs."""
 
 LINEAR_PART = ("A", "B", "C", "P_w", "P_v")
-"""Matrices that a `LinearModel` is made of."""
+"""Matrices of a `LinearModel`."""
 
 
 class MatrixOverTime(NamedTuple):
-    """A matrix that may be another one at every k: as it was given, and its size."""
+    """A matrix that may vary with k: the given entries and the size."""
 
     name: str
     given: Array
-    """Entries as objects, numbers or functions of ``{"k": k}``, or an array (k, rows, columns)."""
+    """Entries as objects (numbers or functions of ``{"k": k}``), or an array (k, rows, columns)."""
     shape: tuple[int, int]
 
     @property
     def varies(self) -> bool:
-        """Whether it depends on k."""
+        """Whether the matrix depends on k."""
         return len(self.given) > 1 if self.given.ndim == 3 else depends_on_k(self.given)
 
     def at(self, k: int) -> Float[Array, "rows columns"]:
         """Return the matrix at k."""
         if self.given.ndim == 3 and self.varies and k >= len(self.given):
             raise DesignError(
-                f"has {len(self.given)} entries over k, but k = {k} is asked for: a controller looks beyond the last "
-                "step",
+                f"has {len(self.given)} entries over k, but k = {k} is needed: the horizon of a controller exceeds "
+                "the last step",
                 self.name,
             )
         matrix = expanded(self.name, _values(self.name, self.given, k), self.shape)[0]
@@ -74,7 +74,7 @@ class MixedModel:
     w_mean: Float[Array, " nx"]
     v_mean: Float[Array, " ny"]
     _made: dict[tuple[str, int], Any] = field(default_factory=dict, init=False, repr=False)
-    """What has been asked for; what does not vary is made once and kept at k = 0."""
+    """Cache of evaluated matrices by name and k; a constant one is stored at k = 0."""
 
     @property
     def nx(self) -> int:
@@ -107,7 +107,7 @@ class MixedModel:
         return self.v_mean, self.at(0).R_v
 
     def at(self, k: int) -> LinearModel:
-        """The model at k >= 0; its noises are the stochastic ones."""
+        """Return the model at k >= 0 with the stochastic noises only."""
         k = k if any(self.matrices[name].varies for name in LINEAR_PART) else 0
         if ("", k) not in self._made:
             A, B, C, P_w, P_v = (self._at(name, k) for name in LINEAR_PART)
@@ -116,15 +116,15 @@ class MixedModel:
         return made
 
     def M_w(self, k: int) -> Float[Array, "nx nx"]:
-        """Shape of the set of the bounded process noise at k >= 0."""
+        """Return the shape matrix of the set of the bounded process noise at k >= 0."""
         return self._at("M_w", k)
 
     def M_v(self, k: int) -> Float[Array, "ny ny"]:
-        """Shape of the set of the bounded measurement noise at k >= 0."""
+        """Return the shape matrix of the set of the bounded measurement noise at k >= 0."""
         return self._at("M_v", k)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave what has been made behind: a worker makes what it needs."""
+        """Pickle without the cache; a worker fills its own."""
         return {**vars(self), "_made": {}}
 
     def _at(self, name: str, k: int) -> Array:
@@ -148,10 +148,10 @@ def design(
     w_mean: float | list[float] = 0.0,
     v_mean: float | list[float] = 0.0,
 ) -> MixedModel:
-    """Linear model with stochastic and bounded noises; with `from: plant` it takes the plant's A, B and C.
+    """Linear model with stochastic and bounded noises; `from: plant` uses the plant's A, B and C.
 
-    A matrix that is not given is zero; a number is that number times the identity, a list the diagonal; entries may
-    depend on the time index k.
+    A missing matrix is zero.  A number stands for that number times the identity, a list for a diagonal matrix.
+    Entries may depend on the time index k.
 
     Parameters
     ----------
@@ -160,16 +160,17 @@ def design(
     B : (nx, nu) input matrix
     C : (ny, nx) output matrix
     P_w : (nx, nx) covariance of the stochastic process noise
-    M_w : (nx, nx) shape of the ellipsoid E(0, M_w) that the bounded process noise lies in
+    M_w : (nx, nx) shape matrix of the ellipsoid E(0, M_w) that contains the bounded process noise
     P_v : (ny, ny) covariance of the stochastic measurement noise
-    M_v : (ny, ny) shape of the ellipsoid E(0, M_v) that the bounded measurement noise lies in
-    w_mean : (nx,) mean of the process noise, as far as it is known
-    v_mean : (ny,) mean of the measurement noise, as far as it is known
+    M_v : (ny, ny) shape matrix of the ellipsoid E(0, M_v) that contains the bounded measurement noise
+    w_mean : (nx,) known mean of the process noise
+    v_mean : (ny,) known mean of the measurement noise
 
     Raises
     ------
     DesignError
-        If sizes do not fit together, or a matrix has no value at some k or is not positive semidefinite there.
+        If the sizes are inconsistent, or a covariance or shape matrix is undefined or not positive semidefinite at
+        some k.
     """
     matrices = _read({"A": A, "B": B, "C": C, "P_w": P_w, "M_w": M_w, "P_v": P_v, "M_v": M_v})
     means = {}
@@ -178,14 +179,15 @@ def design(
             means[name] = as_vector(mean, matrices[matrix].shape[0])
         except ValueError as error:
             raise DesignError(str(error), name) from None
-    for each in matrices.values():  # what is wrong at any k of the experiment shows now
+    # Evaluate every k of the experiment now, so that an invalid entry is an error of the design.
+    for each in matrices.values():
         for k in range(n_steps + 1 if each.varies else 1):
             each.at(k)
     return MixedModel(matrices, means["w_mean"], means["v_mean"])
 
 
 def _read(values: Mapping[str, Any]) -> dict[str, MatrixOverTime]:
-    """Read the matrices by name, of which A and C must be there, and find their sizes."""
+    """Read the matrices by name and determine their sizes; A and C are required."""
     for name in ("A", "C"):
         if values[name] is None:
             raise DesignError(f"the matrix {name} is missing", name)
@@ -201,7 +203,7 @@ def _entries(name: str, value: Any) -> Array:
 
 
 def _values(name: str, given: Array, k: int) -> Array:
-    """Return the numbers at k, with an axis of length 1 before them."""
+    """Return the numbers at k with a leading axis of length 1."""
     if given.ndim == 3:
         return given[k : k + 1] if len(given) > 1 else given
     return values_at(name, given, k)[None]

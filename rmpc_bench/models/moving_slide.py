@@ -1,20 +1,20 @@
-"""Planar parallel robot with four driven arms and one platform: its numbers, its geometry, its state-dependent model.
+"""Planar parallel robot with four driven arms and one platform: parameters, geometry and state-dependent model.
 
 Model   y = (x_c, y_c, psi), v = y'.  Arm i turns about the fixed point A_i, corner of a square, driven by the torque
-        tau_i; a slide runs on it without a drive and carries the corner B_i of the platform: angle theta_i, length l_i,
-        theta_i' = J_i(y) v, l_i' = S_i(y) v.  Horizontal, so that Lagrange's equations have no gravity,
+        tau_i.  A passive slide on the arm carries the corner B_i of the platform: angle theta_i, length l_i,
+        theta_i' = J_i(y) v, l_i' = S_i(y) v.  The robot is horizontal: Lagrange's equations contain no gravity,
             M(y) v' + N(y, v) v = J' tau,
             M = diag(m_p, m_p, I_p) + sum of I_arm J_i' J_i + m_s W_i' W_i,   B_i' = W_i v,
             N = sum of I_arm J_i' dJ_i/dt + m_s W_i' dW_i/dt + d_rot J_i' J_i + d_sl S_i' S_i.
-        State x = [y, v], input tau, output y; x' = A(x) x + B(x) tau holds without a remainder, with
-        A = [[0, I], [0, -M^-1 N]] and B = [0; M^-1 J'], which are frozen at a state and sampled with the torques held.
-        Four torques make three forces: those of the null space of J' do not move the platform.
+        State x = [y, v], input tau, output y.  x' = A(x) x + B(x) tau is exact, with A = [[0, I], [0, -M^-1 N]] and
+        B = [0; M^-1 J'].  Both are frozen at a state and sampled with a zero-order hold of the torques.
+        Four torques produce three forces: torques in the null space of J' do not move the platform.
 Source  belda2017, section VI, (29), (30): the robot 'Moving Slide'.
-Chosen  every number, as the paper prints none; the factorisation of the forces in v, for which dM/dt - 2 N is skew
-        where nothing is damped; process noise that is a white acceleration, held over a sample.
-Limit   at rest and without damping N = 0: every coordinate is a double integrator, driven by M^-1 J' tau.
+Assumed All parameter values, as the paper prints none; the factorisation N(y, v) v of the forces, for which
+        dM/dt - 2 N is skew-symmetric without damping; process noise that is a white acceleration, held over a sample.
+Limit   At rest and without damping N = 0: every coordinate is a double integrator, driven by M^-1 J' tau.
 Cost    0.5 us per run for a pair of matrices.
-Fails   never: the matrices of a state without meaning, with an arm of no length or with NaN, are NaN.
+Fails   Does not fail.  The matrices at an invalid state (an arm of length zero, or NaN) are NaN.
 """
 
 from __future__ import annotations
@@ -41,27 +41,27 @@ NUMBERS: Mapping[str, float] = {
     "d_rot": 0.020,
     "d_sl": 0.50,
 }
-"""Nominal numbers: half sides of the squares of the A_i and B_i [m], mass [kg] and inertia [kg m^2] of the platform,
+"""Nominal parameters: half sides of the squares of the A_i and B_i [m], mass [kg] and inertia [kg m^2] of the platform,
 mass of a slide [kg], inertia of an arm about A_i [kg m^2], damping of a base joint [N m s] and of a slide [N s/m]."""
 
 MASSES = ("m_p", "I_p", "m_s", "I_arm")
-"""The numbers that `mass` multiplies."""
+"""Parameters that the factor `mass` multiplies."""
 
 CORNERS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-"""Of the squares, arm by arm."""
+"""Signs of the corners of both squares, one row per arm."""
 
 LARGEST = 20.0
-"""Of an estimate [m, rad, m/s, rad/s]: the platform moves by decimetres."""
+"""Largest entry of a valid estimate [m, rad, m/s, rad/s]; the platform moves by decimetres."""
 
 
 @dataclass(frozen=True)
 class SlideNoise:
-    """Noise that the model assumes.
+    """Noise of the design model.
 
     Parameters
     ----------
-    process : standard deviation of the white acceleration of the platform [m/s^2, m/s^2, rad/s^2], a number or three
-    measurement : half width r of the uniform noise of an output [m, m, rad], a number or three; its variance is r^2/3
+    process : standard deviation of the white acceleration of the platform [m/s^2, m/s^2, rad/s^2]; one number or three
+    measurement : half-width r of the uniform noise of an output [m, m, rad]; one number or three; variance r^2/3
     """
 
     process: float | list[float] = 0.05
@@ -72,21 +72,21 @@ NOISE = SlideNoise()
 
 
 class Arms(NamedTuple):
-    """The arms at some poses."""
+    """Geometry of the arms at given poses."""
 
     joints: Float[Array, "poses 4 2"]
     """Corners B_i of the platform [m]."""
     lengths: Float[Array, "poses 4"]
     J: Float[Array, "poses 4 3"]
-    """Velocities of the arms' angles per velocity of the platform."""
+    """Jacobian: angular velocities of the arms per velocity of the platform."""
 
 
 def arms(y: Float[Array, "poses 3"], a: float, b: float) -> Arms:
-    """Place the arms; one of no length has a J that is no number.
+    """Compute the geometry of the arms; J of an arm of length zero is not finite.
 
     Parameters
     ----------
-    y : (poses, 3) places [m] and angles [rad] of the platform
+    y : (poses, 3) positions [m] and angles [rad] of the platform
     a, b : half sides of the squares of the base joints and of the platform [m]
     """
     cos, sin = np.cos(y[:, 2, None]), np.sin(y[:, 2, None])
@@ -101,14 +101,14 @@ def arms(y: Float[Array, "poses 3"], a: float, b: float) -> Arms:
 
 @dataclass(frozen=True, eq=False)
 class MovingSlideModel:
-    """The robot as a state-dependent model; build it with `design`.
+    """State-dependent model of the robot; create it with `design`.
 
     Parameters
     ----------
     Ts : sampling time [s]
-    numbers : (8,) as the kernel takes them: those of `NUMBERS`, masses multiplied
+    numbers : (8,) parameters in the order of `NUMBERS`, masses multiplied by `mass`
     Q_w, R_v : (6, 6), (3, 3) covariances of the noises
-    euler : whether the pair is sampled by Euler's formula
+    euler : whether the matrices are sampled by Euler's method
     """
 
     Ts: float
@@ -137,15 +137,16 @@ class MovingSlideModel:
         return np.zeros(3), self.R_v
 
     def at_state(self, x: Float[Array, "runs 6"]) -> Pair:
-        """Sample the model with its matrices frozen at a state of every run."""
+        """Sample the model with the matrices frozen at the state of every run."""
         from rmpc_bench.models.moving_slide_kernel import pair_kernel
 
         return Pair(*pair_kernel(as_compiled(x), self.numbers, self.Ts, self.euler))
 
     def at(self, k: int) -> LinearModel:
-        """Refuse: the model is another one at every state, not at every k."""
+        """Raise a DesignError: the matrices depend on the state, not on k alone."""
         raise DesignError(
-            "the model moving-slide depends on the state: choose what linearises at the estimate, as kalman and gpc do",
+            "the model moving-slide depends on the state: choose a method that linearises at the estimate, such as "
+            "kalman or gpc",
             "kind",
         )
 
@@ -155,11 +156,11 @@ class MovingSlideModel:
 
 
 def kernel_numbers(p: Mapping[str, float]) -> Float[Array, " 8"]:
-    """Numbers of a robot as the kernel takes them, masses multiplied.
+    """Return the parameters in the order of the kernel, masses multiplied by `mass`.
 
     Parameters
     ----------
-    p : those of `NUMBERS` and `mass`
+    p : the parameters of `NUMBERS`, and `mass`
     """
     return np.array([p[name] * (p["mass"] if name in MASSES else 1.0) for name in NUMBERS])
 
@@ -172,7 +173,7 @@ def _noise(noise: SlideNoise, Ts: float) -> tuple[Float[Array, "6 6"], Float[Arr
         except ValueError as error:
             raise DesignError(str(error), f"noise.{name}") from None
         if not (np.isfinite(size) & (size >= 0.0)).all():
-            raise DesignError("must be >= 0, a standard deviation or a half width", f"noise.{name}")
+            raise DesignError("must be >= 0: it is a standard deviation or a half-width", f"noise.{name}")
         sizes.append(size)
     process, measurement = sizes
     G = np.vstack([0.5 * Ts * Ts * np.diag(process), Ts * np.diag(process)])
@@ -194,18 +195,18 @@ def design(
     d_rot: NonNegative = NUMBERS["d_rot"],
     d_sl: NonNegative = NUMBERS["d_sl"],
 ) -> MovingSlideModel:
-    """Parallel robot, linearised exactly at a state of every run.
+    """Parallel robot with matrices frozen at the estimated state of every run.
 
     Parameters
     ----------
     Ts : sampling time [s]
-    noise : assumed noise, `process` on the acceleration and `measurement` on the pose
-    discretisation : zoh samples the frozen matrices exactly with the torques held, euler takes I + Ts A and Ts B
+    noise : noise of the design model: `process` acts on the acceleration, `measurement` on the pose
+    discretisation : `zoh` samples the frozen matrices exactly with a zero-order hold; `euler` uses I + Ts A and Ts B
     mass : factor on all masses and inertias
     a : half side of the square of the base joints [m]
     b : half side of the platform [m]
     m_p : mass of the platform [kg]
-    I_p : its inertia [kg m^2]
+    I_p : inertia of the platform [kg m^2]
     m_s : mass of a slide [kg]
     I_arm : inertia of an arm about its base joint [kg m^2]
     d_rot : viscous damping of a base joint [N m s]
@@ -214,7 +215,7 @@ def design(
     Raises
     ------
     DesignError
-        If the assumed noise has another size than the pose, or is negative.
+        If the noise is negative or its size does not match the pose.
     """
     p = dict(a=a, b=b, m_p=m_p, I_p=I_p, m_s=m_s, I_arm=I_arm, d_rot=d_rot, d_sl=d_sl, mass=mass)
     return MovingSlideModel(Ts, kernel_numbers(p), *_noise(noise, Ts), discretisation == "euler")

@@ -1,8 +1,9 @@
-"""The sets that an estimator believes errors and noises to lie in, or the covariances that stand for them.
+"""Sets that a design assumes for errors and noises, and covariances that represent such sets.
 
-Sets    the bounded part of a noise lies in E(0, M) of a model that knows sets; its stochastic part, N(0, P), in the
-        ellipsoid E(0, c P) that holds it with some confidence; their sum in the ellipsoid of least trace around both.
-Source  ma2025, (9), (10), (18); the confidence ellipsoids and matched moments are readings of Section V.
+Sets    The set E(0, M) contains the bounded part of a noise, if the model has sets.  The confidence ellipsoid E(0, c P)
+        contains the stochastic part N(0, P) with a given probability.  The outer ellipsoid of least trace contains
+        their sum.
+Source  ma2025, (9), (10), (18); the confidence ellipsoids and matched moments are interpretations of Section V.
 """
 
 from __future__ import annotations
@@ -18,18 +19,18 @@ from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
 from rmpc_bench.types import Array, HasSets
 
 LEVEL = 0.95
-"""Confidence of the ellipsoid that stands for a covariance where somebody asks for a set."""
+"""Probability of the confidence ellipsoid that represents a covariance where a method needs a set."""
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseSets:
-    """The sets that an estimator believes the noises to lie in.
+    """The sets that a design assumes for the noises.
 
     Parameters
     ----------
-    model : what the estimator believes; one that knows no sets has M = 0
-    level : confidence of the ellipsoid that stands for the stochastic noise; None leaves that noise out
-    bounded : whether the bounded noise counts
+    model : design model; M = 0 if it has no sets
+    level : probability of the ellipsoid that represents the stochastic noise; None omits that noise
+    bounded : whether to include the bounded noise
     """
 
     model: Model
@@ -37,17 +38,17 @@ class NoiseSets:
     bounded: bool = True
 
     def process(self, k: int) -> Float[Array, "nx nx"]:
-        """Shape of the set of the process noise at k."""
+        """Return the shape matrix of the set of the process noise at k."""
         now = self.model.at(k)
         return self._set(now.Q_w, self.model.M_w(k) if isinstance(self.model, HasSets) else np.zeros_like(now.Q_w))
 
     def measurement(self, k: int) -> Float[Array, "ny ny"]:
-        """Shape of the set of the measurement noise at k."""
+        """Return the shape matrix of the set of the measurement noise at k."""
         now = self.model.at(k)
         return self._set(now.R_v, self.model.M_v(k) if isinstance(self.model, HasSets) else np.zeros_like(now.R_v))
 
     def initial(self, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]) -> Float[Array, "nx nx"]:
-        """Shape of the set of x(0) - x0, whose parts have the covariance P0 and the set M0."""
+        """Return the shape matrix of the set of x(0) - x0, a sum of parts with covariance P0 and set M0."""
         return self._set(P0, M0)
 
     def _set(self, P: Array, M: Array) -> Array:
@@ -60,7 +61,7 @@ NoiseKind: TypeAlias = Literal["nominal", "matched"]
 
 @dataclass(frozen=True, eq=False)
 class MatchedModel:
-    """A model whose covariances count bounded noises as uniform ones on their ellipsoids."""
+    """A model whose covariances treat bounded noises as uniform on their ellipsoids."""
 
     model: Model
 
@@ -75,7 +76,7 @@ class MatchedModel:
 
 
 def uniform_covariance(M: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Return the covariance of the uniform law on E(0, M)."""
+    """Return the covariance of the uniform distribution on E(0, M)."""
     cov: Array = M / (len(M) + 2)
     return cov
 
@@ -83,7 +84,7 @@ def uniform_covariance(M: Float[Array, "n n"]) -> Float[Array, "n n"]:
 def with_noise_kind(
     model: Model, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"] | None, noise: NoiseKind
 ) -> tuple[Model, Float[Array, "nx nx"]]:
-    """Return a model and an initial covariance that count what is bounded as uniform, if `matched`, or leave it out."""
+    """Return a model and an initial covariance that treat bounded parts as uniform (`matched`) or omit them."""
     if noise == "nominal":
         return model, P0
     return MatchedModel(model), P0 if M0 is None else P0 + uniform_covariance(M0)
@@ -107,5 +108,5 @@ class BelievesSets(Protocol):
 
 
 def stochastic_sets(model: Model) -> NoiseSets:
-    """The confidence ellipsoids of the covariances of a model, for who asks for sets and gets none."""
+    """Return the confidence ellipsoids of the covariances of a model, for a method that needs sets."""
     return NoiseSets(model, LEVEL, bounded=False)

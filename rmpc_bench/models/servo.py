@@ -1,12 +1,12 @@
-"""Servomechanism: DC motor, gear box, elastic shaft and load; its parameters and its linear model.
+"""Servomechanism (DC motor, gear box, elastic shaft, load): parameters and linear model.
 
 Model   J_l th_l'' = rho T_s - beta_l th_l' - T_fl,   J_m th_m'' = K_t I - T_s - beta_m th_m' - T_fm,
-        L I' = V - R I - K_t th_m',   T_s = (k_theta / rho) (th_m / rho - th_l); the linear model drops the frictions
-        T_fl, T_fm and the inductance L.
+        L I' = V - R I - K_t th_m',   T_s = (k_theta / rho) (th_m / rho - th_l).  The linear model neglects the dry
+        frictions T_fl, T_fm and the inductance L.
         State x = [th_l, w_l, th_m, w_m] (load and motor angle [rad] and velocity [rad/s]), input V [V], output th_l.
 Source  zenere2018, sections 4.1 and 4.2, Tables 1 and 2 (SI units).
-Chosen  noise on all four states with intensity `process` each (the paper's G-bar, D-bar are not stated), sampled by
-        Van Loan's integral; R_v = measurement^2, not divided by Ts.
+Assumed Noise on all four states with intensity `process` each, as the paper does not state G-bar and D-bar; process
+        noise sampled by Van Loan's method; R_v = measurement^2, not divided by Ts.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ TABLE_1: Mapping[str, float] = {
 gear ratio, torsional rigidity [N m/rad]."""
 
 MUST_BE_POSITIVE = ("J_m", "R", "rho", "J_l")
-"""The parameters the equations of motion divide by."""
+"""Parameters that appear as divisors in the equations of motion."""
 
 
 @dataclass(frozen=True)
 class ServoNoise:
-    """Intensities of the noise that the linear model assumes.
+    """Noise intensities of the linear model.
 
     Parameters
     ----------
-    process : factor G-bar of the continuous noise on the four states: a number (times the identity), four numbers
-        (the diagonal) or a matrix
+    process : factor G-bar of the continuous-time noise on the four states: a number (times the identity), four numbers
+        (a diagonal matrix) or a matrix
     measurement : standard deviation of the measured angle [rad]
     """
 
@@ -85,12 +85,12 @@ def design(
     J_l: Positive = TABLE_1["J_l"],
     beta_l: NonNegative = TABLE_1["beta_l"],
 ) -> LinearModel:
-    """Linear servomechanism with the parameters of Table 1, sampled with the voltage held.
+    """Linear servomechanism with the parameters of Table 1, sampled with a zero-order hold of the voltage.
 
     Parameters
     ----------
     Ts : sampling time [s]
-    noise : assumed noise, `process` on the four states and `measurement` on the load angle
+    noise : noise of the design model: `process` acts on the four states, `measurement` on the load angle
     J_m : motor inertia [kg m^2]
     beta_m : viscous friction of the motor [N m s]
     R : armature resistance [Ohm]

@@ -1,6 +1,6 @@
-"""A model whose matrices depend on the state: it is made anew at the latest estimate, one pair of matrices per run.
+"""Models whose matrices depend on the state: they are evaluated at the latest estimate, one pair (A, B) per run.
 
-Model   x(k+1) = A(x(k)) x(k) + B(x(k)) u(k) + w(k),  y(k) = C x(k) + v(k), the pair held over a sample.
+Model   x(k+1) = A(x(k)) x(k) + B(x(k)) u(k) + w(k),  y(k) = C x(k) + v(k); A and B are constant over a sample.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from rmpc_bench.types import Array
 
 
 class Pair(NamedTuple):
-    """State and input matrix over one sample."""
+    """State and input matrices of one sample."""
 
     A: Float[Array, "runs nx nx"]
     B: Float[Array, "runs nx nu"]
@@ -46,13 +46,13 @@ class StateDependentModel(Protocol):
 
 
 def pair_at(model: Model | StateDependentModel, k: int, x: Float[Array, "runs nx"]) -> Pair:
-    """Matrices that move the state of every run from k to k+1; a linear model has the same ones for all runs.
+    """Return the matrices from k to k+1 for every run; those of a linear model are the same for all runs.
 
     Parameters
     ----------
-    model : linear or state dependent
+    model : linear or state-dependent model
     k : time index
-    x : (runs, nx) where a state-dependent model is linearised
+    x : (runs, nx) states at which a state-dependent model is evaluated
     """
     if isinstance(model, StateDependentModel):
         return model.at_state(x)

@@ -1,7 +1,7 @@
-"""What can be known of an uncertain linear system before any run, in words and numbers for a human.
+"""Analysis of an uncertain linear system before any run: sizes, stability and zeros, as text.
 
-Stability in the face of the uncertainty is that of the state, x(k+1) = (A + H_A F_x G_x) x: for every F_x with
-F_x' F_x <= I by the H-infinity norm of its loop, under a white F_x by the second moments of x.
+Robust stability refers to the state equation x(k+1) = (A + H_A F_x G_x) x.  For every F_x with F_x' F_x <= I it is
+decided by the H-infinity norm of the loop, for a white F_x by the second moments of x.
 """
 
 from __future__ import annotations
@@ -19,24 +19,25 @@ from rmpc_bench.types import Array
 
 Fact = tuple[str, str]
 ON_CIRCLE = 1e-6
-"""A zero of multiplicity d is known to about 1e-16^(1/d)."""
+"""Distance of a zero from the unit circle that counts as rounding; a zero of multiplicity d is accurate to about
+1e-16^(1/d)."""
 NOUNS = {"nx": "state", "nu": "input", "ny": "output", "nw": "process noise", "nv": "measurement noise"}
 ENTRANCES = {"nu": {"B"}, "nw": {"Bw", "Dw", "w"}, "nv": {"Bv", "Dv", "v"}}
-"""What enters -> the matrices and channels by which it does."""
+"""Size of a signal -> the matrices and channels through which that signal enters."""
 
 
 def facts(system: UncertainSystem, law: Mapping[str, tuple[float, float]] | None = None) -> list[Fact]:
-    """Say what can be known of a system: pairs of a label and a text of one or more lines.
+    """Describe a system: pairs of a label and a text of one or more lines.
 
     Parameters
     ----------
-    system : the system; of one that varies, what is computed is of k = 0
-    law : channel (``x``, ``w``, ``v``) -> mean and variance of the entries of its F, where F is white
+    system : the system; a system that varies is evaluated at k = 0
+    law : channel (``x``, ``w``, ``v``) -> mean and variance of the entries of its F, if F is white
     """
     m = system.at(0)
     known = [("sizes", _sizes(system)), *_matrices(system)]
     if system.varies:
-        known += [("at k = 0", "all that follows is of the matrices at k = 0")]
+        known += [("at k = 0", "the following results refer to the matrices at k = 0")]
     known += [("spectral radius of A", _radius(m.A))]
     if "x" in system.active:
         known += [("uncertain loop", _loop(m))]
@@ -62,7 +63,7 @@ def _sizes(system: UncertainSystem) -> str:
 
 
 def _matrices(system: UncertainSystem) -> list[Fact]:
-    """The matrices that are not zero, and those that are."""
+    """List the matrices that are not zero, and the names of those that are."""
     shown, absent = [], []
     for name, matrix in zip(Matrices._fields, system.over_time, strict=True):
         if matrix.any():
@@ -81,7 +82,8 @@ def _rows(matrix: Float[Array, "rows columns"]) -> str:
 
 
 def _number(value: float) -> str:
-    return f"{value + 0.0:.6g}"  # -0 is 0
+    # Adding 0 turns -0 into 0.
+    return f"{value + 0.0:.6g}"
 
 
 def _radius(A: Float[Array, "n n"]) -> str:
@@ -90,40 +92,41 @@ def _radius(A: Float[Array, "n n"]) -> str:
 
 
 def _loop(m: Matrices) -> str:
-    """Whether the state forgets its past whatever F_x does."""
+    """State whether the system is quadratically stable for all F_x."""
     peak = hinf_peak(m.A, m.H_A, m.G_x)
     norm = "infinite" if peak.norm == inf else _number(peak.norm)
     where = "" if np.isnan(peak.angle) else f", reached at {_number(peak.angle)} rad per step"
     lines = [f"H-infinity norm of G_x (zI - A)^-1 H_A: {norm}{where}"]
     if spectral_radius(m.A) >= INSIDE:
-        return "\n".join([*lines, "quadratically stable: no, nor without uncertainty"])
+        return "\n".join([*lines, "quadratically stable: no, not even without uncertainty"])
     answer = "yes" if peak.norm < INSIDE else "no"
     reach = f"by less than {_number(1.0 / peak.norm)}" if peak.norm > 0.0 else "by any factor"
-    return "\n".join([*lines, f"quadratically stable: {answer}; it is with F_x scaled {reach}"])
+    return "\n".join([*lines, f"quadratically stable: {answer}; stable if F_x is scaled {reach}"])
 
 
 def _mean_square(m: Matrices, mean: float, variance: float) -> str:
-    """Whether the second moments of the state settle under a white F_x."""
+    """State whether the second moments of the state converge under a white F_x."""
     radius = mean_square_radius(m.A, m.H_A, m.G_x, mean, variance)
-    answer = "the second moments of x settle" if radius < INSIDE else "the second moments of x do not settle"
+    answer = "the second moments of x converge" if radius < INSIDE else "the second moments of x do not converge"
     law = f"white F_x, entries of mean {_number(mean)} and variance {_number(variance)}"
     return f"radius {_number(radius)}: {answer}\n{law}"
 
 
 def _zeros(m: Matrices) -> str:
-    """List the zeros, and say what those on the unit circle mean."""
+    """List the zeros, and explain the effect of those on the unit circle."""
     found = zeros(m.A, m.Bw, m.C, m.Dw)
     upper = found[found.imag >= 0.0]
     circle = np.abs(np.abs(upper) - 1.0) < ON_CIRCLE
     order = np.lexsort((upper.imag, upper.real))
     lines = [_zero(upper[i]) + (" (on the unit circle)" if circle[i] else "") for i in order]
     meaning = (
-        "on the unit circle: a predictor designed without measurement noise has no stable limit,\n"
-        "and with little of it its Riccati recursion converges slowly"
+        "zeros on the unit circle: a predictor designed without measurement noise has no stable limit,\n"
+        "and with little measurement noise its Riccati recursion converges slowly"
     )
     return (", ".join(lines) or "none") + (f"\n{meaning}" if circle.any() else "")
 
 
 def _zero(z: complex) -> str:
-    real = _number(round(z.real, 12))  # of the order of 1e-16 where it is nothing; the unit circle is the scale
+    # Zeros of interest have a modulus near 1, so that a real part of 1e-16 is rounding.
+    real = _number(round(z.real, 12))
     return f"{real} +- {_number(z.imag)}j" if z.imag else real

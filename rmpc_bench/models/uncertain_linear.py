@@ -1,8 +1,8 @@
-"""What a method believes of an uncertain linear system: nominal matrices, bounds of the uncertainty, noises.
+"""Uncertain linear design model: nominal matrices, bounds of the uncertainty, noises.
 
-Model   the system of uncertain_system.py with white noises, w with mean wbar and covariance W, v with vbar and V, their
-        cross-covariance E (w - wbar)(v - vbar)' = S.
-        Filters without uncertainty see the nominal part, x(k+1) = A x + B u + f0 + w~, y = C x + d0 + v~, with
+Model   The system of uncertain_system.py with white noises: w has mean wbar and covariance W, v has mean vbar and
+        covariance V, and the cross-covariance is E (w - wbar)(v - vbar)' = S.
+        Methods without uncertainty use the nominal model x(k+1) = A x + B u + f0 + w~, y = C x + d0 + v~, with
         f0 = Bw wbar + Bv vbar, d0 = Dw wbar + Dv vbar and the covariances of w~ = Bw w + Bv v and v~ = Dw w + Dv v.
 Source  souto2011, (8), (9), (20), (21).
 """
@@ -25,7 +25,7 @@ from rmpc_bench.types import Array, DesignError, Matrix, SystemMatrix
 
 @dataclass(frozen=True, eq=False)
 class UncertainModel:
-    """An uncertain linear system with what is believed of its noises."""
+    """An uncertain linear system with the means and covariances of its noises."""
 
     system: UncertainSystem
     W: Float[Array, "nw nw"]
@@ -71,7 +71,7 @@ class UncertainModel:
         return np.concatenate([self.wbar, self.vbar]), joint
 
     def at(self, k: int) -> LinearModel:
-        """The nominal part at k."""
+        """Return the nominal model at k."""
         return self._nominal_at(self.system.at(k)) if self.system.varies else self._always
 
     @cached_property
@@ -96,10 +96,10 @@ def design(
     vbar: float | list[float] = 0.0,
     **matrices: SystemMatrix,
 ) -> UncertainModel:
-    """Uncertain linear model; with `from: plant` the matrices that are not given are those of the plant.
+    """Uncertain linear model; `from: plant` uses the plant's matrices where none are given.
 
-    A matrix that is not given is zero; a number is that number times the identity, a list the diagonal; entries may
-    depend on the time index k.
+    A missing matrix is zero.  A number stands for that number times the identity, a list for a diagonal matrix.
+    Entries may depend on the time index k.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def design(
     Raises
     ------
     DesignError
-        If sizes do not fit together, or the covariances do not belong to any w and v.
+        If the sizes are inconsistent, or W, V and S do not form a joint covariance.
     """
     system = uncertain_system(n_steps, matrices)
     nw, nv = system.size("nw"), system.size("nv")
@@ -124,7 +124,7 @@ def design(
 
 
 def _sized(name: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array:
-    """Expand a short form; a size that does not fit is the parameter's fault."""
+    """Expand a short form; report a size that does not fit under the name of the parameter."""
     try:
         return expand(value, n)
     except ValueError as error:
@@ -132,7 +132,7 @@ def _sized(name: str, expand: Callable[[Any, int], Array], value: Any, n: int) -
 
 
 def _cross(S: float | list[list[float]], W: Array, V: Array) -> Float[Array, "nw nv"]:
-    """Expand a cross-covariance and check that there are noises that have it."""
+    """Expand a cross-covariance and check that the joint covariance is positive semidefinite."""
     shape = (len(W), len(V))
     try:
         given = np.array(S, dtype=float)
@@ -144,5 +144,5 @@ def _cross(S: float | list[list[float]], W: Array, V: Array) -> Float[Array, "nw
     try:
         as_covariance(np.block([[W, cross], [cross.T, V]]), sum(shape))
     except ValueError:
-        raise DesignError("no noises with covariances W and V have this cross-covariance", "S") from None
+        raise DesignError("the joint covariance [W S; S' V] is not positive semidefinite", "S") from None
     return cross

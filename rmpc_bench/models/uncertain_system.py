@@ -1,10 +1,10 @@
-"""The matrices of an uncertain linear system, and their sizes.
+"""Matrices of an uncertain linear system, and their sizes.
 
 System  x(k+1) = (A + H_A F_x G_x) x + B u + (Bw + H_Bw F_w G_w) w + (Bv + H_Bv F_v G_v) v,
         y(k)   = (C + H_C F_x G_x) x       + (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v,
-        F_x' F_x <= I, F_w' F_w <= I, F_v' F_v <= I, else free and different at every k.
+        F_x' F_x <= I, F_w' F_w <= I, F_v' F_v <= I; otherwise every F(k) is arbitrary and may vary with k.
 Source  souto2011, (24), (25), (34)-(38), with an input u.
-Form    matrices with separate uncertainties, (26)-(31), share an F with more columns here: H_A = [h 0], H_C = [0 h'].
+Form    Matrices with separate uncertainties, (26)-(31), share an F with more columns here: H_A = [h 0], H_C = [0 h'].
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ SIZES: Mapping[str, tuple[str, str]] = {
     "H_Bw": ("nx", "rw"), "H_Dw": ("ny", "rw"), "G_w": ("sw", "nw"),
     "H_Bv": ("nx", "rv"), "H_Dv": ("ny", "rv"), "G_v": ("sv", "nv"),
 }  # fmt: skip
-"""Matrix -> what its rows and columns count: states, inputs, outputs, noises, rows and columns of the F."""
+"""Matrix -> number of its rows and of its columns: states, inputs, outputs, noises, rows and columns of the F."""
 
 MEANINGS: Mapping[str, str] = {
     "A": "state matrix", "B": "input matrix", "C": "output matrix",
     "Bw": "how the process noise w enters the state", "Bv": "how the measurement noise v enters the state",
     "Dw": "how w enters the output", "Dv": "how v enters the output",
-    "H_A": "how F_x enters A", "H_C": "how F_x enters C", "G_x": "what F_x sees of the state",
-    "H_Bw": "how F_w enters Bw", "H_Dw": "how F_w enters Dw", "G_w": "what F_w sees of w",
-    "H_Bv": "how F_v enters Bv", "H_Dv": "how F_v enters Dv", "G_v": "what F_v sees of v",
+    "H_A": "how F_x enters A", "H_C": "how F_x enters C", "G_x": "combination of the states that F_x multiplies",
+    "H_Bw": "how F_w enters Bw", "H_Dw": "how F_w enters Dw", "G_w": "combination of w that F_w multiplies",
+    "H_Bv": "how F_v enters Bv", "H_Dv": "how F_v enters Dv", "G_v": "combination of v that F_v multiplies",
 }  # fmt: skip
 REQUIRED = ("A", "C")
 
@@ -67,17 +67,17 @@ CHANNELS: Mapping[str, tuple[str, str, str]] = {
     "w": ("H_Bw", "H_Dw", "G_w"),
     "v": ("H_Bv", "H_Dv", "G_v"),
 }
-"""Name of an F -> where it enters x(k+1), where it enters y(k), what it sees."""
+"""Name of an F -> its factors in x(k+1), in y(k), and the one on its right."""
 
 
 @dataclass(frozen=True, eq=False)
 class UncertainSystem:
-    """An uncertain linear system; `over_time` has axis 0 = k, of length 1 where nothing varies."""
+    """An uncertain linear system; `over_time` has axis 0 = k, of length 1 if the matrix is constant."""
 
     over_time: Matrices
 
     def at(self, k: int) -> Matrices:
-        """Matrices at k; of a system that does not vary, those that hold always."""
+        """Return the matrices at k."""
         return self._always if self._always is not None else Matrices(*(at_sample(M, k) for M in self.over_time))
 
     @cached_property
@@ -91,13 +91,13 @@ class UncertainSystem:
         return self._always is None
 
     def size(self, name: str) -> int:
-        """Length that a name of `SIZES` stands for, such as ``nx``."""
+        """Return the number that a name of `SIZES` stands for, such as ``nx``."""
         matrix, axis = next((matrix, sizes.index(name)) for matrix, sizes in SIZES.items() if name in sizes)
         return int(getattr(self.over_time, matrix).shape[1 + axis])
 
     @cached_property
     def active(self) -> frozenset[str]:
-        """Names of the matrices that are not zero, and of the channels whose F changes anything."""
+        """Names of the matrices that are not zero, and of the channels whose F has an effect."""
         matrices = {name for name, M in self.over_time._asdict().items() if M.any()}
         channels = {name for name, (H, H_out, G) in CHANNELS.items() if G in matrices and {H, H_out} & matrices}
         return frozenset(matrices | channels)
@@ -112,9 +112,9 @@ Design = TypeVar("Design", bound=Callable[..., Any])
 
 
 def takes_matrices(design: Design) -> Design:
-    """Give a design function the matrices of a system as keywords, those of its own ``**matrices``.
+    """Replace ``**matrices`` of a design function by one keyword per matrix.
 
-    Its signature, from which the keys of a configuration come, and its docstring list them one by one.
+    The signature, which defines the keys of a configuration, and the docstring list every matrix.
     """
     signature = inspect.signature(design)
     own = [parameter for parameter in signature.parameters.values() if parameter.kind != parameter.VAR_KEYWORD]
@@ -137,21 +137,22 @@ def takes_matrices(design: Design) -> Design:
 
 
 def uncertain_system(n_steps: int, given: Mapping[str, SystemMatrix]) -> UncertainSystem:
-    """Read the matrices of a system and fill in what is not given.
+    """Read the matrices of a system and complete the missing ones with zeros.
 
     Parameters
     ----------
-    n_steps : N; matrices that vary are made for k = 0..N
+    n_steps : N; matrices that vary are evaluated at k = 0..N
     given : matrices by the names of `SIZES`; each None (zero), a number (times the identity), a list (the diagonal), a
         matrix as a list of rows, or an array (k, rows, columns); entries may be functions of ``{"k": k}``
 
     Raises
     ------
     DesignError
-        If a name is not known or missing, sizes do not fit together, or an entry has no value at some k.
+        If a name is unknown, a required matrix is missing, the sizes are inconsistent, or an entry is undefined at some
+        k.
     """
     for name in sorted({*given} - {*SIZES}):
-        raise DesignError(f"{name!r} is no matrix of an uncertain system; there are {', '.join(SIZES)}", name)
+        raise DesignError(f"{name!r} is not a matrix of an uncertain system; choose from {', '.join(SIZES)}", name)
     for name in REQUIRED:
         if given.get(name) is None:
             raise DesignError(f"the matrix {name} is missing", name)
@@ -202,12 +203,12 @@ def values_at(name: str, entries: Array, k: int) -> Array:
 
 
 def sizes_of(read: Mapping[str, Array], table: Mapping[str, tuple[str, str]]) -> dict[str, int]:
-    """Find what the rows and columns of all matrices count: from matrices and diagonals, then from numbers.
+    """Determine all sizes: first from matrices and diagonals, then from numbers.
 
     Parameters
     ----------
     read : numbers (k,), diagonals (k, n) and matrices (k, rows, columns) by name
-    table : what their rows and columns count, as `SIZES` says it
+    table : names of the sizes of every matrix, as in `SIZES`
     """
     sizes: dict[str, int] = {}
 
@@ -220,7 +221,8 @@ def sizes_of(read: Mapping[str, Array], table: Mapping[str, tuple[str, str]]) ->
         if matrix.ndim > 1:
             learn(name, matrix.shape[1:] if matrix.ndim == 3 else matrix.shape[1:] * 2)
     numbers = [name for name, matrix in read.items() if matrix.ndim == 1 and matrix.any()]
-    for name in numbers * len(numbers):  # again and again: a number may tell a size that an earlier one needs
+    # Repeated passes, as a number may determine a size that an earlier one needs.
+    for name in numbers * len(numbers):
         known = [sizes[size] for size in table[name] if size in sizes]
         if len(set(known)) == 1:
             learn(name, (known[0], known[0]))

@@ -63,7 +63,7 @@ def test_an_array_over_time_ends():
     A = np.arange(6.0).reshape(6, 1, 1)
     model = design(5, A=A, C=1.0)
     np.testing.assert_array_equal(model.at(5).A, [[5.0]])
-    with pytest.raises(DesignError, match="has 6 entries over k, but k = 6 is asked for") as caught:
+    with pytest.raises(DesignError, match="has 6 entries over k, but k = 6 is needed") as caught:
         model.at(6)
     assert caught.value.parameter == "A"
     with pytest.raises(DesignError, match="k = 6"):

@@ -49,17 +49,17 @@ def test_everything_of_the_benchmark():
         (
             "uncertain loop",
             "H-infinity norm of G_x (zI - A)^-1 H_A: 1.00458, reached at 0.828906 rad per step\n"
-            "quadratically stable: no; it is with F_x scaled by less than 0.995441",
+            "quadratically stable: no; stable if F_x is scaled by less than 0.995441",
         ),
         (
             "mean square",
-            "radius 0.585939: the second moments of x settle\nwhite F_x, entries of mean 0 and variance 0.333333",
+            "radius 0.585939: the second moments of x converge\nwhite F_x, entries of mean 0 and variance 0.333333",
         ),
         (
             "zeros from w to y",
             "1 (on the unit circle)\n"
-            "on the unit circle: a predictor designed without measurement noise has no stable limit,\n"
-            "and with little of it its Riccati recursion converges slowly",
+            "zeros on the unit circle: a predictor designed without measurement noise has no stable limit,\n"
+            "and with little measurement noise its Riccati recursion converges slowly",
         ),
     ]
 
@@ -68,11 +68,11 @@ def test_other_benchmarks():
     """xie1994 is quadratically stable with room to spare, by hand 0.6 sqrt(2); sayed2001 whatever its uncertainty."""
     xie, sayed = said(**XIE), said(**SAYED)
     assert "G_x (zI - A)^-1 H_A: 0.848528," in xie["uncertain loop"]
-    assert "quadratically stable: yes; it is with F_x scaled by less than 1.17851" in xie["uncertain loop"]
+    assert "quadratically stable: yes; stable if F_x is scaled by less than 1.17851" in xie["uncertain loop"]
     assert xie["zeros from w to y"].startswith("1 (on the unit circle)\n")
     assert sayed["uncertain loop"].splitlines() == [
         "H-infinity norm of G_x (zI - A)^-1 H_A: 0",
-        "quadratically stable: yes; it is with F_x scaled by any factor",
+        "quadratically stable: yes; stable if F_x is scaled by any factor",
     ]
     assert sayed["zeros from w to y"] == "none"
 
@@ -80,9 +80,9 @@ def test_other_benchmarks():
 @pytest.mark.parametrize(
     ("law", "text"),
     [
-        ({"x": (0.5, 1 / 12)}, "radius 0.764236: the second moments of x settle"),
-        ({"x": (0.0, 9.0)}, "do not settle"),
-        ({"x": (1.0, 0.0)}, "radius 1: the second moments of x do not settle"),  # A + H_A G_x turns, |lambda| = 1
+        ({"x": (0.5, 1 / 12)}, "radius 0.764236: the second moments of x converge"),
+        ({"x": (0.0, 9.0)}, "do not converge"),
+        ({"x": (1.0, 0.0)}, "radius 1: the second moments of x do not converge"),  # A + H_A G_x turns, |lambda| = 1
     ],
 )
 def test_mean_square_of_other_laws(law, text):
@@ -110,7 +110,7 @@ def test_a_system_that_is_not_stable():
     assert seen["uncertain loop"].startswith("H-infinity norm of G_x (zI - A)^-1 H_A: infinite\n")
     assert hidden["uncertain loop"].startswith("H-infinity norm of G_x (zI - A)^-1 H_A: 2, reached at 0 rad per step\n")
     for text in (seen["uncertain loop"], hidden["uncertain loop"]):
-        assert text.endswith("\nquadratically stable: no, nor without uncertainty")
+        assert text.endswith("\nquadratically stable: no, not even without uncertainty")
 
 
 def test_a_system_that_varies():
@@ -119,7 +119,7 @@ def test_a_system_that_varies():
     found = said(UNIFORM, **{**SOUTO, "A": varying})
     constant = said(UNIFORM, **SOUTO)
     assert found.pop("A") == "varies with k; at k = 0\n0  -0.5\n1     1"
-    assert found.pop("at k = 0") == "all that follows is of the matrices at k = 0"
+    assert found.pop("at k = 0") == "the following results refer to the matrices at k = 0"
     assert found == {label: text for label, text in constant.items() if label != "A"}
     labels = [label for label, _ in facts(uncertain_system(5, {**SOUTO, "A": varying}))]
     assert labels.index("at k = 0") == labels.index("spectral radius of A") - 1
@@ -131,8 +131,8 @@ def test_zeros_in_words():
     companion = np.eye(4, k=1).tolist()
     assert said(A=companion, Bw=Bw, C=C)["zeros from w to y"].splitlines() == [
         "0.1 +- 0.994987j (on the unit circle), 1 (on the unit circle)",
-        "on the unit circle: a predictor designed without measurement noise has no stable limit,",
-        "and with little of it its Riccati recursion converges slowly",
+        "zeros on the unit circle: a predictor designed without measurement noise has no stable limit,",
+        "and with little measurement noise its Riccati recursion converges slowly",
     ]
     inside = said(A=companion, Bw=Bw, C=[[0.25, 0.0, 1.0, 0.0]])
     assert inside["zeros from w to y"] == "0 +- 0.5j"

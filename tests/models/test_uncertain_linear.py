@@ -105,8 +105,8 @@ def test_what_does_not_vary_is_one_model(rng):
         ({"vbar": [1.0, 2.0, 3.0]}, "vbar", "does not fit"),
         ({"S": 0.5}, "S", "1 x 2 numbers are wanted"),
         ({"S": [[0.5], [0.5]]}, "S", "1 x 2 numbers are wanted"),
-        ({"S": [[1.0, 0.1]]}, "S", "no noises with covariances W and V"),
-        ({"W": 0.0, "S": [[0.0, 1e-3]]}, "S", "no noises with covariances W and V"),
+        ({"S": [[1.0, 0.1]]}, "S", "joint covariance"),
+        ({"W": 0.0, "S": [[0.0, 1e-3]]}, "S", "joint covariance"),
         ({"A": [[1.0, 2.0]]}, "A", "fit the other matrices"),
     ],
 )

@@ -149,7 +149,7 @@ def bad_at_3(values):
         ({"A": np.zeros((3, 2, 2))}, "A", "has 3 entries over k; 1 or 6 are wanted"),
         ({"A": [[1, bad_at_3], [0, 1]]}, "A", "has no value at k = 3: 1 / 0"),
         ({"Bw": bad_at_3, "H_Bw": None, "G_w": None}, "Bw", "has no value at k = 3"),
-        ({"H_B": 1.0}, "H_B", "'H_B' is no matrix of an uncertain system; there are A, B, Bw"),
+        ({"H_B": 1.0}, "H_B", "'H_B' is not a matrix of an uncertain system; choose from A, B, Bw"),
         ({"A": None}, "A", "the matrix A is missing"),
         ({"C": None}, "C", "the matrix C is missing"),
         ({"G_x": None}, "H_A", "H_A and H_C need G_x"),
