@@ -13,7 +13,7 @@ setup: $(VENV)/.installed  ## make the virtual environment and install into it
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV) && $(BIN)/python -m pip install --quiet --editable '.[dev]' && touch $@
 
-run: setup  ## run the quickstart and say where its figure is
+run: setup  ## run the quickstart and print the path of its figure
 	$(BIN)/rmpc-bench run configs/quickstart.yaml
 
 test: setup  ## run the default tests, on all cores
@@ -34,7 +34,7 @@ type: setup  ## check types
 perf: setup  ## measure speed
 	RMPC_BENCH_UNCHECKED=1 $(BIN)/python -m pytest tests/perf -m perf --benchmark-columns=min,median,rounds --benchmark-sort=name
 
-clean:  ## remove what can be made again (results stay)
+clean:  ## remove generated files (results stay)
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage
 
 zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks: setup  ## reproduce a paper (or run the library of systems), every claim compared with its record
