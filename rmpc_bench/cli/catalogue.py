@@ -15,7 +15,7 @@ from rmpc_bench import registry
 from rmpc_bench.cli import exits
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.load import ExperimentConfig
+    from rmpc_bench.config.experiment_config import ExperimentConfig
 
 NOMINAL = {"Ts": 0.1, "n_steps": 1}  # a part itself looks the same for any
 SUFFIX = ".yaml"
@@ -85,7 +85,8 @@ def _describe_config(name: str, plot: Path | None) -> None:
 
 
 def _config_lines(config: ExperimentConfig) -> list[str]:
-    from rmpc_bench.config.reader import dump, plain
+    from rmpc_bench.config.tree import plain
+    from rmpc_bench.config.writer import dump
 
     plant, resolved = config.experiment.plant, config.first_point
     lines = [str(config.path), config.title or config.name, ""]

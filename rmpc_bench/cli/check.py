@@ -11,7 +11,7 @@ import click
 from rmpc_bench.cli import exits
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.load import ExperimentConfig
+    from rmpc_bench.config.experiment_config import ExperimentConfig
 
 MOST_VALUES = 100
 """Characters of the values of a swept path that are shown."""
@@ -167,7 +167,8 @@ def _leaves(tree: Any, path: str = "") -> list[tuple[str, Any]]:
 
 
 def _short(value: Any) -> str:
-    from rmpc_bench.config.reader import dump, plain
+    from rmpc_bench.config.tree import plain
+    from rmpc_bench.config.writer import dump
 
     if isinstance(value, str):
         return value

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rmpc_bench.diagnostics.mismatch import STEADY, DeepFinding, Gain, MethodFinding, look_deep
-from rmpc_bench.execution.engines import single_thread
+from rmpc_bench.simulation.threads import single_thread
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.load import ExperimentConfig
+    from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.types import Array
 
 MOST_POINTS = 12

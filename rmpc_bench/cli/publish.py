@@ -16,7 +16,7 @@ from rmpc_bench import registry
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.verdict import Verdict, claims_markdown, claims_table, judge
 from rmpc_bench.cli import exits
-from rmpc_bench.config.load import ExperimentConfig
+from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution import results
 from rmpc_bench.figures.kinds import save
 from rmpc_bench.report.summary import summarise, trials_csv, write_csv

@@ -17,7 +17,7 @@ from rmpc_bench.cli import exits
 from rmpc_bench.execution.interrupts import held
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.load import ExperimentConfig
+    from rmpc_bench.config.experiment_config import ExperimentConfig
 
 
 class Workers(click.ParamType[int]):

@@ -1,1 +1,24 @@
-"""From a YAML to an ExperimentConfig."""
+"""From a YAML file to an ExperimentConfig.
+
+`load_config` (load.py) calls seven stages in this order.  Each is one module with one public function:
+
+=====================  =================  =======================================================================
+stage                  module             result
+=====================  =================  =======================================================================
+1 read                 source.py          tree of the file and the overrides; every value knows its line and column
+2 inherit              inheritance.py     the tree with overrides and the files of ``plant.from`` in place
+3 expand the sweep     sweep.py           one tree per point of the sweep
+4 validate             validation.py      sections and components of every point (draft.py)
+5 build                build.py           designs of every point and the data that identify its trials
+6 check                checks.py          claims, figures, and names that one section uses of another
+7 canonicalise         canonical.py       ExperimentConfig, with every default filled in (experiment_config.py)
+=====================  =================  =======================================================================
+
+Used by the stages:
+
+- YAML: reader.py (text to tree), tree.py (trees with places), writer.py (plain data to text);
+- keys: sections.py (top level), schema.py and unions.py (keys of a component from its signature), component.py;
+- parts of a stage: plant_source.py (what comes with a plant or a model), sweep_section.py, noise_section.py,
+  build_noise.py, figure_checks.py, claim_checks.py, origin.py (an inherited error is reported once);
+- results: identity.py (what is hashed), sweep_point.py (the hashes of a point), experiment_config.py.
+"""

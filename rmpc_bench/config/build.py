@@ -1,7 +1,7 @@
-"""From validated parts to an Experiment: every design is made here, once, before any run.
+"""Stage 5, build: from the sections of every point to an Experiment, with every design made once, before any run.
 
-What a design refuses is noted at the place of the parameter to blame; the other designs are made all the same, so that
-a user sees every mistake at once.
+An error that a design function raises is reported at the parameter to blame.  The other designs are made all the same,
+so that all errors are shown at once.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from typing import Any, cast
 from rmpc_bench.config.build_noise import NoiseLaws
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.identity import sweep_point
+from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.expressions.quantity import Expression, QuantityError
 from rmpc_bench.metrics.tracking import Units
 from rmpc_bench.registry import unknown
@@ -31,6 +33,7 @@ from rmpc_bench.simulation.scenario import (
     initial_covariance,
     initial_state,
 )
+from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import (
     Array,
     DesignError,
@@ -45,14 +48,14 @@ from rmpc_bench.types import (
 
 
 @dataclass(frozen=True)
-class Changed:
+class UncertainParameter:
     """A plant parameter as a function of the named uncertain values of a run."""
 
     expression: Expression
     factor: float
 
     def __call__(self, values: Mapping[str, float]) -> float:
-        """Value of the parameter; NaN where the arithmetic has none, which the plant takes for out of range."""
+        """Return the parameter; NaN where the arithmetic fails, which makes the run `out-of-range`."""
         try:
             return self.factor * self.expression(values)
         except QuantityError:
@@ -60,43 +63,56 @@ class Changed:
 
 
 class _Builder:
-    """Builds what can be built from a draft and notes what cannot."""
+    """Makes the designs of a draft; the errors of those that cannot be made are added to its problems.
 
-    def __init__(self, draft: DraftConfig, made: dict[str, Any], *, smoke: bool) -> None:
-        self.draft, self.made, self.smoke = draft, made, smoke
+    Parameters
+    ----------
+    draft : the sections of one point
+    cache : designs of other points, to share; gets the new ones
+    smoke : whether windows of metrics are cut where a run is too short for them
+    """
+
+    def __init__(self, draft: DraftConfig, cache: dict[str, Any], *, smoke: bool) -> None:
+        self.draft, self.cache, self.smoke = draft, cache, smoke
         self.time = draft.values["time"]
         self.n_steps: int = self.time.n_steps
 
-    def once(self, what: Any, make: Callable[[], Any]) -> Any:
-        """Make something that is described by plain data, unless another point of the sweep has it already."""
-        key = json.dumps(what, sort_keys=True)
-        if self.made.get(key) is None:
-            self.made[key] = make()
-        return self.made[key]
+    def cached(self, description: Any, make: Callable[[], Any]) -> Any:
+        """Return a design from the cache, or make it.
+
+        Parameters
+        ----------
+        description : plain data that determine the design
+        make : makes the design; None where it fails
+        """
+        key = json.dumps(description, sort_keys=True)
+        if self.cache.get(key) is None:
+            self.cache[key] = make()
+        return self.cache[key]
 
     def plant(self) -> Plant | None:
-        """Build the plant and check the names of what is changed in it."""
+        """Build the plant and check the names under `perturb` and `set`."""
         part = self.draft.plant
         if part is None:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
-        plant: Plant | None = self.once(
+        plant: Plant | None = self.cached(
             ["plant", size, part.resolved()], lambda: part.build(self.draft.problems, **size)
         )
         if plant is not None:
-            for name, change in self.draft.changes.items():
+            for name, change in self.draft.parameter_changes.items():
                 if name not in plant.nominal:
                     message = unknown(name, plant.nominal, f"parameter of {part.kind}")
                     key = "perturb" if change.relative else "set"
-                    self.draft.problems.append(Problem(*change.problem_at, f"plant.{key}.{name}", message))
+                    self.draft.problems.append(Problem(*change.mark, f"plant.{key}.{name}", message))
         return plant
 
     def model(self, part: Component | None) -> Any:
-        """Build a model; methods that believe the same share one."""
+        """Build a design model; methods with equal models share one."""
         if part is None:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
-        return self.once(["model", size, part.resolved()], lambda: part.build(self.draft.problems, **size))
+        return self.cached(["model", size, part.resolved()], lambda: part.build(self.draft.problems, **size))
 
     def start(self, model: Any) -> dict[str, Array] | None:
         """Return x0, P0 and M0 of the estimators, for the size of a model."""
@@ -109,7 +125,7 @@ class _Builder:
         return None if x0 is None or P0 is None or M0 is None else {"x0": x0, "P0": P0, "M0": M0}
 
     def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array | None:
-        """Expand a short form under `initial`; a size that does not fit is noted there."""
+        """Expand a short form under `initial`; a wrong size is reported there."""
         try:
             return expand(value, n)
         except DesignError as error:
@@ -120,8 +136,8 @@ class _Builder:
         """Build one estimator-controller pair; points of a sweep that agree on it share it."""
         named = {"model": parts.model, "estimator": parts.estimator, "controller": parts.controller}
         described = {key: part.resolved() for key, part in named.items() if part is not None}
-        key = ["method", name, self._size(), described, self._told(parts)]
-        made = self.once(key, lambda: self._method(name, parts, plant))
+        key = ["method", name, self._size(), described, self._disclosed(parts)]
+        made = self.cached(key, lambda: self._method(name, parts, plant))
         return cast("Method | None", made)
 
     def _method(self, name: str, parts: MethodComponents, plant: Plant | None) -> Method | None:
@@ -134,32 +150,32 @@ class _Builder:
             provided = {"model": model, "n_steps": self.n_steps, **start, "plant": plant}
             estimator = self.estimator(parts, provided)
         if parts.controller is None and parts.controlled:
-            return None  # what is wrong with the controller has been noted
+            return None
         if parts.controller is None:
             controller: Any = Rest(model.nu)
         elif estimator is None and parts.controller.asks("estimator"):
-            return None  # what is wrong with the estimator has been noted
+            return None
         else:
             provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
             controller = parts.controller.build(problems, **provided)
         return None if estimator is None or controller is None else Method(name, estimator, controller)
 
     def estimator(self, parts: MethodComponents, provided: Mapping[str, Any]) -> Any:
-        """Build an estimator; methods and points of a sweep that believe the same share one."""
+        """Build an estimator; methods and points with equal estimators share one."""
         part, model = parts.estimator, parts.model
         assert part is not None and model is not None
         if part.asks("plant") and provided["plant"] is None:
-            return None  # what is wrong with the plant has been noted
-        key = ["estimator", self._size(), model.resolved(), part.resolved(), self._told(parts)]
-        return self.once(key, lambda: part.build(self.draft.problems, **provided))
+            return None
+        key = ["estimator", self._size(), model.resolved(), part.resolved(), self._disclosed(parts)]
+        return self.cached(key, lambda: part.build(self.draft.problems, **provided))
 
-    def _told(self, parts: MethodComponents) -> Any:
-        """What an estimator is told of the truth, as plain data."""
+    def _disclosed(self, parts: MethodComponents) -> Any:
+        """Plant data disclosed to an estimator that takes the plant; None for others."""
         part, plant = parts.estimator, self.draft.plant
         return plant.resolved() if part is not None and plant is not None and part.asks("plant") else None
 
     def opposed(self, plant: Plant, methods: Sequence[Method | None], scenario: Scenario) -> Plant | None:
-        """Let the adversary of a plant that has one choose its sequence, against the method it names."""
+        """Return the plant with the sequence of its adversary, if it has one, against the method that it names."""
         if not isinstance(plant, HasOpponent) or plant.opponent is None:
             return plant
         name, radius = plant.opponent
@@ -169,7 +185,7 @@ class _Builder:
             return None
         method = next((method for method in methods if method is not None and method.name == name), None)
         if method is None:
-            return None  # what is wrong with it has been noted
+            return None
         laws = exact_laws(plant, method, scenario)
         if isinstance(laws, str):
             self.draft.note(path, f"{name}: {laws}")
@@ -180,7 +196,7 @@ class _Builder:
         key = ["opposed", self._size(), resolved, described, [each.tolist() for each in laws]]
         truth, schedule = cast("HasOpponent", plant), cast("Any", method.estimator)
         try:
-            made = self.once(
+            made = self.cached(
                 key, lambda: truth.against(worst_sequence(cast("Any", truth), schedule, laws, self.n_steps, radius))
             )
         except DesignError as error:
@@ -189,11 +205,11 @@ class _Builder:
         return cast("Plant", made)
 
     def _size(self) -> list[Any]:
-        """What all designs depend on beside their own keys."""
+        """Data that determine every design, besides its own keys."""
         return [self.time.step, self.n_steps, *(self.draft.initial[key] for key in ("x_hat", "P", "M"))]
 
     def scenario(self, plant: Plant, reference: Reference) -> Scenario | None:
-        """Gather what befalls every run."""
+        """Collect the random inputs of a run and the reference."""
         draft = self.draft
         x = draft.initial["x"]
         x0 = None if x is None else self.sized("x", initial_state, x, plant.nx)
@@ -201,14 +217,14 @@ class _Builder:
         x0_noise = laws.terms(draft.initial["laws"], plant.nx, "initial")
         process = laws.terms(draft.noise.get("process", ()), plant.nw, "process")
         measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement")
-        if x0 is None or draft.values["seed"] is None or not set(draft.changes) <= set(plant.nominal):
+        if x0 is None or draft.values["seed"] is None or not set(draft.parameter_changes) <= set(plant.nominal):
             return None
         scenario = Scenario(
             seed=draft.values["seed"],
             uncertainty=draft.uncertainty,
             parameters={
-                name: Changed(change.expression, plant.nominal[name] if change.relative else 1.0)
-                for name, change in draft.changes.items()
+                name: UncertainParameter(change.expression, plant.nominal[name] if change.relative else 1.0)
+                for name, change in draft.parameter_changes.items()
             },
             x0=x0,
             x0_noise=x0_noise,
@@ -242,14 +258,14 @@ class _Builder:
         return tuple(metric for metric in made if metric is not None)
 
     def refuse_reference(self, reference: Reference, methods: Sequence[Method | None]) -> None:
-        """Refuse a reference that a controller would not look at."""
-        deaf = [each.name for each in methods if each is not None and isinstance(each.controller, Regulates)]
-        if deaf and reference.sample(self.n_steps + 1).any():
-            names = ", ".join(map(repr, deaf))
+        """Refuse a reference other than 0 for a regulator."""
+        regulators = [each.name for each in methods if each is not None and isinstance(each.controller, Regulates)]
+        if regulators and reference.sample(self.n_steps + 1).any():
+            names = ", ".join(map(repr, regulators))
             self.draft.note(["reference"], f"the controller of {names} drives the state to 0 and follows none")
 
     def refuse_unreachable(self, reference: Reference, plant: Plant, scenario: Scenario | None) -> None:
-        """Refuse a reference that leaves the workspace of the plant, and a state that begins outside."""
+        """Refuse a reference or an initial state outside the workspace of the plant."""
         if not isinstance(plant, HasWorkspace):
             return
         reason = plant.unreachable(reference.sample(self.n_steps + 1))
@@ -260,7 +276,7 @@ class _Builder:
             self.draft.note(["initial", "x"], reason)
 
     def recording(self, scenario: Scenario) -> Recording:
-        """What to keep of which runs."""
+        """Return which signals of which runs are recorded."""
         keys, n_runs = self.draft.values["record"], self.draft.values["runs"]
         first = {"none": 0, "all": n_runs}.get(keys.runs, keys.runs)
         ensemble = not {"moments", "ensemble"}.isdisjoint(self.draft.values["evaluate"])
@@ -268,18 +284,28 @@ class _Builder:
         return with_bursts(asked, bursts=has_bursts(scenario))
 
 
-def build(draft: DraftConfig, made: dict[str, Any] | None = None, *, smoke: bool = False) -> Experiment | None:
-    """Make every design; None when something is missing, with the reasons in ``draft.problems``.
+def build(drafts: Sequence[DraftConfig], *, smoke: bool) -> list[SweepPoint | None]:
+    """Make every design of every point; None where one cannot be made, with the reasons in the problems of the draft.
+
+    Points of a sweep share equal designs.
 
     Parameters
     ----------
-    draft : what the configuration says
-    made : designs of other points of the same sweep, to share; gets the new ones
-    smoke : cut windows of metrics to a run that is too short for them
+    drafts : the sections of every point
+    smoke : whether windows of metrics are cut where a run is too short for them
     """
-    if draft.values["time"] is None:
-        return None
-    builder = _Builder(draft, {} if made is None else made, smoke=smoke)
+    cache: dict[str, Any] = {}
+    points: list[SweepPoint | None] = []
+    with single_thread():
+        for draft in drafts:
+            experiment = _experiment(_Builder(draft, cache, smoke=smoke)) if draft.values["time"] is not None else None
+            points.append(None if experiment is None else sweep_point(draft, experiment))
+    return points
+
+
+def _experiment(builder: _Builder) -> Experiment | None:
+    """Make all designs of one point."""
+    draft = builder.draft
     plant = builder.plant()
     methods = [builder.method(name, parts, plant) for name, parts in draft.methods.items()]
     if plant is None or draft.reference is None:

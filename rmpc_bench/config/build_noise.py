@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.config.draft import DraftConfig, Law
+from rmpc_bench.config.draft import DraftConfig, NoiseTerm
 from rmpc_bench.noise.bounded import ellipsoid
 from rmpc_bench.noise.bursts import HasBursts
 from rmpc_bench.noise.gaussian import Noise, gaussian
@@ -27,7 +27,7 @@ class NoiseLaws:
     def __init__(self, draft: DraftConfig, model: Callable[[], Any]) -> None:
         self.draft, self.model = draft, model
 
-    def terms(self, laws: tuple[Law, ...], n: int, channel: str) -> tuple[Noise, ...]:
+    def terms(self, laws: tuple[NoiseTerm, ...], n: int, channel: str) -> tuple[Noise, ...]:
         """Build the terms of a sum.
 
         Parameters
@@ -38,11 +38,11 @@ class NoiseLaws:
         """
         return tuple(term for law in laws for term in self._terms(law, n, channel))
 
-    def _terms(self, law: Law, n: int, channel: str) -> tuple[Noise, ...]:
-        if law.part is not None:
-            made = law.part.build(self.draft.problems, n=n, Ts=self.draft.values["time"].step)
+    def _terms(self, law: NoiseTerm, n: int, channel: str) -> tuple[Noise, ...]:
+        if law.law is not None:
+            made = law.law.build(self.draft.problems, n=n, Ts=self.draft.values["time"].step)
             if channel == "initial" and isinstance(made, HasBursts):
-                self.draft.problems.append(law.part.problem("an initial state is no time for bursts", "bursts"))
+                self.draft.problems.append(law.law.problem("an initial state is no time for bursts", "bursts"))
             return (made,) if made is not None else ()
         model = self.model()
         if model is None:

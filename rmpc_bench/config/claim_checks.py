@@ -19,9 +19,9 @@ from rmpc_bench.claims.tree import (
     uses,
 )
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.reader import Map, plain
 from rmpc_bench.config.sections import ClaimKeys
 from rmpc_bench.config.sweep_points import Place, nowhere
+from rmpc_bench.config.tree import Map, plain
 from rmpc_bench.expressions.arithmetic import Node
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import MetricInfo, ResultLayout

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench import registry
-from rmpc_bench.config.reader import Map, join, locate
 from rmpc_bench.config.schema import model_of, shown, validate
+from rmpc_bench.config.tree import Map, join, locate
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.types import DesignError, Problem
 

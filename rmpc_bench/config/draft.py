@@ -1,79 +1,96 @@
-"""What a configuration says, section by section, with None where it says something wrong."""
+"""A configuration while it is validated and built: its sections, with None where a section has an error."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from rmpc_bench.config.component import Component
-from rmpc_bench.config.reader import Map, join, locate, locate_key
 from rmpc_bench.config.schema import validate
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
+from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
 from rmpc_bench.types import Problem
 
 
-class Law(NamedTuple):
-    """A noise law as configured: a registered kind, or the model's own noise times a scale."""
+class NoiseTerm(NamedTuple):
+    """One term of a noise: a law of a registered kind, or the noise of the design model times a scale."""
 
-    part: Component | None
+    law: Component | None
     same: float | None
 
 
-class Change(NamedTuple):
-    """What becomes of a plant parameter: a factor on its nominal value, or a value."""
+class ParameterChange(NamedTuple):
+    """An entry of ``perturb`` (a factor on the nominal value of a plant parameter) or ``set`` (its value)."""
 
     expression: quantity.Expression
     relative: bool
-    problem_at: tuple[str, int, int]
+    mark: Mark
 
 
 @dataclass
 class MethodComponents:
-    """The three parts of a method after the defaults have been merged in."""
+    """The components of a method, the defaults of all methods merged in."""
 
     label: str
     model: Component | None
     estimator: Component | None
     controller: Component | None
     controlled: bool = False
-    """Whether there is to be a controller, with or without mistakes."""
+    """Whether a controller is given, valid or not."""
 
 
 @dataclass
 class DraftConfig:
-    """Everything a configuration says; None stands where it says something wrong."""
+    """The sections of a configuration at one point of its sweep.
+
+    Parameters
+    ----------
+    tree : the configuration
+    problems : the errors found so far
+    coordinates : swept path -> text of its value
+    title : the point in words
+    """
 
     tree: Map
     problems: list[Problem]
+    coordinates: Mapping[str, str] = field(default_factory=dict)
+    title: str = ""
     values: dict[str, Any] = field(default_factory=dict)
     uncertainty: dict[str, distributions.Distribution] = field(default_factory=dict)
-    changes: dict[str, Change] = field(default_factory=dict)
+    parameter_changes: dict[str, ParameterChange] = field(default_factory=dict)
     plant: Component | None = None
     model: Component | None = None
     reference: Component | None = None
-    noise: dict[str, tuple[Law, ...]] = field(default_factory=dict)
+    noise: dict[str, tuple[NoiseTerm, ...]] = field(default_factory=dict)
     """Channel -> the terms of its noise."""
     cross: Any = None
-    """Cross-covariance of process and measurement noise: numbers, or `same` as the model's."""
+    """Cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model."""
     initial: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, MethodComponents] = field(default_factory=dict)
     metrics: list[Component | None] = field(default_factory=list)
     figures: list[Component | None] = field(default_factory=list)
     claims: list[ClaimKeys | None] = field(default_factory=list)
 
+    @property
+    def metric_names(self) -> list[str]:
+        """Names of the valid metrics, as columns and claims use them."""
+        valid = [component for component in self.metrics if component is not None]
+        return [component.parameters["name"] for component in valid if "name" in component.parameters]
+
     def note(self, path: list[str | int], message: str, *, key: bool = False) -> None:
-        """Note a mistake at the value (or the key) of a path."""
+        """Add a problem at the value (or the key) of a path."""
         mark = (locate_key if key else locate)(self.tree, path)
         self.problems.append(Problem(*mark, join(path), message))
 
     def section(self, name: str) -> Any:
-        """Component of the tree under a top-level key, or its default."""
+        """Return the tree under a top-level key, or the default of the key."""
         return self.tree[name] if name in self.tree else SECTIONS[name].default
 
     def checked(self, annotation: Any, path: list[str | int]) -> Any:
-        """Validate the value at a path."""
+        """Validate the value at a path; None where it is wrong."""
         parent: Any = self.tree
         for step in path[:-1]:
             parent = parent[step]

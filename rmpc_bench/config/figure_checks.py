@@ -11,8 +11,8 @@ import numpy as np
 from rmpc_bench import registry
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.reader import plain
 from rmpc_bench.config.sweep_points import Place, nowhere
+from rmpc_bench.config.tree import plain
 from rmpc_bench.metrics.reported import reports_of
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.closed_loop import BURSTS, SIGNALS

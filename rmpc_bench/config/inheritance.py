@@ -1,197 +1,156 @@
-"""Configurations made from others: ``plant.from: FILE`` and ``model: {from: plant}``.
+"""Stage 2, inherit: overrides replace values, and files named by ``plant.from`` take the place of their names.
 
-``plant: {from: FILE, ..}`` is the plant of another configuration with the keys given here laid over it; that file's
-`model`, `noise`, `initial` and `reference` hold too where this one has none.  Files are read first, all at once, and
-take the place of their names; so what a configuration means does not depend on files any more, and its resolved form
-can be read anywhere.  ``model: {from: plant, ..}`` believes the plant's parameters but for those given here.
+``plant: {from: FILE, ..}`` is the plant of another configuration with the keys given here laid over it; the `model`,
+`noise`, `initial` and `reference` of that file hold where this one has none (plant_source.py).  All files are read
+here, so that later stages depend on no file and the resolved configuration loads from any directory.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench import registry
-from rmpc_bench.config import reader
-from rmpc_bench.config.component import read_component
-from rmpc_bench.config.reader import Items, Map, Mark, locate, merge
-from rmpc_bench.config.schema import model_of, shown
+from rmpc_bench.config.plant_source import FILE, PATH, SECTIONS_OF_A_PLANT, lay_over_source, open_section
+from rmpc_bench.config.reader import Override, load
+from rmpc_bench.config.schema import shown
+from rmpc_bench.config.source import Source
+from rmpc_bench.config.tree import Items, Map, Mark, assign, locate, split
 from rmpc_bench.types import ConfigError, Problem
 
-TAKEN = ("model", "noise", "initial", "reference")
-"""Sections of the file that a plant comes from, which hold where this one has none."""
 
-FILE = "file"
-"""Key beside the sections of a file that has been read: its name as given."""
+def inherit(source: Source) -> Map:
+    """Return the tree of a configuration with overrides and files in place.
 
-PATH = "plant.from"
-
-
-def inlined(tree: Map, path: Path, seen: tuple[Path, ...] = ()) -> Map:
-    """Read the files that plants come from, the swept ones too.
+    Overrides that name a file are laid first, the others after the files have been read, so that they can replace
+    values of these files.
 
     Parameters
     ----------
-    tree : a configuration
-    path : where it was read from; names of files are relative to its directory
-    seen : the files on the way here
+    source : the configuration as given
 
     Raises
     ------
     ConfigError
-        If a file cannot be read, has no plant, or comes from itself.
+        If an override does not fit the tree, or a file cannot be read, has no plant, or includes itself.
     """
-    seen = (*seen, path.resolve())
-    result = tree.copy()
-    plant = tree.get("plant")
-    if isinstance(plant, Map) and isinstance(plant.get("from"), str):
-        result["plant"] = _replaced(plant, "from", path, seen)
-    sweep = tree.get("sweep")
-    if isinstance(sweep, Map):
-        result["sweep"] = sweep.copy()
-        for kind in ("grid", "zip"):
-            if isinstance(sweep.get(kind), Map | Items):
-                result["sweep"][kind] = _swept(sweep[kind], path, seen)
-    return result
-
-
-def _swept(node: Any, path: Path, seen: tuple[Path, ...]) -> Any:
-    """Read the files that a grid or a zip names."""
-    if isinstance(node, Items):  # rows, each with a value of its own
-        rows = [
-            _replaced(row, PATH, path, seen) if isinstance(row, Map) and isinstance(row.get(PATH), str) else row
-            for row in node
-        ]
-        return Items(rows, mark=node.mark, value_marks=node.value_marks)
-    if PATH not in node:
-        return node
-    values, found = node[PATH], node.copy()
-    if isinstance(values, Map):
-        found[PATH] = values.copy()
-        for name, text in values.items():
-            if isinstance(text, str):
-                found[PATH] = _replaced(found[PATH], name, path, seen)
-    elif isinstance(values, Items):
-        marks = [locate(values, [number]) for number in range(len(values))]
-        items = [
-            _sections(text, mark, path, seen) if isinstance(text, str) else text
-            for text, mark in zip(values, marks, strict=True)
-        ]
-        found[PATH] = Items(items, mark=values.mark, value_marks=marks)
-    return found
-
-
-def _replaced(tree: Map, key: str, path: Path, seen: tuple[Path, ...]) -> Map:
-    found = tree.copy()
-    found[key] = _sections(tree[key], locate(tree, [key]), path, seen)
-    return found
-
-
-def _sections(text: str, mark: Mark, path: Path, seen: tuple[Path, ...]) -> Map:
-    """Read a file and keep what a plant brings along."""
-    file = path.parent / text
-    if not text.strip():
-        raise ConfigError([Problem(*mark, PATH, f"must be the name of a configuration (got {shown(text)})")])
-    if file.resolve() in seen:
-        raise ConfigError([Problem(*mark, PATH, f"{text}: comes from itself")])
-    try:
-        tree = reader.load(file)
-    except ConfigError as error:
-        problems = [Problem(*mark, PATH, f"{each.file}: {each.message}") for each in error.problems]
-        raise ConfigError(error.problems if file.is_file() else problems) from None
-    if not isinstance(tree, Map) or not isinstance(tree.get("plant"), Map):
-        raise ConfigError([Problem(*mark, PATH, f"{text}: has no plant")])
-    tree = Map({key: tree[key] for key in tree if key != "sweep"}, mark=tree.mark, key_marks=tree.key_marks,
-               value_marks=tree.value_marks)  # fmt: skip
-    tree = _based(inlined(tree, file, seen))
-    found = Map({FILE: text}, mark=mark)
-    for key in ("plant", *TAKEN):
-        if key in tree:
-            found.put(key, tree[key], tree.key_marks.get(key, mark), tree.value_marks.get(key, mark))
-    return found
-
-
-def opened(tree: Map, path: str) -> Map:
-    """Let a path lead into a section that comes along with the plant: the section, whole, then stands in the tree.
-
-    Parameters
-    ----------
-    tree : a configuration whose files have been read
-    path : of what is to be set
-    """
-    key, _, rest = path.partition(".")
-    plant = tree.get("plant")
-    source = plant.get("from") if isinstance(plant, Map) else None
-    if not rest or key not in TAKEN or key in tree or not isinstance(source, Map) or key not in source:
-        return tree
-    result = tree.copy()
-    result.put(key, source[key], source.key_marks.get(key, source.mark), locate(source, [key]))
-    return result
-
-
-def composed(tree: Map) -> Map:
-    """Lay what is given here over what comes from elsewhere; ConfigError where that makes no sense."""
-    tree = _based(tree).copy()
-    if _from_plant(tree.get("model")):
-        tree["model"] = _believed(tree, tree["model"])
-    methods = tree.get("methods")
-    if isinstance(methods, Map):
-        tree["methods"] = methods.copy()
-        for name, own in methods.items():
-            if isinstance(own, Map) and _from_plant(own.get("model")):
-                tree["methods"][name] = own.copy()
-                tree["methods"][name]["model"] = _believed(tree, own["model"])
+    problems = list(source.problems)
+    naming = [override for override in source.overrides if _names_a_file(override)]
+    others = [override for override in source.overrides if override not in naming]
+    tree = _override(source.tree, naming, problems)
+    if not problems:
+        tree = _FileReader(problems).read_all(tree, source.path, ())
+    tree = _override(tree, others, problems)
+    if problems:
+        raise ConfigError(problems)
     return tree
 
 
-def comes_from(tree: Map) -> bool:
-    """Whether a plant or a model, of all methods or of one, comes from elsewhere."""
-    own = [method.get("model") for method in (tree.get("methods") or {}).values() if isinstance(method, Map)]
-    return any(isinstance(part, Map) and "from" in part for part in (tree.get("plant"), tree.get("model"), *own))
+def _names_a_file(override: Override) -> bool:
+    steps = split(override.path, override.mark)
+    return steps[0] == "sweep" or steps in (["plant"], ["plant", "from"])
 
 
-def _based(tree: Map) -> Map:
-    """Lay a plant over the one it comes from."""
-    plant = tree.get("plant")
-    if not isinstance(plant, Map) or "from" not in plant:
-        return tree
-    source, own = plant["from"], plant.copy()
-    del own["from"]
-    if not isinstance(source, Map) or not isinstance(source.get("plant"), Map):
-        message = f"must be the name of a configuration (got {shown(source)})"
-        raise ConfigError([Problem(*locate(plant, ["from"]), PATH, message)])
-    result = tree.copy()
-    result["plant"] = merge(source["plant"], own)
-    law = own.get("uncertainty")
-    if isinstance(law, Map) and "law" in law:
-        result["plant"]["uncertainty"] = law  # as another kind would be: bounds of one law mean nothing to another
-    for key in TAKEN:
-        if key in source and key not in tree:
-            result.put(key, source[key], source.key_marks.get(key, source.mark), locate(source, [key]))
-    return result
+def _override(tree: Map, overrides: Sequence[Override], problems: list[Problem]) -> Map:
+    """Replace values; an override that does not fit the tree adds to the problems."""
+    for path, value, mark in overrides:
+        try:
+            tree = assign(open_section(tree, path), path, value, mark)
+        except ConfigError as error:
+            problems += error.problems
+    return tree
 
 
-def _from_plant(model: Any) -> bool:
-    return isinstance(model, Map) and "from" in model
+class _FileReader:
+    """Replaces file names by the sections of these files; a file that cannot be used adds to the problems."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        self.problems = problems
+
+    def read_all(self, tree: Map, path: Path, including: tuple[Path, ...]) -> Map:
+        """Read the files that the plant and the sweep of a configuration name.
+
+        Parameters
+        ----------
+        tree : a configuration
+        path : its file; the names are relative to its directory
+        including : the files that led to this one
+        """
+        including = (*including, path.resolve())
+        result = tree.copy()
+        plant = tree.get("plant")
+        if isinstance(plant, Map) and isinstance(plant.get("from"), str):
+            result["plant"] = self._replaced(plant, "from", path, including)
+        sweep = tree.get("sweep")
+        if isinstance(sweep, Map):
+            result["sweep"] = sweep.copy()
+            for kind in ("grid", "zip"):
+                if isinstance(sweep.get(kind), Map | Items):
+                    result["sweep"][kind] = self._swept(sweep[kind], path, including)
+        return result
+
+    def _swept(self, node: Any, path: Path, including: tuple[Path, ...]) -> Any:
+        """Read the files that a grid or a zip names."""
+        if isinstance(node, Items):
+            rows = [
+                self._replaced(row, PATH, path, including)
+                if isinstance(row, Map) and isinstance(row.get(PATH), str)
+                else row
+                for row in node
+            ]
+            return Items(rows, mark=node.mark, value_marks=node.value_marks)
+        if PATH not in node:
+            return node
+        values, result = node[PATH], node.copy()
+        if isinstance(values, Map):
+            for name, text in values.items():
+                if isinstance(text, str):
+                    result[PATH] = self._replaced(result[PATH], name, path, including)
+        elif isinstance(values, Items):
+            marks = [locate(values, [number]) for number in range(len(values))]
+            items = [
+                self._sections(text, mark, path, including) if isinstance(text, str) else text
+                for text, mark in zip(values, marks, strict=True)
+            ]
+            result[PATH] = Items(items, mark=values.mark, value_marks=marks)
+        return result
+
+    def _replaced(self, tree: Map, key: str, path: Path, including: tuple[Path, ...]) -> Map:
+        result = tree.copy()
+        result[key] = self._sections(tree[key], locate(tree, [key]), path, including)
+        return result
+
+    def _sections(self, text: str, mark: Mark, path: Path, including: tuple[Path, ...]) -> Any:
+        """Return the sections that a plant brings along; the name itself where the file cannot be used."""
+        try:
+            tree = _plant_file(text, mark, path.parent / text, including)
+            before = len(self.problems)
+            tree = self.read_all(tree, path.parent / text, including)
+            if len(self.problems) > before:
+                return text
+            tree = lay_over_source(tree)
+        except ConfigError as error:
+            self.problems += error.problems
+            return text
+        sections = Map({FILE: text}, mark=mark)
+        for key in ("plant", *SECTIONS_OF_A_PLANT):
+            if key in tree:
+                sections.put(key, tree[key], tree.key_marks.get(key, mark), tree.value_marks.get(key, mark))
+        return sections
 
 
-def _believed(tree: Map, model: Map) -> Map:
-    """Lay a model over the plant's parameters."""
-    own, plant = model.copy(), tree.get("plant")
-    if own.pop("from") != "plant":
-        message = f"a model comes from the plant or from nowhere (got {shown(model['from'])})"
-        raise ConfigError([Problem(*locate(model, ["from"]), "model.from", message)])
-    kind = own.get("kind", plant.get("kind") if isinstance(plant, Map) else None)
-    if isinstance(plant, Map) and plant.get("kind") not in registry.names("plants"):
-        problems: list[Problem] = []
-        read_component("plants", plant, ["plant"], problems, mark=plant.mark)  # the plant's mistake, not the model's
-        raise ConfigError(problems)
-    if not isinstance(plant, Map) or not isinstance(kind, str) or kind not in registry.names("models"):
-        message = f"there is no model of kind {kind!r}; give one of {', '.join(registry.names('models'))}"
-        raise ConfigError([Problem(*locate(model, ["from"]), "model.from", message)])
-    known = {field.alias or name for name, field in model_of("models", kind).model_fields.items()}
-    base = Map({"kind": kind}, mark=model.mark)
-    for key, value in plant.items():
-        if key in known:
-            base.put(key, value, plant.key_marks.get(key, plant.mark), plant.value_marks.get(key, plant.mark))
-    return merge(base, own)
+def _plant_file(text: str, mark: Mark, file: Path, including: tuple[Path, ...]) -> Map:
+    """Read a configuration that has a plant, without its sweep; ConfigError at the place of its name."""
+    if not text.strip():
+        raise ConfigError([Problem(*mark, PATH, f"must be the name of a configuration (got {shown(text)})")])
+    if file.resolve() in including:
+        raise ConfigError([Problem(*mark, PATH, f"{text}: includes itself")])
+    try:
+        tree = load(file)
+    except ConfigError as error:
+        at_the_name = [Problem(*mark, PATH, f"{each.file}: {each.message}") for each in error.problems]
+        raise ConfigError(error.problems if file.is_file() else at_the_name) from None
+    if not isinstance(tree, Map) or not isinstance(tree.get("plant"), Map):
+        raise ConfigError([Problem(*mark, PATH, f"{text}: has no plant")])
+    without_sweep = {key: tree[key] for key in tree if key != "sweep"}
+    return Map(without_sweep, mark=tree.mark, key_marks=tree.key_marks, value_marks=tree.value_marks)

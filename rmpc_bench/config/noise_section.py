@@ -8,9 +8,9 @@ from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.config.component import read_component
-from rmpc_bench.config.draft import DraftConfig, Law
-from rmpc_bench.config.reader import Items, Map, locate
+from rmpc_bench.config.draft import DraftConfig, NoiseTerm
 from rmpc_bench.config.schema import shown, validate
+from rmpc_bench.config.tree import Items, Map, locate
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
 from rmpc_bench.types import Matrix, NonNegative
@@ -85,7 +85,7 @@ def read_noise(draft: DraftConfig) -> None:
             draft.noise[name] = _laws(draft, law, paths[name])
 
 
-def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[Law, ...]:
+def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[NoiseTerm, ...]:
     """Read a law that may be a sum: its terms in order, none for `none` and for what is no law."""
     if not (isinstance(law, Map) and list(law) == ["sum"]):
         one = None if law == "none" else _law(draft, law, path, ("none", "same", "sum"))
@@ -97,7 +97,7 @@ def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[Law, ...
     return tuple(term for number, each in enumerate(terms) if (term := _term(draft, each, [*path, number])) is not None)
 
 
-def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> Law | None:
+def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> NoiseTerm | None:
     """Read one law of a sum, which is neither a sum nor nothing."""
     if isinstance(law, Map) and "sum" in law:
         draft.note(path, "a sum inside a sum; write all terms into one list")
@@ -108,7 +108,7 @@ def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> Law | None:
     return None
 
 
-def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> Law | None:
+def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> NoiseTerm | None:
     """Read one noise law; None for what is not one.
 
     Parameters
@@ -119,7 +119,7 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
     words : laws without a design function that may stand there
     """
     if law == "same":
-        return Law(None, 1.0)
+        return NoiseTerm(None, 1.0)
     kinds = registry.names("noises")
     if law in kinds:
         draft.note(path, f"{law!r} needs its parameters: {{{law}: {{..}}}} (rmpc-bench describe noises/{law})")
@@ -140,15 +140,15 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
     if kind == "same":
         return _same(draft, law, [*path, kind])
     part = read_component("noises", value, [*path, kind], draft.problems, mark=locate(law, [kind]), kind=kind)
-    return None if part is None else Law(part, None)
+    return None if part is None else NoiseTerm(part, None)
 
 
-def _same(draft: DraftConfig, law: Map, path: list[str | int]) -> Law | None:
+def _same(draft: DraftConfig, law: Map, path: list[str | int]) -> NoiseTerm | None:
     """Read the model's own noise times a scale."""
     scale = validate(_SAME, law["same"], path, draft.problems, mark=locate(law, ["same"]))
     if scale is not None and set(scale) - {"scale"}:
         draft.note(path, "the only key is 'scale'")
-    return None if scale is None else Law(None, scale.get("scale", 1.0))
+    return None if scale is None else NoiseTerm(None, scale.get("scale", 1.0))
 
 
 _Vector = float | list[float]

@@ -1,8 +1,7 @@
-"""YAML 1.2 core-schema texts, read into trees that remember where every key and value stands.
+"""Parser of YAML 1.2 (core schema) whose trees know the place of every key and value.
 
-PyYAML only scans and parses: it delivers events, and the tree is built here without recursion and without tags, so
-that a text can neither make objects, nor exhaust memory through aliases, nor overflow the stack.  The tree itself is
-in ``yaml_tree``, the way to write one in ``yaml_dump``; both are offered here too.
+PyYAML only scans the text and delivers events.  The tree (tree.py) is built here without recursion and without tags, so
+that a text cannot construct objects, exhaust memory through aliases or overflow the stack.
 """
 
 from __future__ import annotations
@@ -13,31 +12,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml  # type: ignore[import-untyped]
 
-from rmpc_bench.config.tree import (
-    MAX_DEPTH,
-    Items,
-    Map,
-    Mark,
-    assign,
-    join,
-    locate,
-    locate_key,
-    merge,
-    plain,
-    scalar,
-    split,
-)
-from rmpc_bench.config.writer import dump
+from rmpc_bench.config.tree import MAX_DEPTH, Items, Map, Mark, join, scalar, split
 from rmpc_bench.types import ConfigError, Problem
-
-__all__ = [
-    "Items", "Map", "Mark", "assign", "dump", "join", "load", "locate", "locate_key", "merge", "parse",
-    "parse_override", "plain", "scalar", "split",
-]  # fmt: skip
 
 MAX_NODES = 100_000
 _CORE = "tag:yaml.org,2002:"
@@ -60,7 +40,17 @@ def parse(text: str, file: str, *, column: int = 1) -> Any:
 
 
 def load(path: str | Path) -> Any:
-    """Read a file; every trouble with it is a ConfigError that shows the path as given."""
+    """Read a file.
+
+    Parameters
+    ----------
+    path : the YAML file
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read or is no valid YAML; the messages show the path as given.
+    """
     where = Path(path)
     try:
         return parse(where.read_bytes().decode("utf-8-sig"), str(path))
@@ -78,16 +68,27 @@ def load(path: str | Path) -> Any:
     raise ConfigError([Problem(str(path), 1, 1, "", message)])
 
 
-def parse_override(text: str) -> tuple[str, Any, Mark]:
+class Override(NamedTuple):
+    """A value that replaces the one of the file."""
+
+    path: str
+    """Steps with dots between them, for ``assign``."""
+    value: Any
+    mark: Mark
+    """Place of the value; columns count within the text of the override."""
+
+
+def parse_override(text: str) -> Override:
     """Read the PATH=VALUE of ``-s``.
 
     Parameters
     ----------
-    text : what the user typed; the first ``=`` ends PATH, VALUE is a YAML document, nothing is null
+    text : what the user typed; the first ``=`` ends PATH, and VALUE is a YAML document (empty: null)
 
-    Returns
-    -------
-    PATH for ``assign``, the value, and the place of VALUE; columns count within ``text``.
+    Raises
+    ------
+    ConfigError
+        If there is no ``=``, or PATH or VALUE cannot be read.
     """
     path, equals, value = text.partition("=")
     file = f"-s {text}"
@@ -95,7 +96,8 @@ def parse_override(text: str) -> tuple[str, Any, Mark]:
         raise ConfigError([Problem(file, 1, 1, "", "expected PATH=VALUE; there is no '='")])
     split(path.strip(), Mark(file, 1, 1))
     column = len(path) + 2
-    return path.strip(), parse(value, file, column=column) if value.strip() else None, Mark(file, 1, column)
+    parsed = parse(value, file, column=column) if value.strip() else None
+    return Override(path.strip(), parsed, Mark(file, 1, column))
 
 
 @dataclass(slots=True)

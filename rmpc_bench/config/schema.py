@@ -27,7 +27,7 @@ from pydantic import (
 )
 
 from rmpc_bench import registry
-from rmpc_bench.config.reader import Items, Map, Mark, join, locate, locate_key
+from rmpc_bench.config.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.config.unions import union
 from rmpc_bench.expressions import quantity
 from rmpc_bench.types import OverTime, Problem

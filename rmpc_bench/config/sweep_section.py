@@ -1,4 +1,4 @@
-"""The section `sweep` of a configuration, read and checked."""
+"""Reads and checks the section `sweep` of a configuration."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from contextlib import suppress
 from itertools import product
 from typing import Any, NamedTuple
 
-from rmpc_bench.config import reader
-from rmpc_bench.config.inheritance import FILE, PATH, opened
-from rmpc_bench.config.reader import Items, Map, Mark, join, locate, locate_key, plain
+from rmpc_bench.config.plant_source import FILE, PATH, open_section
+from rmpc_bench.config.tree import Items, Map, Mark, assign, join, locate, locate_key, plain, split
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
 from rmpc_bench.types.sweep_points import lies_at, value_text
@@ -17,31 +16,31 @@ from rmpc_bench.types.sweep_points import lies_at, value_text
 SWEPT = ("seed", "time", "uncertainty", "plant", "model", "noise", "initial", "reference", "estimator", "controller")
 """Top-level keys whose paths may be swept, beside those of a method."""
 
-PARTS = ("model", "estimator", "controller")
-"""Parts of a method whose paths may be swept; the same words are the defaults of all methods."""
+METHOD_COMPONENTS = ("model", "estimator", "controller")
+"""Components of a method whose paths may be swept; the same keys at the top level are the defaults of all methods."""
 
 NAME = "name"
-"""What a zip calls its values; no path."""
+"""Key of a zip that names its points; it is no path."""
 
 MOST_POINTS = 10_000
 
 
-class Value(NamedTuple):
-    """One value of a path: the text that names it, what stands there, and the places of both."""
+class SweptValue(NamedTuple):
+    """One value of a swept path, with the text that names it."""
 
     text: str
     tree: Any
     mark: Mark
     key_mark: Mark
     kept: bool = False
-    """Whether the value of the file stays."""
+    """Whether the value of the file stays, because a row does not name the path."""
 
 
 class Axis(NamedTuple):
     """Paths that change together, with their values: one path of a grid, or all paths of a zip."""
 
     paths: tuple[str, ...]
-    values: list[tuple[Value, ...]]
+    values: list[tuple[SweptValue, ...]]
 
 
 def columns(zipped: Any) -> list[str]:
@@ -51,11 +50,17 @@ def columns(zipped: Any) -> list[str]:
     return sorted(dict.fromkeys(paths), key=lambda path: path != NAME)
 
 
-def assigned(tree: Map, paths: Sequence[str], values: Sequence[Value]) -> Map:
-    """Lay values over a configuration; ConfigError where a path leads through what is no mapping."""
+def assigned(tree: Map, paths: Sequence[str], values: Sequence[SweptValue]) -> Map:
+    """Set the values of some paths in a configuration.
+
+    Raises
+    ------
+    ConfigError
+        If a path leads through something that is no mapping.
+    """
     for path, value in sorted(zip(paths, values, strict=True), key=lambda pair: pair[0] != PATH):
         if path != NAME and not value.kept:
-            tree = reader.assign(opened(tree, path), path, value.tree, value.mark, value.key_mark)
+            tree = assign(open_section(tree, path), path, value.tree, value.mark, value.key_mark)
     return tree
 
 
@@ -65,8 +70,14 @@ def _text(value: Any) -> str:
     return str(value[FILE]) if read else value_text(plain(value))
 
 
-class Reader:
-    """Reads the section and notes what is wrong with it."""
+class SweepReader:
+    """Reads the section and collects its problems.
+
+    Parameters
+    ----------
+    tree : the configuration
+    sweep : its section `sweep`
+    """
 
     def __init__(self, tree: Map, sweep: Any) -> None:
         self.tree, self.sweep = tree, sweep
@@ -74,7 +85,7 @@ class Reader:
         self.refused: set[str] = set()
 
     def note(self, path: Sequence[str | int], message: str, *, key: bool = False) -> None:
-        """Note a mistake at the value (or the key) of a path inside the section."""
+        """Add a problem at the value (or the key) of a path inside the section."""
         where = (locate_key if key else locate)(self.tree, ["sweep", *path])
         self.problems.append(Problem(*where, join(["sweep", *path]), message))
 
@@ -96,7 +107,7 @@ class Reader:
             self._check_rows(axis)
         return axes
 
-    def _zip_of_lists(self, lists: Mapping[str, list[Value]]) -> list[Axis]:
+    def _zip_of_lists(self, lists: Mapping[str, list[SweptValue]]) -> list[Axis]:
         if len({len(values) for values in lists.values()}) > 1:
             lengths = ", ".join(f"{path} has {len(values)}" for path, values in lists.items())
             self.note(["zip"], f"all paths must have the same number of values ({lengths})")
@@ -104,7 +115,7 @@ class Reader:
         return [Axis(paths, list(zip(*(lists[path] for path in paths), strict=False)))] if lists else []
 
     def _rows(self, rows: Items) -> list[Axis]:
-        """Read a zip given row by row; what a row does not name stays as it is in the file."""
+        """Read a zip given row by row; a path that a row does not name stays as it is in the file."""
         for number, row in enumerate(rows):
             if not isinstance(row, Map):
                 self.note(["zip", number], f"must be a mapping from paths to values (got {plain(row)!r})")
@@ -119,16 +130,16 @@ class Reader:
                 self.note(["zip"], "either all rows have a name or none has")
         return [Axis(tuple(paths), [tuple(self._in_row(row, path) for path in paths) for row in rows])]
 
-    def _in_row(self, row: Any, path: str) -> Value:
+    def _in_row(self, row: Any, path: str) -> SweptValue:
         if not isinstance(row, Map) or path not in row:
-            return Value(self._existing(path), None, self.sweep.mark, self.sweep.mark, kept=True)
-        return Value(_text(row[path]), row[path], locate(row, [path]), locate_key(row, [path]))
+            return SweptValue(self._existing(path), None, self.sweep.mark, self.sweep.mark, kept=True)
+        return SweptValue(_text(row[path]), row[path], locate(row, [path]), locate_key(row, [path]))
 
     def _existing(self, path: str) -> str:
         """Text of a value as it stands in the file; empty where a default stands for it."""
         node: Any = self.tree
         with suppress(ConfigError):
-            for step in reader.split(path, self.tree.mark):
+            for step in split(path, self.tree.mark):
                 node = node.get(step, "") if isinstance(node, Map) else ""
         return value_text(plain(node))
 
@@ -149,7 +160,7 @@ class Reader:
                 self.note(["zip"], "a name is a text")
 
     def singles(self, base: Map, axes: Sequence[Axis]) -> list[Map]:
-        """Return configurations that together contain every value that can be set, to show what is wrong with them."""
+        """Return configurations that together contain every value that can be set, so that each one is validated."""
         usable = []
         for axis in axes:
             rows = [tuple(value._replace(kept=value.kept or path in self.refused)
@@ -171,7 +182,7 @@ class Reader:
         steps: list[tuple[str, list[str]]] = []
         for path in paths:
             with suppress(ConfigError):
-                steps.append((path, reader.split(path, self.tree.mark)))
+                steps.append((path, split(path, self.tree.mark)))
         for number, (path, mine) in enumerate(steps):
             for other, theirs in steps[:number]:
                 common = min(len(mine), len(theirs))
@@ -180,7 +191,7 @@ class Reader:
                     place += [path] if isinstance(self.sweep.get(place[0]), Map) else []
                     self.note(place, f"{path} changes what {other} changes, too; sweep one of them", key=True)
 
-    def _lists(self, name: str) -> dict[str, list[Value]]:
+    def _lists(self, name: str) -> dict[str, list[SweptValue]]:
         """Values of every path of a section that maps paths to lists."""
         section = self.sweep.get(name, Map(mark=self.sweep.mark))
         if not isinstance(section, Map):
@@ -198,15 +209,15 @@ class Reader:
                 self.note([name, path], "a value is given twice")
         return found
 
-    def _named(self, given: Items | Map, key_mark: Mark) -> list[Value]:
+    def _named(self, given: Items | Map, key_mark: Mark) -> list[SweptValue]:
         if isinstance(given, Map):
-            return [Value(name, item, locate(given, [name]), key_mark) for name, item in given.items()]
+            return [SweptValue(name, item, locate(given, [name]), key_mark) for name, item in given.items()]
         marks = [locate_key(given, [number]) for number in range(len(given))]
-        return [Value(_text(item), item, mark, key_mark) for item, mark in zip(given, marks, strict=True)]
+        return [SweptValue(_text(item), item, mark, key_mark) for item, mark in zip(given, marks, strict=True)]
 
     def _check_path(self, place: Sequence[str | int], path: str) -> None:
         try:
-            message = self._refusal(reader.split(path, locate_key(self.tree, ["sweep", *place])))
+            message = self._refusal(split(path, locate_key(self.tree, ["sweep", *place])))
         except ConfigError as error:
             self.problems += error.problems
             self.refused.add(path)
@@ -223,15 +234,19 @@ class Reader:
             return "" if steps[0] in SWEPT else unknown(steps[0], (*SWEPT, "methods"), "key that can be swept")
         methods = self.tree.get("methods")
         if len(steps) < 3:
-            return "name a method and one of its parts, such as methods.NAME.estimator.c"
+            return "name a method and one of its components, such as methods.NAME.estimator.c"
         if isinstance(methods, Map) and steps[1] not in methods:
             return unknown(steps[1], methods, "method")
-        return "" if steps[2] in PARTS else unknown(steps[2], PARTS, "part of a method that can be swept")
+        return (
+            ""
+            if steps[2] in METHOD_COMPONENTS
+            else unknown(steps[2], METHOD_COMPONENTS, "component of a method that can be swept")
+        )
 
     def chosen(
         self, axes: Sequence[Axis], excluded: Sequence[Mapping[str, str]]
-    ) -> Iterator[tuple[tuple[Value, ...], ...]]:
-        """Combine the axes and leave out what is excluded."""
+    ) -> Iterator[tuple[tuple[SweptValue, ...], ...]]:
+        """Combine the axes and leave out excluded points."""
         size = 1
         for axis in axes:
             size *= len(axis.values)
@@ -255,7 +270,7 @@ class Reader:
             self.note(["exclude"], "excludes every point")
 
     def excluded(self, axes: Sequence[Axis]) -> list[Mapping[str, str]]:
-        """Read what is to be left out."""
+        """Read the section `exclude`."""
         known = [path for axis in axes for path in axis.paths]
         entries = self.sweep.get("exclude", []) if isinstance(self.sweep, Map) else []
         if not isinstance(entries, list):

@@ -1,7 +1,4 @@
-"""Trees of YAML data that know their places: merging, finding, setting.
-
-``yaml`` reads the trees and offers all names of this file too.
-"""
+"""Trees of YAML data that know the place of every key and value: finding, setting and merging."""
 
 from __future__ import annotations
 

@@ -1,37 +1,87 @@
-"""From the tree of a YAML to validated sections and parts; every mistake is noted, none stops the reading."""
+"""Stage 4, validate: from the tree of every point to its sections and components.
+
+Every section is validated on its own: an error is added to the problems of the draft, and the next section follows.
+"""
 
 from __future__ import annotations
 
 import re
-from typing import Any
+from collections.abc import Sequence
 
 from rmpc_bench import registry
 from rmpc_bench.config.component import Component, read_component
-from rmpc_bench.config.draft import Change, DraftConfig, MethodComponents
+from rmpc_bench.config.draft import DraftConfig, MethodComponents, ParameterChange
 from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty
-from rmpc_bench.config.reader import Items, Map, join, locate, locate_key, merge
 from rmpc_bench.config.schema import shown
-from rmpc_bench.config.sections import SECTIONS, ClaimKeys
+from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
+from rmpc_bench.config.sweep import SweptTree
+from rmpc_bench.config.tree import Map, locate, locate_key, merge
 from rmpc_bench.expressions import quantity
-from rmpc_bench.types import Problem
 
 
-def read(tree: Map) -> DraftConfig:
-    """Read a whole configuration; mistakes are in ``problems`` of what is returned."""
-    draft = DraftConfig(tree, [])
+def validate_sections(points: Sequence[SweptTree], *, runs: int | None, smoke: bool) -> list[DraftConfig]:
+    """Return the sections of every point, with the problems that were found in them.
+
+    Figures and claims are the same at all points and are read at the first.
+
+    Parameters
+    ----------
+    points : trees of the points of a sweep
+    runs : number of runs instead of the one given
+    smoke : whether to reduce runs and steps to the size under ``smoke``
+    """
+    drafts: list[DraftConfig] = []
+    for point in points:
+        draft = _sections(point, first=not drafts)
+        if runs is not None:
+            draft.values["runs"] = runs
+        if smoke:
+            _shrink(draft, drafts[0].values["time"] if drafts else None)
+        drafts.append(draft)
+    return drafts
+
+
+def _sections(point: SweptTree, *, first: bool) -> DraftConfig:
+    tree = point.tree
+    if not first:
+        tree = tree.copy()
+        for key in ("claims", "figures"):
+            tree.pop(key, None)
+    draft = DraftConfig(tree, [], point.coordinates, point.title)
     _top_level(draft)
     read_uncertainty(draft)
     _plant(draft)
-    draft.model = _part(draft, "models", "model")
-    draft.reference = _part(draft, "references", "reference")
+    draft.model = _component(draft, "models", "model")
+    draft.reference = _component(draft, "references", "reference")
     read_noise(draft)
     read_initial(draft)
     _methods(draft)
-    draft.metrics = _named_parts(draft, "metrics")
-    if "figures" in tree or "runs" in draft.values["evaluate"]:  # without runs there is nothing for the usual boxplot
-        draft.figures = _named_parts(draft, "figures")
+    draft.metrics = _named_components(draft, "metrics")
+    # The default figure, a boxplot, needs runs.
+    if "figures" in tree or "runs" in draft.values["evaluate"]:
+        draft.figures = _named_components(draft, "figures")
     _claims(draft)
     return draft
+
+
+def _shrink(draft: DraftConfig, first: Time | None) -> None:
+    """Take the size of a smoke run where it is smaller.
+
+    Parameters
+    ----------
+    draft : gets the smaller size
+    first : time of the first point; points with another step keep its duration
+    """
+    size, values = draft.values["smoke"], draft.values
+    if size is not None and values["runs"] is not None and values["time"] is not None:
+        time = values["time"]
+        values["runs"] = min(values["runs"], size.runs)
+        n_steps = min(time.n_steps, size.steps)
+        if first is not None and first.duration is not None:
+            n_steps = max(1, round(first.duration / time.step))
+        # Windows are given in the unit of the time, so a time in seconds stays one in seconds.
+        length = {"duration": n_steps * time.step} if time.duration is not None else {"steps": n_steps}
+        values["time"] = type(time)(step=time.step, **length)
 
 
 def _top_level(draft: DraftConfig) -> None:
@@ -50,19 +100,19 @@ def _top_level(draft: DraftConfig) -> None:
     draft.values["evaluate"] = [evaluate] if isinstance(evaluate, str) else [*dict.fromkeys(evaluate or ["runs"])]
 
 
-def _part(draft: DraftConfig, group: str, name: str, ignore: tuple[str, ...] = ()) -> Component | None:
+def _component(draft: DraftConfig, group: str, name: str, ignore: tuple[str, ...] = ()) -> Component | None:
     tree = draft.section(name)
     if name not in draft.tree:
         if tree is ...:
-            return None  # noted as missing already
+            return None
         tree = Map(tree, mark=draft.tree.mark)
     if not isinstance(tree, Map):
-        return None  # noted by its annotation already
+        return None
     return read_component(group, tree, [name], draft.problems, mark=locate(draft.tree, [name]), ignore=ignore)
 
 
 def _plant(draft: DraftConfig) -> None:
-    draft.plant = _part(draft, "plants", "plant", ignore=("perturb", "set"))
+    draft.plant = _component(draft, "plants", "plant", ignore=("perturb", "set"))
     tree = draft.tree.get("plant")
     if not isinstance(tree, Map):
         return
@@ -73,14 +123,14 @@ def _plant(draft: DraftConfig) -> None:
             continue
         for name, text in entries.items():
             path: list[str | int] = ["plant", key, name]
-            if name in draft.changes:
+            if name in draft.parameter_changes:
                 draft.note(path, "is already changed by perturb; give one of the two", key=True)
             try:
                 expression = quantity.parse(text, draft.values["uncertainty"] or {})
             except quantity.QuantityError as error:
                 draft.note(path, str(error))
                 continue
-            draft.changes[name] = Change(expression, relative, locate_key(draft.tree, path))
+            draft.parameter_changes[name] = ParameterChange(expression, relative, locate_key(draft.tree, path))
             if not expression.names:
                 _probe(draft, expression, path)
 
@@ -113,12 +163,12 @@ def _methods(draft: DraftConfig) -> None:
         label = own.get("label", name)
         if not isinstance(label, str):
             draft.note([*path, "label"], f"must be text (got {shown(label)})")
-        parts = {key: _method_part(draft, own, key, path) for key in ("model", "estimator", "controller")}
+        parts = {key: _method_component(draft, own, key, path) for key in ("model", "estimator", "controller")}
         controlled = own.get("controller", draft.tree.get("controller")) is not None
         draft.methods[name] = MethodComponents(str(label), **parts, controlled=controlled)
 
 
-def _method_part(draft: DraftConfig, own: Map, key: str, path: list[str | int]) -> Component | None:
+def _method_component(draft: DraftConfig, own: Map, key: str, path: list[str | int]) -> Component | None:
     """Merge a method's part over the default of all methods and validate it."""
     if key not in own and key == "model":
         return draft.model
@@ -133,11 +183,11 @@ def _method_part(draft: DraftConfig, own: Map, key: str, path: list[str | int]) 
         tree = merge(default, tree)
     mark = own.value_marks.get(key, own.mark)
     if not isinstance(tree, Map) and key not in own:
-        return None  # noted by its annotation already
+        return None
     return read_component(key + "s", tree, [*path, key], draft.problems, mark=mark)
 
 
-def _named_parts(draft: DraftConfig, group: str) -> list[Component | None]:
+def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
     """Read a list whose entries are names or mappings with a `kind`."""
     parts: list[Component | None] = []
     entries = draft.section(group)
@@ -161,42 +211,3 @@ def _named_parts(draft: DraftConfig, group: str) -> list[Component | None]:
 def _claims(draft: DraftConfig) -> None:
     for number, _ in enumerate(draft.values["claims"] or []):
         draft.claims.append(draft.checked(ClaimKeys, ["claims", number]))
-
-
-def at_their_origin(draft: DraftConfig) -> list[Problem]:
-    """Let a mistake in a default speak of the default, and once, not of every method that inherits it.
-
-    One in the plant speaks of the plant, not of the model that comes from it.
-    """
-    paths: dict[tuple[str, int, int], list[str]] = {}
-
-    def visit(path: list[str | int], node: Any) -> None:
-        for mark in (locate(draft.tree, path), locate_key(draft.tree, path)):
-            paths.setdefault(mark, []).append(join(path))
-        children = node.items() if isinstance(node, Map) else enumerate(node) if isinstance(node, Items) else ()
-        for step, child in children:
-            visit([*path, step], child)
-
-    for default in ("model", "estimator", "controller"):
-        if default in draft.tree:
-            visit([default], draft.tree[default])
-    of_plant = {_without_path(problem) for problem in draft.problems if problem.path.startswith("plant.")}
-    return [
-        _moved(problem, paths)
-        for problem in draft.problems
-        if problem.path.startswith("plant.") or _without_path(problem) not in of_plant
-    ]
-
-
-def _without_path(problem: Problem) -> tuple[str, int, int, str]:
-    return problem.file, problem.line, problem.column, problem.message
-
-
-def _moved(problem: Problem, paths: dict[tuple[str, int, int], list[str]]) -> Problem:
-    here = paths.get((problem.file, problem.line, problem.column), [])
-    if not problem.path.startswith("methods.") or not here:
-        return problem
-    # A block mapping begins where its first key does: the last step tells which of the two is meant.
-    last = problem.path.split(".")[-1]
-    path = next((path for path in here if path.split(".")[-1] == last), here[0])
-    return Problem(problem.file, problem.line, problem.column, path, problem.message)

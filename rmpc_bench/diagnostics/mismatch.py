@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.config.component import read_component
-from rmpc_bench.config.reader import Map, Mark
+from rmpc_bench.config.tree import Map, Mark
 from rmpc_bench.diagnostics.stability import LinearPair, linear_pair, spectral_radius
 from rmpc_bench.diagnostics.tolerance import Belief, divergence_over_time
 from rmpc_bench.simulation.rest import Rest
@@ -17,7 +17,7 @@ from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covaria
 from rmpc_bench.types import Array, DesignError, HasLinearPart, LinearTruth, Method
 
 if TYPE_CHECKING:
-    from rmpc_bench.config.config_point import ConfigPoint
+    from rmpc_bench.config.sweep_point import SweepPoint
 
 MOST_PLANTS = 20
 ROUNDING = 1e-12  # a divergence below it is that of equal densities, summed in doubles
@@ -100,7 +100,7 @@ class _Believed(NamedTuple):
     P0: Array | None
 
 
-def look_deep(point: ConfigPoint, baseline: str, known: dict[str, Gain] | None = None) -> DeepFinding:
+def look_deep(point: SweepPoint, baseline: str, known: dict[str, Gain] | None = None) -> DeepFinding:
     """Find what `check --deep` tells.
 
     Parameters

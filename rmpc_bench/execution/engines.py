@@ -11,13 +11,13 @@ import threading
 import time
 import warnings
 from collections.abc import Generator, Sequence
-from contextlib import AbstractContextManager
 from multiprocessing import resource_tracker as multiprocessing_tracker
 from typing import NamedTuple
 
 from rmpc_bench.execution.interrupts import held
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
 from rmpc_bench.simulation.scenario import Draws, Experiment
+from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import HasDrawn
 
 
@@ -41,14 +41,6 @@ class Done(NamedTuple):
     task: Task
     block: Block
     uncertainty: list[dict[str, float]]
-
-
-def single_thread() -> AbstractContextManager[object]:
-    """Hold BLAS to one thread: more of them change last bits and slow small matrices down."""
-    import scipy.linalg  # noqa: F401 - SciPy brings a BLAS of its own, which must be loaded to be limited
-    from threadpoolctl import threadpool_limits
-
-    return threadpool_limits(limits=1)  # type: ignore[no-any-return]
 
 
 def work(experiments: Sequence[Experiment], task: Task) -> Done:

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any
 
 import rmpc_bench
-from rmpc_bench.config.load import ExperimentConfig
+from rmpc_bench.config.experiment_config import ExperimentConfig
 
 FILE = "manifest.json"
 _PACKAGES = ("numpy", "scipy", "numba", "joblib", "pandas")

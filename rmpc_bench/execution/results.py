@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.config.config_point import ConfigPoint
-from rmpc_bench.config.load import ExperimentConfig, load_config
-from rmpc_bench.config.sweep import depends
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.load import load_config
+from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.runner import RESOLVED, compute
 from rmpc_bench.execution.store import FILE, MissingError, Store
@@ -24,6 +24,7 @@ from rmpc_bench.simulation.moments import Moments, exact_laws, exact_moments, si
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Method
+from rmpc_bench.types.sweep_points import relevant_paths
 
 Known: TypeAlias = dict[tuple[tuple[str, str], ...], pd.DataFrame]
 """Series of methods, by their names and what these depend on."""
@@ -108,7 +109,7 @@ def _joined(config: ExperimentConfig, tables: Sequence[Trials], store: Store, kn
     )
 
 
-def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: Known) -> Trials:
+def _table(config: ExperimentConfig, point: SweepPoint, store: Store, known: Known) -> Trials:
     """Read the table of one point; ``known`` keeps what points share."""
     frames = [_frame(point, store, method.name) for method in point.experiment.methods]
     names = [method.name for method in point.experiment.methods]
@@ -138,7 +139,7 @@ def _table(config: ExperimentConfig, point: ConfigPoint, store: Store, known: Kn
 
 
 def _series(
-    config: ExperimentConfig, point: ConfigPoint, methods: Sequence[str], store: Store, known: Known
+    config: ExperimentConfig, point: SweepPoint, methods: Sequence[str], store: Store, known: Known
 ) -> pd.DataFrame:
     """Series of some methods at a point; ``known`` keeps them for points that share them."""
     believed = tuple((name, _series_key(config, point, name)) for name in methods)
@@ -155,7 +156,7 @@ def _series(
     return known[believed]
 
 
-def _series_key(config: ExperimentConfig, point: ConfigPoint, name: str) -> str:
+def _series_key(config: ExperimentConfig, point: SweepPoint, name: str) -> str:
     """What the series of a method depend on; those of an ensemble on all that its trials do."""
     if point.experiment.recording.ensemble:
         return point.method_keys[name]
@@ -186,7 +187,7 @@ def ensembles(experiment: Experiment, method: Method, groups: Sequence[Group], *
     return parts
 
 
-def _frame(point: ConfigPoint, store: Store, name: str) -> pd.DataFrame:
+def _frame(point: SweepPoint, store: Store, name: str) -> pd.DataFrame:
     key = point.method_keys[name]
     runs, status = store.column(key, point.experiment.n_runs)
     columns = {metric: store.values(key, stored, runs) for metric, stored in point.metric_keys.items()}
@@ -234,7 +235,7 @@ def _all_series(config: ExperimentConfig, methods: Sequence[str], store: Store, 
     parts = []
     for name in methods:
         rows = [(point.coordinates, _series_key(config, point, name)) for point in config.points]
-        paths = depends(rows, config.axes)
+        paths = relevant_paths(rows, config.axes)
         seen: set[tuple[str, ...]] = set()
         for point in config.points:
             where = {path: point.coordinates[path] if path in paths else "" for path in config.paths}

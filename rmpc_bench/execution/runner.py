@@ -7,9 +7,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.config.config_point import ConfigPoint
-from rmpc_bench.config.load import ExperimentConfig
-from rmpc_bench.config.reader import dump, plain
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import engines
 from rmpc_bench.execution.engines import Done, Task
 from rmpc_bench.execution.manifest import Session
@@ -17,6 +18,7 @@ from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.store import Store, WriteError
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import WarmsUp
 
 RESOLVED = "config.resolved.yaml"
@@ -141,12 +143,12 @@ def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress:
     parts: list[Any] = [part for method in methods for part in (method.estimator, method.controller)]
     designs = [*(getattr(part, "model", None) for part in parts), *parts]
     text = "preparing estimators and control laws (the first time, compiling them) ..."
-    with said_if_slow(progress, text), engines.single_thread():
+    with said_if_slow(progress, text), single_thread():
         for design in {id(design): design for design in designs if isinstance(design, WarmsUp)}.values():
             design.warm_up()
 
 
-def _store(store: Store, point: ConfigPoint, done: Done) -> None:
+def _store(store: Store, point: SweepPoint, done: Done) -> None:
     block, task = done.block, done.task
     names = [metric.info.name for metric in point.experiment.metrics]
     columns = {point.metric_keys[name]: column for name, column in zip(names, block.metrics, strict=True)}

@@ -7,14 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from rmpc_bench.analysis.trials import Traces
-from rmpc_bench.config.config_point import ConfigPoint
+from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.execution.store import Store
 from rmpc_bench.metrics.reported import reports_of
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.types import HasUnits, Plant
 
 
-def traces_of(point: ConfigPoint, store: Store, name: str) -> Traces | None:
+def traces_of(point: SweepPoint, store: Store, name: str) -> Traces | None:
     """Read the recorded runs of a method; None where there are none.
 
     Parameters

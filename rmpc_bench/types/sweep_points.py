@@ -55,3 +55,21 @@ def no_such_point(points: Sequence[Mapping[str, str]], wanted: Mapping[str, str]
         if not any(lies_at(point, {name: value}) for point in points):
             return f"{name} has no value {value} in the sweep (it has {', '.join(values[:10])})"
     return "the sweep has no such point"
+
+
+def relevant_paths(rows: Sequence[tuple[Mapping[str, str], str]], axes: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the swept paths on which something depends.
+
+    Parameters
+    ----------
+    rows : for every point, its coordinates and what is found there
+    axes : the swept paths, those that change together as one axis; earlier axes are dropped first
+    """
+    needed = list(axes)
+    for axis in axes:
+        rest = [path for other in needed if other is not axis for path in other]
+        found: dict[tuple[str, ...], str] = {}
+        same = all(found.setdefault(tuple(there[path] for path in rest), what) == what for there, what in rows)
+        if same:
+            needed.remove(axis)
+    return tuple(path for axis in needed for path in axis)

@@ -7,7 +7,8 @@ from small_experiment import cli, ran, write
 from uncertain_experiment import write_estimation
 
 from rmpc_bench import load_config
-from rmpc_bench.config.reader import dump, plain
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
 from rmpc_bench.noise.bounded import uniform
 from rmpc_bench.noise.bursts import Burst, RandomBursts
 from rmpc_bench.types import ConfigError

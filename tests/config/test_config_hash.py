@@ -4,7 +4,8 @@ import pytest
 from small_experiment import write
 
 from rmpc_bench import load_config
-from rmpc_bench.config.reader import dump, plain
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
 
 CLAIM = "[{says: a, check: 'mean(mse[S-MPC]) < 1', finding: confirmed}]"
 SHARED = {

@@ -10,21 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rmpc_bench.config.reader import (
-    Items,
-    Map,
-    Mark,
-    assign,
-    dump,
-    load,
-    locate,
-    locate_key,
-    merge,
-    parse,
-    parse_override,
-    plain,
-    scalar,
-)
+from rmpc_bench.config.reader import load, parse, parse_override
+from rmpc_bench.config.tree import Items, Map, Mark, assign, locate, locate_key, merge, plain, scalar
+from rmpc_bench.config.writer import dump
 from rmpc_bench.types import ConfigError
 
 CONFIG = """\

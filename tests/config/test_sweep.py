@@ -4,8 +4,9 @@ import pytest
 from small_experiment import KEYS, text, write
 
 from rmpc_bench import load_config
-from rmpc_bench.config.reader import parse, plain
+from rmpc_bench.config.reader import parse
 from rmpc_bench.config.sweep import depends, points
+from rmpc_bench.config.tree import plain
 from rmpc_bench.types import ConfigError
 
 HP, HU, C = "controller.Hp", "controller.Hu", "methods.R-MPC.estimator.c"

@@ -7,7 +7,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rmpc_bench.config.reader import dump, parse, plain
+from rmpc_bench.config.reader import parse
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
 
 SCALARS = st.one_of(
     *(st.none(), st.booleans(), st.integers(), st.floats(allow_nan=False), st.text(max_size=8)),

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from rmpc_bench import load_config, run
-from rmpc_bench.config.reader import dump, plain
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
 
 ROOT = Path(__file__).parents[2] / "configs"
 CONFIGS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.yaml"))

@@ -9,7 +9,8 @@ import pytest
 from small_experiment import cli, ran, spied, text, write
 
 from rmpc_bench import load_config, load_trials, run
-from rmpc_bench.config.reader import dump, plain
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import engines
 from rmpc_bench.execution.results import n_complete, stored_trials
 

@@ -10,7 +10,7 @@ from controllers.test_noise_tuning import windows
 from numerics.test_tracking import problems, tracked
 
 from rmpc_bench.controllers.noise_tuning import LpNoise, NoiseTuning
-from rmpc_bench.execution.engines import single_thread
+from rmpc_bench.simulation.threads import single_thread
 
 pytestmark = pytest.mark.perf
 

@@ -11,11 +11,11 @@ from numerics import game_twin as twin
 from rmpc_bench.controllers.minimax_lq import design
 from rmpc_bench.controllers.state_feedback import game_of
 from rmpc_bench.estimators.mixed import design as mixed
-from rmpc_bench.execution.engines import single_thread
 from rmpc_bench.models.mixed_noise import design as mixed_model
 from rmpc_bench.numerics.linalg import psd_sqrt
 from rmpc_bench.numerics.lq_game import solve
 from rmpc_bench.numerics.stage_multipliers import solve_stages
+from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import Estimate
 
 pytestmark = pytest.mark.perf

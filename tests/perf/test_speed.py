@@ -9,12 +9,12 @@ from plants import servo_twin
 
 from rmpc_bench.config.load import load_config
 from rmpc_bench.estimators import kalman, risk_sensitive, robust_kalman
-from rmpc_bench.execution.engines import single_thread
 from rmpc_bench.execution.results import run
 from rmpc_bench.models.servo import ServoNoise
 from rmpc_bench.models.servo import design as servo_model
 from rmpc_bench.plants import servo
 from rmpc_bench.simulation.closed_loop import simulate_block
+from rmpc_bench.simulation.threads import single_thread
 
 pytestmark = pytest.mark.perf
 

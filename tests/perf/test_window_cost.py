@@ -6,9 +6,9 @@ from numerics import lp_twin
 from numerics.test_bounded_window import data, integrators
 
 from rmpc_bench.config.load import load_config
-from rmpc_bench.execution.engines import single_thread
 from rmpc_bench.numerics.bounded_window import fit_anchored, fit_free
 from rmpc_bench.simulation.closed_loop import simulate_block
+from rmpc_bench.simulation.threads import single_thread
 
 pytestmark = pytest.mark.perf
 

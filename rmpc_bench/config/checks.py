@@ -1,0 +1,73 @@
+"""Stage 6, check: the claims, the figures and the names that one section uses of another, before any run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rmpc_bench.claims.claim import Claim
+from rmpc_bench.config.claim_checks import read_claims
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.figure_checks import check_evaluation, check_figures, check_recording, layout
+from rmpc_bench.config.sweep import Sweep
+from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.config.sweep_points import Place
+from rmpc_bench.config.tree import Map
+from rmpc_bench.registry import unknown
+
+
+def check(
+    sweep: Sweep, drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None], *, lenient: bool
+) -> tuple[Claim, ...]:
+    """Check what the sections say of each other; the errors are added to the problems of the drafts.
+
+    Parameters
+    ----------
+    sweep : the trees of the points
+    drafts : the sections of every point; figures and claims are those of the first
+    points : the designs of every point; None where one could not be made
+    lenient : whether figures and claims may reach beyond the end of a run, as in a smoke run
+
+    Returns
+    -------
+    The claims; those with an error are of no use.
+    """
+    first, built = drafts[0], [point for point in points if point is not None]
+    places = [] if sweep.problems else _places(drafts, points)
+    seen = layout([point.experiment for point in built], len(points), smoke=lenient) if built else None
+    claims = read_claims(first, first.metric_names, places, seen)
+    for draft, point in zip(drafts, points, strict=True):
+        if point is not None:
+            check_evaluation(draft, point.experiment)
+    _check_statistics(first)
+    check_recording(first, [None if point is None else point.experiment for point in points])
+    check_figures(first, first.metric_names, places, seen if places else None)
+    _check_columns(first, sweep)
+    return claims
+
+
+def _places(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None]) -> list[Place]:
+    """Return the points as claims name them; with the hashes of their trials where all points could be built."""
+    built = [point for point in points if point is not None]
+    if len(built) < len(points):
+        return [Place(draft.coordinates) for draft in drafts]
+    return [Place(point.coordinates, point.method_keys) for point in built]
+
+
+def _check_columns(draft: DraftConfig, sweep: Sweep) -> None:
+    """Refuse metrics with the name of a column of the sweep."""
+    swept = [path for axis in sweep.axes for path in axis]
+    for number, component in enumerate(draft.metrics):
+        name = component.parameters.get("name") if component is not None else None
+        if name in swept:
+            draft.note(["metrics", number], f"{name!r} is a column of the sweep already; choose another name")
+
+
+def _check_statistics(draft: DraftConfig) -> None:
+    """Refuse a primary metric or a baseline that does not exist."""
+    given, names = draft.tree.get("statistics"), draft.metric_names
+    if not isinstance(given, Map):
+        return
+    if isinstance(given.get("primary"), str) and given["primary"] not in names:
+        draft.note(["statistics", "primary"], unknown(given["primary"], names, "metric of this configuration"))
+    if isinstance(given.get("baseline"), str) and draft.methods and given["baseline"] not in draft.methods:
+        draft.note(["statistics", "baseline"], unknown(given["baseline"], draft.methods, "method"))

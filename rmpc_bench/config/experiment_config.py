@@ -1,0 +1,129 @@
+"""A valid configuration: what `load_config` returns."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench.claims.claim import Claim
+from rmpc_bench.config.component import Component
+from rmpc_bench.config.sections import Execution, Statistics
+from rmpc_bench.config.sweep_point import SweepPoint, digest
+from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types.sweep_points import relevant_paths
+
+
+@dataclass(frozen=True, eq=False)
+class ExperimentConfig:
+    """A valid configuration.
+
+    Parameters
+    ----------
+    path : file of the configuration
+    name, paper, title : as given; ``paper`` may be None
+    points : points of the sweep; one where nothing is swept
+    axes : swept paths; the paths of a zip, which change together, are one axis
+    statistics, execution : settings of the comparison and of the computation
+    evaluate : what to compute: ``runs``, ``ensemble``, ``moments``
+    in_samples : whether time is counted in samples instead of seconds
+    labels : method name -> text for tables and figures
+    figures : figures to draw
+    claims : statements to check
+    resolved : the whole configuration with every default filled in; it loads to an equal configuration
+    first_point : the same at the first point of the sweep, where ``resolved`` leaves swept components as given
+    """
+
+    path: Path
+    name: str
+    paper: str | None
+    title: str
+    points: tuple[SweepPoint, ...]
+    axes: tuple[tuple[str, ...], ...]
+    statistics: Statistics
+    execution: Execution
+    evaluate: tuple[str, ...]
+    in_samples: bool
+    labels: Mapping[str, str]
+    figures: tuple[Component, ...]
+    claims: tuple[Claim, ...]
+    resolved: Mapping[str, Any]
+    first_point: Mapping[str, Any]
+
+    @property
+    def experiment(self) -> Experiment:
+        """The experiment; in a sweep, that of the first point."""
+        return self.points[0].experiment
+
+    @property
+    def methods(self) -> Mapping[str, Any]:
+        """Plain data of every method, at the first point."""
+        return self.points[0].methods
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The swept paths."""
+        return tuple(path for axis in self.axes for path in axis)
+
+    @property
+    def primary(self) -> str:
+        """Name of the metric that the screen and the figures show."""
+        return self.statistics.primary or self.experiment.metrics[0].info.name
+
+    @property
+    def baseline(self) -> str:
+        """Name of the method that all others are compared with."""
+        return self.statistics.baseline or self.experiment.methods[0].name
+
+    def n_trials(self, methods: Collection[str] | None = None) -> int:
+        """Count the trials; those that points of the sweep share count once.
+
+        Parameters
+        ----------
+        methods : names of the methods to count; None for all
+        """
+        wanted = self.methods if methods is None else methods
+        keys = {key for point in self.points for name, key in point.method_keys.items() if name in wanted}
+        return len(keys) * self.experiment.n_runs if "runs" in self.evaluate else 0
+
+    @cached_property
+    def shared(self) -> Mapping[str, Any]:
+        """What all methods share at the first point, and under ``sweep`` what differs from it at the others."""
+        first = self.points[0]
+        others = {point.experiment_hash: point for point in reversed(self.points)}
+        others.pop(first.experiment_hash)
+        rows = [(point.coordinates, point.experiment_hash) for point in self.points]
+        paths = [path for path in relevant_paths(rows, _method_axes_first(self.axes)) if path != NAME]
+        differing = {
+            ", ".join(f"{path}={point.coordinates[path]}" for path in paths): changes(first.shared, point.shared)
+            for point in others.values()
+        }
+        return {**first.shared, "sweep": differing} if others else first.shared
+
+    @property
+    def hash(self) -> str:
+        """Hash of what all methods share, over all points in any order; it identifies a results directory."""
+        return digest(sorted({point.experiment_hash for point in self.points}))
+
+    @property
+    def full_hash(self) -> str:
+        """Hash of everything that determines a trial, methods included."""
+        return digest({point.title: [point.experiment_hash, point.methods] for point in self.points})
+
+
+def changes(before: Any, after: Any) -> Any:
+    """Return the entries of plain data that differ in a second tree; an entry that is missing there is None."""
+    if not (isinstance(before, dict) and isinstance(after, dict)):
+        return after
+    keys = [*before, *(key for key in after if key not in before)]
+    return {key: changes(before.get(key), after.get(key)) for key in keys if before.get(key) != after.get(key)}
+
+
+def _method_axes_first(axes: Sequence[Sequence[str]]) -> list[Sequence[str]]:
+    """Order the axes so that `relevant_paths` drops paths into methods before paths into the plant."""
+    roots = {path: path.split(".")[0] for axis in axes for path in axis}
+    of_methods = (*METHOD_COMPONENTS, "methods", NAME)
+    return sorted(axes, key=lambda axis: not all(roots[path] in of_methods for path in axis))

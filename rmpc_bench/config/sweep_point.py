@@ -1,0 +1,67 @@
+"""A valid configuration at one point of its sweep, with the hashes under which its trials are stored."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from rmpc_bench.simulation.scenario import Experiment
+
+
+def digest(data: Any) -> str:
+    """Return the SHA-256 of plain data, written as JSON with sorted keys."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class SweepPoint:
+    """A configuration at one point of its sweep; without a sweep there is one point.
+
+    Parameters
+    ----------
+    coordinates : swept path -> text of its value; empty where nothing is swept
+    title : the point in words
+    experiment : all designs, ready to run
+    shared : what all methods share, as plain data (identity.py)
+    methods : method name -> what identifies the method, as plain data
+    metrics : metric name -> what identifies the metric, as plain data
+    """
+
+    coordinates: Mapping[str, str]
+    title: str
+    experiment: Experiment
+    shared: Mapping[str, Any]
+    methods: Mapping[str, Any]
+    metrics: Mapping[str, Any]
+
+    @cached_property
+    def experiment_hash(self) -> str:
+        """Hash of what all methods share."""
+        return digest(self.shared)
+
+    @cached_property
+    def method_keys(self) -> dict[str, str]:
+        """Hashes under which trials are stored, by method; points with an equal hash share the trials."""
+        return {
+            name: digest({"experiment": self.experiment_hash, "method": data}) for name, data in self.methods.items()
+        }
+
+    @cached_property
+    def metric_keys(self) -> dict[str, str]:
+        """Hashes under which metrics are stored, by metric; the name itself is not hashed."""
+        return {name: digest({**data, "name": None}) for name, data in self.metrics.items()}
+
+    @cached_property
+    def uncertainty_key(self) -> str:
+        """Hash under which the values of the uncertain quantities are stored."""
+        law = self.shared["plant"].get("uncertainty", {})
+        # The plant itself draws these values, once per run.
+        own = {"plant": law} if law.get("per") == "run" else {}
+        # Random bursts of the noise are uncertain quantities too; they begin and end on samples.
+        if self.experiment.scenario.burst_names:
+            own |= {"noise": self.shared["noise"], "step": self.shared["time"]["step"]}
+        return digest({key: self.shared[key] for key in ("seed", "uncertainty")} | own)
