@@ -39,7 +39,8 @@ def read(path: str | Path, overrides: Sequence[str]) -> Source:
     tree = load(path)
     if not isinstance(tree, Map):
         raise ConfigError([Problem(str(path), 1, 1, "", f"must be a mapping (got {shown(tree)})")])
-    parsed, problems = [], []
+    parsed: list[Override] = []
+    problems: list[Problem] = []
     for text in overrides:
         try:
             parsed.append(parse_override(text))

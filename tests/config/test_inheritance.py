@@ -28,7 +28,7 @@ def here(tmp_path):
 
 def identity(config):
     """What trials are filed under."""
-    return [(point.truth, point.method_keys, point.metric_keys) for point in config.points]
+    return [(point.experiment_hash, point.method_keys, point.metric_keys) for point in config.points]
 
 
 def problems(path, **keys):
@@ -239,8 +239,8 @@ WRONG = {
     "{from: b/bnch.yaml}": "6:15: plant.from: {here}/b/bnch.yaml: there is no such file; "
     "did you mean '{here}/b/bench.yaml'?",
     "{from: b}": "6:15: plant.from: {here}/b: is a directory, not a YAML file",
-    "{from: taking.yaml}": "6:15: plant.from: taking.yaml: comes from itself",
-    "{from: b/cycle.yaml}": "b/cycle.yaml:1:15: plant.from: ../taking.yaml: comes from itself",
+    "{from: taking.yaml}": "6:15: plant.from: taking.yaml: includes itself",
+    "{from: b/cycle.yaml}": "b/cycle.yaml:1:15: plant.from: ../taking.yaml: includes itself",
     "{from: b/none.yaml}": "6:15: plant.from: b/none.yaml: has no plant",
     "{from: b/list.yaml}": "6:15: plant.from: b/list.yaml: has no plant",
     "{from: b/empty.yaml}": "b/empty.yaml:1:1: the file is empty",
@@ -280,7 +280,7 @@ INSIDE = {
     "size": ({"plant": PLANT.replace("[[1], [0.5]]", "[[1], [1], [1]]")}, ": plant.Bw: has 3 rows; 2 fit"),
     "noise": ({"noise": "{process: 3}"}, ": noise.process: '3' is not a known noise law"),
     "W": ({"model": "{from: plant, W: -1, V: 1}"}, "7:25: model.W: must be positive semidefinite"),
-    "model.from": ({"model": "{from: moon}"}, "7:15: model.from: a model comes from the plant or from nowhere"),
+    "model.from": ({"model": "{from: moon}"}, "7:15: model.from: must be 'plant' (got 'moon')"),
     "x_hat": ({"initial": "{x_hat: [1, 2, 3]}"}, "9:18: initial.x_hat: shape (3,) does not fit"),
     "a law": ({"plant": PLANT.replace("uniform", "unifrom")}, ": plant.uncertainty.law: must be 'uniform', 'extremes'"),
     "crossed": ({"plant": PLANT.replace("low: -1", "low: 3")}, ": plant.uncertainty: low (3) must not exceed high (1)"),

@@ -5,9 +5,10 @@ from small_experiment import KEYS, text, write
 
 from rmpc_bench import load_config
 from rmpc_bench.config.reader import parse
-from rmpc_bench.config.sweep import depends, points
+from rmpc_bench.config.sweep import expand
 from rmpc_bench.config.tree import plain
 from rmpc_bench.types import ConfigError
+from rmpc_bench.types.sweep_points import relevant_paths
 
 HP, HU, C = "controller.Hp", "controller.Hu", "methods.R-MPC.estimator.c"
 HUNDRED = ", ".join(map(str, range(1, 102)))
@@ -15,9 +16,9 @@ HUNDRED = ", ".join(map(str, range(1, 102)))
 
 def found(sweep, **keys):
     """Points of the small experiment with a sweep."""
-    there, problems = points(parse(text(sweep=sweep, **keys), "tiny.yaml"))
-    assert not problems
-    return there
+    expanded = expand(parse(text(sweep=sweep, **keys), "tiny.yaml"), ())
+    assert not expanded.problems
+    return expanded.points
 
 
 def names(sweep):
@@ -28,7 +29,7 @@ def names(sweep):
 def test_without_a_sweep_there_is_one_point_without_a_name():
     """And the tree is the configuration itself."""
     tree = parse(text(), "tiny.yaml")
-    assert points(tree) == ([({}, tree, "")], [])
+    assert expand(tree, ()) == (tree, [({}, tree, "")], (), [])
 
 
 def test_a_grid_combines_every_value_with_every_other():
@@ -64,7 +65,7 @@ def test_a_point_is_the_configuration_with_its_values():
     """Nothing else changes, and the tree that was read stays as it is."""
     tree = parse(text(sweep=f"{{grid: {{{HP}: [10, 12], controller.limits.u.1: [220, 100]}}}}"), "tiny.yaml")
     before = plain(tree)
-    last = plain(points(tree)[0][-1].tree)
+    last = plain(expand(tree, ()).points[-1].tree)
     assert plain(tree) == before
     assert last.pop("controller") == {**before["controller"], "Hp": 12, "limits": {"u": [-220, 100]}}
     assert last == {key: value for key, value in before.items() if key not in ("sweep", "controller")}
@@ -145,10 +146,10 @@ CASES = [
      "of the time only its step can be swept: time.step"),
     ("{grid: {controler.Hp: [9, 8]}}", "contr", 'sweep.grid."controler.Hp"', "did you mean 'controller'?"),
     ("{grid: {a..b: [1]}}", "a..b", "", "'a..b' is not a path such as plant.kind"),
-    ("{grid: {methods: [1]}}", "methods", "sweep.grid.methods", "name a method and one of its parts"),
-    ("{grid: {methods.R-MPC: [1]}}", "methods", 'sweep.grid."methods.R-MPC"', "name a method and one of its parts"),
+    ("{grid: {methods: [1]}}", "methods", "sweep.grid.methods", "name a method and one of its components"),
+    ("{grid: {methods.R-MPC: [1]}}", "methods", 'sweep.grid."methods.R-MPC"', "name a method and one of its components"),
     ("{grid: {methods.R-MPC.label: [a, b]}}", "methods", 'sweep.grid."methods.R-MPC.label"',
-     "'label' is not a known part of a method that can be swept"),
+     "'label' is not a known component of a method that can be swept"),
     ("{zip: {methods.R-MCP.estimator.c: [1]}}", "methods", 'sweep.zip."methods.R-MCP.estimator.c"',
      "'R-MCP' is not a known method; did you mean 'R-MPC'?"),
     ("{zip: {seed: [1, 2], initial.x: [1, 2, 3]}}", "{seed", "sweep.zip",
@@ -306,4 +307,4 @@ SQUARE = [({"a": a, "b": b}, f"{a}{b}") for a in "12" for b in "12"]
 )
 def test_depends_names_the_paths_that_make_a_difference(rows, axes, paths):
     """The paths of a zip as one; a path of one value makes none."""
-    assert depends(rows, axes) == paths
+    assert relevant_paths(rows, axes) == paths

@@ -253,6 +253,10 @@ def test_what_is_written_back_loads_to_the_same_sweep(tmp_path, sweep, smoke):
     assert (again.hash, again.full_hash, again.axes) == (config.hash, config.full_hash, config.axes)
     assert plain(again.resolved) == plain(config.resolved)
     for one, other in zip(again.points, config.points, strict=True):
-        assert (one.title, one.coordinates, one.truth) == (other.title, other.coordinates, other.truth)
+        assert (one.title, one.coordinates, one.experiment_hash) == (
+            other.title,
+            other.coordinates,
+            other.experiment_hash,
+        )
         assert (one.method_keys, one.metric_keys) == (other.method_keys, other.metric_keys)
         assert one.experiment.n_runs == other.experiment.n_runs == (2 if smoke else 6)
