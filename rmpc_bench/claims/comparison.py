@@ -8,34 +8,37 @@ from dataclasses import dataclass
 import numpy as np
 
 from rmpc_bench.analysis.intervals import Interval, difference, geometric, quantile, student, wilson
-from rmpc_bench.claims import tree
+from rmpc_bench.analysis.rounding import NEGLIGIBLE, negligible
+from rmpc_bench.claims import magnitudes, tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import Value, compare
 from rmpc_bench.expressions.arithmetic import Call, Node
 from rmpc_bench.types import Array
 
 _RESAMPLES = 1000
-_FEWEST = 10  # runs below which resampling says nothing
-_ALIKE = 1e-12  # relative; sides that are closer cannot be told apart in what is written of them
+_MIN_RUNS = 10
+"""Runs below which resampling gives no interval."""
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparisonResult:
     """A comparison with its numbers.
 
     Parameters
     ----------
     text : as written in the check
-    left, right : the two sides; of columns, series and matrices the entries that come closest to failing, or fail most
-    holds : None when the interval of the difference contains 0, so that the runs do not tell
+    left, right : the two sides; of columns, series and matrices the entries with the smallest margin, or with the
+        largest violation; 0 where rounding cannot be told from the value
+    holds : None when the interval of the difference contains 0, so that the runs do not decide
     interval : of left - right, None where there is none; its ends may be infinite
     n : runs that all methods of the comparison finished; 0 when it uses no runs
-    left_out : runs that one of them failed or has not computed
-    at : the point of a sweep in words, where the claim is made at several
+    n_excluded : runs that one of them failed or has not computed
+    at : the point of a sweep in words, where the claim is checked at several
     operator : of the comparison
-    k, entry : where in a series, vector or matrix the shown entries stand; None where there is no such place
-    entries : how many were compared
-    equal : how many of those that hold were passed over for the shown one, because their sides are equal up to rounding
+    k, entry : where in a series, vector or matrix the given entries stand; None where there is no such place
+    n_entries : how many were compared
+    n_equal : how many of those that hold were not considered for `left` and `right`, because their sides are equal up
+        to rounding
     """
 
     text: str
@@ -44,16 +47,16 @@ class Compared:
     holds: bool | None
     interval: Interval | None
     n: int
-    left_out: int
+    n_excluded: int
     at: str = ""
     operator: str = ""
     k: int | None = None
     entry: tuple[int, ...] | None = None
-    entries: int = 1
-    equal: int = 0
+    n_entries: int = 1
+    n_equal: int = 0
 
 
-def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> Compared:
+def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> ComparisonResult:
     """Evaluate one comparison, or an ``all(...)`` as one.
 
     Parameters
@@ -76,40 +79,78 @@ def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> Compare
     return next((part for part in parts if not part.holds), parts[0])
 
 
-def _compared(link: tree.Link, evaluator: Evaluator, text: str) -> Compared:
+def _compared(link: tree.Link, evaluator: Evaluator, text: str) -> ComparisonResult:
     value, right, tolerance = evaluator.sides(link)
-    left = value.array
-    held = bool(compare(link.operator, left, right, tolerance).all())
-    gap = difference(left, right)
-    far = {"<": gap, "<=": gap, ">": -gap, ">=": -gap, "==": np.abs(gap), "~": difference(np.abs(gap), tolerance)}[
-        link.operator
-    ]
-    alike = _alike(link, left, right) if held else np.zeros(gap.shape, dtype=bool)
-    candidates = np.flatnonzero(~alike) if not alike.all() else np.arange(gap.size)
-    worst = np.unravel_index(candidates[np.argmax(far.reshape(-1)[candidates])], far.shape)
-    interval = _interval(link, evaluator) if not gap.ndim else None
-    k, entry = _place(value, tuple(int(i) for i in worst))
-    return Compared(
+    held = bool(compare(link.operator, value.array, right, tolerance).all())
+    sizes = magnitudes.of_sides(link, evaluator, value)
+    left, right = _without_noise(link, (value.array, right), sizes)
+    alike = _alike(link, left, right) if held else np.zeros(left.shape, dtype=bool)
+    place = _decisive(_violation(link.operator, left, right, tolerance), alike, sizes)
+    interval = _interval(link, evaluator) if not left.ndim else None
+    k, entry = _place(value, place)
+    return ComparisonResult(
         text=text,
-        left=float(left[worst]),
-        right=float(right[worst]),
+        left=float(left[place]),
+        right=float(right[place]),
         holds=held if interval is None else _decided(link.operator, held, interval),
-        interval=interval,
+        interval=None if interval is None else _interval_without_noise(interval, sizes),
         n=evaluator.n,
-        left_out=evaluator.left_out,
+        n_excluded=evaluator.n_excluded,
         operator=link.operator,
         k=k,
         entry=entry,
-        entries=gap.size,
-        equal=int(alike.sum()) if gap.ndim else 0,
+        n_entries=left.size,
+        n_equal=int(alike.sum()) if left.ndim else 0,
     )
 
 
+def _without_noise(link: tree.Link, sides: tuple[Array, Array], sizes: tuple[Array, Array]) -> list[Array]:
+    """Replace what is nothing but rounding by 0, beside the numbers it comes from and beside the other side."""
+    found = []
+    for node, side, other, size in zip((link.left, link.right), sides, sides[::-1], sizes, strict=True):
+        scale = np.fmax(np.where(np.isfinite(size), size, 0.0), np.where(np.isfinite(other), np.abs(other), 0.0))
+        # A number that the check itself gives is no result, hence without noise.
+        noise = (np.abs(side) < NEGLIGIBLE * scale) & bool(tree.terms(node))
+        found.append(np.where(noise, 0.0, side))
+    return found
+
+
+def _interval_without_noise(interval: Interval, sizes: tuple[Array, Array]) -> Interval:
+    """Replace ends that are nothing but rounding of the two numbers by 0."""
+    scale = float(sizes[0] + sizes[1])
+    low, high = (0.0 if negligible(end, scale) else end for end in interval)
+    return low, high
+
+
+def _violation(operator: str, left: Array, right: Array, tolerance: Array) -> Array:
+    """How far each entry is from holding: negative where it holds with a margin."""
+    gap = difference(left, right)
+    if operator in ("<", "<="):
+        return gap
+    if operator in (">", ">="):
+        return -gap
+    return difference(np.abs(gap), tolerance) if operator == "~" else np.abs(gap)
+
+
+def _decisive(violation: Array, ignored: Array, sizes: tuple[Array, Array]) -> tuple[int, ...]:
+    """Place of the entry that comes closest to failing, or fails most.
+
+    Of several that differ by rounding only it is the first, so that another CPU finds the same one.
+    """
+    violation, shape = violation.reshape(-1), violation.shape
+    candidates = np.flatnonzero(~ignored) if not ignored.all() else np.arange(violation.size)
+    size = (sizes[0] + sizes[1]).reshape(-1)
+    noise = NEGLIGIBLE * np.where(np.isfinite(size), size, 0.0)
+    worst = candidates[np.argmax(violation[candidates])]
+    ties = violation[candidates] >= violation[worst] - np.maximum(noise[candidates], noise[worst])
+    return tuple(int(i) for i in np.unravel_index(candidates[np.argmax(ties)], shape))
+
+
 def _alike(link: tree.Link, left: Array, right: Array) -> Array:
-    """Which entries to pass over: those that are equal up to rounding, as a bound may start, or all of them."""
-    alike = np.asarray(np.isclose(left, right, rtol=_ALIKE, atol=0.0))
-    says_nothing = link.operator in ("<=", ">=") or (link.operator in ("~", "==") and alike.all())
-    return alike if says_nothing else np.zeros_like(alike)
+    """Which entries decide nothing: sides equal up to rounding, as at the start of a bound, or all entries."""
+    alike = np.asarray(np.isclose(left, right, rtol=NEGLIGIBLE, atol=0.0))
+    decides_nothing = link.operator in ("<=", ">=") or (link.operator in ("~", "==") and alike.all())
+    return alike if decides_nothing else np.zeros_like(alike)
 
 
 def _place(value: Value, index: tuple[int, ...]) -> tuple[int | None, tuple[int, ...] | None]:
@@ -120,7 +161,7 @@ def _place(value: Value, index: tuple[int, ...]) -> tuple[int | None, tuple[int,
 
 
 def _decided(operator: str, held: bool, interval: Interval) -> bool | None:
-    """Three-valued truth: an order holds, or fails, only when the whole interval lies on that side of 0."""
+    """Decide by the interval: an order holds, or fails, only when the whole interval lies on that side of 0."""
     low, high = interval
     if operator in ("==", "~"):
         return True if held else (None if low <= 0 <= high else False)
@@ -179,7 +220,7 @@ def _mean_of(side: Node, evaluator: Evaluator) -> Array | None:
 
 def _bootstrap(link: tree.Link, evaluator: Evaluator) -> Interval | None:
     """Percentile interval of left - right over resampled runs, whole rows, so that pairs stay pairs."""
-    if len(evaluator.runs) < _FEWEST:
+    if len(evaluator.runs) < _MIN_RUNS:
         return -math.inf, math.inf
     rng, confidence = np.random.default_rng(evaluator.trials.seed), evaluator.trials.confidence
     gaps = []

@@ -96,7 +96,7 @@ class Evaluator:
         self.n = int(self.shared.sum())
         tables = self.tables[next(iter(self.columns))] if self.columns else []
         self.run: Array = np.concatenate([table.runs for table in tables]) if tables else np.zeros(0, dtype=np.int64)
-        self.left_out = len(self.shared) - self.n
+        self.n_excluded = len(self.shared) - self.n
         if missing and not self.n:
             raise NoValue("no run was finished by every method that is compared")
 
@@ -198,7 +198,7 @@ class Evaluator:
 
     def _term(self, term: tree.Term, function: str = "") -> Value:
         """Evaluate a term that is an argument of `function` by itself."""
-        column, signal = self.column(term), self._is_signal(term)
+        column, signal = self.column(term), self.is_signal(term)
         reason = tree.misuse(term, function, signal=signal)
         if reason:
             raise EvaluationError(reason)
@@ -211,7 +211,8 @@ class Evaluator:
         absent = f"{term.quantity}[{term.method}] is neither a metric nor a stored series"
         return self._series(term, term.quantity, absent)
 
-    def _is_signal(self, term: tree.Term) -> bool:
+    def is_signal(self, term: tree.Term) -> bool:
+        """Whether a term is a signal, of which moments over the runs exist only."""
         return term.quantity in tree.SIGNALS and term not in self.columns
 
     def _moment(self, term: tree.Term, function: str) -> Value:
@@ -245,7 +246,7 @@ class Evaluator:
         name, first = node.function, node.arguments[0]
         if isinstance(first, tree.Chain):
             return Value(np.mean(self.holds(first.links).array, axis=0))
-        if isinstance(first, tree.Term) and (name == "cov" or (name in tree.MOMENTS and self._is_signal(first))):
+        if isinstance(first, tree.Term) and (name == "cov" or (name in tree.MOMENTS and self.is_signal(first))):
             return self._term(first, name)
         if name == "cov":
             raise EvaluationError("cov needs a signal by itself, as cov(e[METHOD])")

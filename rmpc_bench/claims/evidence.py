@@ -1,84 +1,95 @@
-"""The numbers of a comparison in words."""
+"""The numbers of a comparison in words.
+
+Every number is written so that another CPU gives the same text, see `analysis.rounding`.
+"""
 
 from __future__ import annotations
 
 import math
 
+from rmpc_bench.analysis.rounding import STABLE, decimal_text, significant, significant_text
 from rmpc_bench.analysis.statistics import decimals
-from rmpc_bench.claims.comparison import Compared
+from rmpc_bench.claims.comparison import ComparisonResult
 
-_FEWEST, _MOST = 4, 12  # significant digits
+_MIN_DIGITS, _MAX_DIGITS = 4, 9
+"""Significant digits; beyond the second limit two numbers count as equal."""
 
 
-def evidence(number: Compared) -> str:
+def evidence(comparison: ComparisonResult) -> str:
     """Write whether a comparison holds, and by which numbers.
 
     Parameters
     ----------
-    number : the comparison
+    comparison : the comparison
 
     Returns
     -------
-    such as ``holds; closest at k = 1, entry 0: 3.62498 and 3.62537``
+    such as ``holds; smallest margin at k = 1, entry 0: 3.62498 and 3.62537``
     """
-    word = {True: "holds", False: "does not hold", None: "not separated"}[number.holds]
-    reach = math.nan if number.interval is None else (number.interval[1] - number.interval[0]) / 2
-    details = [_sides(number, reach)]
-    if number.interval is not None:
-        ends = ["open" if math.isinf(end) else shown(end, reach) for end in number.interval]
-        details.append(f"difference in [{ends[0]}, {ends[1]}]")
-    if number.n:
-        details.append(f"n = {number.n}")
-    if number.left_out:
-        details.append(f"{number.left_out} left out: failed, or not computed")
+    word = {True: "holds", False: "does not hold", None: "inconclusive"}[comparison.holds]
+    interval = comparison.interval
+    reach = math.nan if interval is None else (interval[1] - interval[0]) / 2
+    details = [_sides(comparison, reach)]
+    if interval is not None:
+        low, high = (number_text(end, reach) for end in interval)
+        details.append(f"interval of the difference [{low}, {high}]")
+    if comparison.n:
+        details.append(f"n = {comparison.n}")
+    if comparison.n_excluded:
+        runs = "1 run" if comparison.n_excluded == 1 else f"{comparison.n_excluded} runs"
+        details.append(f"{runs} excluded (failed or not computed)")
     return f"{word}; {', '.join(details)}"
 
 
-def _sides(number: Compared, reach: float) -> str:
-    """Write the two sides, with the place where they were taken and what lies closer."""
-    if number.entries > 1 and number.equal == number.entries:
-        return f"equal to {_MOST} digits in all {number.entries} entries"
-    digits = _digits(number.left, number.right)
-    left, right = (shown(side, reach, digits) for side in (number.left, number.right))
+def _sides(comparison: ComparisonResult, reach: float) -> str:
+    """Write the two sides, with the place where they were taken and how many other entries are equal."""
+    if comparison.n_entries > 1 and comparison.n_equal == comparison.n_entries:
+        return f"equal to {_MAX_DIGITS} digits in all {comparison.n_entries} entries"
+    digits = _digits(comparison.left, comparison.right)
+    left, right = (number_text(side, reach, digits) for side in (comparison.left, comparison.right))
     text = f"{left} and {right}"
-    if left == right and number.left != number.right and number.interval is None:
-        rounding = number.holds and number.operator not in ("<", ">")
-        text += f", equal to {_MOST} digits" if rounding else f", left - right = {number.left - number.right:.1e}"
-    place = [] if number.k is None else [f"k = {number.k}"]
-    if number.entry is not None:
-        place.append("entry " + ",".join(map(str, number.entry)))
+    # Equal numbers support every comparison but these; whether they are equal to the last bit is left to rounding.
+    surprising = comparison.holds is (comparison.operator in ("<", ">"))
+    if left == right and comparison.interval is None and surprising:
+        text += f", equal to {_MAX_DIGITS} digits"
+    place = [] if comparison.k is None else [f"k = {comparison.k}"]
+    if comparison.entry is not None:
+        place.append("entry " + ",".join(map(str, comparison.entry)))
     if place:
-        text = f"{_extreme(number)} at {', '.join(place)}: {text}"
-    rest = f", equal to {_MOST} digits in {number.equal} of {number.entries} entries"
-    return text + rest if number.equal and number.entries > 1 else text
+        text = f"{_extreme(comparison)} at {', '.join(place)}: {text}"
+    if comparison.n_equal and comparison.n_entries > 1:
+        text += f"; equal to {_MAX_DIGITS} digits in {comparison.n_equal} of {comparison.n_entries} entries"
+    return text
 
 
-def _extreme(number: Compared) -> str:
-    """What the shown entry is among all of them."""
-    if number.operator in ("~", "=="):
-        return "farthest apart"
-    return "closest" if number.holds else "fails most"
+def _extreme(comparison: ComparisonResult) -> str:
+    """Say which of the entries is given."""
+    if comparison.operator in ("~", "=="):
+        return "largest difference"
+    return "smallest margin" if comparison.holds else "largest violation"
 
 
 def _digits(left: float, right: float) -> int:
     """Significant digits that tell two numbers apart, with one more to see by how much."""
-    for digits in range(_FEWEST, _MOST + 1):
-        if f"{left:.{digits}g}" != f"{right:.{digits}g}":
-            return digits if digits == _FEWEST else min(digits + 1, _MOST)
-    return _FEWEST
+    for digits in range(_MIN_DIGITS, _MAX_DIGITS + 1):
+        if significant_text(left, digits) != significant_text(right, digits):
+            return digits if digits == _MIN_DIGITS else min(digits + 1, _MAX_DIGITS)
+    return _MIN_DIGITS
 
 
-def shown(value: float | None, uncertainty: float = math.nan, digits: int = _FEWEST) -> str:
-    """Write a number with the digits its uncertainty supports, or with so many where there is none; inf stays inf."""
+def number_text(value: float | None, uncertainty: float = math.nan, digits: int = _MIN_DIGITS) -> str:
+    """Write a number with as many digits as its uncertainty supports.
+
+    Parameters
+    ----------
+    value : the number; None and NaN are written as -
+    uncertainty : half the width of its interval; NaN where there is none
+    digits : significant digits where there is no uncertainty
+    """
     if value is None or math.isnan(value):
         return "-"
     if math.isinf(value):
-        return str(plain(value))
+        return str(value)
     if not (math.isfinite(uncertainty) and uncertainty > 0 and 1e-4 <= abs(value) < 1e6):
-        return f"{value:.{digits}g}"
-    return f"{value:.{decimals(uncertainty)}f}"
-
-
-def plain(value: float) -> float | str:
-    """Replace infinity, for which JSON has no number, by a text."""
-    return str(value) if math.isinf(value) else value
+        return significant_text(value, digits)
+    return decimal_text(value, decimals(significant(uncertainty, STABLE)))

@@ -14,7 +14,9 @@ import numpy as np
 
 from rmpc_bench import registry
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.claims.verdict import Verdict, claims_markdown, claims_table, judge
+from rmpc_bench.claims.markdown import claims_markdown
+from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.verdict import ClaimVerdict, judge
 from rmpc_bench.cli import exits
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution import results
@@ -80,7 +82,7 @@ def publish(
     head = _head(config, trials, n_complete, directory, started)
     block = summary.to_screen(config.primary)
     foot = _foot(verdicts, modified, directory, figures)
-    differing = [] if modified else [verdict for verdict in verdicts if _differs(verdict)]
+    differing = [] if modified else [verdict for verdict in verdicts if verdict.differs]
     return Outcome(
         screen="\n".join([head, "", _indented(block), "", *foot]),
         n_failed=results.n_failed(trials),
@@ -129,10 +131,6 @@ def _figures(config: ExperimentConfig, trials: Trials, directory: Path) -> list[
     return paths
 
 
-def _differs(verdict: Verdict) -> bool:
-    return verdict.claim.finding is not None and verdict.finding != verdict.claim.finding
-
-
 def _head(
     config: ExperimentConfig, trials: Trials, n_complete: Mapping[str, int], directory: Path, started: float | None
 ) -> str:
@@ -146,7 +144,9 @@ def _head(
     return f"{config.name}{done}   {complete} of {n_runs} runs{points}, {failed} failed   {directory}"
 
 
-def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path, figures: Sequence[Path]) -> list[str]:
+def _foot(
+    verdicts: Sequence[ClaimVerdict], modified: Sequence[str], directory: Path, figures: Sequence[Path]
+) -> list[str]:
     lines = []
     if verdicts and modified:
         lines.append(f"paper       not judged: not the configuration as it stands, in full ({', '.join(modified)})")
@@ -162,7 +162,7 @@ def _foot(verdicts: Sequence[Verdict], modified: Sequence[str], directory: Path,
         lines += [
             f"            recorded {verdict.claim.finding}, now {verdict.finding}: {verdict.claim.says}"
             for verdict in verdicts
-            if _differs(verdict)
+            if verdict.differs
         ]
     shown = [path for path in figures if path.suffix == ".png"]
     lines += [f"{'open' if path is shown[0] else '':12}{path}" for path in shown]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from rmpc_bench.claims.claim import Claim, Stated
+from rmpc_bench.claims.claim import Claim, Finding, Stated
 from rmpc_bench.claims.dry_run import Expected, dry_run
 from rmpc_bench.claims.grammar import COUNTS, ExpressionError, parse, parse_expression
 from rmpc_bench.claims.tree import (
@@ -104,7 +104,7 @@ class _Checker:
             keys.says,
             keys.source,
             check,
-            keys.finding,
+            Finding(keys.finding) if keys.finding else None,
             stated,
             tuple(keys.assumptions),
             self._at(keys.at),

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
 from rmpc_bench.claims.grammar import parse_expression
-from rmpc_bench.claims.verdict import Claim, judge
+from rmpc_bench.claims.verdict import judge
 
 N = 6
 MEAN = np.array([[0.5 * k, -1.0 * k] for k in range(N)])
@@ -104,7 +105,7 @@ def test_checks_of_moments(trials):
     ):
         verdict = judge(Claim("", "", (check,)), trials)
         assert verdict.finding == expected, check
-        assert (verdict.numbers[0].interval, verdict.numbers[0].n) == (None, 0)
+        assert (verdict.comparisons[0].interval, verdict.comparisons[0].n) == (None, 0)
 
 
 @pytest.mark.parametrize(
@@ -251,7 +252,7 @@ def test_series_are_read_once(trials, monkeypatch):
     monkeypatch.setattr(Trials, "matrix_series", lambda *given: calls.append(given[1:]) or read(*given))
     many = replace(trials, frame=trials.frame.loc[trials.frame.index.repeat(5)].assign(run=[*range(20)] * 2))
     check = "2 * mean(mse[A]) < last(trace(P[A])) + last(trace(P[A]))"
-    [number] = judge(Claim("", "", (check,)), many).numbers
+    [number] = judge(Claim("", "", (check,)), many).comparisons
     assert number.interval is not None and np.isfinite(number.interval).all()
     assert calls == [("P", "A")]
 
@@ -286,5 +287,5 @@ def test_what_does_not_change_is_there_at_every_k(trials, text):
 @pytest.mark.parametrize(("largest", "estimated"), [("max(v[A])", True), ("max(mse[A])", False)])
 def test_an_extreme_of_a_series_is_a_number_an_extreme_of_runs_is_about_these_runs(trials, largest, estimated):
     """Oracle: a mean over runs against a number has an interval, whatever the number was made from."""
-    (number,) = judge(Claim("", "", (f"mean(mse[A]) < {largest}",)), trials).numbers
+    (number,) = judge(Claim("", "", (f"mean(mse[A]) < {largest}",)), trials).comparisons
     assert (number.interval is not None) == estimated

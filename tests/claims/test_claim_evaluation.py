@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
 from rmpc_bench.claims.grammar import parse, parse_expression
-from rmpc_bench.claims.verdict import Claim, judge
+from rmpc_bench.claims.verdict import judge
 
 X = [3.0, 1.0, 4.0, 1.5, 9.0]
 Y = [2.0, 2.0, 2.0, 3.0, 1.0]
@@ -89,7 +90,7 @@ def test_entry_by_entry(trials, check, finding):
 
 def test_the_entry_that_fails_most_is_shown(trials):
     """Left and right are those of the worst sample."""
-    shown = judge(Claim("", "", ("all(diag(P[A]) <= [7, 8.5])",)), trials).numbers[0]
+    shown = judge(Claim("", "", ("all(diag(P[A]) <= [7, 8.5])",)), trials).comparisons[0]
     assert (shown.left, shown.right, shown.holds, shown.n) == (8, 7, False, 0)
 
 
@@ -129,8 +130,8 @@ def test_reasons(trials, text, reason):
 def test_failed_runs_leave_every_side(make_trials):
     """Means of a comparison use the runs that both methods finished."""
     trials = make_trials({"mse": {"A": [1.0, None, 3.0, 5.0], "B": [2.0, 100.0, None, 7.0]}})
-    shown = judge(Claim("", "", ("mean(mse[A]) < mean(mse[B])",)), trials).numbers[0]
-    assert (shown.left, shown.right, shown.n, shown.left_out) == (3, 4.5, 2, 2)
+    shown = judge(Claim("", "", ("mean(mse[A]) < mean(mse[B])",)), trials).comparisons[0]
+    assert (shown.left, shown.right, shown.n, shown.n_excluded) == (3, 4.5, 2, 2)
     assert number("n_failed[A] + n_failed[B]", trials) == 2
     nothing = make_trials({"mse": {"A": [1.0, None], "B": [None, 1.0]}})
     verdict = judge(Claim("", "", ("mean(mse[A]) < mean(mse[B])",)), nothing)

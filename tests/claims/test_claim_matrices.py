@@ -8,11 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import linalg, stats
 
+from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
 from rmpc_bench.claims.grammar import parse_expression
 from rmpc_bench.claims.matrices import distance, excess
 from rmpc_bench.claims.values import Value
-from rmpc_bench.claims.verdict import Claim, judge
+from rmpc_bench.claims.verdict import judge
 
 RNG = np.random.default_rng(4)
 K, RUNS = 5, 40
@@ -174,16 +175,16 @@ def test_the_share_of_an_ellipsoid_has_its_interval(trials):
     inside = "distance([x0_end[A], x1_end[A]], at(mean(x_hat[A]), 3), [[2, 0], [0, 2]]) <= 1"
     hits = int((((X - CENTRE) ** 2).sum(axis=1) <= 2).sum())
     assert 0 < hits < RUNS
-    [shown] = judge(Claim("", "", (f"share({inside}) > 0.01",)), trials).numbers
+    [shown] = judge(Claim("", "", (f"share({inside}) > 0.01",)), trials).comparisons
     expected = stats.binomtest(hits, RUNS).proportion_ci(0.95, method="wilson")
     assert shown.interval == pytest.approx((expected.low - 0.01, expected.high - 0.01))
     assert (shown.left, shown.n, shown.holds) == (hits / RUNS, RUNS, True)
-    [shown] = judge(Claim("", "", (f"2 * share({inside}) > 0.01",)), trials).numbers
+    [shown] = judge(Claim("", "", (f"2 * share({inside}) > 0.01",)), trials).comparisons
     assert shown.interval is not None and shown.interval[0] < 2 * hits / RUNS - 0.01 < shown.interval[1]
     distances = "distance([x0_end[A], x1_end[A]], at(mean(x_hat[A]), 3), at(P[A], 3))"
-    [shown] = judge(Claim("", "", (f"mean({distances}) < 1000",)), trials).numbers
+    [shown] = judge(Claim("", "", (f"mean({distances}) < 1000",)), trials).comparisons
     assert shown.holds and shown.interval is not None and shown.interval[0] < shown.left - 1000 < shown.interval[1]
-    [shown] = judge(Claim("", "", (f"all({distances} < 1000)",)), trials).numbers
+    [shown] = judge(Claim("", "", (f"all({distances} < 1000)",)), trials).comparisons
     assert (shown.holds, shown.interval) == (True, None)
     assert judge(Claim("", "", (f"share({inside}) >= 0",)), trials).finding == "confirmed"
 
@@ -191,7 +192,7 @@ def test_the_share_of_an_ellipsoid_has_its_interval(trials):
 def test_comparisons_of_excess_have_no_interval(trials):
     """No run enters; the entry that comes closest to failing is shown."""
     values = [largest(a, b) for a, b in zip(P, Q, strict=True)]
-    [shown] = judge(Claim("", "", ("all(excess(P[A], Q[A]) <= 1)",)), trials).numbers
+    [shown] = judge(Claim("", "", ("all(excess(P[A], Q[A]) <= 1)",)), trials).comparisons
     assert (shown.interval, shown.n, shown.holds) == (None, 0, max(values) <= 1)
     assert shown.left == pytest.approx(max(values))
 

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rmpc_bench.claims.verdict import Claim, Stated, claims_markdown, claims_table, judge
+from rmpc_bench.claims.claim import Claim, Finding, Stated
+from rmpc_bench.claims.markdown import claims_markdown
+from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.verdict import judge
 
 INF = math.inf
 RNG = np.random.default_rng(11)
@@ -32,7 +35,7 @@ def trials(make_trials):
 def claim(*check, stated=None):
     """Return a claim with recorded finding."""
     return Claim(
-        "A is more accurate", "Fig. 7", check, finding="confirmed", stated=stated, assumptions=("the horizon",)
+        "A is more accurate", "Fig. 7", check, finding=Finding.CONFIRMED, stated=stated, assumptions=("the horizon",)
     )
 
 
@@ -74,7 +77,7 @@ def mean(method):
 def test_findings(trials, checks, finding, holds):
     """All hold, some, none, or the interval contains 0."""
     verdict = judge(claim(*checks), trials)
-    assert (verdict.finding, [number.holds for number in verdict.numbers]) == (finding, holds)
+    assert (verdict.finding, [number.holds for number in verdict.comparisons]) == (finding, holds)
     assert (verdict.seed, verdict.n_runs, verdict.reason) == (7, 60, "")
 
 
@@ -83,7 +86,7 @@ def test_paired_intervals_are_scipys(trials):
     low, base = COLUMNS["low"], COLUMNS["base"]
 
     def interval(check):
-        return judge(claim(check), trials).numbers[0].interval
+        return judge(claim(check), trials).comparisons[0].interval
 
     expected = stats.ttest_rel(low, base).confidence_interval(0.95)
     assert interval(f"{mean('low')} < {mean('base')}") == pytest.approx((expected.low, expected.high), rel=1e-9)
@@ -107,7 +110,7 @@ def test_other_intervals_resample_the_runs(trials):
             (low, base), statistic, paired=True, vectorized=False, n_resamples=1000, method="percentile", rng=5
         ).confidence_interval
         width = expected.high - expected.low
-        found = judge(claim(check), trials).numbers[0].interval
+        found = judge(claim(check), trials).comparisons[0].interval
         assert found == pytest.approx((expected.low, expected.high), abs=0.25 * width)
 
     against("median(mse[low]) < median(mse[base])", lambda a, b: np.median(a) - np.median(b))
@@ -154,7 +157,7 @@ def test_what_cannot_be_evaluated_is_undecided_with_a_reason(trials):
     assert verdict.finding == "inconclusive"
     assert "neither a metric nor a stored series" in verdict.reason
     assert "column 4" in verdict.reason
-    assert [number.holds for number in verdict.numbers] == [True]
+    assert [number.holds for number in verdict.comparisons] == [True]
 
 
 def test_one_run_has_no_interval(make_trials):
@@ -162,7 +165,7 @@ def test_one_run_has_no_interval(make_trials):
     trials = make_trials({"mse": {"A": [1.0], "B": [2.0]}})
     for check in ("mean(mse[A]) < mean(mse[B])", "median(mse[A]) < median(mse[B])", "share(mse[A] < mse[B]) > 0.5"):
         verdict = judge(claim(check), trials)
-        assert (verdict.finding, verdict.numbers[0].interval) == ("confirmed", None)
+        assert (verdict.finding, verdict.comparisons[0].interval) == ("confirmed", None)
 
 
 def test_what_did_not_occur(make_trials):
@@ -173,7 +176,7 @@ def test_what_did_not_occur(make_trials):
         for check in ("median(t[A]) < median(t[B])", "mean(t[A]) <= mean(t[B])", "max(t[B]) == inf", "-inf < 0")
     ]
     assert [verdict.finding for verdict in verdicts] == ["confirmed", "confirmed", "confirmed", "confirmed"]
-    assert verdicts[0].numbers[0].interval == (-INF, -INF)
+    assert verdicts[0].comparisons[0].interval == (-INF, -INF)
     table = claims_table(verdicts)
     assert table[0]["numbers"][0] == {
         "text": "median(t[A]) < median(t[B])",
@@ -182,7 +185,7 @@ def test_what_did_not_occur(make_trials):
         "holds": True,
         "interval": [None, None],
         "n": 16,
-        "left_out": 0,
+        "n_excluded": 0,
         "at": None,
         "k": None,
         "entry": None,
@@ -194,8 +197,8 @@ def test_median_of_few_runs_is_open(make_trials):
     """Five pairs are too few to resample; the ends are open."""
     trials = make_trials({"mse": {"A": [1.0, 2, 3, 4, 5], "B": [2.0, 3, 4, 5, 6]}})
     verdict = judge(claim("median(mse[A]) < median(mse[B])"), trials)
-    assert (verdict.finding, verdict.numbers[0].interval) == ("inconclusive", (-INF, INF))
-    assert "difference in [open, open]" in claims_markdown([verdict], informational=False)
+    assert (verdict.finding, verdict.comparisons[0].interval) == ("inconclusive", (-INF, INF))
+    assert "interval of the difference [-inf, inf]" in claims_markdown([verdict], informational=False)
 
 
 def test_what_the_bench_adds_stands_apart(trials):
@@ -235,8 +238,8 @@ def test_markdown(make_trials):
         "## 1. A is more accurate\n\n"
         "- source: Fig. 7\n"
         "- finding: **confirmed** (recorded: confirmed)\n"
-        "- `mean(mse[A]) < mean(mse[B])`: holds; 1.100 and 2.110, difference in [-1.076, -0.944], n = 3, "
-        "1 left out: failed, or not computed\n"
+        "- `mean(mse[A]) < mean(mse[B])`: holds; 1.100 and 2.110, interval of the difference [-1.076, -0.944], n = 3, "
+        "1 run excluded (failed or not computed)\n"
         "- 4 runs, seed 7\n"
         "- stated: half\n"
         "- assumptions:\n  - the horizon\n\n"
@@ -245,7 +248,7 @@ def test_markdown(make_trials):
         "- finding: **inconclusive**\n"
         "- not evaluated: last(P[A]) < 1: P[A] is neither a metric nor a stored series\n"
         "- 4 runs, seed 7\n"
-        "- stated: a third; here `1 / 3` is 0.3333\n"
+        "- stated: a third; computed: `1 / 3` is 0.3333\n"
     )
     informational = claims_markdown(verdicts, informational=True)
     assert "the configuration was modified or did not run at full size" in informational

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rmpc_bench.claims.claim import Claim, Stated
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
 from rmpc_bench.claims.grammar import parse
-from rmpc_bench.claims.verdict import Claim, Stated, claims_markdown, claims_table, judge
+from rmpc_bench.claims.markdown import claims_markdown
+from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.verdict import judge
 
 LOW, HIGH = [1.0, 1.1, 1.2, 1.1], [3.0, 3.2, 3.1, 3.3]
 TIE = [1.0, 3.2, 2.9, 1.1]  # of which no run tells whether their mean is below 2
@@ -56,12 +59,12 @@ def test_a_term_speaks_of_its_point(trials):
         ("mean(mse[A]) > 0", ("1",), 1.1),
     ):
         verdict = judge(claim(check, at=at), trials)
-        assert verdict.finding == "confirmed" and verdict.numbers[0].left == pytest.approx(left)
+        assert verdict.finding == "confirmed" and verdict.comparisons[0].left == pytest.approx(left)
 
 
 def test_points_are_paired_by_run(trials):
     """Oracle: scipy's paired t interval; the runs of two points meet the same chance."""
-    [number] = judge(claim("mean(mse[A, c=1]) < mean(mse[A, c=2])"), trials).numbers
+    [number] = judge(claim("mean(mse[A, c=1]) < mean(mse[A, c=2])"), trials).comparisons
     expected = stats.ttest_rel(LOW, HIGH).confidence_interval(0.95)
     assert number.interval == pytest.approx((expected.low, expected.high), rel=1e-9) and number.n == 4
 
@@ -73,7 +76,7 @@ def test_a_path_that_a_term_leaves_open(sweep):
     trials = sweep({key: {"A": [float(key)] * 3} for key in values}, pairs=pairs)
     at = ({"c": "2", "d": "x"},)
     for term, value in (("A", 3), ("A, d=y", 4), ("A, c=1", 1), ("A, c=1, d=y", 2)):
-        [number] = judge(Claim("s", "", (f"max(mse[{term}]) > 0",), at=at), trials).numbers
+        [number] = judge(Claim("s", "", (f"max(mse[{term}]) > 0",), at=at), trials).comparisons
         assert number.left == value
 
 
@@ -93,12 +96,12 @@ def test_a_path_that_a_term_leaves_open(sweep):
         ("124", "depends-on-assumptions"),
     ],
 )
-def test_what_several_readings_come_to(trials, at, finding):
-    """Found in all: found; in some: it depends; in none: the best of what is left."""
+def test_finding_over_several_interpretations(trials, at, finding):
+    """Confirmed in all: confirmed; in some: it depends; in none: the best of what is left."""
     assert judge(claim(BELOW, at=at), trials).finding == finding
 
 
-def test_readings_of_which_a_part_holds(trials):
+def test_interpretations_of_which_a_part_holds(trials):
     """Partly in one, not at all in the other; partly in both; all in one."""
     checks = (BELOW, "mean(mse[A]) < mean(mse[B])", "mean(mse[B]) < 1.5")
     assert judge(claim(*checks, at="1"), trials).finding == "partially-confirmed"
@@ -108,14 +111,14 @@ def test_readings_of_which_a_part_holds(trials):
     assert judge(claim(*checks[:2], "mean(mse[A]) > 0", at="12"), trials).finding == "depends-on-assumptions"
 
 
-def test_readings_say_where_they_were_made(trials):
+def test_interpretations_name_their_points(trials):
     """In the table and in the text; a single one at the end."""
     verdict = judge(claim(BELOW, at="12"), trials)
-    assert [(number.at, number.holds) for number in verdict.numbers] == [("c=1", True), ("c=2", False)]
+    assert [(number.at, number.holds) for number in verdict.comparisons] == [("c=1", True), ("c=2", False)]
     [row] = json.loads(json.dumps(claims_table([verdict]), allow_nan=False))
     assert row["at"] == [{"c": "1"}, {"c": "2"}] and [number["at"] for number in row["numbers"]] == ["c=1", "c=2"]
     text = claims_markdown([verdict], informational=False)
-    assert "- finding: **depends-on-assumptions**\n" in text
+    assert "- finding: **depends on unstated assumptions**\n" in text
     assert f"- `{BELOW}` at c=1: holds; 1.10 and 2.00" in text and f"- `{BELOW}` at c=2: does not hold; 3.15" in text
     one = judge(claim(BELOW, at="1"), trials)
     assert claims_table([one])[0]["numbers"][0]["at"] is None
@@ -127,12 +130,12 @@ def test_all_points_together(trials):
     """Oracle: by hand; four runs tell nothing, at however many points each of them is seen."""
     verdict = judge(claim(BELOW, "mean(mse[A]) < mean(mse[B])", "share(mse[A] < mse[B]) > 0.5", pooled=True), trials)
     runs = [value for column in SIZES.values() for value in column]
-    for number in verdict.numbers[:2]:
+    for number in verdict.comparisons[:2]:
         assert (number.left, number.n) == (pytest.approx(sum(runs) / 16), 16)
         assert number.interval == (-math.inf, math.inf) and number.holds is None
-    assert verdict.numbers[2].left == 10 / 16
+    assert verdict.comparisons[2].left == 10 / 16
     assert claims_table([verdict])[0]["at"] == "all"
-    assert "of every point of the sweep" in claims_markdown([verdict], informational=False)
+    assert "all points of the sweep together" in claims_markdown([verdict], informational=False)
 
 
 def test_the_unit_is_the_run(sweep):
@@ -140,8 +143,8 @@ def test_the_unit_is_the_run(sweep):
     rng = np.random.default_rng(3)
     columns = {"A": rng.normal(1.0, 0.5, 20).tolist(), "B": rng.normal(1.3, 0.5, 20).tolist()}
     check = "1 * mean(mse[A]) < mean(mse[B])"
-    twice = judge(claim(check, pooled=True), sweep({"1": columns, "2": columns})).numbers[0]
-    once = judge(claim(check, at="1"), sweep({"1": columns, "2": columns})).numbers[0]
+    twice = judge(claim(check, pooled=True), sweep({"1": columns, "2": columns})).comparisons[0]
+    once = judge(claim(check, at="1"), sweep({"1": columns, "2": columns})).comparisons[0]
     assert (twice.n, once.n) == (40, 20)
     assert twice.interval == pytest.approx(once.interval, rel=1e-12)
 
@@ -151,7 +154,7 @@ def test_a_part_of_the_points_together(sweep):
     values = {"1": ("1", "x"), "2": ("1", "y"), "3": ("2", "x"), "4": ("2", "y")}
     pairs = {key: {"c": c, "d": d} for key, (c, d) in values.items()}
     trials = sweep({key: {"A": [float(key)] * 3} for key in values}, pairs=pairs)
-    [number] = judge(claim("max(mse[A, d=x]) < max(mse[A, d=y])", pooled=True), trials).numbers
+    [number] = judge(claim("max(mse[A, d=x]) < max(mse[A, d=y])", pooled=True), trials).comparisons
     assert (number.left, number.right, number.holds, number.n) == (3, 4, True, 6)
 
 
@@ -165,10 +168,10 @@ def test_failed_runs_at_points(sweep):
         ("n_failed[B] == 0", True),
     ):
         assert judge(claim(check, pooled=pooled), trials).finding == "confirmed"
-    [number] = judge(claim("mean(mse[A, c=1]) < mean(mse[B, c=2])"), trials).numbers
-    assert (number.n, number.left_out, number.left, number.right) == (2, 1, 1.0, 5.0)
-    [number] = judge(claim("mean(mse[A]) < mean(mse[B])", pooled=True), trials).numbers
-    assert (number.n, number.left_out, number.left, number.right) == (3, 3, 5 / 3, 3.0)
+    [number] = judge(claim("mean(mse[A, c=1]) < mean(mse[B, c=2])"), trials).comparisons
+    assert (number.n, number.n_excluded, number.left, number.right) == (2, 1, 1.0, 5.0)
+    [number] = judge(claim("mean(mse[A]) < mean(mse[B])", pooled=True), trials).comparisons
+    assert (number.n, number.n_excluded, number.left, number.right) == (3, 3, 5 / 3, 3.0)
 
 
 def test_series_at_points(trials):
@@ -197,7 +200,7 @@ def test_a_method_that_does_not_depend_needs_no_point(sweep):
     points = {value: {"A": LOW, "B": [float(value)] * 4} for value in ("1", "2")}
     keys = {value: {"A": "same", "B": value} for value in points}
     trials = sweep(points, keys=keys)
-    assert judge(claim(BELOW), trials).numbers[0].n == 4
+    assert judge(claim(BELOW), trials).comparisons[0].n == 4
     verdict = judge(claim("mean(mse[B]) < 9"), trials)
     assert verdict.finding == "inconclusive" and "mse[B] may be at any of 2 points" in verdict.reason
 
@@ -206,7 +209,7 @@ def test_what_is_not_there_is_undecided(trials, sweep):
     """A point whose runs are not stored yet, or a method that has none anywhere; the others still show."""
     verdict = judge(claim(BELOW, at="19"), trials)
     assert verdict.finding in ("inconclusive", "depends-on-assumptions")
-    assert verdict.reason == f"{BELOW}: there is no point c=9" and len(verdict.numbers) == 1
+    assert verdict.reason == f"{BELOW}: there is no point c=9" and len(verdict.comparisons) == 1
     assert "there is no method X" in judge(claim("mean(mse[X]) < 1", at="1"), trials).reason
     part = sweep({"1": {"A": LOW}, "2": {"B": LOW}})
     assert judge(claim(BELOW, at="2"), part).reason == f"{BELOW}: there is no method A"
@@ -226,13 +229,13 @@ def test_one_run_of_many_points(sweep):
     assert "- 1 run, seed 7" in claims_markdown([verdict], informational=False)
 
 
-def test_which_readings_give_a_finding(trials):
+def test_which_interpretations_give_a_finding(trials):
     """Below the finding stands where it is found and where it is not; the point's name is enough where it has one."""
     verdict = judge(claim(BELOW, at=["1", "2", "4"]), trials)
     assert verdict.finding == "depends-on-assumptions"
     assert verdict.interpretations == (("c=1", "confirmed"), ("c=2", "not-confirmed"), ("c=4", "confirmed"))
     lines = claims_markdown([verdict], informational=False).splitlines()
-    assert "- confirmed at: c=1; c=4" in lines and "- not-confirmed at: c=2" in lines
+    assert "- confirmed at: c=1; c=4" in lines and "- not confirmed at: c=2" in lines
     assert claims_table([verdict])[0]["interpretations"][1] == {"at": "c=2", "finding": "not-confirmed"}
     named = replace(claim(BELOW), at=({"name": "ours", "c": "1"}, {"name": "theirs", "c": "2"}))
     assert [at for at, _ in judge(named, trials).interpretations] == ["ours, c=1", "theirs, c=2"]
@@ -241,5 +244,5 @@ def test_which_readings_give_a_finding(trials):
 def test_a_series_and_a_column_at_points_with_different_runs(sweep):
     """The runs are those of the column, however many there are where the series is."""
     trials = sweep({"1": {"A": LOW[:3]}, "2": {"A": HIGH}})
-    number = judge(claim("last(P[A, c=1]) < mean(mse[A, c=2])"), trials).numbers[0]
+    number = judge(claim("last(P[A, c=1]) < mean(mse[A, c=2])"), trials).comparisons[0]
     assert (number.left, number.right, number.n) == (1.0, pytest.approx(3.15), 4)

@@ -1,0 +1,85 @@
+"""Magnitude of the numbers that a value is computed from, entry by entry.
+
+The difference of two numbers near 30 is known to about 1e-15 only: a difference of 6e-15 is 0 up to rounding, although
+6e-15 is far above the smallest float.  The magnitude of ``a - b`` is therefore ``|a| + |b|``; of a product it is the
+product, and functions that are linear or that pick entries keep it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rmpc_bench.claims import tree
+from rmpc_bench.claims.evaluator import Evaluator
+from rmpc_bench.claims.functions import applied
+from rmpc_bench.claims.values import EvaluationError, Value, aligned, combine, listed
+from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operation, Percent
+from rmpc_bench.types import Array
+
+_KEEPING = "abs last at since upto entry diag trace mean median min max quantile".split()
+
+
+def magnitude(node: Node, evaluator: Evaluator) -> Value:
+    """Compute the magnitude of an expression.
+
+    Parameters
+    ----------
+    node : an expression that has a value
+    evaluator : made for it
+
+    Returns
+    -------
+    as many entries as the expression has, none below the absolute value of the entry
+    """
+    value = evaluator.value(node)
+    size = value.of(np.abs(value.array))
+    found = _of_parts(node, evaluator)
+    return size if found is None else combine(np.fmax, found, size)
+
+
+def of_sides(link: tree.Link, evaluator: Evaluator, left: Value) -> tuple[Array, Array]:
+    """Compute the magnitudes of both sides of a comparison, in the shape of `left` as `Evaluator.sides` gives it."""
+    parts = aligned(magnitude(link.left, evaluator), magnitude(link.right, evaluator), left)
+    first, second = (np.broadcast_to(part.array, left.array.shape) for part in parts[:2])
+    return first, second
+
+
+def _of_parts(node: Node, evaluator: Evaluator) -> Value | None:
+    """Magnitude that comes from the parts of an expression; None where only its value is known."""
+    match node:
+        case Negation():
+            return magnitude(node.operand, evaluator)
+        case Percent():
+            return combine(np.divide, magnitude(node.operand, evaluator), Value(np.array(100.0)))
+        case tree.Listing():
+            return listed([magnitude(item, evaluator) for item in node.items])
+        case Operation():
+            return _of_operation(node, evaluator)
+        case Call(function="mean", arguments=(tree.Term() as term,)) if evaluator.is_signal(term):
+            return _of_mean(node, term, evaluator)
+        case Call() if node.function in _KEEPING:
+            first, *others = node.arguments
+            return applied(node.function, [magnitude(first, evaluator), *map(evaluator.value, others)])
+    return None
+
+
+def _of_operation(node: Operation, evaluator: Evaluator) -> Value:
+    found = magnitude(node.first, evaluator)
+    for operand in node.rest:
+        if operand.operator == "/":
+            divisor = evaluator.value(operand.node)
+            found = combine(np.divide, found, divisor.of(np.abs(divisor.array)))
+        else:
+            function = np.multiply if operand.operator == "*" else np.add
+            found = combine(function, found, magnitude(operand.node, evaluator))
+    return found
+
+
+def _of_mean(node: Call, term: tree.Term, evaluator: Evaluator) -> Value | None:
+    """Magnitude of the mean of a signal: its rounding error is that of the signal, hence of its spread, too."""
+    try:
+        deviation = evaluator.value(Call("std", (term,)))
+    except EvaluationError:
+        return None
+    mean = evaluator.value(node)
+    return combine(np.add, mean.of(np.abs(mean.array)), deviation)
