@@ -21,7 +21,7 @@ MAY_IMPORT = {  # house.md, section 3; a room may always import itself
     "metrics": {"noise", "numerics", "types"},
     "conformance": {"figures", "types"},
     "simulation": {"diagnostics", "metrics", "noise", "numerics", "types"},
-    "diagnostics": {"config", "simulation", "noise", "numerics", "types"},
+    "diagnostics": {"simulation", "noise", "numerics", "types"},
     "registry": {"types"},
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},

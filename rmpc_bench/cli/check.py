@@ -13,18 +13,22 @@ from rmpc_bench.cli import exits
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
 
-MOST_VALUES = 100
+MAX_VALUES = 100
 """Characters of the values of a swept path that are shown."""
-MOST_WIDE = 130
-"""Characters of a line of the truth."""
+MAX_WIDTH = 130
+"""Characters of a line of the column `plant`."""
 
 
 @click.command()
 @click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--deep", is_flag=True, help="Add how far the plant is from the model, and warnings of the closed loops.")
+@click.option(
+    "--deep",
+    is_flag=True,
+    help="Add the mismatch of plant and design model, and warnings on stability and convergence.",
+)
 @exits.guarded
 def check(configs: tuple[Path, ...], deep: bool) -> int:
-    """Validate configurations; show truth beside belief, what differs between the methods, and what it will cost."""
+    """Validate configurations; show plant and design model, differences between the methods, assumptions and cost."""
     from rmpc_bench.config.load import load_config
     from rmpc_bench.types import ConfigError
 
@@ -34,11 +38,12 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
             config = load_config(path)
             lines = _describe(path, config)
             if deep:
-                from rmpc_bench.cli.mismatch import deep_lines
+                from rmpc_bench.cli.mismatch import mismatch_lines
 
-                lines += deep_lines(config)
+                lines += mismatch_lines(config)
             click.echo("\n".join(lines))
-        except ConfigError as error:  # the other files are still worth a look
+        except ConfigError as error:
+            # The other files are checked all the same.
             click.echo(str(error), err=True)
             code = exits.USAGE
     return code
@@ -47,36 +52,36 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
 def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     experiment = config.experiment
     lines = [f"{path}: valid", f"  {config.title or config.name}"]
-    rows = [("", "truth", "belief"), *_truth_and_belief(config)]
+    rows = [("", "plant", "design model"), *_plant_and_model(config)]
     widths = [2 + max(len(row[column]) for row in rows) for column in (0, 1)]
-    lines += ["", *(f"  {name:{widths[0]}}{truth:{widths[1]}}{belief}".rstrip() for name, truth, belief in rows)]
-    lines += ["", "  what differs between the methods"]
+    lines += ["", *(f"  {name:{widths[0]}}{plant:{widths[1]}}{model}".rstrip() for name, plant, model in rows)]
+    lines += ["", "  differences between the methods"]
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     remarks = _remarks(config)
-    lines += ["", "  worth knowing", *remarks] if remarks else []
+    lines += ["", "  remarks", *remarks] if remarks else []
     assumptions = [assumption for claim in config.claims for assumption in claim.assumptions]
     if assumptions:
-        lines += ["", "  assumptions where the paper is silent", *(f"  - {text}" for text in assumptions)]
+        lines += ["", "  assumptions (not stated in the paper)", *(f"  - {text}" for text in assumptions)]
     if config.paths:
-        lines += ["", f"  sweep of {len(config.points)} points; truth and belief are those of the first"]
+        lines += ["", f"  sweep of {len(config.points)} points; plant and design model are those of the first"]
         width = 2 + max(len(path) for path in config.paths)
         lines += [f"  {path:{width}}{_values(config, path)}" for path in config.paths]
     points = f"{len(config.points)} points x " if config.paths else ""
     simulated = "runs" in config.evaluate
     what = f"{experiment.n_runs} runs" if simulated else "exact moments, no runs"
     size = f"{what} x {len(experiment.methods)} methods x {experiment.n_steps} steps"
-    shared = f"; {config.n_trials():,} trials, what points share counted once" if config.paths and simulated else ""
+    shared = f"; {config.n_trials():,} trials; those that points share count once" if config.paths and simulated else ""
     lines += [
         "",
         f"  size          {points}{size}{shared}",
-        f"  cost          about {_seconds(config):.0f} s on {config.execution.workers} processes, "
-        f"{_megabytes(config):.0f} MB each for the trajectories of a block",
+        f"  time          about {_seconds(config):.0f} s on {config.execution.workers} processes",
+        f"  memory        {_megabytes(config):.0f} MB per process for the trajectories of a block",
     ]
-    return lines if simulated else lines[:-1]
+    return lines if simulated else lines[:-2]
 
 
 def _remarks(config: ExperimentConfig) -> list[str]:
-    """What a user should know of the plant and of the designs, before they are compared."""
+    """Return remarks on the plant and the estimators that matter for the comparison."""
     import numpy as np
 
     from rmpc_bench.types import HasRemarks
@@ -88,7 +93,7 @@ def _remarks(config: ExperimentConfig) -> list[str]:
         size = experiment.plant.nw if name == "process" else experiment.plant.nv
         terms = experiment.scenario.process if name == "process" else experiment.scenario.measurement
         if isinstance(law, dict) and "same" in law and size and all(_silent(term) for term in terms):
-            found.append(f"  {name} noise: `same` as the model's, which has none")
+            found.append(f"  {name} noise: `same` as that of the design model, which has none")
     forms: dict[bool, list[str]] = {True: [], False: []}
     for method in experiment.methods:
         gain, form = getattr(method.estimator, "L", None), getattr(method.estimator, "form", None)
@@ -101,35 +106,35 @@ def _remarks(config: ExperimentConfig) -> list[str]:
 
 
 def _silent(term: Any) -> bool:
-    """Whether a law of noise is known to be 0 always."""
+    """Whether a noise law is known to be always 0."""
     return all(hasattr(term, name) and not getattr(term, name).any() for name in ("mean", "cov"))
 
 
 def _values(config: ExperimentConfig, path: str) -> str:
     values = dict.fromkeys(point.coordinates[path] for point in config.points)
     text = ", ".join(values)
-    return text if len(text) <= MOST_VALUES else f"{len(values)} values, from {text[: MOST_VALUES // 2]} ..."
+    return text if len(text) <= MAX_VALUES else f"{len(values)} values, from {text[: MAX_VALUES // 2]} ..."
 
 
-def _truth_and_belief(config: ExperimentConfig) -> list[tuple[str, str, str]]:
+def _plant_and_model(config: ExperimentConfig) -> list[tuple[str, str, str]]:
     resolved = config.first_point
     plant, model = dict(resolved["plant"]), dict(next(iter(config.methods.values()))["model"])
     rows = [("kind", str(plant.pop("kind")), str(model.pop("kind")))]
     changed = {**plant.pop("perturb", {}), **plant.pop("set", {})}
     assumed = model.pop("noise", None)
     for name in dict.fromkeys([*plant, *model]):
-        truth = _short(plant.get(name, "-"))
-        rows.append((name, f"{truth} x ({changed[name]})" if name in changed else truth, _short(model.get(name, "-"))))
+        true = _short(plant.get(name, "-"))
+        rows.append((name, f"{true} x ({changed[name]})" if name in changed else true, _short(model.get(name, "-"))))
     initial = resolved["initial"]
-    begins = {key: initial[key] for key in ("x_hat", "P", "M") if key in initial}
-    start = ", ".join(f"{key} = {_short(each) if isinstance(each, list) else each}" for key, each in begins.items())
+    given = {key: initial[key] for key in ("x_hat", "P", "M") if key in initial}
+    start = ", ".join(f"{key} = {_short(each) if isinstance(each, list) else each}" for key, each in given.items())
     noise = resolved["noise"]
-    rows += _beside("noise", _wrapped(_sums(noise) or [_short(noise)]), "-" if assumed is None else _short(assumed))
-    return rows + _beside("start", _sums({"x": initial["x"]}) or [f"x = {_short(initial['x'])}"], start)
+    rows += _multiline("noise", _wrapped(_sums(noise) or [_short(noise)]), "-" if assumed is None else _short(assumed))
+    return rows + _multiline("initial", _sums({"x": initial["x"]}) or [f"x = {_short(initial['x'])}"], start)
 
 
 def _sums(laws: dict[str, Any]) -> list[str]:
-    """Laws with every term of a sum on a line of its own; no lines where nothing is a sum."""
+    """Return noise laws with every term of a sum on its own line; no lines where nothing is a sum."""
     lines = []
     for name, law in laws.items():
         terms = law["sum"] if isinstance(law, dict) and "sum" in law else [law]
@@ -138,19 +143,19 @@ def _sums(laws: dict[str, Any]) -> list[str]:
 
 
 def _wrapped(lines: list[str]) -> list[str]:
-    """Long lines broken, so that the belief stays in sight."""
+    """Break long lines, so that the second column stays visible."""
     from textwrap import wrap
 
-    return [part for line in lines for part in wrap(line, MOST_WIDE, subsequent_indent="  ", break_on_hyphens=False)]
+    return [part for line in lines for part in wrap(line, MAX_WIDTH, subsequent_indent="  ", break_on_hyphens=False)]
 
 
-def _beside(name: str, truth: list[str], belief: str) -> list[tuple[str, str, str]]:
-    """Rows of a truth of several lines."""
-    return [("" if number else name, line, "" if number else belief) for number, line in enumerate(truth)]
+def _multiline(name: str, plant: list[str], model: str) -> list[tuple[str, str, str]]:
+    """Return the rows of an entry whose first column has several lines."""
+    return [("" if number else name, line, "" if number else model) for number, line in enumerate(plant)]
 
 
 def _differences(config: ExperimentConfig) -> list[tuple[str, str]]:
-    """Per method, the keys whose value is not the same in all methods."""
+    """Return, per method, the keys whose values differ between the methods."""
     flat = {name: dict(_leaves(parts)) for name, parts in config.methods.items()}
     keys = dict.fromkeys(key for leaves in flat.values() for key in leaves)
     differing = [key for key in keys if len({repr(leaves.get(key)) for leaves in flat.values()}) > 1]
@@ -178,9 +183,9 @@ def _short(value: Any) -> str:
 
 
 def _seconds(config: ExperimentConfig) -> float:
-    """Estimate from the number of steps: 50 us for a block, 2.5 us for a run and what costly parts take beside.
+    """Estimate the computing time [s]: per step 50 us for a block and 2.5 us for a run, plus the cost of slow designs.
 
-    Starting and reporting takes 2 s; what points of a sweep share counts once.
+    Starting and reporting takes 2 s.  Trials that points of a sweep share count once.
     """
     from rmpc_bench.types import HasCost
 

@@ -1,4 +1,4 @@
-"""What `check --deep` prints: tables of every point, warnings, and at the end what the tables mean."""
+"""Output of `check --deep`: tables and warnings of every point, then the meaning of the tables."""
 
 from __future__ import annotations
 
@@ -7,54 +7,62 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rmpc_bench.diagnostics.mismatch import STEADY, DeepFinding, Gain, MethodFinding, look_deep
+from rmpc_bench.config.component import build_component
+from rmpc_bench.diagnostics.mismatch import STEADY, GainConvergence, MethodMismatch, Mismatch, model_mismatch
 from rmpc_bench.simulation.threads import single_thread
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.types import Array
 
-MOST_POINTS = 12
-"""Points of a sweep that are looked at."""
-DIVERGENCE = "  divergence of the plant from the model, which suggests c"
-LOOPS = "  linear loop: spectral radius at the last gains, without friction and limits, and when the gain is steady"
+MAX_POINTS = 12
+"""Points of a sweep that are analysed, the first ones."""
+DIVERGENCE = "  divergence of the plant from the design model, a guide for the tolerance c"
+LOOPS = "  linear closed loop without friction and limits: spectral radius at the last gains, convergence of the gain"
 CAPTION = (
-    "  s: standard deviation of the noise over the model's",
-    "  No gain depends on s, and the mean part diverges as s -> 0.  Friction and limits, which make the true",
-    "  density non-normal, are left out; states that the model lacks are marginalised; the plant's process noise",
-    "  is the model's.  With `kl: printed`, c stands for twice (10).",
+    "  s: standard deviation of the plant's noise divided by that of the design model",
+    "  The gains do not depend on s; the mean part grows as 1 / s^2.  Friction and limits, which make the true density",
+    "  non-normal, are left out.  States that the design model lacks are marginalised.  The process noise of the plant",
+    "  is that of the design model.  With `kl: printed`, c stands for twice (10).",
 )
 NOISE = {
     "measurement": "s of the measurement noise",
     "process": "s of the process noise",
     "none": "no noise, so s = 0",
-    "unknown": "s not known for this law of noise",
+    "unknown": "s is not known for this noise law",
 }
 
 
-def deep_lines(config: ExperimentConfig) -> list[str]:
-    """Return the lines of every point of a sweep, each under its name, and the caption."""
+def mismatch_lines(config: ExperimentConfig) -> list[str]:
+    """Return the lines of every point of a sweep, each under its title, and the caption."""
     lines: list[str] = []
-    known: dict[str, Gain] = {}
+    known: dict[str, GainConvergence] = {}
     explained = False
     with single_thread():
-        for point in config.points[:MOST_POINTS]:
-            found = look_deep(point, config.baseline, known)
+        for point in config.points[:MAX_POINTS]:
+            found = model_mismatch(
+                point.experiment,
+                point.methods,
+                plant=point.shared["plant"]["kind"],
+                baseline=config.baseline,
+                build=build_component,
+                known=known,
+            )
             explained |= found.n_plants > 0
             lines += ["", f"  {point.title}"] if point.title else []
             lines += ["", *divergence_lines(found), "", *loop_lines(found)]
             lines += [f"  warning: {text}" for text in warnings(found, config.baseline)]
-    left = len(config.points) - MOST_POINTS
-    lines += ["", f"  and {left} more points, not looked at"] if left > 0 else []
+    left = len(config.points) - MAX_POINTS
+    lines += ["", f"  and {left} more points, not analysed"] if left > 0 else []
     return lines + (["", *CAPTION] if explained else [])
 
 
-def divergence_lines(found: DeepFinding) -> list[str]:
-    """Lay out the tolerance c that the plants suggest, beside the configured one.
+def divergence_lines(found: Mismatch) -> list[str]:
+    """Return the table of the divergence of the plants, with the configured tolerance c.
 
     Parameters
     ----------
-    found : what `look_deep` has found at a point
+    found : the mismatch at a point
     """
     if not found.n_plants:
         return [f"{DIVERGENCE}: not available for plant {found.plant}"]
@@ -72,8 +80,8 @@ def divergence_lines(found: DeepFinding) -> list[str]:
     return [DIVERGENCE, averaged, *_table(rows)]
 
 
-def _parts(each: MethodFinding, *, show_scale: bool) -> tuple[str, str, str]:
-    """Cells of one method: the two parts, and the second one at the configured noise."""
+def _parts(each: MethodMismatch, *, show_scale: bool) -> tuple[str, str, str]:
+    """Return the cells of one method: covariance part, mean part, and mean part at the configured noise."""
     divergence, scale = each.divergence, each.noise.scale
     if isinstance(divergence, str):
         return f"not available: {divergence}", "", ""
@@ -84,14 +92,14 @@ def _parts(each: MethodFinding, *, show_scale: bool) -> tuple[str, str, str]:
     return _spread(divergence.covariance), mean, at_scale + (f" (s = {scale:.3g})" if show_scale else "")
 
 
-def loop_lines(found: DeepFinding) -> list[str]:
-    """Lay out the poles and the convergence of the gains.
+def loop_lines(found: Mismatch) -> list[str]:
+    """Return the table of the spectral radii and of the convergence of the gains.
 
     Parameters
     ----------
-    found : what `look_deep` has found at a point
+    found : the mismatch at a point
     """
-    rows: list[tuple[str, ...]] = [("", "model", "plants", "estimator gain")]
+    rows: list[tuple[str, ...]] = [("", "design model", "plants", "estimator gain")]
     for name, each in found.methods.items():
         model = "not available" if each.model_radius is None else f"{each.model_radius:.4g}"
         plants = _spread(each.plant_radii, digits=4) if len(each.plant_radii) else "not available"
@@ -99,18 +107,18 @@ def loop_lines(found: DeepFinding) -> list[str]:
     return [LOOPS, *_table(rows)]
 
 
-def gain_text(gain: Gain, end: float) -> str:
-    """Say when a gain is steady.
+def gain_text(gain: GainConvergence, end: float) -> str:
+    """Return the text of the convergence of a gain.
 
     Parameters
     ----------
-    gain : how it converges
-    end : of the experiment [s]
+    gain : its convergence
+    end : end of the experiment [s]
     """
     if gain.missing:
         return f"not available: {gain.missing}"
     if gain.after is None:
-        return f"not steady within {gain.until:g} s"
+        return f"not converged within {gain.until:g} s"
     if not gain.until:
         return "constant"
     text = f"within {100 * STEADY:g} % after {gain.after:.4g} s"
@@ -119,12 +127,12 @@ def gain_text(gain: Gain, end: float) -> str:
     return f"{100 * gain.off:{'.0f' if gain.off >= 0.1 else '.2g'}} % off at {end:g} s, {text}"
 
 
-def warnings(found: DeepFinding, baseline: str) -> list[str]:
-    """Say where the comparison stands on weak ground.
+def warnings(found: Mismatch, baseline: str) -> list[str]:
+    """Return warnings: gains that have not converged, unstable loops, comparisons of more than estimators.
 
     Parameters
     ----------
-    found : what `look_deep` has found at a point
+    found : the mismatch at a point
     baseline : name of the method that the others are compared with
     """
     texts = []
@@ -135,14 +143,14 @@ def warnings(found: DeepFinding, baseline: str) -> list[str]:
             off = gain_text(each.gain, found.Ts * found.n_steps)
             texts.append(f"{name}: the estimator gain has not converged when the experiment ends: {off}")
         model = np.array([] if each.model_radius is None else [each.model_radius])
-        for where, radii in (("the model", model), ("the plants", each.plant_radii)):
+        for where, radii in (("the design model", model), ("the plants", each.plant_radii)):
             n_bad = int((radii >= 1.0).sum())
             if n_bad:
                 share = f", {n_bad} of {len(radii)}" if len(radii) > 1 else ""
-                texts.append(f"{name}: the loop with {where} does not decay (radius {radii.max():.6g}{share})")
+                texts.append(f"{name}: the loop with {where} is not stable (spectral radius {radii.max():.6g}{share})")
     for name, keys in found.confounded.items():
         differing = f"{name} differs from {baseline} in the estimator and in {', '.join(keys)}"
-        texts.append(f"{differing}: their comparison is not one of estimators alone")
+        texts.append(f"{differing}: the comparison is not of the estimators alone")
     return texts
 
 

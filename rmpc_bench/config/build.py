@@ -153,7 +153,7 @@ class _Builder:
             return None
         if parts.controller is None:
             controller: Any = Rest(model.nu)
-        elif estimator is None and parts.controller.asks("estimator"):
+        elif estimator is None and parts.controller.takes("estimator"):
             return None
         else:
             provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
@@ -164,7 +164,7 @@ class _Builder:
         """Build an estimator; methods and points with equal estimators share one."""
         part, model = parts.estimator, parts.model
         assert part is not None and model is not None
-        if part.asks("plant") and provided["plant"] is None:
+        if part.takes("plant") and provided["plant"] is None:
             return None
         key = ["estimator", self._size(), model.resolved(), part.resolved(), self._disclosed(parts)]
         return self.cached(key, lambda: part.build(self.draft.problems, **provided))
@@ -172,7 +172,7 @@ class _Builder:
     def _disclosed(self, parts: MethodComponents) -> Any:
         """Plant data disclosed to an estimator that takes the plant; None for others."""
         part, plant = parts.estimator, self.draft.plant
-        return plant.resolved() if part is not None and plant is not None and part.asks("plant") else None
+        return plant.resolved() if part is not None and plant is not None and part.takes("plant") else None
 
     def opposed(self, plant: Plant, methods: Sequence[Method | None], scenario: Scenario) -> Plant | None:
         """Return the plant with the sequence of its adversary, if it has one, against the method that it names."""

@@ -1,4 +1,4 @@
-"""One part of a configuration: a plant, a model, an estimator and so on, with the place where it is written."""
+"""A component of a configuration (a plant, a model, an estimator and so on) with the place where it is written."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 
 from rmpc_bench import registry
 from rmpc_bench.config.schema import model_of, shown, validate
-from rmpc_bench.config.tree import Map, join, locate
+from rmpc_bench.config.tree import Map, Mark, join, locate
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.types import DesignError, Problem
 
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """A validated part, ready to be built.
+    """A validated component, ready to be built.
 
     Parameters
     ----------
@@ -36,41 +36,46 @@ class Component:
     path: tuple[str | int, ...]
 
     def build(self, problems: list[Problem], **provided: Any) -> Any:
-        """Call the design function; a DesignError becomes a problem at the parameter it blames, and None is returned.
+        """Call the design function.
 
         Parameters
         ----------
-        problems : gets the mistake
-        provided : what the bench provides; the design function receives what it asks for
+        problems : gets a DesignError, as a problem at the parameter to blame
+        provided : what the bench provides; the design function receives those that are its parameters
+
+        Returns
+        -------
+        The design, or None where there is a problem.
         """
         design = registry.get(self.group, self.kind)
-        asked = inspect.signature(design).parameters
-        wanted = {name: value for name, value in provided.items() if name in asked}
+        taken = inspect.signature(design).parameters
+        given = {name: value for name, value in provided.items() if name in taken}
         try:
-            with np.errstate(all="ignore"):  # what overflows is refused below, or shows as a failed run
-                return design(**wanted, **self.parameters)
+            # An overflow is refused by the design function or shows as a failed run.
+            with np.errstate(all="ignore"):
+                return design(**given, **self.parameters)
         except DesignError as error:
             problems.append(self.problem(str(error), error.parameter))
         except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
             problems.append(self.problem(f"cannot be computed from these numbers ({error})"))
         return None
 
-    def asks(self, name: str) -> bool:
-        """Whether the design function takes something that the bench provides."""
+    def takes(self, name: str) -> bool:
+        """Whether the design function has a parameter of this name."""
         return name in inspect.signature(registry.get(self.group, self.kind)).parameters
 
     def problem(self, message: str, parameter: str = "") -> Problem:
-        """Something wrong with this part, at the parameter to blame."""
+        """Return a problem of this component, at the parameter to blame."""
         steps = parameter.split(".") if parameter else []
         return Problem(*locate(self.tree, steps), join([*self.path, *steps]), message)
 
     def resolved(self) -> dict[str, Any]:
-        """The part as plain data with every default filled in."""
+        """Return the component as plain data with every default filled in."""
         return {"kind": self.kind, **{name.rstrip("_"): plain_data(value) for name, value in self.parameters.items()}}
 
 
 def plain_data(value: Any) -> Any:
-    """Dataclasses, tuples and arithmetic as plain YAML data; keys that are not set are left out."""
+    """Return dataclasses, tuples and expressions as plain YAML data; keys that are not set are left out."""
     if isinstance(value, Expression):
         return "".join(value.text.split())
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -91,17 +96,21 @@ def read_component(
     kind: str | None = None,
     ignore: Sequence[str] = (),
 ) -> Component | None:
-    """Validate a part against the signature of its design function.
+    """Validate a component against the signature of its design function.
 
     Parameters
     ----------
     group : group of the registry
-    tree : what the configuration says
+    tree : keys of the component, as the configuration gives them
     path : where it stands
-    problems : gets what is wrong
+    problems : gets the errors
     mark : place to show when the tree has none of its own
-    kind : kind of the part where no key says so
-    ignore : keys that somebody else reads
+    kind : kind of the component where there is no key `kind`
+    ignore : keys validated elsewhere
+
+    Returns
+    -------
+    The component, or None where there is an error.
     """
     if not isinstance(tree, Map):
         problems.append(Problem(*mark, join(path), f"must be a mapping (got {shown(tree)})"))
@@ -117,6 +126,22 @@ def read_component(
         return None
     parameters = {name: getattr(checked, name) for name in type(checked).model_fields}
     return Component(group, kind, parameters, tree, tuple(path))
+
+
+def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any) -> Any:
+    """Build a component from plain data; None where there are none or they are invalid.
+
+    Parameters
+    ----------
+    group : group of the registry
+    data : ``kind`` and keys
+    provided : what the bench provides
+    """
+    if data is None:
+        return None
+    mark = Mark("", 1, 1)
+    component = read_component(group, Map(data, mark=mark), [], [], mark=mark)
+    return None if component is None else component.build([], **provided)
 
 
 def _kind(group: str, tree: Map, path: Sequence[str | int], problems: list[Problem]) -> str | None:

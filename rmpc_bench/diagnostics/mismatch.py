@@ -1,38 +1,40 @@
-"""What `check --deep` finds: how far the plants are from the model, and where the comparison stands on weak ground."""
+"""Model mismatch (`check --deep`): distance of the plants from the design model, stability and convergence of gains."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.config.component import read_component
-from rmpc_bench.config.tree import Map, Mark
 from rmpc_bench.diagnostics.stability import LinearPair, linear_pair, spectral_radius
 from rmpc_bench.diagnostics.tolerance import Belief, divergence_over_time
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
 from rmpc_bench.types import Array, DesignError, HasLinearPart, LinearTruth, Method
 
-if TYPE_CHECKING:
-    from rmpc_bench.config.sweep_point import SweepPoint
+Build = Callable[..., Any]
+"""``build(group, data, **provided)`` designs a component from plain data; None where its design function refuses."""
 
-MOST_PLANTS = 20
-ROUNDING = 1e-12  # a divergence below it is that of equal densities, summed in doubles
-STEADY = 0.01  # a gain that is closer to its limit, relative to it, counts as converged
-LIMIT = 1e-3  # a gain that moves less than this over the second half of a recursion has found its limit
-MOST_STEPS, MOST_ENTRIES = 40_000, 10_000_000  # of a covariance over time, beyond which no recursion is continued
+MAX_PLANTS = 20
+ROUNDING = 1e-12
+"""A smaller divergence is that of equal densities, up to rounding."""
+STEADY = 0.01
+"""A gain this close to its limit, relative to it, has converged."""
+LIMIT = 1e-3
+"""A gain that changes less than this over the second half of a recursion has reached its limit."""
+MAX_STEPS, MAX_ENTRIES = 40_000, 10_000_000
+"""Steps of a recursion, and entries of its covariances, beyond which it is not continued."""
 
 
-class Noise(NamedTuple):
-    """How much noise there is, relative to the model's."""
+class NoiseScale(NamedTuple):
+    """Size of the noise of the plant relative to that of the design model."""
 
     scale: float | None
-    """Standard deviation over the model's; None where there is no noise, or its law does not tell."""
+    """Ratio of the standard deviations; None where there is no noise, or that of its law is not known."""
     channel: str
-    """``measurement`` or ``process``, whichever the scale is that of; else ``none`` or ``unknown``."""
+    """``measurement`` or ``process``, the noise that was compared; else ``none`` or ``unknown``."""
 
 
 class Divergence(NamedTuple):
@@ -40,17 +42,17 @@ class Divergence(NamedTuple):
 
     covariance: Array
     mismatch: Array
-    """The mean part at the model's noise; with s times its standard deviation, 1 / s^2 of it."""
+    """The mean part at the noise of the design model; at s times its standard deviation it is 1 / s^2 of this."""
     noise: Array
-    """What the mean part has beside, at every s."""
+    """What the noise adds to the mean part, at every s."""
 
     def at(self, scale: float) -> Array:
         """Return the mean part at a scale of the noise."""
         return np.asarray(self.mismatch / scale**2 + self.noise)
 
 
-class Gain(NamedTuple):
-    """How an estimator's gain converges."""
+class GainConvergence(NamedTuple):
+    """Convergence of an estimator's gain."""
 
     off: float = 0.0
     """Distance from its limit when the experiment ends, relative to it."""
@@ -59,39 +61,39 @@ class Gain(NamedTuple):
     until: float = 0.0
     """Time over which the recursion was continued [s]; 0 for a constant gain."""
     missing: str = ""
-    """Why nothing is known."""
+    """Reason why the convergence is not known."""
 
 
-class MethodFinding(NamedTuple):
-    """What concerns one method."""
+class MethodMismatch(NamedTuple):
+    """Mismatch of one method."""
 
     c: float | None
     """The tolerance it is designed for."""
-    noise: Noise
+    noise: NoiseScale
     divergence: Divergence | str
-    """Or why there is none."""
+    """Or the reason why there is none."""
     model_radius: float | None
-    """Spectral radius of the loop with the model, at the last gains; None where there is no linear law."""
+    """Spectral radius of the loop with the design model, at the last gains; None where there is no linear law."""
     plant_radii: Array
     """Those of the loop with the plants."""
-    gain: Gain
+    gain: GainConvergence
 
 
-class DeepFinding(NamedTuple):
-    """What concerns a configuration at one point of its sweep."""
+class Mismatch(NamedTuple):
+    """Mismatch of an experiment."""
 
     plant: str
     n_plants: int
-    """Number of plants that were looked at; 0 where the kind has no linear part."""
+    """Number of plants that were compared; 0 where the kind has no linear part."""
     n_steps: int
     Ts: float
-    methods: dict[str, MethodFinding]
+    methods: dict[str, MethodMismatch]
     confounded: dict[str, list[str]]
-    """Methods that differ from the baseline in the estimator and in these keys at once."""
+    """Method that differs from the baseline in the estimator -> keys of its controller that differ too."""
 
 
-class _Believed(NamedTuple):
-    """A method with what its estimator was made from."""
+class _MethodModel(NamedTuple):
+    """A method with the design model and the start of its estimator."""
 
     method: Method
     data: Mapping[str, Any]
@@ -100,45 +102,52 @@ class _Believed(NamedTuple):
     P0: Array | None
 
 
-def look_deep(point: SweepPoint, baseline: str, known: dict[str, Gain] | None = None) -> DeepFinding:
-    """Find what `check --deep` tells.
+def model_mismatch(
+    experiment: Experiment,
+    methods: Mapping[str, Mapping[str, Any]],
+    *,
+    plant: str,
+    baseline: str,
+    build: Build,
+    known: dict[str, GainConvergence] | None = None,
+) -> Mismatch:
+    """Compare the plants of the first runs with the design models, and find when the gains converge.
 
     Parameters
     ----------
-    point : a configuration, at one point of its sweep
+    experiment : the designs
+    methods : method name -> plain data from which its designs were made
+    plant : kind of the plant
     baseline : name of the method that the others are compared with
-    known : what other points have found about the gains, to share; gets the new
+    build : designs a component once more, for another number of steps
+    known : convergence of gains found for other experiments, to share; gets the new ones
     """
-    experiment, known = point.experiment, {} if known is None else known
+    known = {} if known is None else known
     plants, found = _plants(experiment), {}
     for method in experiment.methods:
-        each = _believed(method, point.methods[method.name], experiment)
-        found[method.name] = MethodFinding(
+        each = _method_model(method, methods[method.name], experiment, build)
+        found[method.name] = MethodMismatch(
             _configured_c(each.data),
-            _noise(experiment.scenario, each.model),
+            _noise_scale(experiment.scenario, each.model),
             _divergence(experiment, each, plants),
             *_radii(each, plants),
-            _gain(experiment, each, known),
+            _gain(experiment, each, known, build),
         )
-    return DeepFinding(
-        str(point.shared["plant"].get("kind", type(experiment.plant).__name__)),
-        len(plants),
-        experiment.n_steps,
-        experiment.plant.Ts,
-        found,
-        _confounded(point.methods, baseline),
-    )
+    Ts, confounded = experiment.plant.Ts, _confounded(methods, baseline)
+    return Mismatch(plant, len(plants), experiment.n_steps, Ts, found, confounded)
 
 
-def _believed(method: Method, data: Mapping[str, Any], experiment: Experiment) -> _Believed:
-    made = _remade(data, experiment.plant.Ts, experiment.n_steps, estimator=False)
+def _method_model(method: Method, data: Mapping[str, Any], experiment: Experiment, build: Build) -> _MethodModel:
+    made = _redesigned(build, data, experiment.plant.Ts, experiment.n_steps, estimator=False)
     pair = linear_pair(method.estimator, method.controller)
-    return _Believed(method, data, pair, *(made[:2] if made else (None, None)))
+    return _MethodModel(method, data, pair, *(made[:2] if made else (None, None)))
 
 
-def _remade(data: Mapping[str, Any], Ts: float, n_steps: int, *, estimator: bool) -> tuple[Any, Array, Any] | None:
-    """Make model, P0 and estimator once more from plain data, the latter for another number of steps."""
-    model = _built("models", data.get("model"), Ts=Ts, n_steps=n_steps)
+def _redesigned(
+    build: Build, data: Mapping[str, Any], Ts: float, n_steps: int, *, estimator: bool
+) -> tuple[Any, Array, Any] | None:
+    """Design model, P0 and estimator from plain data, for some number of steps."""
+    model = build("models", data.get("model"), Ts=Ts, n_steps=n_steps)
     if not isinstance(model, Belief) or np.ndim(model.A) != 2:
         return None
     n = len(model.A)
@@ -148,16 +157,7 @@ def _remade(data: Mapping[str, Any], Ts: float, n_steps: int, *, estimator: bool
     except DesignError:
         return None
     provided = {"model": model, "n_steps": n_steps, "x0": x0, "P0": P0, "plant": None}
-    return model, P0, _built("estimators", data.get("estimator"), **provided) if estimator else None
-
-
-def _built(group: str, data: Mapping[str, Any] | None, **provided: Any) -> Any:
-    """Build a part from plain data; None where there is none or its design refuses."""
-    if data is None:
-        return None
-    mark = Mark("", 1, 1)
-    part = read_component(group, Map(data, mark=mark), [], [], mark=mark)
-    return None if part is None else part.build([], **provided)
+    return model, P0, build("estimators", data.get("estimator"), **provided) if estimator else None
 
 
 def _plants(experiment: Experiment) -> list[LinearTruth]:
@@ -166,7 +166,7 @@ def _plants(experiment: Experiment) -> list[LinearTruth]:
     if not isinstance(plant, HasLinearPart):
         return []
     found = []
-    for run in range(min(experiment.n_runs, MOST_PLANTS) if scenario.uncertainty else 1):
+    for run in range(min(experiment.n_runs, MAX_PLANTS) if scenario.uncertainty else 1):
         values = scenario.named_values(run)
         changed = {name: change(values) for name, change in scenario.parameters.items()}
         linear = plant.linear({**plant.nominal, **changed})
@@ -180,10 +180,10 @@ def _configured_c(data: Mapping[str, Any]) -> float | None:
     return next((float(value) for value in (estimator.get("c"), *nested) if value is not None), None)
 
 
-def _noise(scenario: Scenario, model: Belief | None) -> Noise:
-    """Compare the noise with that of a method's model."""
+def _noise_scale(scenario: Scenario, model: Belief | None) -> NoiseScale:
+    """Compare the noise of the plant with that of a design model."""
     if model is None or not (scenario.measurement or scenario.process):
-        return Noise(None, "none")
+        return NoiseScale(None, "none")
     for channel, terms, cov in (
         ("measurement", scenario.measurement, model.R_v),
         ("process", scenario.process, model.Q_w),
@@ -191,18 +191,18 @@ def _noise(scenario: Scenario, model: Belief | None) -> Noise:
         roots = [getattr(term, "root", None) for term in terms]
         power = sum(float(np.square(root).sum()) for root in roots if root is not None)
         if roots and power == 0.0 and all(root is not None for root in roots):
-            continue  # of this channel there is none
+            continue
         if power > 0.0 and all(root is not None for root in roots) and np.trace(cov) > 0.0:
-            return Noise(float(np.sqrt(power / np.trace(cov))), channel)
+            return NoiseScale(float(np.sqrt(power / np.trace(cov))), channel)
     silent = all(getattr(term, "root", None) is not None for term in (*scenario.measurement, *scenario.process))
-    return Noise(None, "none" if silent else "unknown")
+    return NoiseScale(None, "none" if silent else "unknown")
 
 
-def _without_law(each: _Believed) -> str:
+def _without_law(each: _MethodModel) -> str:
     return "no controller" if isinstance(each.method.controller, Rest) else "no linear law with known gains"
 
 
-def _divergence(experiment: Experiment, each: _Believed, plants: Sequence[LinearTruth]) -> Divergence | str:
+def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[LinearTruth]) -> Divergence | str:
     """Average the parts of (10) over time."""
     if each.pair is None or each.model is None or each.P0 is None:
         return _without_law(each)
@@ -221,7 +221,7 @@ def _divergence(experiment: Experiment, each: _Believed, plants: Sequence[Linear
     return Divergence(*(np.where(np.abs(part) < ROUNDING, 0.0, part) for part in averages))
 
 
-def _radii(each: _Believed, plants: Sequence[LinearTruth]) -> tuple[float | None, Array]:
+def _radii(each: _MethodModel, plants: Sequence[LinearTruth]) -> tuple[float | None, Array]:
     """Spectral radii of the loop with the model and with the plants."""
     if each.pair is None or each.model is None:
         return None, np.empty(0)
@@ -230,38 +230,41 @@ def _radii(each: _Believed, plants: Sequence[LinearTruth]) -> tuple[float | None
     return spectral_radius(model, each.pair), np.array([spectral_radius(plant, each.pair) for plant in fitting])
 
 
-def _gain(experiment: Experiment, each: _Believed, known: dict[str, Gain]) -> Gain:
-    """Look the convergence of a gain up, or find it."""
+def _gain(
+    experiment: Experiment, each: _MethodModel, known: dict[str, GainConvergence], build: Build
+) -> GainConvergence:
+    """Return the convergence of a gain, computed once per description."""
     described = [each.data.get(key) for key in ("model", "estimator", "x_hat", "P")]
     key = json.dumps([experiment.plant.Ts, experiment.n_steps, *described], sort_keys=True)
     if key not in known:
-        known[key] = _convergence(experiment, each)
+        known[key] = _convergence(experiment, each, build)
     return known[key]
 
 
-def _convergence(experiment: Experiment, each: _Believed) -> Gain:
-    """Find the limit of an estimator's gain by going on with its recursion."""
+def _convergence(experiment: Experiment, each: _MethodModel, build: Build) -> GainConvergence:
+    """Find the limit of an estimator's gain by a longer recursion."""
     if each.pair is None or each.model is None:
-        return Gain(missing=_without_law(each))
+        return GainConvergence(missing=_without_law(each))
     Ts, n_steps = experiment.plant.Ts, experiment.n_steps
     schedule, n = each.pair.schedule, n_steps
     if len(schedule.K) == 1 and len(schedule.L) == 1:
-        return Gain()
-    while 2 * n <= min(MOST_STEPS, MOST_ENTRIES // len(each.model.A) ** 2):
+        return GainConvergence()
+    while 2 * n <= min(MAX_STEPS, MAX_ENTRIES // len(each.model.A) ** 2):
         n *= 2
-        longer = _remade(each.data, Ts, n, estimator=True)
+        longer = _redesigned(build, each.data, Ts, n, estimator=True)
         if longer is None or longer[2] is None or linear_pair(longer[2], each.method.controller) is None:
-            return Gain(missing=f"its design refuses {n} steps")
-        gains = longer[2].L if np.any(longer[2].L) else longer[2].K  # a predictor has L = 0
+            return GainConvergence(missing=f"its design refuses {n} steps")
+        # A predictor has L = 0.
+        gains = longer[2].L if np.any(longer[2].L) else longer[2].K
         distance = np.linalg.norm(gains - gains[-1], axis=(1, 2)) / max(float(np.linalg.norm(gains[-1])), 1e-300)
         if distance[n // 2 :].max() <= LIMIT:
             late = np.flatnonzero(distance > STEADY)
-            return Gain(float(distance[n_steps]), float(Ts * (late[-1] + 1 if len(late) else 0)), Ts * n)
-    return Gain(np.nan, None, Ts * n)
+            return GainConvergence(float(distance[n_steps]), float(Ts * (late[-1] + 1 if len(late) else 0)), Ts * n)
+    return GainConvergence(np.nan, None, Ts * n)
 
 
 def _confounded(methods: Mapping[str, Any], baseline: str) -> dict[str, list[str]]:
-    """Find the methods that differ from the baseline in the estimator and in the controller at once."""
+    """Return the methods that differ from the baseline in the estimator and in the controller."""
     of_baseline, found = _leaves(methods[baseline].get("controller", {})), {}
     for name, data in methods.items():
         of_method = _leaves(data.get("controller", {}))

@@ -83,7 +83,7 @@ def test_all_mistakes_sorted_by_place(tmp_path):
 
 
 def test_a_valid_configuration(tmp_path):
-    """Truth beside belief, what differs between the methods, size and cost."""
+    """Plant beside design model, differences between the methods, assumptions, size and cost."""
     claims = "[{says: a, check: 'mean(mse[S-MPC]) < 1', assumptions: [the weights]}]"
     path = write(tmp_path, title="A title", claims=claims)
     result = cli("check", path)
@@ -91,18 +91,18 @@ def test_a_valid_configuration(tmp_path):
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.stdout.startswith(f"{path}: valid\n  A title\n")
     for words in (
-        "truth belief kind servo-linear servo-linear",
+        "plant design model kind servo-linear servo-linear",
         "J_l 25 x (1 + eps) 25",
         "S-MPC estimator.kind = kalman",
         "R-MPC estimator.kind = robust-kalman, estimator.c = 0.1",
-        "assumptions where the paper is silent - the weights",
+        "assumptions (not stated in the paper) - the weights",
         "6 runs x 2 methods x 10 steps",
     ):
         assert words in shown
 
 
 def test_columns_do_not_run_together(tmp_path):
-    """Whatever the length of what is believed to be true."""
+    """Whatever the length of the first one."""
     shown = cli("check", write(tmp_path)).stdout
     [line] = [line for line in shown.splitlines() if line.startswith("  noise ")]
     assert "}process" not in line and "process: 1.0" in line
@@ -126,7 +126,9 @@ def test_deep(tmp_path):
     assert (plain.exit_code, deep.exit_code, deep.stderr) == (0, 0, "")
     assert deep.stdout.startswith(plain.stdout)
     added = deep.stdout.removeprefix(plain.stdout)
-    assert "  divergence of the plant from the model" in added and "  linear loop: spectral radius" in added
+    assert (
+        "  divergence of the plant from the design model" in added and "  linear closed loop without friction" in added
+    )
     assert "  warning: R-MPC differs from S-MPC in the estimator and in controller.R" in added
     assert all(line == "" or line.startswith("  ") for line in added.splitlines())
 
@@ -138,7 +140,7 @@ def test_deep_looks_at_every_point_of_a_sweep(tmp_path):
     places = [shown.index(f"\n  controller.Hu={Hu}\n") for Hu in (3, 8)]
     tables = [match.start() for match in re.finditer("divergence of the plant", shown)]
     assert len(tables) == 2 and places[0] < tables[0] < places[1] < tables[1]
-    assert shown.count("s: standard deviation of the noise") == shown.count("c stands for twice (10)") == 1
+    assert shown.count("s: standard deviation of the plant's noise") == shown.count("c stands for twice (10)") == 1
     assert shown.endswith("With `kl: printed`, c stands for twice (10).\n")
 
 

@@ -119,9 +119,9 @@ def test_every_run_fails(tmp_path):
 def test_remarks_of_designs(tmp_path):
     """What a design has to say is shown with the name of its method; without any there is no such headline."""
     plain = cli("check", write_estimation(tmp_path, methods="{KF: {estimator: {kind: kalman}}}")).stdout
-    assert "worth knowing" not in plain
+    assert "remarks" not in plain
     shown = cli("check", CONFIGS / "souto2011" / "fig4.yaml").stdout
-    assert "worth knowing" in shown and "  ERP: " in shown.split("worth knowing")[1]
+    assert "remarks" in shown and "  ERP: " in shown.split("remarks")[1]
 
 
 def test_smoke_of_a_plant_from_a_file(tmp_path):

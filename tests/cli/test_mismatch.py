@@ -1,24 +1,24 @@
-"""How check --deep lays out what it has found."""
+"""Output of check --deep."""
 
 import numpy as np
 import pytest
 
 from rmpc_bench.cli import mismatch
-from rmpc_bench.diagnostics.mismatch import DeepFinding, Divergence, Gain, MethodFinding, Noise
+from rmpc_bench.diagnostics.mismatch import Divergence, GainConvergence, MethodMismatch, Mismatch, NoiseScale
 
 DIVERGENCE = Divergence(np.array([0.1, 0.3]), np.array([4.0, 8.0]), np.array([0.5, 0.5]))
-USUAL = MethodFinding(0.1, Noise(0.02, "measurement"), DIVERGENCE, 0.9, np.array([0.8, 0.9]), Gain())
+USUAL = MethodMismatch(0.1, NoiseScale(0.02, "measurement"), DIVERGENCE, 0.9, np.array([0.8, 0.9]), GainConvergence())
 
 
 def finding(n_plants=2, confounded=None, **methods):
     """Of 40 steps of 0.1 s, methods by their name."""
-    return DeepFinding("servo", n_plants, 40, 0.1, methods, confounded or {})
+    return Mismatch("servo", n_plants, 40, 0.1, methods, confounded or {})
 
 
 def test_divergence():
     """One line per method: c, both parts with their range, and the second one at the scale of the noise."""
     assert mismatch.divergence_lines(finding(A=USUAL, BB=USUAL._replace(c=None))) == [
-        "  divergence of the plant from the model, which suggests c",
+        "  divergence of the plant from the design model, a guide for the tolerance c",
         "  (10) of zenere2018 averaged over k = 0..39, mean [range] of the first 2 plants; s of the measurement noise",
         "        c    covariance part  mean part             mean part at s = 0.02",
         "    A   0.1  0.2 [0.1, 0.3]   6 [4, 8] / s^2 + 0.5  1.5e+04 [1e+04, 2e+04]",
@@ -28,7 +28,7 @@ def test_divergence():
 
 def test_models_of_different_noise():
     """Each method has its scale."""
-    shown = mismatch.divergence_lines(finding(A=USUAL, B=USUAL._replace(noise=Noise(0.2, "process"))))
+    shown = mismatch.divergence_lines(finding(A=USUAL, B=USUAL._replace(noise=NoiseScale(0.2, "process"))))
     assert shown[1].endswith("; s of the measurement noise or s of the process noise")
     assert shown[2].endswith("  mean part at s")
     assert shown[3].endswith("  1.5e+04 [1e+04, 2e+04] (s = 0.02)") and shown[4].endswith("  150 [100, 200] (s = 0.2)")
@@ -36,16 +36,18 @@ def test_models_of_different_noise():
 
 def test_without_noise():
     """There is no number for the mean part."""
-    shown = mismatch.divergence_lines(finding(A=USUAL._replace(noise=Noise(None, "none"))))
+    shown = mismatch.divergence_lines(finding(A=USUAL._replace(noise=NoiseScale(None, "none"))))
     assert shown[1].endswith("; no noise, so s = 0") and shown[3].endswith(" / s^2 + 0.5")
 
 
 def test_what_is_not_available():
     """A method without a divergence, a plant without a linear part, a method without a linear law."""
-    nothing = MethodFinding(None, Noise(None, "none"), "no law", None, np.empty(0), Gain(missing="no law"))
+    nothing = MethodMismatch(
+        None, NoiseScale(None, "none"), "no law", None, np.empty(0), GainConvergence(missing="no law")
+    )
     shown = mismatch.divergence_lines(finding(A=USUAL, B=nothing))
     assert shown[2].endswith("mean part at s = 0.02") and shown[4] == "    B  -    not available: no law"
-    assert mismatch.divergence_lines(finding(0, A=USUAL))[0].endswith("which suggests c: not available for plant servo")
+    assert mismatch.divergence_lines(finding(0, A=USUAL))[0].endswith("the tolerance c: not available for plant servo")
     assert mismatch.loop_lines(finding(A=nothing))[2].split("  ")[-3:] == ["not available"] * 2 + [
         "not available: no law"
     ]
@@ -54,34 +56,34 @@ def test_what_is_not_available():
 @pytest.mark.parametrize(
     ("gain", "text", "warning"),
     [
-        (Gain(), "constant", ""),
-        (Gain(0.001, 8.5, 20.0), "within 1 % after 8.5 s", ""),
+        (GainConvergence(), "constant", ""),
+        (GainConvergence(0.001, 8.5, 20.0), "within 1 % after 8.5 s", ""),
         (
-            Gain(0.02, 11.1, 20.0),
+            GainConvergence(0.02, 11.1, 20.0),
             "2 % off at 4 s, within 1 % after 11.1 s",
             "A: the estimator gain has not converged when the experiment ends: 2 % off at 4 s, within 1 % after 11.1 s",
         ),
         (
-            Gain(np.nan, None, 20.0),
-            "not steady within 20 s",
+            GainConvergence(np.nan, None, 20.0),
+            "not converged within 20 s",
             "A: the estimator gain does not converge within 20 s",
         ),
-        (Gain(missing="its design refuses 80 steps"), "not available: its design refuses 80 steps", ""),
+        (GainConvergence(missing="its design refuses 80 steps"), "not available: its design refuses 80 steps", ""),
     ],
 )
 def test_gains(gain, text, warning):
     """When they are steady, and a warning where the experiment ends before."""
     found = finding(A=USUAL._replace(gain=gain))
-    assert mismatch.loop_lines(found)[2] == f"    A  0.9    0.85 [0.8, 0.9]  {text}"
+    assert mismatch.loop_lines(found)[2] == f"    A  0.9           0.85 [0.8, 0.9]  {text}"
     assert mismatch.warnings(found, "A") == ([warning] if warning else [])
 
 
 def test_warnings():
-    """Of loops that do not decay, and of comparisons of more than estimators."""
+    """Unstable loops, and comparisons of more than estimators."""
     unstable = USUAL._replace(model_radius=1.0, plant_radii=np.array([0.9, 1.25]))
     assert mismatch.warnings(finding(A=USUAL, B=unstable, confounded={"B": ["controller.R", "controller.Q"]}), "A") == [
-        "B: the loop with the model does not decay (radius 1)",
-        "B: the loop with the plants does not decay (radius 1.25, 1 of 2)",
+        "B: the loop with the design model is not stable (spectral radius 1)",
+        "B: the loop with the plants is not stable (spectral radius 1.25, 1 of 2)",
         "B differs from A in the estimator and in controller.R, controller.Q: "
-        "their comparison is not one of estimators alone",
+        "the comparison is not of the estimators alone",
     ]

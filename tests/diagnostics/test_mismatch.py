@@ -7,6 +7,7 @@ import pytest
 from conftest import ROUND, servo_model
 from small_experiment import write
 
+from rmpc_bench.config.component import build_component
 from rmpc_bench.config.load import load_config
 from rmpc_bench.diagnostics import mismatch
 from rmpc_bench.estimators.kalman import design as kalman
@@ -16,9 +17,21 @@ TIME = "{step: 0.1, steps: 40}"
 
 
 def found(tmp_path, **keys):
-    """What there is to say of the first point of the small experiment with some keys changed."""
-    config = load_config(write(tmp_path, **keys))
-    return mismatch.look_deep(config.points[0], config.baseline)
+    """Mismatch of the small experiment with some keys changed."""
+    return of(load_config(write(tmp_path, **keys)))
+
+
+def of(config, known=None):
+    """Mismatch at the first point of a configuration."""
+    point = config.points[0]
+    return mismatch.model_mismatch(
+        point.experiment,
+        point.methods,
+        plant=point.shared["plant"]["kind"],
+        baseline=config.baseline,
+        build=build_component,
+        known=known,
+    )
 
 
 def test_divergence_of_every_method(tmp_path):
@@ -48,21 +61,21 @@ def test_scale_of_the_noise(tmp_path):
             np.testing.assert_allclose(each.divergence.at(each.noise.scale), expected, **ROUND)
 
 
-def test_a_law_of_noise_that_does_not_tell_its_size(tmp_path):
+def test_a_noise_law_of_unknown_size(tmp_path):
     """There is noise, but no scale of it."""
 
     class Law:
         def draw(self, rng, n_samples):
-            """Nobody asks."""
+            """Is not called."""
 
     scenario = replace(load_config(write(tmp_path)).experiment.scenario, measurement=(Law(),))
-    assert mismatch._noise(scenario, servo_model()) == (None, "unknown")
+    assert mismatch._noise_scale(scenario, servo_model()) == (None, "unknown")
 
 
 def test_scale_of_the_noise_by_every_methods_own_model(tmp_path):
-    """A method that believes in ten times the noise sees a tenth of it."""
-    believed = "{kind: servo-linear, noise: {process: 3.0, measurement: 5.0}}"
-    methods = f"{{S-MPC: {{estimator: {{kind: kalman}}}}, other: {{model: {believed}, estimator: {{kind: kalman}}}}}}"
+    """A design model with ten times the noise gives a tenth of the scale."""
+    other = "{kind: servo-linear, noise: {process: 3.0, measurement: 5.0}}"
+    methods = f"{{S-MPC: {{estimator: {{kind: kalman}}}}, other: {{model: {other}, estimator: {{kind: kalman}}}}}}"
     model = "{kind: servo-linear, noise: {process: 3.0, measurement: 0.5}}"
     noise = "{measurement: {gaussian: {std: 0.01}}}"
     scales = [each.noise.scale for each in found(tmp_path, noise=noise, model=model, methods=methods).methods.values()]
@@ -88,7 +101,7 @@ def test_the_tolerance_of_the_actual_model(tmp_path):
 
 
 def test_a_plant_without_a_linear_part(tmp_path, monkeypatch):
-    """Says so, and says the rest."""
+    """Reported as such; the other results are there."""
     monkeypatch.setattr(mismatch, "HasLinearPart", ())  # nothing is an instance of it
     all_of_it = found(tmp_path, time=TIME)
     each = all_of_it.methods["S-MPC"]
@@ -105,11 +118,10 @@ def test_a_plant_out_of_range_is_left_out(tmp_path):
 def test_a_controller_without_gains(tmp_path, monkeypatch):
     """No law, no divergence, no loop; the other methods are not touched."""
     config = load_config(write(tmp_path, time=TIME))
-    point = config.points[0]
-    hidden = point.experiment.methods[1]
+    hidden = config.experiment.methods[1]
     pair = mismatch.linear_pair
     monkeypatch.setattr(mismatch, "linear_pair", lambda e, c: None if e is hidden.estimator else pair(e, c))
-    methods = mismatch.look_deep(point, config.baseline).methods
+    methods = of(config).methods
     without = methods["R-MPC"]
     assert without.divergence == without.gain.missing == "no linear law with known gains"
     assert without.model_radius is None and len(without.plant_radii) == 0
@@ -147,15 +159,15 @@ def test_gains_of_the_risk_sensitive_filter(tmp_path, monkeypatch):
     assert gain.after == pytest.approx(723.7) and gain.off == pytest.approx(0.87, abs=0.005)
 
 
-def test_gains_that_never_converge(tmp_path, monkeypatch):
-    """The search ends, and says where."""
-    monkeypatch.setattr(mismatch, "MOST_STEPS", 30)
+def test_gains_that_do_not_converge(tmp_path, monkeypatch):
+    """The search ends at a limit, which is reported."""
+    monkeypatch.setattr(mismatch, "MAX_STEPS", 30)
     monkeypatch.setattr(mismatch, "LIMIT", 0.0)
     gain = found(tmp_path, controller=CONTROLLER).methods["S-MPC"].gain
     assert gain.after is None and gain.until == pytest.approx(2.0)
 
 
-def test_loops_that_do_not_decay(tmp_path):
+def test_unstable_loops(tmp_path):
     """A law that inverts one step of the model: its closed loop has the sampled zeros, one outside the unit circle."""
     controller = "{kind: mpc, Hp: 1, Hu: 1, Q: 1.0, R: 0}"
     each = found(tmp_path, controller=controller, time=TIME).methods["S-MPC"]
@@ -176,11 +188,11 @@ def test_confounded_comparisons(tmp_path):
     assert found(tmp_path, methods=methods, time=TIME).confounded == expected
 
 
-def test_points_share_what_they_know(tmp_path, monkeypatch):
+def test_points_share_the_convergence(tmp_path, monkeypatch):
     """A recursion is continued once for all points that agree on it."""
     config = load_config(write(tmp_path, time=TIME))
     known = {}
-    first = mismatch.look_deep(config.points[0], config.baseline, known)
+    first = of(config, known)
     monkeypatch.setattr(mismatch, "_convergence", None)
-    second = mismatch.look_deep(config.points[0], config.baseline, known)
+    second = of(config, known)
     assert [each.gain for each in second.methods.values()] == [each.gain for each in first.methods.values()]
