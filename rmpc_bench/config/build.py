@@ -6,16 +6,15 @@ so that all errors are shown at once.
 
 from __future__ import annotations
 
-import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
+from rmpc_bench.config.build_method import DesignCache, MethodBuilder
 from rmpc_bench.config.build_noise import NoiseLaws
-from rmpc_bench.config.component import Component
-from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import sweep_point
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.expressions.quantity import Expression, QuantityError
@@ -25,17 +24,14 @@ from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.recording import has_bursts, with_bursts
 from rmpc_bench.simulation.reference import Reference
-from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import (
     Experiment,
     Recording,
     Scenario,
-    initial_covariance,
     initial_state,
 )
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import (
-    Array,
     DesignError,
     HasOpponent,
     HasWorkspace,
@@ -62,7 +58,7 @@ class UncertainParameter:
             return math.nan
 
 
-class _Builder:
+class _ExperimentBuilder:
     """Makes the designs of a draft; the errors of those that cannot be made are added to its problems.
 
     Parameters
@@ -72,107 +68,27 @@ class _Builder:
     smoke : whether windows of metrics are cut where a run is too short for them
     """
 
-    def __init__(self, draft: DraftConfig, cache: dict[str, Any], *, smoke: bool) -> None:
+    def __init__(self, draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> None:
         self.draft, self.cache, self.smoke = draft, cache, smoke
         self.time = draft.values["time"]
         self.n_steps: int = self.time.n_steps
-
-    def cached(self, description: Any, make: Callable[[], Any]) -> Any:
-        """Return a design from the cache, or make it.
-
-        Parameters
-        ----------
-        description : plain data that determine the design
-        make : makes the design; None where it fails
-        """
-        key = json.dumps(description, sort_keys=True)
-        if self.cache.get(key) is None:
-            self.cache[key] = make()
-        return self.cache[key]
+        self.methods = MethodBuilder(draft, cache)
 
     def plant(self) -> Plant | None:
         """Build the plant and check the names under `perturb` and `set`."""
-        part = self.draft.plant
-        if part is None:
+        component = self.draft.plant
+        if component is None:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
-        plant: Plant | None = self.cached(
-            ["plant", size, part.resolved()], lambda: part.build(self.draft.problems, **size)
-        )
+        description = ["plant", size, component.resolved()]
+        plant: Plant | None = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
         if plant is not None:
             for name, change in self.draft.parameter_changes.items():
                 if name not in plant.nominal:
-                    message = unknown(name, plant.nominal, f"parameter of {part.kind}")
+                    message = unknown(name, plant.nominal, f"parameter of {component.kind}")
                     key = "perturb" if change.relative else "set"
                     self.draft.problems.append(Problem(*change.mark, f"plant.{key}.{name}", message))
         return plant
-
-    def model(self, part: Component | None) -> Any:
-        """Build a design model; methods with equal models share one."""
-        if part is None:
-            return None
-        size = {"Ts": self.time.step, "n_steps": self.n_steps}
-        return self.cached(["model", size, part.resolved()], lambda: part.build(self.draft.problems, **size))
-
-    def start(self, model: Any) -> dict[str, Array] | None:
-        """Return x0, P0 and M0 of the estimators, for the size of a model."""
-        given, P = self.draft.initial, self.draft.initial["P"]
-        if any(given[key] is None for key in ("x_hat", "P", "M")):
-            return None
-        x0 = self.sized("x_hat", initial_state, given["x_hat"], model.nx)
-        P0 = model.Q_w if isinstance(P, str) else self.sized("P", initial_covariance, P, model.nx)
-        M0 = self.sized("M", initial_covariance, given["M"], model.nx)
-        return None if x0 is None or P0 is None or M0 is None else {"x0": x0, "P0": P0, "M0": M0}
-
-    def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array | None:
-        """Expand a short form under `initial`; a wrong size is reported there."""
-        try:
-            return expand(value, n)
-        except DesignError as error:
-            self.draft.note(["initial", key], str(error))
-            return None
-
-    def method(self, name: str, parts: MethodComponents, plant: Plant | None) -> Method | None:
-        """Build one estimator-controller pair; points of a sweep that agree on it share it."""
-        named = {"model": parts.model, "estimator": parts.estimator, "controller": parts.controller}
-        described = {key: part.resolved() for key, part in named.items() if part is not None}
-        key = ["method", name, self._size(), described, self._disclosed(parts)]
-        made = self.cached(key, lambda: self._method(name, parts, plant))
-        return cast("Method | None", made)
-
-    def _method(self, name: str, parts: MethodComponents, plant: Plant | None) -> Method | None:
-        problems, model = self.draft.problems, self.model(parts.model)
-        if model is None:
-            return None
-        start = self.start(model)
-        estimator = None
-        if parts.estimator is not None and start is not None:
-            provided = {"model": model, "n_steps": self.n_steps, **start, "plant": plant}
-            estimator = self.estimator(parts, provided)
-        if parts.controller is None and parts.controlled:
-            return None
-        if parts.controller is None:
-            controller: Any = Rest(model.nu)
-        elif estimator is None and parts.controller.takes("estimator"):
-            return None
-        else:
-            provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
-            controller = parts.controller.build(problems, **provided)
-        return None if estimator is None or controller is None else Method(name, estimator, controller)
-
-    def estimator(self, parts: MethodComponents, provided: Mapping[str, Any]) -> Any:
-        """Build an estimator; methods and points with equal estimators share one."""
-        part, model = parts.estimator, parts.model
-        assert part is not None and model is not None
-        if part.takes("plant") and provided["plant"] is None:
-            return None
-        key = ["estimator", self._size(), model.resolved(), part.resolved(), self._disclosed(parts)]
-        return self.cached(key, lambda: part.build(self.draft.problems, **provided))
-
-    def _disclosed(self, parts: MethodComponents) -> Any:
-        """Plant data disclosed to an estimator that takes the plant; None for others."""
-        part, plant = parts.estimator, self.draft.plant
-        return plant.resolved() if part is not None and plant is not None and part.takes("plant") else None
 
     def opposed(self, plant: Plant, methods: Sequence[Method | None], scenario: Scenario) -> Plant | None:
         """Return the plant with the sequence of its adversary, if it has one, against the method that it names."""
@@ -190,30 +106,26 @@ class _Builder:
         if isinstance(laws, str):
             self.draft.note(path, f"{name}: {laws}")
             return None
-        parts = self.draft.methods[name]
-        described = [part.resolved() for part in (parts.model, parts.estimator) if part is not None]
+        components = self.draft.methods[name]
+        described = [each.resolved() for each in (components.model, components.estimator) if each is not None]
         resolved = self.draft.plant.resolved() if self.draft.plant is not None else None
-        key = ["opposed", self._size(), resolved, described, [each.tolist() for each in laws]]
-        truth, schedule = cast("HasOpponent", plant), cast("Any", method.estimator)
+        key = ["opposed", self.methods.size(), resolved, described, [each.tolist() for each in laws]]
+        true, schedule = cast("HasOpponent", plant), cast("Any", method.estimator)
         try:
-            made = self.cached(
-                key, lambda: truth.against(worst_sequence(cast("Any", truth), schedule, laws, self.n_steps, radius))
+            made = self.cache.get(
+                key, lambda: true.against(worst_sequence(cast("Any", true), schedule, laws, self.n_steps, radius))
             )
         except DesignError as error:
             self.draft.note(path, f"{name}: {error}")
             return None
         return cast("Plant", made)
 
-    def _size(self) -> list[Any]:
-        """Data that determine every design, besides its own keys."""
-        return [self.time.step, self.n_steps, *(self.draft.initial[key] for key in ("x_hat", "P", "M"))]
-
     def scenario(self, plant: Plant, reference: Reference) -> Scenario | None:
         """Collect the random inputs of a run and the reference."""
         draft = self.draft
         x = draft.initial["x"]
-        x0 = None if x is None else self.sized("x", initial_state, x, plant.nx)
-        laws = NoiseLaws(draft, lambda: self.model(draft.model))
+        x0 = None if x is None else self.methods.sized("x", initial_state, x, plant.nx)
+        laws = NoiseLaws(draft, lambda: self.methods.model(draft.model))
         x0_noise = laws.terms(draft.initial["laws"], plant.nx, "initial")
         process = laws.terms(draft.noise.get("process", ()), plant.nw, "process")
         measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement")
@@ -294,20 +206,22 @@ def build(drafts: Sequence[DraftConfig], *, smoke: bool) -> list[SweepPoint | No
     drafts : the sections of every point
     smoke : whether windows of metrics are cut where a run is too short for them
     """
-    cache: dict[str, Any] = {}
+    cache = DesignCache()
     points: list[SweepPoint | None] = []
     with single_thread():
         for draft in drafts:
-            experiment = _experiment(_Builder(draft, cache, smoke=smoke)) if draft.values["time"] is not None else None
+            experiment = (
+                _experiment(_ExperimentBuilder(draft, cache, smoke=smoke)) if draft.values["time"] is not None else None
+            )
             points.append(None if experiment is None else sweep_point(draft, experiment))
     return points
 
 
-def _experiment(builder: _Builder) -> Experiment | None:
+def _experiment(builder: _ExperimentBuilder) -> Experiment | None:
     """Make all designs of one point."""
     draft = builder.draft
     plant = builder.plant()
-    methods = [builder.method(name, parts, plant) for name, parts in draft.methods.items()]
+    methods = [builder.methods.method(name, components, plant) for name, components in draft.methods.items()]
     if plant is None or draft.reference is None:
         return None
     reference = draft.reference.build(draft.problems, ny=plant.ny, Ts=plant.Ts)

@@ -36,7 +36,7 @@ def parse(text: str, file: str, *, column: int = 1) -> Any:
     -------
     Map, Items or scalar.  What an alias stands for is shared, not copied.
     """
-    return _Builder(text.removeprefix("\ufeff"), file, column).build()
+    return _TreeBuilder(text.removeprefix("\ufeff"), file, column).build()
 
 
 def load(path: str | Path) -> Any:
@@ -119,7 +119,7 @@ class _Stop(Exception):
     """Trouble after which reading on makes no sense: index in the text, message."""
 
 
-class _Builder:
+class _TreeBuilder:
     """Builds the tree from events and gathers problems on the way."""
 
     def __init__(self, text: str, file: str, column: int) -> None:

@@ -1,0 +1,129 @@
+"""Builds the methods of a configuration: design model, estimator and controller of each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+from rmpc_bench.config.component import Component
+from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.scenario import initial_covariance, initial_state
+from rmpc_bench.types import Array, DesignError, Method, Plant
+
+
+class DesignCache:
+    """Designs that methods and points of a sweep share."""
+
+    def __init__(self) -> None:
+        self._designs: dict[str, Any] = {}
+
+    def get(self, description: Any, make: Callable[[], Any]) -> Any:
+        """Return a design, made only once.
+
+        Parameters
+        ----------
+        description : plain data that determine the design
+        make : makes the design; where it returns None it is called again next time, so that every error is reported
+        """
+        key = json.dumps(description, sort_keys=True)
+        if self._designs.get(key) is None:
+            self._designs[key] = make()
+        return self._designs[key]
+
+
+class MethodBuilder:
+    """Builds the methods of a draft; what cannot be built is None, with the reason in the problems of the draft.
+
+    Parameters
+    ----------
+    draft : the sections of one point, with a valid time
+    cache : designs of other points, to share; gets the new ones
+    """
+
+    def __init__(self, draft: DraftConfig, cache: DesignCache) -> None:
+        self.draft, self.cache = draft, cache
+        self.time = draft.values["time"]
+        self.n_steps: int = self.time.n_steps
+
+    def size(self) -> list[Any]:
+        """Return the data that determine every design, besides its own keys."""
+        return [self.time.step, self.n_steps, *(self.draft.initial[key] for key in ("x_hat", "P", "M"))]
+
+    def model(self, component: Component | None) -> Any:
+        """Build a design model; methods with equal models share one."""
+        if component is None:
+            return None
+        size = {"Ts": self.time.step, "n_steps": self.n_steps}
+        return self.cache.get(
+            ["model", size, component.resolved()], lambda: component.build(self.draft.problems, **size)
+        )
+
+    def _start(self, model: Any) -> dict[str, Array] | None:
+        """Return x0, P0 and M0 of the estimators, for the size of a model."""
+        given, P = self.draft.initial, self.draft.initial["P"]
+        if any(given[key] is None for key in ("x_hat", "P", "M")):
+            return None
+        x0 = self.sized("x_hat", initial_state, given["x_hat"], model.nx)
+        P0 = model.Q_w if isinstance(P, str) else self.sized("P", initial_covariance, P, model.nx)
+        M0 = self.sized("M", initial_covariance, given["M"], model.nx)
+        return None if x0 is None or P0 is None or M0 is None else {"x0": x0, "P0": P0, "M0": M0}
+
+    def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array | None:
+        """Expand a short form under `initial`; a wrong size is reported there."""
+        try:
+            return expand(value, n)
+        except DesignError as error:
+            self.draft.note(["initial", key], str(error))
+            return None
+
+    def method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
+        """Build an estimator and a controller; points of a sweep with equal methods share one.
+
+        Parameters
+        ----------
+        name : name of the method
+        components : its model, estimator and controller
+        plant : disclosed to an estimator that takes it; None where it cannot be built
+        """
+        named = {"model": components.model, "estimator": components.estimator, "controller": components.controller}
+        described = {key: component.resolved() for key, component in named.items() if component is not None}
+        description = ["method", name, self.size(), described, self._disclosed(components)]
+        return cast("Method | None", self.cache.get(description, lambda: self._method(name, components, plant)))
+
+    def _method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
+        problems, model = self.draft.problems, self.model(components.model)
+        if model is None:
+            return None
+        start = self._start(model)
+        estimator = None
+        if components.estimator is not None and start is not None:
+            provided = {"model": model, "n_steps": self.n_steps, **start, "plant": plant}
+            estimator = self._estimator(components, provided)
+        if components.controller is None and components.controlled:
+            return None
+        if components.controller is None:
+            controller: Any = Rest(model.nu)
+        elif estimator is None and components.controller.takes("estimator"):
+            return None
+        else:
+            provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
+            controller = components.controller.build(problems, **provided)
+        return None if estimator is None or controller is None else Method(name, estimator, controller)
+
+    def _estimator(self, components: MethodComponents, provided: Mapping[str, Any]) -> Any:
+        """Build an estimator; methods and points with equal estimators share one."""
+        estimator, model = components.estimator, components.model
+        assert estimator is not None and model is not None
+        if estimator.takes("plant") and provided["plant"] is None:
+            return None
+        disclosed = self._disclosed(components)
+        description = ["estimator", self.size(), model.resolved(), estimator.resolved(), disclosed]
+        return self.cache.get(description, lambda: estimator.build(self.draft.problems, **provided))
+
+    def _disclosed(self, components: MethodComponents) -> Any:
+        """Plant data disclosed to an estimator that takes the plant; None for others."""
+        estimator, plant = components.estimator, self.draft.plant
+        disclosed = estimator is not None and plant is not None and estimator.takes("plant")
+        return plant.resolved() if plant is not None and disclosed else None
