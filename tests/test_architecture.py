@@ -43,6 +43,7 @@ MAY_IMPORT = {  # house.md, section 3; a room may always import itself
     "rmpc_bench": set(),
 }
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
+MAY_IMPORT["__main__"] = {"cli"}
 SHARED_SIBLINGS = {"gain_schedule", "noise_tuning", "prediction", "state_feedback"}
 ONLY_IN = {  # a package of others -> where it may be imported
     "matplotlib": "figures/",

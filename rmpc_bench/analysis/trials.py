@@ -164,6 +164,14 @@ class Trials:
         """Count the runs of `method` that ended with any status but ok."""
         return int((~self._rows[method][2]).sum()) if method in self._rows else 0
 
+    @property
+    def n_failed_trials(self) -> int:
+        """Failed trials of all methods at all points; trials that points share count once."""
+        failed: dict[tuple[str, str | None], int] = {}
+        for table in self.each:
+            failed |= {(name, table.keys.get(name)): table.n_failed(name) for name in table.methods}
+        return sum(failed.values())
+
     @cached_property
     def _series_rows(self) -> Mapping[tuple[str, str], Array]:
         """Quantity and method -> positions of their rows in `series`, found once: comparing texts is slow."""

@@ -8,9 +8,12 @@ import sys
 import traceback
 from collections.abc import Callable
 from types import FrameType
-from typing import Any, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 import click
+
+if TYPE_CHECKING:
+    from rmpc_bench.execution.publish import Publication
 
 FINDING_DIFFERS = 1
 USAGE = 2
@@ -47,6 +50,26 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
         sys.exit(code)
 
     return wrapper
+
+
+def show(written: Publication, seconds: float | None = None) -> None:
+    """Print what was published: the summary on stdout, figures that were left out on stderr."""
+    for text in written.left_out:
+        click.echo(f"figure left out: {text}", err=True)
+    click.echo(written.summary(seconds))
+
+
+def code_of(written: Publication, *, strict: bool) -> int:
+    """Return the exit code of published results; failed runs have precedence over findings.
+
+    Parameters
+    ----------
+    written : what `publish` has returned
+    strict : whether a finding that differs from its record counts
+    """
+    if written.results.trials.n_failed_trials > written.results.config.execution.max_failures:
+        return TOO_MANY_FAILURES
+    return FINDING_DIFFERS if strict and written.differing else 0
 
 
 def _explain(error: BaseException) -> int:

@@ -14,18 +14,12 @@ from rmpc_bench.cli import exits
 @exits.guarded
 def report(directories: tuple[Path, ...]) -> int:
     """Write tables and figures again from stored trials; nothing is simulated."""
-    from rmpc_bench.cli.publish import publish
-    from rmpc_bench.config.load import load_config
-    from rmpc_bench.execution import manifest
-    from rmpc_bench.execution.runner import RESOLVED
-    from rmpc_bench.execution.store import FILE, MissingError
+    from rmpc_bench.execution.publish import publish
+    from rmpc_bench.execution.results import load_results
 
     code = 0
     for directory in directories:
-        if not (directory / FILE).exists():
-            raise MissingError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
-        config = load_config(directory / RESOLVED)
-        outcome = publish(config, directory, manifest.read(directory).get("modified", []))
-        click.echo(outcome.screen)
-        code = max(code, outcome.code(strict=False))
+        written = publish(load_results(directory))
+        exits.show(written)
+        code = max(code, exits.code_of(written, strict=False))
     return code

@@ -90,32 +90,37 @@ def run(**options: Any) -> int:
     with held():  # an import that is interrupted may swallow the interruption, or take it for a broken library
         import scipy.linalg  # noqa: F401
 
-        from rmpc_bench.cli.publish import publish
         from rmpc_bench.config.load import load_config
         from rmpc_bench.execution.progress import choose
-        from rmpc_bench.execution.runner import compute
+        from rmpc_bench.execution.publish import publish
+        from rmpc_bench.execution.results import run as run_experiment
         from rmpc_bench.execution.store import StoreError
 
     asked = Request(**options)
     config = load_config(asked.config, overrides=asked.overrides, runs=asked.runs, smoke=asked.smoke)
     _check_names(asked.only, config)
     directory = asked.output or _directory(asked, config)
-    modified = _modifications(asked)
     try:
         if asked.dry_run:
             return _show_plan(config, directory, asked.only)
         if asked.fresh:
             _set_aside(directory)
-        display = choose(asked.progress)
-        compute(config, directory, workers=asked.jobs, only=asked.only or None, progress=display, modified=modified)
+        results = run_experiment(
+            config,
+            directory=directory,
+            jobs=asked.jobs,
+            only=asked.only or None,
+            progress=choose(asked.progress),
+            overrides=_overrides(asked),
+        )
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {asked.command(_free(directory))}", err=True)
         return exits.OCCUPIED
-    outcome = publish(config, directory, modified, started=started)
-    click.echo(outcome.screen)
-    if asked.strict and config.claims and not outcome.judged:
-        click.echo("--strict had nothing to judge: see the line `paper`", err=True)
-    return outcome.code(strict=asked.strict)
+    written = publish(results)
+    exits.show(written, time.monotonic() - started)
+    if asked.strict and config.claims and not results.is_final:
+        click.echo("--strict compared no finding: see the line `claims`", err=True)
+    return exits.code_of(written, strict=asked.strict)
 
 
 def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
@@ -126,9 +131,10 @@ def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
             raise click.BadParameter(unknown(name, config.methods, "method"), param_hint="--only")
 
 
-def _modifications(asked: Request) -> list[str]:
-    """What differs from the file as it stands; claims are then shown for information only."""
-    changes = [text for text in asked.changes() if not text.startswith("--only ")]  # seen by what is missing
+def _overrides(asked: Request) -> list[str]:
+    """Options that change the configuration of the file; claims are then shown for information only."""
+    # Methods that --only leaves out are reported as missing runs.
+    changes = [text for text in asked.changes() if not text.startswith("--only ")]
     if asked.runs is not None and not asked.smoke:
         from rmpc_bench.config.reader import load
 

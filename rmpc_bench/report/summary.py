@@ -65,12 +65,12 @@ class Summary(NamedTuple):
     @property
     def described(self) -> pd.DataFrame:
         """Sweep columns, then one row per method and metric."""
-        return _stacked([(point.trials, point.described) for point in self.points])
+        return stacked([(point.trials, point.described) for point in self.points])
 
     @property
     def compared(self) -> pd.DataFrame:
         """Sweep columns, then one row per comparison with the baseline."""
-        return _stacked([(point.trials, point.compared) for point in self.points])
+        return stacked([(point.trials, point.compared) for point in self.points])
 
     def to_markdown(self) -> str:
         """Return the pages of tables: of all points together where there are many, and of each."""
@@ -100,7 +100,8 @@ class Summary(NamedTuple):
         return "\n\n".join(blocks)
 
 
-def _stacked(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
+def stacked(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
+    """Put the tables of points below each other, with the columns of the sweep in front."""
     tables = []
     for trials, frame in parts:
         frame = frame.copy()

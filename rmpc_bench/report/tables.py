@@ -108,13 +108,13 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     for info in trials.metrics:
         table = _table(trials, summary, comparisons, info)
         parts.append(f"## {_quantity(info)}, {BEST.get(info.direction, info.direction + ' is better')}")
-        parts.append(_markdown_rows(_markdown_columns(trials, table)))
+        parts.append(markdown_table(_markdown_columns(trials, table)))
         parts += ["\n".join(_legend(trials, table))] if _legend(trials, table) else []
         rows = [line.compared for line in table.lines if line.compared]
         if rows:
             parts.append("\n".join(f"- {sentence(row, info, confidence=trials.confidence)}" for row in rows))
     if len(trials.methods) > 1:
-        parts.append(_explanation(trials))
+        parts.append(explanation(trials))
     parts += _failures(trials)
     return "\n\n".join(parts) + "\n"
 
@@ -137,7 +137,8 @@ def _markdown_columns(trials: Trials, table: _Table) -> dict[str, list[str]]:
     return columns
 
 
-def _markdown_rows(columns: Mapping[str, Sequence[str]]) -> str:
+def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:
+    """Lay out columns, head -> cells, as a Markdown table without a line end."""
     rows = [list(columns), *([*row] for row in zip(*columns.values(), strict=True))]
     texts = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
     return "\n".join([texts[0], "|" + " --- |" * len(columns), *texts[1:]])
@@ -159,7 +160,8 @@ def _legend(trials: Trials, table: _Table) -> list[str]:
     return ["; ".join(parts)] if parts else []
 
 
-def _explanation(trials: Trials) -> str:
+def explanation(trials: Trials) -> str:
+    """Say how the columns of a comparison are computed."""
     return (
         f"Runs are paired with those of {trials.baseline}; a failed run loses its pair. Change: geometric mean of the "
         "per-run ratios where all values are positive, else mean difference over mean. Tied: closer than "

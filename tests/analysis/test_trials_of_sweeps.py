@@ -36,7 +36,7 @@ def sweep(make_trials):
 def trials(tmp_path_factory):
     """Run the small experiment at four points and return what the Python API gives."""
     directory = tmp_path_factory.mktemp("api")
-    return run(load_config(write(directory, sweep=SWEEP)), directory=directory / "out", jobs=1)
+    return run(load_config(write(directory, sweep=SWEEP)), directory=directory / "out", jobs=1).trials
 
 
 def test_each_point_or_the_table_itself(make_trials, sweep):
@@ -122,7 +122,7 @@ def test_load_trials_of_a_sweep(tmp_path, trials):
 
 def test_named_points(tmp_path):
     """The names of a zip are a column and the title; paths and values stand beside them."""
-    trials = run(load_config(write(tmp_path, sweep=ZIP)), directory=tmp_path / "out", jobs=1)
+    trials = run(load_config(write(tmp_path, sweep=ZIP)), directory=tmp_path / "out", jobs=1).trials
     assert [point.title for point in trials.points] == ["short", "long"]
     assert trials.paths == ("name", HP, "seed") and not trials.alike
     assert [*trials.frame.columns[:4]] == ["name", HP, "seed", "method"]

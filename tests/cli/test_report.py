@@ -69,7 +69,7 @@ def test_report_remembers_that_the_run_was_modified(here):
     """Claims stay informational."""
     ran(write(here, claims=CLAIMS), here / "out", "--runs", 3)
     result = cli("report", "out")
-    assert "not judged" in result.stdout and "--runs 3" in result.stdout
+    assert "not evaluated" in result.stdout and "--runs 3" in result.stdout
     assert "information" in (here / "out" / "claims.md").read_text()
 
 

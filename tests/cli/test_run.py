@@ -43,7 +43,7 @@ def test_what_a_run_leaves_behind(here):
     assert re.fullmatch(r"tiny done in \d+\.\d s   6 of 6 runs, 0 failed   results/p/tiny", first.strip())
     shown = "\n".join(rest)
     assert "mse [rad^2]" in shown and "change vs S-MPC" in shown
-    assert "paper       1 of 1 statements found as written" in shown
+    assert "claims      1 of 1 statements of the paper confirmed" in shown
     assert "open        results/p/tiny/figures/boxplot.png" in shown
     assert not list(here.rglob("*.part"))
 
@@ -108,12 +108,12 @@ def test_expressions_without_a_value_are_failed_runs(here):
     ],
 )
 def test_strict(here, claims, options, code):
-    """Exit 1 when a finding differs from its record; what is not the configuration as it stands is not judged."""
+    """Exit 1 when a finding differs from its record; what is not the configuration as it stands is not evaluated."""
     path = write(here, claims=f"[{', '.join(claims)}]", smoke="{runs: 2, steps: 5}")
     result = go(path, "-o", "out", *options)
     assert result.exit_code == code, result.output
     modified = len(options) > 1 and options[-1] != "6"
-    assert ("not judged" in result.stdout) == modified
+    assert ("not evaluated" in result.stdout) == modified
     assert ("recorded confirmed, now not-confirmed: large" in result.stdout) == (claims[-1] == FAILS and not modified)
     assert (here / "out" / "claims.md").exists()
 

@@ -73,7 +73,7 @@ def test_claims_at_points_from_file_to_file(here):
         (f"{HP}=12", pytest.approx(means[12])),
     ]
     assert second["finding"] == "depends-on-assumptions" and result.exit_code == 0
-    assert "paper       1 of 2 statements found as written" in result.stdout
+    assert "claims      1 of 2 statements of the paper confirmed" in result.stdout
     assert f"` at {HP}=12: holds; " in (here / "out" / "claims.md").read_text()
 
 
@@ -114,7 +114,7 @@ def test_a_smoke_run_of_a_sweep(here):
     """Every point at its small size; claims are for information."""
     path = write(here, sweep=SWEEP, smoke="{runs: 2, steps: 4}", claims=f"[{CLAIMS[0]}]")
     result = go(path, "--smoke", "--strict")
-    assert result.exit_code == 0 and "not judged" in result.stdout
+    assert result.exit_code == 0 and "not evaluated" in result.stdout
     frame = pd.read_csv(here / "results" / "smoke" / "tiny" / "trials.csv")
     assert len(frame) == 4 * 2 * 2 and "2 of 2 runs at each of 4 points" in result.stdout
 
@@ -157,7 +157,7 @@ def test_a_report_of_an_interrupted_sweep(here, monkeypatch):
     frame = pd.read_csv(here / "out" / "trials.csv")
     counts = frame.groupby([HP, "method"]).size()
     assert len(counts) == 3 and set(counts) == {6}
-    assert "not judged" in result.stdout and "0 of 6 runs" in result.stdout
+    assert "not evaluated" in result.stdout and "0 of 6 runs" in result.stdout
 
 
 @pytest.mark.parametrize("kind", ["input_roughness", "settling_time"])

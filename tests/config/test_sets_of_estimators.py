@@ -43,7 +43,7 @@ def load(tmp_path, **keys):
 def trials(tmp_path_factory):
     """Return the trials of the experiment."""
     directory = tmp_path_factory.mktemp("believed")
-    return run(load(directory), directory=directory / "out", jobs=1)
+    return run(load(directory), directory=directory / "out", jobs=1).trials
 
 
 @pytest.mark.parametrize(("metric", "level"), [("inside", 0.95), ("sure", 0.5)])

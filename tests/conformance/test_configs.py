@@ -33,7 +33,7 @@ def test_two_runs_of_a_few_steps(name, tmp_path):
     assert folder in ("benchmarks", config.paper or "")
     assert [claim.says for claim in config.claims if not (claim.finding and claim.source)] == []
     config = replace(config, points=config.points[:: max(1, len(config.points) // 4)][:4])
-    trials = run(config, directory=tmp_path, jobs=1)
+    trials = run(config, directory=tmp_path, jobs=1).trials
     assert trials.methods == tuple(config.methods)
     n_runs = 2 if "runs" in config.evaluate else 0
     assert len(trials.frame) == n_runs * len(config.methods) * len(config.points)

@@ -10,8 +10,8 @@ from uncertain_experiment import PLANT, write_estimation
 
 from rmpc_bench import load_config, load_trials
 from rmpc_bench.execution import engines
-from rmpc_bench.execution.results import n_complete
 from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.stored_trials import n_complete
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Recording

@@ -8,8 +8,9 @@ from small_experiment import ran, write
 
 from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.analysis.trials import Traces
-from rmpc_bench.execution import results
+from rmpc_bench.execution.series import series
 from rmpc_bench.execution.store import MissingError, StoreError
+from rmpc_bench.execution.stored_trials import stored_trials, uncertainty
 from rmpc_bench.execution.traces import units_of
 
 
@@ -37,7 +38,7 @@ def test_trials_in_the_order_of_the_configuration(load, tmp_path):
         methods="{z: {estimator: {kind: kalman}, label: Z}, a: {estimator: {kind: robust-kalman, c: 0.1}}}",
         statistics="{baseline: a, confidence: 90%, relevant: 2%}",
     )
-    trials = run(config, directory=tmp_path / "out", jobs=1)
+    trials = run(config, directory=tmp_path / "out", jobs=1).trials
     assert list(trials.frame["method"]) == ["z"] * 6 + ["a"] * 6
     assert list(trials.frame["run"]) == [*range(6)] * 2
     assert list(trials.frame.columns) == ["method", "run", "status", "mse", "input_power"]
@@ -47,20 +48,20 @@ def test_trials_in_the_order_of_the_configuration(load, tmp_path):
 
 def test_a_failed_run_has_a_status_and_no_values(load, tmp_path):
     """It is counted for every method that meets it."""
-    trials = run(load(**FAILING, runs="20"), directory=tmp_path / "out", jobs=1)
+    trials = run(load(**FAILING, runs="20"), directory=tmp_path / "out", jobs=1).trials
     failed = trials.frame["status"] == "out-of-range"
     assert 0 < failed.sum() < 40
     assert trials.frame.loc[failed, ["mse", "input_power"]].isna().all(axis=None)
     assert not trials.frame.loc[~failed, ["mse", "input_power"]].isna().any(axis=None)
-    assert results.n_failed(trials) == failed.sum() == sum(trials.n_failed(method) for method in trials.methods)
+    assert trials.n_failed_trials == failed.sum() == sum(trials.n_failed(method) for method in trials.methods)
     assert trials.n_failed("S-MPC") == trials.n_failed("R-MPC")
 
 
 def test_a_failed_run_is_one_whose_parameter_means_nothing(load, tmp_path):
     """The sampled values say why."""
     config = load(**FAILING, runs="20")
-    trials = run(config, directory=tmp_path / "out", jobs=1)
-    eps = results.uncertainty(config, tmp_path / "out")["eps"]
+    trials = run(config, directory=tmp_path / "out", jobs=1).trials
+    eps = uncertainty(config, tmp_path / "out")["eps"]
     np.testing.assert_array_equal(np.isnan(trials.column("mse", "S-MPC")), 1.0 + eps <= 0.0)
 
 
@@ -68,19 +69,19 @@ def test_uncertain_values_by_run(load, tmp_path):
     """A column per quantity in the order of the configuration; none without uncertainty."""
     config = load(uncertainty="{eps: +-20%, a: {dist: fixed, value: 2}}")
     run(config, directory=tmp_path / "out", jobs=1)
-    table = results.uncertainty(config, tmp_path / "out")
+    table = uncertainty(config, tmp_path / "out")
     assert list(table.columns) == ["run", "eps", "a"] and list(table["run"]) == [*range(6)]
     assert table["eps"].between(-0.2, 0.2).all() and set(table["a"]) == {2.0}
     assert table["eps"].tolist() == [config.experiment.scenario.named_values(run)["eps"] for run in range(6)]
     config = load(uncertainty="{}", plant="{kind: servo-linear}")
     run(config, directory=tmp_path / "none", jobs=1)
-    assert list(results.uncertainty(config, tmp_path / "none").columns) == ["run"]
+    assert list(uncertainty(config, tmp_path / "none").columns) == ["run"]
 
 
 def test_series_of_the_designs(load):
     """One row per k and component, exact; matrices come back whole."""
     config = load()
-    table = results.series(config.experiment.methods)
+    table = series(config.experiment.methods)
     assert list(table.columns) == ["method", "quantity", "component", "k", "n", "value"]
     assert set(table["n"]) == {0} and set(table["method"]) == {"S-MPC", "R-MPC"}
     P = config.experiment.method("R-MPC").estimator.series()["P"]
@@ -88,13 +89,13 @@ def test_series_of_the_designs(load):
     assert chosen["k"].tolist() == [*range(11)] and chosen["value"].tolist() == P[:, 1, 3].tolist()
     theta = table[(table["method"] == "R-MPC") & (table["quantity"] == "theta")]
     assert set(theta["component"]) == {""} and len(theta) == 11
-    assert list(results.series([]).columns) == list(table.columns)
+    assert list(series([]).columns) == list(table.columns)
 
 
 def test_matrix_series_survives_the_table(load, tmp_path):
     """What claims read is what the design said."""
     config = load()
-    trials = run(config, directory=tmp_path / "out", jobs=1)
+    trials = run(config, directory=tmp_path / "out", jobs=1).trials
     for quantity, values in config.experiment.method("S-MPC").estimator.series().items():
         np.testing.assert_array_equal(trials.matrix_series(quantity, "S-MPC"), values)
 
@@ -103,7 +104,7 @@ def test_methods_without_a_run_are_left_out(load, tmp_path):
     """And another takes the place of the baseline."""
     config = load()
     run(config, directory=tmp_path / "out", jobs=1, only=["R-MPC"])
-    trials = results.stored_trials(config, tmp_path / "out")
+    trials = stored_trials(config, tmp_path / "out")
     assert trials.methods == ("R-MPC",) and trials.baseline == "R-MPC"
     assert set(trials.series["method"]) == {"R-MPC"}
 
@@ -119,20 +120,20 @@ def test_load_trials_of_a_directory(tmp_path):
 def test_no_results(load, tmp_path):
     """Neither a directory without a store nor one without trials of the configuration makes a table."""
     with pytest.raises(MissingError, match="there is no trials.sqlite; fill the directory with `rmpc-bench run`"):
-        results.stored_trials(load(), tmp_path)
+        stored_trials(load(), tmp_path)
     with pytest.raises(MissingError):
         load_trials(tmp_path)
     run(load(), directory=tmp_path / "out", jobs=1)
     other = load(methods="{a: {estimator: {kind: robust-kalman, c: 9}}}")
     with pytest.raises(MissingError, match="no trial of this configuration is stored"):
-        results.stored_trials(other, tmp_path / "out")
+        stored_trials(other, tmp_path / "out")
 
 
 def test_another_experiment_is_not_shown(load, tmp_path):
     """Trials of another seed are no trials of this configuration, whoever asks."""
     run(load(), directory=tmp_path / "out", jobs=1)
     with pytest.raises(StoreError):
-        results.stored_trials(load(seed=8), tmp_path / "out")
+        stored_trials(load(seed=8), tmp_path / "out")
 
 
 @pytest.mark.parametrize(("widths", "known"), [((2, 2), True), ((2, 3), False), ((), False)])

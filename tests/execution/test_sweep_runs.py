@@ -12,7 +12,7 @@ from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import engines
-from rmpc_bench.execution.results import n_complete, stored_trials
+from rmpc_bench.execution.stored_trials import n_complete, stored_trials
 
 HP, HU, C, STD = "controller.Hp", "controller.Hu", "methods.R-MPC.estimator.c", "noise.measurement.gaussian.std"
 METHODS = f"{{grid: {{{C}: [0.1, 1]}}, zip: {{{HP}: [10, 12], {HU}: [3, 2]}}}}"
@@ -71,7 +71,7 @@ def test_every_point_is_the_plain_experiment(made, tmp_path, sweep):
     assert len(trials.points) == 4
     for number, point in enumerate(trials.points):
         overrides = [f"{path}={value}" for path, value in point.point.items()]
-        alone = run(load_config(plain, overrides=overrides), directory=tmp_path / str(number), jobs=1)
+        alone = run(load_config(plain, overrides=overrides), directory=tmp_path / str(number), jobs=1).trials
         assert point.frame.equals(alone.frame) and point.series.equals(alone.series)
         for method in ("S-MPC", "R-MPC"):
             for signal, array in alone.traces[method].signals.items():
@@ -164,9 +164,9 @@ def test_a_sweep_over_methods_grows_in_place(made, tmp_path, monkeypatch, before
     """Only new values are computed, and the table is that of a new directory."""
     directory, blocks = made(before, tmp_path / "a"), spied(monkeypatch)
     config = load_config(write(tmp_path, sweep=after))
-    grown = run(config, directory=directory, jobs=1)
+    grown = run(config, directory=directory, jobs=1).trials
     assert sorted(blocks) == [(name, ALL) for name in computed]
-    assert grown.frame.equals(run(config, directory=tmp_path / "b", jobs=1).frame)
+    assert grown.frame.equals(run(config, directory=tmp_path / "b", jobs=1).trials.frame)
 
 
 @pytest.mark.parametrize(
@@ -197,10 +197,10 @@ def test_a_sweep_over_the_truth_does_not(made, tmp_path, monkeypatch, before, af
 def test_more_runs_compute_only_the_new_ones(made, tmp_path, monkeypatch):
     """At every point, and end in the same bytes as all at once."""
     path = write(tmp_path, sweep=METHODS)
-    few = run(load_config(path, runs=4), directory=tmp_path / "a", jobs=1)
+    few = run(load_config(path, runs=4), directory=tmp_path / "a", jobs=1).trials
     assert len(few.frame) == 4 * 2 * 4
     blocks = spied(monkeypatch)
-    grown = run(load_config(path), directory=tmp_path / "a", jobs=1)
+    grown = run(load_config(path), directory=tmp_path / "a", jobs=1).trials
     assert sorted(blocks) == [("R-MPC", [4, 5])] * 4 + [("S-MPC", [4, 5])] * 2
     assert grown.frame.equals(load_trials(made(METHODS, tmp_path / "b")).frame)
 
@@ -209,7 +209,7 @@ def test_one_method_only(made, tmp_path, monkeypatch):
     """Its rows at every point, and only its series; the others follow later."""
     path = write(tmp_path, sweep=METHODS)
     blocks = spied(monkeypatch)
-    trials = run(load_config(path), directory=tmp_path / "a", jobs=1, only=["R-MPC"])
+    trials = run(load_config(path), directory=tmp_path / "a", jobs=1, only=["R-MPC"]).trials
     assert blocks == [("R-MPC", ALL)] * 4
     assert set(trials.frame["method"]) == {"R-MPC"} and len(trials.frame) == 4 * 6 and trials.baseline == "R-MPC"
     assert set(trials.series["method"]) == {"R-MPC"}

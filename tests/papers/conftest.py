@@ -17,7 +17,7 @@ def trials_of(tmp_path_factory):
     def trials(name):
         if name not in known:
             config = load_config(ROOT / f"{name}.yaml")
-            known[name] = config, run(config, directory=tmp_path_factory.mktemp(name.replace("/", "-")), jobs=2)
+            known[name] = config, run(config, directory=tmp_path_factory.mktemp(name.replace("/", "-")), jobs=2).trials
         return known[name]
 
     return trials

@@ -40,6 +40,6 @@ def test_the_largest_radius_wins_nine_runs_in_ten(trials):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_order_does_not_hang_on_the_seed(tmp_path, seed):
     """Other plants, the same order of means."""
-    trials = run(load_config(CONFIG, overrides=[f"seed={seed}"]), directory=tmp_path, jobs=2)
+    trials = run(load_config(CONFIG, overrides=[f"seed={seed}"]), directory=tmp_path, jobs=2).trials
     means = [trials.column("mse", method).mean() for method in ("R-MPC1", "R-MPC2", "R-MPC3", "S-MPC")]
     assert means == sorted(means)

@@ -80,7 +80,7 @@ def test_a_block_keeps_its_part_of_the_first_runs(load):
 def test_traces_of_the_table(load, tmp_path):
     """Every signal of every recorded run as simulated, with the reference and the sampling time."""
     config = load(record="{runs: 2, signals: [y, u, x, x_hat]}")
-    trials = run(config, directory=tmp_path / "out", jobs=1)
+    trials = run(config, directory=tmp_path / "out", jobs=1).trials
     assert [*trials.traces] == ["S-MPC", "R-MPC"]
     for name, traces in trials.traces.items():
         assert traces.runs.tolist() == [0, 1]
@@ -91,12 +91,12 @@ def test_traces_of_the_table(load, tmp_path):
             record = alone(config.experiment, name, i)
             for signal, array in traces.signals.items():
                 np.testing.assert_array_equal(array[i], getattr(record, signal)[0])
-    assert run(load(), directory=tmp_path / "out", jobs=1).traces == {}
+    assert run(load(), directory=tmp_path / "out", jobs=1).trials.traces == {}
 
 
 def test_metrics_belong_to_the_traces(load, tmp_path):
     """Oracle: the mean square error and the mean square input of what was recorded."""
-    trials = run(load(record="{runs: all}"), directory=tmp_path / "out", jobs=1)
+    trials = run(load(record="{runs: all}"), directory=tmp_path / "out", jobs=1).trials
     traces = trials.traces["S-MPC"]
     mse = ((traces.signals["y"] - traces.r)[:, :-1] ** 2).mean(axis=(1, 2))
     np.testing.assert_allclose(trials.column("mse", "S-MPC"), mse, rtol=1e-12)
@@ -110,7 +110,7 @@ def test_recording_more_computes_what_is_missing(load, tmp_path, monkeypatch):
 
     def computed(record):
         blocks.clear()
-        trials = run(load(record=record), directory=out, jobs=1)
+        trials = run(load(record=record), directory=out, jobs=1).trials
         return sorted(blocks), trials
 
     (_, plain), (again, recorded) = computed(None), computed("{runs: 2}")
@@ -121,7 +121,7 @@ def test_recording_more_computes_what_is_missing(load, tmp_path, monkeypatch):
     assert again == [("R-MPC", [0, 1, 2]), ("S-MPC", [0, 1, 2])]
     again, recorded = computed("{runs: all}")
     assert again == [("R-MPC", [5]), ("S-MPC", [5])] and recorded.frame.equals(plain.frame)
-    fresh = run(load(record="{runs: all}"), directory=tmp_path / "fresh", jobs=1)
+    fresh = run(load(record="{runs: all}"), directory=tmp_path / "fresh", jobs=1).trials
     for name in ("S-MPC", "R-MPC"):
         assert recorded.traces[name].runs.tolist() == [*range(6)]
         np.testing.assert_array_equal(recorded.traces[name].signals["u"], fresh.traces[name].signals["u"])
@@ -131,13 +131,13 @@ def test_fewer_runs_than_are_recorded(load, tmp_path):
     """Show fewer."""
     keys = {"record": "{runs: 5}"}
     run(load(**keys), directory=tmp_path / "out", jobs=1)
-    assert run(load(runs=2, **keys), directory=tmp_path / "out", jobs=1).traces["S-MPC"].runs.tolist() == [0, 1]
+    assert run(load(runs=2, **keys), directory=tmp_path / "out", jobs=1).trials.traces["S-MPC"].runs.tolist() == [0, 1]
 
 
 def test_a_failed_run_is_recorded_too(load, tmp_path):
     """It has no values but a trajectory, which stands still from its failure on."""
     keys = {"uncertainty": "{eps: +-150%}", "record": EVERY, "runs": 12}
-    trials = run(load(**keys), directory=tmp_path / "out", jobs=1)
+    trials = run(load(**keys), directory=tmp_path / "out", jobs=1).trials
     failed = np.isnan(trials.column("mse", "S-MPC"))
     traces = trials.traces["S-MPC"]
     assert 0 < failed.sum() < 12 and traces.runs.tolist() == [*range(12)]

@@ -21,7 +21,7 @@ def load(tmp_path, monkeypatch):
 
 def test_what_a_method_reports(load, tmp_path):
     """Row by row as (runs, samples, n); of the estimator at k = 0..N, of the controller at k = 0..N-1."""
-    traces = run(load(record=ALL), directory=tmp_path / "out", jobs=1).traces
+    traces = run(load(record=ALL), directory=tmp_path / "out", jobs=1).trials.traces
     x_hat, signals = traces["R"].signals["x_hat"], traces["R"].signals
     assert {name: array.shape for name, array in signals.items()} == {
         "x_hat": (2, 11, 4),
@@ -40,11 +40,11 @@ def test_what_a_method_reports(load, tmp_path):
 @pytest.mark.parametrize("record", [ALL, "{runs: all, signals: [Q_yw]}"])
 def test_what_a_method_does_not_report_is_not_missing(load, tmp_path, monkeypatch, record):
     """Nothing is computed again for want of it, and all runs are complete; a method with nothing else has no traces."""
-    from rmpc_bench.execution.results import n_complete
+    from rmpc_bench.execution.stored_trials import n_complete
 
-    first = run(load(record=record), directory=tmp_path / "out", jobs=1)
+    first = run(load(record=record), directory=tmp_path / "out", jobs=1).trials
     blocks = spied(monkeypatch)
-    again = run(load(record=record), directory=tmp_path / "out", jobs=1)
+    again = run(load(record=record), directory=tmp_path / "out", jobs=1).trials
     assert blocks == [] and again.frame.equals(first.frame)
     assert n_complete(load(record=record), tmp_path / "out") == {"R": 6, "S": 6}
     assert list(again.traces) == (["R", "S"] if "x_hat" in record else ["R"])
@@ -80,7 +80,7 @@ def test_a_signal_of_some_points_of_a_sweep(load, tmp_path):
     sweep = "{grid: {controller: [{kind: mpc, Hp: 10, Hu: 3, Q: 0.1, R: 0.1}, {kind: reporting}]}}"
     keys = {"methods": "{S: {estimator: {kind: kalman}}}", "sweep": sweep}
     config = load(record="{runs: 1, signals: [y, Q_yw]}", figures="[{kind: elements, signal: Q_yw}]", **keys)
-    first, second = run(config, directory=tmp_path / "out", jobs=1).points
+    first, second = run(config, directory=tmp_path / "out", jobs=1).trials.points
     assert (set(first.traces["S"].signals), set(second.traces["S"].signals)) == ({"y"}, {"y", "Q_yw"})
 
 
@@ -112,7 +112,7 @@ def test_bursts_come_along(load, keys, expected):
 
 def test_recorded_bursts(load, tmp_path):
     """1 from the first to the last sample of the burst, for every method."""
-    trials = run(load(noise=BURSTS, record="{runs: 2}"), directory=tmp_path / "out", jobs=1)
+    trials = run(load(noise=BURSTS, record="{runs: 2}"), directory=tmp_path / "out", jobs=1).trials
     expected = np.isin(np.arange(11), [3, 4, 5]).astype(float)
     for traces in trials.traces.values():
         np.testing.assert_array_equal(traces.signals["bursts"], np.tile(expected[:, None], (2, 1, 1)))

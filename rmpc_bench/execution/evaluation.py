@@ -1,0 +1,161 @@
+"""What can be computed from results: summaries, comparisons, findings of claims and figures; nothing is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims import verdict
+from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.config.schema import model_of, validate
+from rmpc_bench.config.tree import Map, Mark
+from rmpc_bench.execution.results import Results
+from rmpc_bench.figures.figure_result import FigureResult
+from rmpc_bench.registry import get, names, unknown
+from rmpc_bench.report import summary
+from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
+from rmpc_bench.types import DesignError, Problem
+
+
+def summarise(results: Results | Trials) -> summary.Summary:
+    """Describe every method and compare it with the baseline, at every point of a sweep.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`, or their table of trials
+
+    Returns
+    -------
+    the tables `described` and `compared`, with `to_markdown()`
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> summarise(results).described["method"].unique().tolist()
+    ['S-MPC', 'R-MPC', 'RS-MPC']
+    """
+    return summary.summarise(results if isinstance(results, Trials) else results.trials)
+
+
+def compare(
+    results: Results,
+    *,
+    metric: str | None = None,
+    methods: Sequence[str] | None = None,
+    baseline: str | None = None,
+    relevant: float | None = None,
+    confidence: float | None = None,
+) -> ComparisonTable:
+    """Compare methods with a baseline run by run, at every point of a sweep.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`
+    metric : name of the metric; all unless given
+    methods : names of the methods to compare; all unless given
+    baseline : name of the method to compare with; that of the experiment unless given
+    relevant : smallest relative change that matters, such as 0.01; that of the experiment unless given
+    confidence : level of the intervals, such as 0.95; that of the experiment unless given
+
+    Returns
+    -------
+    the table, with `to_frame()`, `to_markdown()`, `to_dict()` and a text of one sentence per comparison
+
+    Raises
+    ------
+    DesignError
+        If a metric or method is unknown, or a number is out of its range.
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> compare(results, metric="mse").to_frame()[["method", "baseline", "n_pairs"]].values.tolist()
+    [['R-MPC', 'S-MPC', 4], ['RS-MPC', 'S-MPC', 4]]
+    """
+    return comparison_table(
+        results.trials, metric=metric, methods=methods, baseline=baseline, relevant=relevant, confidence=confidence
+    )
+
+
+def judge(results: Results) -> tuple[ClaimVerdict, ...]:
+    """Compute the finding of every claim of the configuration.
+
+    A finding counts only where `results.is_final`; for an overridden or incomplete experiment it is information.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`
+
+    Returns
+    -------
+    one verdict per claim, in the order of the configuration
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/zenere2018/fig7.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1, only=["S-MPC", "R-MPC1"])
+    >>> len(judge(results)) == len(config.claims)
+    True
+    """
+    return tuple(verdict.judge(claim, results.trials) for claim in results.config.claims)
+
+
+def figure(results: Results, kind: str, **keys: Any) -> FigureResult:
+    """Draw a figure from stored results.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`
+    kind : kind of the figure, such as ``boxplot``; see ``rmpc-bench list figures``
+    keys : keys of the figure as in a configuration; ``from_`` stands for ``from``
+
+    Returns
+    -------
+    the figure, with `axes` and `save(path)`
+
+    Raises
+    ------
+    DesignError
+        If the kind or a key is unknown, or the results do not hold what the figure shows.
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> picture = figure(results, "boxplot", metric="settling_time", width=3.5)
+    >>> picture.save(f"{directory}/settling_time.svg").name
+    'settling_time.svg'
+    """
+    if kind not in names("figures"):
+        raise DesignError(unknown(kind, names("figures"), "figure", "rmpc-bench list figures"))
+    problems: list[Problem] = []
+    tree = Map({key.rstrip("_"): value for key, value in keys.items()}, mark=Mark("", 1, 1))
+    checked = validate(model_of("figures", kind), tree, [], problems)
+    if problems:
+        raise DesignError("; ".join(f"{problem.path}: {problem.message}" for problem in problems))
+    return drawn(results, kind, {name: getattr(checked, name) for name in type(checked).model_fields})
+
+
+def drawn(results: Results, kind: str, parameters: dict[str, Any]) -> FigureResult:
+    """Draw a figure whose keys are validated; a metric that is not named is the primary one.
+
+    Parameters
+    ----------
+    results : what to draw
+    kind : kind of the figure
+    parameters : its parameters, by name
+    """
+    if parameters.get("metric", "") is None:
+        parameters = {**parameters, "metric": results.config.primary}
+    return FigureResult(get("figures", kind)(results.trials, **parameters))

@@ -1,0 +1,170 @@
+"""Write every file that is derived from stored trials: tables, series, recorded runs, claims and figures."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.markdown import claims_markdown
+from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.execution.evaluation import drawn, judge, summarise
+from rmpc_bench.execution.results import Results
+from rmpc_bench.figures.kinds import save
+from rmpc_bench.report.end_screen import end_screen
+from rmpc_bench.report.summary import Summary, trials_csv, write_csv
+from rmpc_bench.types import Array, DesignError
+
+
+@dataclass(frozen=True, eq=False)
+class Publication:
+    """What `publish` has written.
+
+    Parameters
+    ----------
+    results : the results that were published
+    directory : where the files are
+    paths : the files, in the order in which they were written
+    tables : summary and comparisons
+    verdicts : the finding of every claim
+    left_out : figures that could not be drawn, each as ``kind: reason``
+    """
+
+    results: Results
+    directory: Path
+    paths: tuple[Path, ...]
+    tables: Summary
+    verdicts: tuple[ClaimVerdict, ...]
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def differing(self) -> tuple[ClaimVerdict, ...]:
+        """Claims whose finding differs from the recorded one; none where `results` are not final."""
+        return tuple(each for each in self.verdicts if each.differs) if self.results.is_final else ()
+
+    def summary(self, seconds: float | None = None) -> str:
+        """Return the text that the command line shows at the end of a run.
+
+        Parameters
+        ----------
+        seconds : how long the run took [s]; left out unless given
+        """
+        config, trials = self.results.config, self.results.trials
+        return end_screen(
+            trials,
+            self.tables.to_screen(config.primary),
+            directory=self.directory,
+            n_complete=min(self.results.n_complete[name] for name in trials.methods),
+            n_runs=config.experiment.n_runs if "runs" in config.evaluate else 0,
+            seconds=seconds,
+            verdicts=self.verdicts,
+            overrides=self.results.overrides,
+            incomplete=self.results.incomplete,
+            figures=[path for path in self.paths if path.suffix == ".png"],
+        )
+
+    def __str__(self) -> str:
+        return self.summary()
+
+
+def publish(results: Results, *, to: str | Path | None = None) -> Publication:
+    """Write all tables, series, recorded runs, claims and figures of stored results; nothing is simulated.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`
+    to : directory to write to, made if it is not there; the one of the results unless given
+
+    Returns
+    -------
+    the written files with the tables and verdicts in them; `summary()` is the text of the command line
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> written = publish(results, to=f"{directory}/published")
+    >>> [path.name for path in written.paths][:2]
+    ['trials.csv', 'uncertainty.csv']
+    """
+    directory = results.directory if to is None else Path(to)
+    (directory / "tables").mkdir(parents=True, exist_ok=True)
+    tables, verdicts = summarise(results), judge(results)
+    paths = [
+        *_write_tables(results, tables, directory),
+        *_write_traces(results.trials, directory / "traces.npz"),
+        *_write_claims(results, verdicts, directory),
+    ]
+    figures, left_out = _write_figures(results, directory / "figures")
+    return Publication(results, directory, (*paths, *figures), tables, verdicts, tuple(left_out))
+
+
+def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Path]:
+    trials_csv(results.trials, directory / "trials.csv")
+    write_csv(results.uncertainty, directory / "uncertainty.csv")
+    write_csv(results.series, directory / "series.csv")
+    write_csv(tables.described.drop(columns="never"), directory / "summary.csv")
+    write_csv(tables.compared, directory / "comparisons.csv")
+    (directory / "tables" / "summary.md").write_text(tables.to_markdown(), encoding="utf-8")
+    names = ("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
+    return [directory / name for name in names]
+
+
+def _write_traces(trials: Trials, path: Path) -> list[Path]:
+    """Write the recorded runs: t, r and, for every point, method and signal, an array (runs, samples, components)."""
+    # A file of an earlier configuration would stay where this one records nothing.
+    path.unlink(missing_ok=True)
+    arrays: dict[str, Array] = {}
+    for table in trials.each:
+        for method, trace in table.traces.items():
+            where = "/".join(part for part in (table.title, method) if part)
+            # A method may report a signal of one of these names.
+            own = {name: f"{name}_reported" for name in ("runs", "r", "t")}
+            arrays |= {f"{where}/{own.get(signal, signal)}": array for signal, array in trace.signals.items()}
+            arrays |= {f"{where}/runs": trace.runs, f"{where}/r": trace.r}
+            arrays[f"{where}/t"] = np.round((table.Ts or 1.0) * np.arange(len(trace.r)), 12)
+    if arrays:
+        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+    return [path] if arrays else []
+
+
+def _write_claims(results: Results, verdicts: tuple[ClaimVerdict, ...], directory: Path) -> list[Path]:
+    files = [directory / "claims.json", directory / "claims.md"]
+    # Files of an earlier configuration would stay where this one has no claims.
+    for file in files:
+        file.unlink(missing_ok=True)
+    if not verdicts:
+        return []
+    files[0].write_text(json.dumps(claims_table(verdicts), indent=2) + "\n", encoding="utf-8")
+    files[1].write_text(claims_markdown(verdicts, informational=not results.is_final), encoding="utf-8")
+    return files
+
+
+def _write_figures(results: Results, directory: Path) -> tuple[list[Path], list[str]]:
+    """Draw the figures of the configuration; return the files, and what could not be drawn with the reason."""
+    paths: list[Path] = []
+    left_out: list[str] = []
+    counts: Counter[str] = Counter()
+    for part in results.config.figures:
+        counts[part.kind] += 1
+        stem = part.kind if counts[part.kind] == 1 else f"{part.kind}-{counts[part.kind]}"
+        try:
+            picture = drawn(results, part.kind, dict(part.parameters))
+        except DesignError as error:
+            # A method that the figure shows has not been computed yet.
+            left_out.append(f"{part.kind}: {error}")
+        else:
+            paths += save(picture.figure, directory, stem)
+    return paths, left_out

@@ -1,0 +1,135 @@
+"""The stored trials of a configuration as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.execution.series import SeriesReader, with_point
+from rmpc_bench.execution.store import FILE, MissingError, Store
+from rmpc_bench.execution.traces import traces_of, units_of
+from rmpc_bench.simulation.recording import kept
+
+
+def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
+    """Read the trials of a configuration that are stored in a directory.
+
+    Methods without a single stored run are left out.
+
+    Parameters
+    ----------
+    config : the experiment
+    directory : where its trials.sqlite lies
+
+    Raises
+    ------
+    MissingError
+        If there is no store, or nothing in it belongs to the configuration.
+    StoreError
+        If it is another experiment's.
+    """
+    if not (directory / FILE).exists():
+        raise MissingError(f"{directory}: there is no {FILE}; fill the directory with `rmpc-bench run`")
+    with Store(directory, writable=False) as store:
+        store.check(config.hash, config.shared)
+        series = SeriesReader(config, store)
+        tables = [_table(config, point, store, series) for point in config.points]
+        filled = [table for table in tables if len(table.methods)]
+        if not filled:
+            raise MissingError(f"{directory}: no trial of this configuration is stored; continue with `rmpc-bench run`")
+        return _joined(config, filled, series) if config.paths else filled[0]
+
+
+def _joined(config: ExperimentConfig, tables: Sequence[Trials], series: SeriesReader) -> Trials:
+    """Put the tables of all points of a sweep into one."""
+    present = {method for table in tables for method in table.methods}
+    methods = tuple(method.name for method in config.experiment.methods if method.name in present)
+    return replace(
+        tables[0],
+        methods=methods,
+        frame=pd.concat([with_point(table.frame, table.point) for table in tables], ignore_index=True),
+        series=series.of_sweep(methods),
+        baseline=config.baseline if config.baseline in methods else methods[0],
+        traces={},
+        paths=config.paths,
+        points=tuple(tables),
+        alike=all(point.methods == config.methods for point in config.points),
+        point={},
+        title="",
+        keys={},
+    )
+
+
+def _table(config: ExperimentConfig, point: SweepPoint, store: Store, series: SeriesReader) -> Trials:
+    """Read the table of one point."""
+    frames = [_frame(point, store, method.name) for method in point.experiment.methods]
+    names = [method.name for method in point.experiment.methods]
+    without_runs = "runs" not in config.evaluate
+    methods = tuple(name for name, frame in zip(names, frames, strict=True) if len(frame) or without_runs)
+    plant = point.experiment.plant
+    traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
+    return Trials(
+        name=config.name,
+        methods=methods,
+        labels=config.labels,
+        metrics=tuple(metric.info for metric in point.experiment.metrics),
+        frame=pd.concat(frames, ignore_index=True),
+        series=series.at_point(point, methods),
+        baseline=config.baseline if config.baseline in methods else (*methods, "")[0],
+        confidence=config.statistics.confidence,
+        relevant=config.statistics.relevant,
+        seed=point.experiment.scenario.seed,
+        Ts=0.0 if config.in_samples else plant.Ts,
+        units=units_of(plant, traces.values()),
+        traces=traces,
+        point=point.coordinates,
+        title=point.title,
+        keys=point.method_keys,
+        oracles=point.experiment.oracles,
+    )
+
+
+def _frame(point: SweepPoint, store: Store, name: str) -> pd.DataFrame:
+    key = point.method_keys[name]
+    runs, status = store.column(key, point.experiment.n_runs)
+    columns = {metric: store.values(key, stored, runs) for metric, stored in point.metric_keys.items()}
+    return pd.DataFrame({"method": name, "run": np.array(runs, dtype=np.int64), "status": status, **columns})
+
+
+def n_complete(config: ExperimentConfig, directory: Path) -> dict[str, int]:
+    """Count the runs of every method that are stored with all metrics and traces, at the point where fewest are."""
+    counts: dict[str, int] = {}
+    with Store(directory, writable=False) as store:
+        for point in config.points:
+            n_runs = point.experiment.n_runs
+            for name, key in point.method_keys.items():
+                done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
+                counts[name] = min(counts.get(name, n_runs), sum(run < n_runs for run in done))
+    return counts
+
+
+def uncertainty(config: ExperimentConfig, directory: Path) -> pd.DataFrame:
+    """Read every sampled value of the named uncertain quantities: sweep columns, ``run`` and one per quantity."""
+    tables: list[pd.DataFrame] = []
+    cached: dict[str, pd.DataFrame] = {}
+    with Store(directory, writable=False) as store:
+        for point in config.points:
+            if point.uncertainty_key not in cached:
+                rows = store.uncertainty(point.uncertainty_key, point.experiment.n_runs)
+                cached[point.uncertainty_key] = _wide(rows, list(point.experiment.scenario.uncertainty))
+            table = cached[point.uncertainty_key]
+            tables.append(with_point(table, point.coordinates) if point.coordinates else table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _wide(rows: list[tuple[int, str, float]], names: list[str]) -> pd.DataFrame:
+    table = pd.DataFrame(rows, columns=["run", "name", "value"]).pivot(index="run", columns="name", values="value")
+    names = [*names, *sorted(name for name in table.columns if name not in names)]
+    return table.reindex(columns=names).reset_index().rename_axis(columns=None)

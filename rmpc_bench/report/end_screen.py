@@ -1,0 +1,78 @@
+"""The text at the end of a run: one line on the runs, the table of the primary metric, claims and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.verdict import ClaimVerdict
+
+
+def end_screen(
+    trials: Trials,
+    table: str,
+    *,
+    directory: Path,
+    n_complete: int,
+    n_runs: int,
+    seconds: float | None,
+    verdicts: Sequence[ClaimVerdict],
+    overrides: Sequence[str],
+    incomplete: Sequence[str],
+    figures: Sequence[Path],
+) -> str:
+    """Lay out the text at the end of a run.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    table : the table of the primary metric as plain text
+    directory : where the results are
+    n_complete, n_runs : runs that are stored of all methods, and runs of the experiment; 0 for exact moments alone
+    seconds : how long the run took [s]; left out where it is None
+    verdicts : the finding of every claim
+    overrides : options that changed the configuration
+    incomplete : methods of which runs are missing
+    figures : pictures to name
+    """
+    lines = [_head(trials, directory, n_complete, n_runs, seconds), "", *_indented(table.split("\n")), ""]
+    lines += _indented(_claim_lines(verdicts, overrides, incomplete))
+    lines += _indented(f"{'open' if path is figures[0] else '':12}{path}" for path in figures)
+    return "\n".join(lines)
+
+
+def _head(trials: Trials, directory: Path, n_complete: int, n_runs: int, seconds: float | None) -> str:
+    points = f" at each of {len(trials.points)} points" if trials.points else ""
+    if not n_runs:
+        return f"{trials.name}   exact moments{points}, no runs   {directory}"
+    done = f" done in {seconds:.1f} s" if seconds is not None else ""
+    runs = f"{n_complete} of {n_runs} runs{points}, {trials.n_failed_trials} failed"
+    return f"{trials.name}{done}   {runs}   {directory}"
+
+
+def _claim_lines(verdicts: Sequence[ClaimVerdict], overrides: Sequence[str], incomplete: Sequence[str]) -> list[str]:
+    """Count the confirmed claims and name those whose finding differs from the record."""
+    if not verdicts:
+        return []
+    reasons = [f"the configuration was overridden ({', '.join(overrides)})"] if overrides else []
+    reasons += [f"runs are missing ({', '.join(incomplete)})"] if incomplete else []
+    if reasons:
+        return [f"claims      not evaluated: {'; '.join(reasons)}"]
+    lines = []
+    for of_paper, label, noun in (
+        (True, "claims", "statements of the paper"),
+        (False, "additional", "additional results"),
+    ):
+        group = [verdict for verdict in verdicts if verdict.claim.of_paper == of_paper]
+        confirmed = sum(verdict.finding == "confirmed" for verdict in group)
+        lines += [f"{label:12}{confirmed} of {len(group)} {noun} confirmed (claims.md)"] if group else []
+    return lines + [
+        f"{'':12}recorded {verdict.claim.finding}, now {verdict.finding}: {verdict.claim.says}"
+        for verdict in verdicts
+        if verdict.differs
+    ]
+
+
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"    {line}" if line else line for line in lines]

@@ -1,0 +1,181 @@
+"""publish, compare, judge and figure: all that the command line writes, from Python."""
+
+import subprocess
+import sys
+
+import pytest
+from small_experiment import cli, write
+
+from rmpc_bench import compare, figure, judge, load_config, load_results, publish, run, summarise
+from rmpc_bench.types import DesignError
+
+CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}, {says: not testable here}]"
+FIGURES = "[boxplot, {kind: trajectories, signals: [y]}, {kind: boxplot, metric: input_power}]"
+KEYS = {"claims": CLAIMS.replace("[S-MPC]", "[S-MPC, seed=7]"), "figures": FIGURES, "record": "{runs: 2}", "sweep": "{grid: {seed: [7, 8]}}"}
+NOT_DERIVED = {"config.yaml", "config.resolved.yaml", "manifest.json", "trials.sqlite"}
+SCRIPT = """
+import sys
+import rmpc_bench
+written = rmpc_bench.publish(rmpc_bench.load_results("out"), to="again")
+assert all(path.is_file() for path in written.paths)
+print(*sorted(name for name in sys.modules if name.startswith(("rmpc_bench.cli", "click"))))
+"""
+
+
+def tree(directory):
+    """Every file of a directory with its bytes."""
+    return {
+        path.relative_to(directory).as_posix(): path.read_bytes() for path in directory.rglob("*") if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory):
+    """Return a directory that the command line has filled."""
+    here = tmp_path_factory.mktemp("publish")
+    result = cli("run", write(here, **KEYS), "-o", here / "out", "-j", 1, "--progress", "none")
+    assert result.exit_code == 0, result.output
+    return here / "out"
+
+
+@pytest.fixture(scope="module")
+def results(directory):
+    """Return the results in it."""
+    return load_results(directory)
+
+
+def test_publish_writes_every_file_of_the_command_line_without_it(directory):
+    """The same bytes, from another process that imports neither `rmpc_bench.cli` nor click."""
+    command = [sys.executable, "-c", SCRIPT]
+    done = subprocess.run(command, cwd=directory.parent, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == ""
+    expected = {name: data for name, data in tree(directory).items() if name not in NOT_DERIVED}
+    again = tree(directory.parent / "again")
+    assert set(again) == set(expected)
+    assert {name for name in expected if again[name] != expected[name]} == set()
+
+
+def test_publication_names_its_files(results, tmp_path):
+    """Every file is listed, and nothing else is written."""
+    written = publish(results, to=tmp_path / "out")
+    assert {path.relative_to(tmp_path / "out").as_posix() for path in written.paths} == set(tree(tmp_path / "out"))
+    assert written.left_out == () and written.differing == ()
+    assert [verdict.finding for verdict in written.verdicts] == ["confirmed", "not-testable"]
+
+
+def test_summary_of_a_publication(results, directory, tmp_path):
+    """The text of `report`, but for the directory."""
+    shown = cli("report", directory).stdout
+    text = publish(results, to=tmp_path / "out").summary()
+    assert text.replace(str(tmp_path / "out"), str(directory)) + "\n" == shown
+    assert str(publish(results, to=tmp_path / "out")) == text
+
+
+def test_results_of_run_and_of_load_results_agree(tmp_path):
+    """`run` returns what `load_results` finds."""
+    config = load_config(write(tmp_path))
+    there = run(config, directory=tmp_path / "out", jobs=1)
+    again = load_results(tmp_path / "out")
+    assert there.trials.frame.equals(again.trials.frame) and there.series.equals(again.series)
+    assert there.uncertainty.equals(again.uncertainty) and there.is_final and again.is_final
+
+
+def test_default_directory_of_run(tmp_path, monkeypatch):
+    """results/<paper>/<name>, as the command line."""
+    monkeypatch.chdir(tmp_path)
+    results = run(load_config(write(tmp_path, paper="p")), jobs=1)
+    assert results.directory.as_posix() == "results/p/tiny" and (results.directory / "trials.sqlite").exists()
+
+
+def test_an_incomplete_experiment_is_not_final(tmp_path):
+    """A method that is missing is named, and findings are information."""
+    config = load_config(write(tmp_path, claims=CLAIMS, figures="[{kind: boxplot, order: [R-MPC]}]"))
+    results = run(config, directory=tmp_path / "out", jobs=1, only=["S-MPC"])
+    assert not results.is_final and results.incomplete == ("R-MPC: 0 of 6 runs",)
+    written = publish(results)
+    assert "claims      not evaluated: runs are missing (R-MPC: 0 of 6 runs)" in written.summary()
+    assert len(written.left_out) == 1 and written.left_out[0].startswith("boxplot: ")
+    assert "information" in (tmp_path / "out" / "claims.md").read_text()
+
+
+def test_compare(results):
+    """One row per point, metric and method, with the numbers of comparisons.csv."""
+    table = compare(results)
+    assert table.to_frame().equals(summarise(results).compared)
+    one = compare(results, metric="mse", methods=["R-MPC"], baseline="S-MPC").to_frame()
+    frame = table.to_frame()
+    assert one.equals(frame[frame["metric"] == "mse"].reset_index(drop=True))
+    assert set(frame.columns[:1]) == {"seed"} and len(frame) == 4
+
+
+def test_compare_with_another_baseline(results):
+    """The methods exchange their places, and so do won and lost."""
+    forth = compare(results, metric="mse").to_frame()
+    back = compare(results, metric="mse", baseline="R-MPC").to_frame()
+    assert list(back["method"]) == ["S-MPC", "S-MPC"] and list(back["baseline"]) == ["R-MPC", "R-MPC"]
+    assert list(forth["won"] + forth["tied"]) == list(back["lost"] + back["tied"])
+
+
+def test_compare_in_other_forms(results):
+    """Sentences, Markdown and plain data have the same rows."""
+    table = compare(results, metric="mse", relevant=0.02, confidence=0.9)
+    sentences, text = str(table).splitlines(), table.to_markdown()
+    assert sum("R-MPC" in line and "S-MPC" in line and "90 %" in line for line in sentences[:2]) == 2
+    assert text.count("| R-MPC |") == 2 and "closer than 2 %" in text and text.endswith("\n")
+    assert [row["method"] for row in table.to_dict()] == ["R-MPC", "R-MPC"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"metric": "mes"}, "'mes' is unknown"),
+        ({"methods": ["R"]}, "'R' is unknown"),
+        ({"baseline": "R"}, "'R' is unknown"),
+        ({"confidence": 95}, "between 0 and 1"),
+        ({"relevant": -1}, "at least 0"),
+    ],
+)
+def test_compare_refuses_what_it_does_not_know(results, keys, message):
+    """By a message that names the mistake."""
+    with pytest.raises(DesignError, match=message):
+        compare(results, **keys)
+
+
+def test_judge(results):
+    """One verdict per claim, in the order of the file."""
+    verdicts = judge(results)
+    assert [verdict.claim.says for verdict in verdicts] == ["small", "not testable here"]
+    assert not any(verdict.differs for verdict in verdicts)
+
+
+def test_figure_is_the_published_one(results, directory, tmp_path):
+    """The same bytes as the file that `publish` has written; keys are those of the YAML."""
+    picture = figure(results, "boxplot", metric="input_power")
+    file = picture.save(tmp_path / "mine.svg")
+    assert file.read_bytes() == (directory / "figures" / "boxplot-2.svg").read_bytes()
+    assert len(picture.axes) == 2
+    window = figure(results, "trajectories", signals=["y"], from_=0.2, to="1/2")
+    assert window.axes[0].get_xlim()[0] >= 0.1
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "message"),
+    [
+        ("boxplott", {}, "did you mean 'boxplot'"),
+        ("boxplot", {"widht": 3}, "did you mean 'width'"),
+        ("boxplot", {"width": 0.1}, "width: must be >= 1"),
+        ("boxplot", {"metric": "mes"}, "mes"),
+        ("trajectories", {"signals": ["x"]}, "x"),
+    ],
+)
+def test_figure_refuses_what_the_yaml_refuses(results, kind, keys, message):
+    """A key that is unknown, out of its range, or names what is not there."""
+    with pytest.raises(DesignError, match=message):
+        figure(results, kind, **keys)
+
+
+def test_an_unknown_ending_is_refused(results, tmp_path):
+    """The message lists the formats."""
+    with pytest.raises(ValueError, match=r"one of \.svg, \.png, \.pdf"):
+        figure(results, "boxplot").save(tmp_path / "figure.txt")
