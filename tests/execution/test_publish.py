@@ -11,7 +11,12 @@ from rmpc_bench.types import DesignError
 
 CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}, {says: not testable here}]"
 FIGURES = "[boxplot, {kind: trajectories, signals: [y]}, {kind: boxplot, metric: input_power}]"
-KEYS = {"claims": CLAIMS.replace("[S-MPC]", "[S-MPC, seed=7]"), "figures": FIGURES, "record": "{runs: 2}", "sweep": "{grid: {seed: [7, 8]}}"}
+KEYS = {
+    "claims": CLAIMS.replace("[S-MPC]", "[S-MPC, seed=7]"),
+    "figures": FIGURES,
+    "record": "{runs: 2}",
+    "sweep": "{grid: {seed: [7, 8]}}",
+}
 NOT_DERIVED = {"config.yaml", "config.resolved.yaml", "manifest.json", "trials.sqlite"}
 SCRIPT = """
 import sys
