@@ -6,12 +6,11 @@ Nothing is imported before it is asked for.  Installed packages add parts throug
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib import import_module
 from typing import Any
 
-from rmpc_bench.types.issue import unknown as unknown
 
 Design = Callable[..., Any]
 
@@ -98,6 +97,14 @@ BUILT_IN: dict[str, dict[str, str]] = {
 }
 
 _REGISTERED: dict[str, dict[str, Design]] = {group: {} for group in BUILT_IN}
+
+
+def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
+    """Say that a name is unknown; see `rmpc_bench.types.issue.unknown`."""
+    # Imported here because `types` needs NumPy, and the names of components are listed without it.
+    from rmpc_bench.types import issue
+
+    return issue.unknown(name, known, noun, way_out)
 
 
 def singular(group: str) -> str:

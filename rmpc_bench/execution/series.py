@@ -9,8 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.ensemble import Group, joined
 from rmpc_bench.simulation.moments import Moments, exact_laws, exact_moments, signals

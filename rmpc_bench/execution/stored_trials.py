@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.execution.series import SeriesReader, with_point
 from rmpc_bench.execution.store import FILE, MissingError, Store
 from rmpc_bench.execution.traces import traces_of, units_of
