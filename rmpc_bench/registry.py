@@ -11,7 +11,6 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-
 Design = Callable[..., Any]
 
 BUILT_IN: dict[str, dict[str, str]] = {

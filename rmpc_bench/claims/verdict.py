@@ -62,11 +62,6 @@ class ClaimVerdict:
         """Whether the configuration records another finding."""
         return self.claim.finding is not None and self.finding != self.claim.finding
 
-    @property
-    def differs(self) -> bool:
-        """Whether the finding is another one than the configuration records."""
-        return self.claim.finding is not None and self.finding != self.claim.finding
-
 
 class _Outcome(NamedTuple):
     """The checks of a claim, evaluated at one point."""
