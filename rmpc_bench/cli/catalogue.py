@@ -80,7 +80,7 @@ def _describe_config(name: str, plot: Path | None) -> None:
 
     config = load_config(_config(name))
     if plot is not None:
-        _plot(name, getattr(config.experiment.plant, "portrait", tuple)(), plot)
+        _plot(name, config.experiment.plant.plots(), plot)
     click.echo("\n".join(_config_lines(config)))
 
 
@@ -93,7 +93,7 @@ def _config_lines(config: ExperimentConfig) -> list[str]:
     if config.paths:
         lines += [f"at the first of {len(config.points)} points, {config.points[0].title}", ""]
     lines += [f"plant {resolved['plant']['kind']}"]
-    known: list[tuple[str, str]] = getattr(plant, "facts", list)()
+    known = plant.facts()
     known += _noises(config) if known else []
     lines += _aligned([row for label, text in known for row in _rows(label, text)])
     given = dump(plain({key: resolved[key] for key in ("noise", "initial")}))
@@ -154,7 +154,7 @@ def _portrait(group: str, kind: str) -> tuple[Any, ...]:
     design = registry.get(group, kind)
     asked = inspect.signature(design).parameters
     plant = design(**{name: value for name, value in NOMINAL.items() if name in asked})
-    panels: tuple[Any, ...] = getattr(plant, "portrait", tuple)()
+    panels: tuple[Any, ...] = plant.plots()
     return panels
 
 

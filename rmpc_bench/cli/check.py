@@ -12,6 +12,7 @@ from rmpc_bench.cli import exits
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
+    from rmpc_bench.types import Noise
 
 MAX_VALUES = 100
 """Characters of the values of a swept path that are shown."""
@@ -82,13 +83,10 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
 
 def _remarks(config: ExperimentConfig) -> list[str]:
     """Return remarks on the plant and the estimators that matter for the comparison."""
-    import numpy as np
-
-    from rmpc_bench.types import HasRemarks
-
     experiment = config.experiment
-    named = [("plant", experiment.plant), *((method.name, method.estimator) for method in experiment.methods)]
-    found = [f"  {name}: {text}" for name, part in named if isinstance(part, HasRemarks) for text in part.remarks]
+    named = [("plant", experiment.plant.remarks)]
+    named += [(method.name, method.estimator.remarks) for method in experiment.methods]
+    found = [f"  {name}: {text}" for name, texts in named for text in texts]
     for name, law in config.first_point["noise"].items():
         size = experiment.plant.nw if name == "process" else experiment.plant.nv
         terms = experiment.scenario.process if name == "process" else experiment.scenario.measurement
@@ -96,18 +94,16 @@ def _remarks(config: ExperimentConfig) -> list[str]:
             found.append(f"  {name} noise: `same` as that of the design model, which has none")
     forms: dict[bool, list[str]] = {True: [], False: []}
     for method in experiment.methods:
-        gain, form = getattr(method.estimator, "L", None), getattr(method.estimator, "form", None)
-        if gain is not None or form is not None:
-            uses_y = form == "filter" if form is not None else bool(np.any(gain))
-            forms[uses_y].append(method.name)
+        if method.estimator.form is not None:
+            forms[method.estimator.form == "filter"].append(method.name)
     if all(forms.values()):
         found.append(f"  x_hat(k) uses y(k) in {', '.join(forms[True])}, and not in {', '.join(forms[False])}")
     return found
 
 
-def _silent(term: Any) -> bool:
+def _silent(term: Noise) -> bool:
     """Whether a noise law is known to be always 0."""
-    return all(hasattr(term, name) and not getattr(term, name).any() for name in ("mean", "cov"))
+    return all(moment is not None and not moment.any() for moment in (term.mean, term.cov))
 
 
 def _values(config: ExperimentConfig, path: str) -> str:
@@ -187,8 +183,6 @@ def _seconds(config: ExperimentConfig) -> float:
 
     Starting and reporting takes 2 s.  Trials that points of a sweep share count once.
     """
-    from rmpc_bench.types import HasCost
-
     seen, total = set[str](), 0.0
     for point in config.points if "runs" in config.evaluate else ():
         experiment = point.experiment
@@ -196,7 +190,7 @@ def _seconds(config: ExperimentConfig) -> float:
             if key not in seen:
                 method = experiment.method(name)
                 parts = (experiment.plant, method.estimator, method.controller)
-                per_run = 2.5e-6 + sum(part.cost_per_step for part in parts if isinstance(part, HasCost))
+                per_run = 2.5e-6 + sum(part.cost_per_step for part in parts)
                 n_blocks = math.ceil(experiment.n_runs / config.execution.block)
                 total += experiment.n_steps * (5e-5 * n_blocks + per_run * experiment.n_runs)
             seen.add(key)

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 from rmpc_bench.config.build_method import DesignCache, MethodBuilder
 from rmpc_bench.config.build_noise import NoiseLaws
@@ -23,7 +23,6 @@ from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.recording import has_bursts, with_bursts
-from rmpc_bench.simulation.reference import Reference
 from rmpc_bench.simulation.scenario import (
     Experiment,
     Recording,
@@ -33,13 +32,11 @@ from rmpc_bench.simulation.scenario import (
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import (
     DesignError,
-    HasOpponent,
-    HasWorkspace,
     Method,
     Metric,
     Plant,
     Problem,
-    Regulates,
+    Reference,
 )
 
 
@@ -92,7 +89,7 @@ class _ExperimentBuilder:
 
     def opposed(self, plant: Plant, methods: Sequence[Method | None], scenario: Scenario) -> Plant | None:
         """Return the plant with the sequence of its adversary, if it has one, against the method that it names."""
-        if not isinstance(plant, HasOpponent) or plant.opponent is None:
+        if plant.opponent is None:
             return plant
         name, radius = plant.opponent
         path: list[str | int] = ["plant", "uncertainty", "against"]
@@ -102,18 +99,17 @@ class _ExperimentBuilder:
         method = next((method for method in methods if method is not None and method.name == name), None)
         if method is None:
             return None
-        laws = exact_laws(plant, method, scenario)
-        if isinstance(laws, str):
+        laws, schedule = exact_laws(plant, method, scenario), method.estimator.gain_schedule
+        if isinstance(laws, str) or schedule is None:
             self.draft.note(path, f"{name}: {laws}")
             return None
         components = self.draft.methods[name]
         described = [each.resolved() for each in (components.model, components.estimator) if each is not None]
         resolved = self.draft.plant.resolved() if self.draft.plant is not None else None
         key = ["opposed", self.methods.size(), resolved, described, [each.tolist() for each in laws]]
-        true, schedule = cast("HasOpponent", plant), cast("Any", method.estimator)
         try:
             made = self.cache.get(
-                key, lambda: true.against(worst_sequence(cast("Any", true), schedule, laws, self.n_steps, radius))
+                key, lambda: plant.against(worst_sequence(plant, schedule, laws, self.n_steps, radius))
             )
         except DesignError as error:
             self.draft.note(path, f"{name}: {error}")
@@ -171,15 +167,13 @@ class _ExperimentBuilder:
 
     def refuse_reference(self, reference: Reference, methods: Sequence[Method | None]) -> None:
         """Refuse a reference other than 0 for a regulator."""
-        regulators = [each.name for each in methods if each is not None and isinstance(each.controller, Regulates)]
+        regulators = [each.name for each in methods if each is not None and each.controller.regulates]
         if regulators and reference.sample(self.n_steps + 1).any():
             names = ", ".join(map(repr, regulators))
             self.draft.note(["reference"], f"the controller of {names} drives the state to 0 and follows none")
 
     def refuse_unreachable(self, reference: Reference, plant: Plant, scenario: Scenario | None) -> None:
         """Refuse a reference or an initial state outside the workspace of the plant."""
-        if not isinstance(plant, HasWorkspace):
-            return
         reason = plant.unreachable(reference.sample(self.n_steps + 1))
         if reason is not None:
             self.draft.note(["reference"], reason)

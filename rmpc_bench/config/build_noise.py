@@ -9,10 +9,9 @@ import numpy as np
 
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm
 from rmpc_bench.noise.bounded import ellipsoid
-from rmpc_bench.noise.bursts import HasBursts
-from rmpc_bench.noise.gaussian import Noise, gaussian
+from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
-from rmpc_bench.types import Array, DesignError, HasSets, Plant
+from rmpc_bench.types import Array, DesignError, Noise, Plant
 
 
 class NoiseLaws:
@@ -41,7 +40,7 @@ class NoiseLaws:
     def _terms(self, law: NoiseTerm, n: int, channel: str) -> tuple[Noise, ...]:
         if law.law is not None:
             made = law.law.build(self.draft.problems, n=n, Ts=self.draft.values["time"].step)
-            if channel == "initial" and isinstance(made, HasBursts):
+            if channel == "initial" and made is not None and made.has_bursts:
                 self.draft.problems.append(law.law.problem("an initial state is no time for bursts", "bursts"))
             return (made,) if made is not None else ()
         model = self.model()
@@ -75,7 +74,8 @@ class NoiseLaws:
         """
         cross = self.draft.cross
         if cross == "same":
-            cross = getattr(self.model(), "S", 0.0)
+            model = self.model()
+            cross = None if model is None else model.S
         if cross is None or not np.any(cross):
             return scenario
         try:
@@ -94,14 +94,14 @@ def _believed(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:
         # The spread of the process noise, as `P: process`; states that the model does not know start at their mean.
         return np.zeros(n), np.pad(model.Q_w, (0, max(0, n - len(model.Q_w)))), 0.0
     mean, cov = model.v_law if channel == "measurement" else model.w_law
-    if not isinstance(model, HasSets):
+    if not model.has_sets:
         return mean, cov, 0.0
     return mean, cov, model.M_v(0) if channel == "measurement" else model.M_w(0)
 
 
 def _varies(model: Any, channel: str, n_steps: int) -> bool:
     """Whether a noise that a model with sets believes in depends on k; that of other models does not."""
-    if not isinstance(model, HasSets):
+    if not model.has_sets:
         return False
 
     def at(k: int) -> tuple[Array, Array]:

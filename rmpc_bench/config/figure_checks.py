@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sweep_points import Place, nowhere
 from rmpc_bench.config.tree import plain
-from rmpc_bench.metrics.reported import reports_of
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.closed_loop import BURSTS, SIGNALS
 from rmpc_bench.simulation.moments import Moments, exact_laws, signals
@@ -78,7 +76,7 @@ def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]
     if len(found) < len(experiments):
         return
     there = list(SIGNALS)
-    there += [name for experiment in found for method in experiment.methods for name in reports_of(method)]
+    there += [name for experiment in found for method in experiment.methods for name in method.reports]
     there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
     for number, name in enumerate(draft.values["record"].signals):
         if name not in there:
@@ -109,7 +107,8 @@ def _mistakes(
 
 def _ensemble(nx: int, method: Method) -> dict[str, tuple[int, ...]]:
     """Shapes of the ensemble's series."""
-    x_hat = np.zeros((1, len(x0))) if (x0 := getattr(method.estimator, "x0", None)) is not None else np.zeros((1, nx))
+    x0 = method.estimator.x0
+    x_hat = np.zeros((1, nx if x0 is None else len(x0)))
     z = np.concatenate([np.zeros((1, nx)), x_hat], axis=1)
     return {name: array.shape[1:] for name, array in signals(Moments(z, z[:, :, None] * z[:, None]), nx).items()}
 
@@ -120,7 +119,7 @@ def _reports(experiments: Sequence[Experiment]) -> dict[str, dict[str, tuple[int
     for experiment in experiments:
         for method in experiment.methods:
             wanted = experiment.recording.signals if experiment.recording.n_runs else ()
-            shapes = {name: shape for name, shape in reports_of(method).items() if name in wanted}
+            shapes = {name: shape for name, shape in method.reports.items() if name in wanted}
             found[method.name] = found.get(method.name, {}) | shapes
     return found
 
@@ -142,8 +141,7 @@ def layout(experiments: Sequence[Experiment], n_points: int, *, smoke: bool) -> 
     series: dict[str, tuple[int, ...]] = {}
     arrays: dict[str, dict[str, tuple[int, ...]]] = {}
     for method in experiment.methods:
-        found: Mapping[str, Any] = getattr(method.estimator, "series", dict)()
-        arrays[method.name] = shapes = {name: array.shape for name, array in found.items()}
+        arrays[method.name] = shapes = {name: array.shape for name, array in method.estimator.series().items()}
         if recording.ensemble:
             ensemble = _ensemble(plant.nx, method)
             shapes |= {name: (experiment.n_steps + 1, *entry) for name, entry in ensemble.items()}

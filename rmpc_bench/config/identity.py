@@ -16,7 +16,6 @@ from rmpc_bench.config.component import Component, plain_data
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, NoiseTerm
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import HasOpponent
 
 ADDED_LATER: Mapping[tuple[str, str], Any] = {
     ("estimators", "form"): "filter",
@@ -59,7 +58,7 @@ def _shared(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
         "reference": draft.reference.resolved() if draft.reference else None,
     }
     plant = experiment.plant
-    if isinstance(plant, HasOpponent) and plant.opponent is not None:
+    if plant.opponent is not None:
         common["against"] = method_data(draft, draft.methods[plant.opponent[0]])
     terms = [term for channel in (*draft.noise.values(), draft.initial["laws"]) for term in channel]
     if draft.model is not None and any(term.same is not None for term in terms):

@@ -28,7 +28,7 @@ from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import as_matrix, mv
 from rmpc_bench.numerics.tracking import SMALLEST, TrackingLaw, gains, track
-from rmpc_bench.types import Array, Command, DesignError, Estimate, HasWindow, Horizon, Matrix, Status
+from rmpc_bench.types import Array, Command, Controller, DesignError, Estimate, Estimator, Horizon, Matrix, Status
 
 OK = np.int8(Status.OK)
 
@@ -59,7 +59,7 @@ class TunedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Gpc:
+class Gpc(Controller):
     """The law with constant penalties; build it with `design`.
 
     Parameters
@@ -125,7 +125,7 @@ class Gpc:
 
     @cached_property
     def _follows(self) -> bool:
-        """Whether the model depends on the state; asked once, because it asks for every property of the model."""
+        """Whether the model depends on the state."""
         return isinstance(self.model, StateDependentModel)
 
     @cached_property
@@ -206,7 +206,7 @@ class TunedGpc(Gpc):
 def design(
     model: Any,
     n_steps: int | None = None,
-    estimator: Any = None,
+    estimator: Estimator | None = None,
     *,
     Np: Horizon,
     Q_yw: Matrix,
@@ -263,7 +263,7 @@ def _constant(model: Any, n_steps: int | None) -> Any:
     return first if all(model.at(k) is first for k in range(1, n_steps)) else model
 
 
-def _noise(keys: LpNoise, estimator: Any, nx: int, ny: int) -> NoiseTuning:
+def _noise(keys: LpNoise, estimator: Estimator | None, nx: int, ny: int) -> NoiseTuning:
     """Check the keys against the sizes of the model."""
     lower, upper = keys.bounds
     if not lower <= upper:
@@ -273,8 +273,7 @@ def _noise(keys: LpNoise, estimator: Any, nx: int, ny: int) -> NoiseTuning:
         raise DesignError(
             f"must be at least {most - 1}: a fit of {most} coefficients needs as many samples", "tuning.Ne2"
         )
-    Ne = estimator.Ne if isinstance(estimator, HasWindow) else 0
-    return NoiseTuning(keys, keys.Ne2 + Ne, nx, ny)
+    return NoiseTuning(keys, keys.Ne2 + (0 if estimator is None else estimator.Ne), nx, ny)
 
 
 def _linear(

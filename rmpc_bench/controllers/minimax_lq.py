@@ -21,14 +21,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.state_feedback import Regulator, game_of, noise_roots, stages_of
-from rmpc_bench.models.linear import Model
-from rmpc_bench.models.noise_sets import LEVEL, BelievesSets
+from rmpc_bench.models.noise_sets import LEVEL
 from rmpc_bench.numerics.ellipsoid import confidence
 from rmpc_bench.numerics.game_table import HALF, MIDDLE, Tables, tables
 from rmpc_bench.numerics.linalg import at_sample, mv, psd_sqrt
@@ -36,7 +35,7 @@ from rmpc_bench.numerics.lq_game import Game, Solution, plan, smallest_multiplie
 from rmpc_bench.numerics.lq_windows import Stages, window_law
 from rmpc_bench.numerics.stage_multipliers import solve_stages
 from rmpc_bench.numerics.worst_noise import worst_cost
-from rmpc_bench.types import Array, DesignError, Estimate, Horizon, Matrix
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Horizon, Matrix, Model
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +157,7 @@ class MinimaxLq(Regulator):
 def design(
     model: Model,
     n_steps: int,
-    estimator: Any,
+    estimator: Estimator,
     *,
     horizon: Horizon,
     Q_x: Matrix,
@@ -190,13 +189,15 @@ def design(
     return MinimaxLq(stages, horizon, set, _error_roots(estimator), w_roots)
 
 
-def _error_roots(estimator: Any) -> Float[Array, "k nx nx"] | None:
-    """Roots of the sets of x - x_hat that an estimator believes in; None where they come with the data."""
-    if not isinstance(estimator, BelievesSets):
-        raise DesignError("the estimator shows neither a set nor a covariance of its error over time")
+def _error_roots(estimator: Estimator) -> Float[Array, "k nx nx"] | None:
+    """Roots of the reported sets of x - x_hat over k; None where every estimate has one that depends on the data."""
     if estimator.M is not None:
         return psd_sqrt(estimator.M)
-    return None if estimator.P is None else psd_sqrt(confidence(LEVEL, estimator.P.shape[1]) * estimator.P)
+    if estimator.P is not None:
+        return psd_sqrt(confidence(LEVEL, estimator.P.shape[1]) * estimator.P)
+    if not estimator.estimates_set:
+        raise DesignError("the estimator shows neither a set nor a covariance of its error over time")
+    return None
 
 
 def _stacked_roots(M: Array | None) -> Float[Array, "runs nx nx"]:

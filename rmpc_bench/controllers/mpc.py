@@ -16,7 +16,7 @@ Fails   design error where the moves are not determined (R = 0 and an input with
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +24,19 @@ from jaxtyping import Float
 from rmpc_bench.controllers.prediction import predict_inputs, predict_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
-from rmpc_bench.types import Array, Command, DesignError, Estimate, Horizon, Matrix, Positive, Status
+from rmpc_bench.types import (
+    Array,
+    Command,
+    Controller,
+    DesignError,
+    Estimate,
+    Horizon,
+    LinearLaw,
+    Matrix,
+    Model,
+    Positive,
+    Status,
+)
 
 OK = np.int8(Status.OK)
 
@@ -64,7 +76,7 @@ class MpcState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Mpc:
+class Mpc(Controller):
     """The receding-horizon law; build it with `design`."""
 
     K_x: Float[Array, "nu nx"]
@@ -93,9 +105,13 @@ class Mpc:
         u = np.clip(kept + ahead - mv(self.K_x, estimate.x_hat), self.low, self.high)
         return MpcState(u), Command(u, np.full(len(u), OK), {})
 
+    def linear_law(self) -> LinearLaw:
+        """Return the gains; the law is linear as long as no input is clipped."""
+        return LinearLaw(self.K_x, self.K_u, self.K_r)
+
 
 def design(
-    model: Any,
+    model: Model,
     *,
     Hp: Horizon,
     Hu: Horizon,
@@ -142,12 +158,12 @@ def design(
     return Mpc(first @ Psi, first @ Upsilon, first, *bounds, preview=Hp + 1)
 
 
-def _constant(model: Any) -> LinearModel:
+def _constant(model: Model) -> LinearModel:
     """Return the one model of all k; of an uncertain one its nominal part."""
     if isinstance(model, LinearModel):
         return model
     nominal: LinearModel = model.at(0)  # refused by one that is another at every state
-    if model.system.varies:
+    if model.varies:
         raise DesignError("predicts with one model; this one is another at every k")
     return nominal
 

@@ -24,12 +24,22 @@ import numpy as np
 from annotated_types import Gt
 from jaxtyping import Float
 
-from rmpc_bench.models.linear import Model
-from rmpc_bench.models.noise_sets import BelievesSets, stochastic_sets
+from rmpc_bench.models.noise_sets import stochastic_sets
 from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv, psd_sqrt
 from rmpc_bench.numerics.lq_game import Game
 from rmpc_bench.numerics.lq_windows import Stages, game_gains, noise_sizes, smallest_multipliers, window_law
-from rmpc_bench.types import Array, Command, DesignError, Estimate, EstimatesMean, Horizon, Matrix, Status
+from rmpc_bench.types import (
+    Array,
+    Command,
+    Controller,
+    DesignError,
+    Estimate,
+    Estimator,
+    Horizon,
+    Matrix,
+    Model,
+    Status,
+)
 
 OK = np.int8(Status.OK)
 LARGEST = 1e100
@@ -40,10 +50,9 @@ class NoState(NamedTuple):
     """What the next step needs: nothing."""
 
 
-class Regulator:
+class Regulator(Controller):
     """A law u(k) of the estimate alone, towards x = 0; a law says `input_of`."""
 
-    preview = 1
     regulates = True
 
     def init(self, n_runs: int) -> NoState:
@@ -90,7 +99,7 @@ class Lqr(Regulator):
 def lqr(
     model: Model,
     n_steps: int,
-    estimator: Any,
+    estimator: Estimator,
     *,
     horizon: Horizon,
     Q_x: Matrix,
@@ -119,7 +128,7 @@ def lqr(
     nx = stages.A.shape[1]
     f0 = np.array([model.at(k).f0 for k in range(len(stages.A))])[:, :, None]
     law = window_law(stages, horizon, np.concatenate([f0, np.broadcast_to(np.eye(nx), stages.A.shape)], axis=2))
-    if mean == "estimated" and not isinstance(estimator, EstimatesMean):
+    if mean == "estimated" and not estimator.estimates_mean:
         raise DesignError("the estimator does not find it; take kalman-disturbance, or `known`", "mean")
     u_0 = np.zeros_like(law.K_d[:, :, 0]) if mean == "ignored" else law.K_d[:, :, 0]
     return Lqr(law.K, law.K_d[:, :, 1:] if mean == "estimated" else None, u_0)
@@ -157,7 +166,7 @@ class GameGain(Regulator):
 def game_gain(
     model: Model,
     n_steps: int,
-    estimator: Any,
+    estimator: Estimator,
     *,
     horizon: Horizon,
     Q_x: Matrix,
@@ -217,7 +226,7 @@ def _ahead(what: Callable[[int], Any], k: int) -> Any:
         raise DesignError(f"reaches k = {k}, where the model's {blamed} {error}", "horizon") from None
 
 
-def noise_roots(model: Model, estimator: Any, stages: Stages, horizon: int) -> Float[Array, "t nx nx"]:
+def noise_roots(model: Model, estimator: Estimator, stages: Stages, horizon: int) -> Float[Array, "t nx nx"]:
     """Roots of the sets of the process noise that an estimator believes in, or of 95 % ellipsoids of its covariances.
 
     Raises
@@ -225,7 +234,7 @@ def noise_roots(model: Model, estimator: Any, stages: Stages, horizon: int) -> F
     DesignError
         If noise grows beyond all bounds over the horizon.
     """
-    sets = estimator.sets if isinstance(estimator, BelievesSets) and estimator.sets else stochastic_sets(model)
+    sets = estimator.sets or stochastic_sets(model)
     G = psd_sqrt(np.array([_ahead(sets.process, k) for k in range(len(stages.A))]))
     if not (noise_sizes(stages, G, horizon) < LARGEST).all():  # true for nan
         message = f"noise grows beyond {LARGEST:g} over {horizon} samples without control; choose fewer"

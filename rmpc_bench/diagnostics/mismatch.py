@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.diagnostics.stability import LinearPair, linear_pair, spectral_radius
-from rmpc_bench.diagnostics.tolerance import Belief, divergence_over_time
+from rmpc_bench.diagnostics.tolerance import DesignModel, divergence_over_time
+from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
-from rmpc_bench.types import Array, DesignError, HasLinearPart, LinearTruth, Method
+from rmpc_bench.types import Array, DesignError, LinearPlant, Method
 
 Build = Callable[..., Any]
 """``build(group, data, **provided)`` designs a component from plain data; None where its design function refuses."""
@@ -98,7 +99,7 @@ class _MethodModel(NamedTuple):
     method: Method
     data: Mapping[str, Any]
     pair: LinearPair | None
-    model: Belief | None
+    model: DesignModel | None
     P0: Array | None
 
 
@@ -148,7 +149,7 @@ def _redesigned(
 ) -> tuple[Any, Array, Any] | None:
     """Design model, P0 and estimator from plain data, for some number of steps."""
     model = build("models", data.get("model"), Ts=Ts, n_steps=n_steps)
-    if not isinstance(model, Belief) or np.ndim(model.A) != 2:
+    if model is None or not model.is_linear_model:
         return None
     n = len(model.A)
     try:
@@ -160,11 +161,9 @@ def _redesigned(
     return model, P0, build("estimators", data.get("estimator"), **provided) if estimator else None
 
 
-def _plants(experiment: Experiment) -> list[LinearTruth]:
+def _plants(experiment: Experiment) -> list[LinearPlant]:
     """Linear parts of the plants of the first runs; a single one where nothing is uncertain."""
     plant, scenario = experiment.plant, experiment.scenario
-    if not isinstance(plant, HasLinearPart):
-        return []
     found = []
     for run in range(min(experiment.n_runs, MAX_PLANTS) if scenario.uncertainty else 1):
         values = scenario.named_values(run)
@@ -180,7 +179,7 @@ def _configured_c(data: Mapping[str, Any]) -> float | None:
     return next((float(value) for value in (estimator.get("c"), *nested) if value is not None), None)
 
 
-def _noise_scale(scenario: Scenario, model: Belief | None) -> NoiseScale:
+def _noise_scale(scenario: Scenario, model: DesignModel | None) -> NoiseScale:
     """Compare the noise of the plant with that of a design model."""
     if model is None or not (scenario.measurement or scenario.process):
         return NoiseScale(None, "none")
@@ -188,13 +187,13 @@ def _noise_scale(scenario: Scenario, model: Belief | None) -> NoiseScale:
         ("measurement", scenario.measurement, model.R_v),
         ("process", scenario.process, model.Q_w),
     ):
-        roots = [getattr(term, "root", None) for term in terms]
+        roots = [term.root if isinstance(term, Gaussian) else None for term in terms]
         power = sum(float(np.square(root).sum()) for root in roots if root is not None)
         if roots and power == 0.0 and all(root is not None for root in roots):
             continue
         if power > 0.0 and all(root is not None for root in roots) and np.trace(cov) > 0.0:
             return NoiseScale(float(np.sqrt(power / np.trace(cov))), channel)
-    silent = all(getattr(term, "root", None) is not None for term in (*scenario.measurement, *scenario.process))
+    silent = all(isinstance(term, Gaussian) for term in (*scenario.measurement, *scenario.process))
     return NoiseScale(None, "none" if silent else "unknown")
 
 
@@ -202,13 +201,13 @@ def _without_law(each: _MethodModel) -> str:
     return "no controller" if isinstance(each.method.controller, Rest) else "no linear law with known gains"
 
 
-def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[LinearTruth]) -> Divergence | str:
+def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[LinearPlant]) -> Divergence | str:
     """Average the parts of (10) over time."""
     if each.pair is None or each.model is None or each.P0 is None:
         return _without_law(each)
     if not plants:
         return "no linear plant"
-    stacked = LinearTruth(*(np.stack(matrices) for matrices in zip(*plants, strict=True)))
+    stacked = LinearPlant(*(np.stack(matrices) for matrices in zip(*plants, strict=True)))
     if (stacked.E.shape[1], stacked.C.shape[1]) != (len(each.model.A), len(each.model.C)):
         return f"a model of {len(each.model.A)} states"
     n_steps, scenario = experiment.n_steps, experiment.scenario
@@ -221,11 +220,11 @@ def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[Lin
     return Divergence(*(np.where(np.abs(part) < ROUNDING, 0.0, part) for part in averages))
 
 
-def _radii(each: _MethodModel, plants: Sequence[LinearTruth]) -> tuple[float | None, Array]:
+def _radii(each: _MethodModel, plants: Sequence[LinearPlant]) -> tuple[float | None, Array]:
     """Spectral radii of the loop with the model and with the plants."""
     if each.pair is None or each.model is None:
         return None, np.empty(0)
-    model = LinearTruth(each.model.A, each.model.B, each.model.C, np.eye(len(each.model.A)))
+    model = LinearPlant(each.model.A, each.model.B, each.model.C, np.eye(len(each.model.A)))
     fitting = [plant for plant in plants if len(plant.C) == len(each.model.C)]
     return spectral_radius(model, each.pair), np.array([spectral_radius(plant, each.pair) for plant in fitting])
 

@@ -23,14 +23,14 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.diagnostics.stability import Gains, LinearPair
+from rmpc_bench.diagnostics.stability import LinearPair, LoopGains
 from rmpc_bench.numerics.gaussian_divergence import covariance_part, mean_part
 from rmpc_bench.numerics.riccati import filter_step
-from rmpc_bench.types import Array, LinearTruth
+from rmpc_bench.types import Array, LinearPlant
 
 
 @runtime_checkable
-class Belief(Protocol):
+class DesignModel(Protocol):
     """A time-invariant linear model with its noise."""
 
     A: Array
@@ -53,7 +53,7 @@ class Divergence(NamedTuple):
 class _Side(NamedTuple):
     """One description of z, the plant's or (with E = I) the model's, and its Kalman filter over k."""
 
-    truth: LinearTruth
+    truth: LinearPlant
     E_Q_E: Float[Array, "runs nx nx"]
     R_v: Float[Array, "ny ny"]
     P: Float[Array, "runs steps n n"]
@@ -61,8 +61,8 @@ class _Side(NamedTuple):
 
 
 def divergence_over_time(
-    truths: LinearTruth,
-    model: Belief,
+    truths: LinearPlant,
+    model: DesignModel,
     pair: LinearPair,
     x0: Float[Array, " n"],
     P0: Float[Array, "nx nx"],
@@ -92,7 +92,7 @@ def divergence_over_time(
     true = _side(
         truths, lift @ model.Q_w @ lift.mT if Q_true is None else Q_true, model.R_v, lift @ P0 @ lift.mT, n_steps
     )
-    nominal = LinearTruth(model.A[None], model.B[None], model.C[None], np.eye(len(model.A))[None])
+    nominal = LinearPlant(model.A[None], model.B[None], model.C[None], np.eye(len(model.A))[None])
     believed = _side(nominal, model.Q_w[None], model.R_v, P0[None], n_steps)
 
     n_runs, n_ahead = len(truths.A), pair.law.K_r.shape[1] // len(model.C)
@@ -112,7 +112,7 @@ def divergence_over_time(
     return parts
 
 
-def _side(truth: LinearTruth, Q: Array, R_v: Array, P0: Array, n_steps: int) -> _Side:
+def _side(truth: LinearPlant, Q: Array, R_v: Array, P0: Array, n_steps: int) -> _Side:
     """Covariances before the measurement and gains of the prediction, for every run and k."""
     P, K = [P0], []
     for _ in range(n_steps):
@@ -134,7 +134,7 @@ def _covariance(side: _Side, J: Array, k: int) -> Float[Array, "runs nz nz"]:
     return K
 
 
-def _period(true: _Side, believed: _Side, g: Gains, ahead: Float[Array, "nu 1"], k: int) -> tuple[Array, ...]:
+def _period(true: _Side, believed: _Side, g: LoopGains, ahead: Float[Array, "nu 1"], k: int) -> tuple[Array, ...]:
     """Matrices of one period for q = [x_pred~, x_pred, x_pred of the method, u(k-1)] and the plant's innovation i.
 
     dm = D q + d and q(k+1) = T q + t + G i, with y = C~ x_pred~ + i.

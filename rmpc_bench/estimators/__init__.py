@@ -23,6 +23,6 @@ How to add one whose gains do not depend on the data (most filters of this bench
 2. One line in ``registry.py``: ``"my-filter": "rmpc_bench.estimators.my_filter:design",``.
 3. ``tests/estimators/test_my_filter.py``: the limit in which it becomes a known filter.
 
-A filter that depends on the data is a frozen dataclass with ``init``, ``correct`` and ``predict`` (types.Estimator)
-and a NamedTuple as its state.
+A filter that depends on the data is a frozen dataclass, a subclass of `types.Estimator` with ``init``, ``correct`` and
+``predict``, and a NamedTuple as its state.
 """

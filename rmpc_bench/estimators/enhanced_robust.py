@@ -38,13 +38,12 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
-from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.numerics.noise_pair import FREE, NoisePair, Noises
 from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel, Widening, keep_a, spectrum, widen
 from rmpc_bench.numerics.riccati import predictor_gain, predictor_step
-from rmpc_bench.types import Array, DesignError, NonNegative, Positive
+from rmpc_bench.types import Array, DesignError, Model, NonNegative, Positive
 
 
 @dataclass(frozen=True)

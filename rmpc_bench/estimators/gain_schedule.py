@@ -15,14 +15,14 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import NoiseSets, stochastic_sets
 from rmpc_bench.numerics.ellipsoid import sum_shape, weight
 from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
 from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step
 from rmpc_bench.numerics.riccati import error_radius, filter_step, unmeasured_step
-from rmpc_bench.types import Array, DesignError, Estimate, Status
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, GainSchedule, Model, Status
 
 OK = np.int8(Status.OK)
 
@@ -38,7 +38,7 @@ class FilterState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class GainScheduleFilter:
+class GainScheduleFilter(Estimator):
     """A linear filter with precomputed gains; axis 0 of every array is k, a constant one has length 1.
 
     Parameters
@@ -91,6 +91,16 @@ class GainScheduleFilter:
         if self.f is not None:
             x_pred = x_pred + at_sample(self.f, k)
         return FilterState(x_pred, state.e)
+
+    @property
+    def form(self) -> Form:
+        """Whether x_hat(k) uses y(k)."""
+        return "filter" if self._corrects else "predictor"
+
+    @property
+    def gain_schedule(self) -> GainSchedule:
+        """Matrices and gains over k."""
+        return GainSchedule(self.x0, self.F, self.B, self.C, self.K, self.L, self.f, self.d)
 
     @cached_property
     def _corrects(self) -> bool:

@@ -20,12 +20,11 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.linear import Model
 from rmpc_bench.models.noise_sets import NoiseKind, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import mv, symmetrise
-from rmpc_bench.types import Array, DesignError, Estimate, Status
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 
@@ -38,7 +37,7 @@ class RelinearisedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RelinearisedFilter:
+class RelinearisedFilter(Estimator):
     """A filter that has another model at every estimate.
 
     Parameters
@@ -52,6 +51,10 @@ class RelinearisedFilter:
     x0: Float[Array, " nx"]
     P0: Float[Array, "nx nx"]
     use_y0: bool = True
+
+    def warm_up(self) -> None:
+        """Compile the kernel of the model."""
+        self.model.warm_up()
 
     def init(self, n_runs: int) -> RelinearisedState:
         """Start every run at ``x0``."""

@@ -17,19 +17,24 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import FilterState, GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import NoiseKind, NoiseSets, stochastic_sets, with_noise_kind
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import as_covariance
-from rmpc_bench.types import Array, DesignError, Estimate, Matrix, NonNegative
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative
 
 
 @dataclass(frozen=True, eq=False)
-class DriftingModel:
+class DriftingModel(Model):
     """A model whose process noise has an unknown mean, which is part of the state: [x; d]."""
 
     model: Model
     drift: float
+
+    @property
+    def varies(self) -> bool:
+        """Whether a matrix depends on k."""
+        return self.model.varies
 
     def at(self, k: int) -> LinearModel:
         """The model at k."""
@@ -48,14 +53,13 @@ class DriftingModel:
 
 
 @dataclass(frozen=True, eq=False)
-class DisturbanceFilter:
+class DisturbanceFilter(Estimator):
     """A filter for [x; d] that hands out x; `w_mean` is its d."""
 
     full: GainScheduleFilter
     sets: NoiseSets
 
     estimates_mean = True
-    M = None
 
     @property
     def nx(self) -> int:

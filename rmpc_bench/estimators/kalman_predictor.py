@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule, refuse_overflow
-from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, symmetrise
 from rmpc_bench.numerics.riccati import predictor_step
-from rmpc_bench.types import Array, DesignError, Matrix
+from rmpc_bench.types import Array, DesignError, Matrix, Model
 
 _STABLE = 1.0 - 1e-7  # an eigenvalue on the unit circle comes out of the pencil right to the root of a rounding
 

@@ -21,11 +21,11 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
-from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.numerics.riccati import predictor_step
-from rmpc_bench.types import Array, DesignError, NonNegative
+from rmpc_bench.types import Array, DesignError, Model, NonNegative
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from rmpc_bench.estimators.gain_schedule import over_time
-from rmpc_bench.models.linear import Model
 from rmpc_bench.models.state_dependent import StateDependentModel, pair_at
 from rmpc_bench.numerics.bounded_window import SampleWindow, WindowFits, fit_anchored, fit_free
 from rmpc_bench.numerics.linalg import at_sample, mv
-from rmpc_bench.types import Array, Count, DesignError, Estimate, Status
+from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
 
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 PATIENCE = 50
@@ -60,7 +59,7 @@ class WindowState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LpWindow:
+class LpWindow(Estimator):
     """LP1 on a moving window.
 
     Parameters
@@ -111,12 +110,13 @@ class LpWindow:
         pair = pair_at(self.model, k, state.x_hat)
         c = mv(pair.B, u)
         if not self._depends:
-            c = c + cast("Model", self.model).at(k).f0
+            c = c + self.model.at(k).f0
         moved = (_pushed(state.A, pair.A), _pushed(state.c, c), _pushed(state.before, state.x_hat))
         return WindowState(mv(pair.A, state.x_hat) + c, state.x_hat, state.y, *moved, state.missed)
 
     def warm_up(self) -> None:
         """Compile the kernels (or load them from the cache) by a window of one run."""
+        self.model.warm_up()
         ny, nx = self.C.shape[1:]
         window = SampleWindow(*(np.zeros((1, 2, *shape)) for shape in ((ny,), (nx, nx), (nx,), (nx,))))
         fit_free(window, self.C[:1], 2)

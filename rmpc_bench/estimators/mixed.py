@@ -18,10 +18,9 @@ from __future__ import annotations
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, mixed_schedule
-from rmpc_bench.models.linear import Model
 from rmpc_bench.models.noise_sets import NoiseSets
 from rmpc_bench.numerics.mixed_step import Rule
-from rmpc_bench.types import Array
+from rmpc_bench.types import Array, Model
 
 
 def design(

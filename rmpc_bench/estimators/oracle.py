@@ -23,7 +23,7 @@ from rmpc_bench.estimators.gain_schedule import Form
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import UncertainSystem
 from rmpc_bench.numerics.linalg import mv, symmetrise
-from rmpc_bench.types import Array, DesignError, Estimate, Status
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Plant, Status
 
 OK = np.int8(Status.OK)
 
@@ -42,8 +42,8 @@ class OracleState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Oracle:
-    """A predictor that is told what is uncertain.
+class Oracle(Estimator):
+    """A filter or predictor that knows the uncertain matrices of every run.
 
     Parameters
     ----------
@@ -59,9 +59,9 @@ class Oracle:
     P0: Float[Array, "nx nx"]
     form: Form = "predictor"
 
-    informed = True
+    knows_uncertainty = True
 
-    def init(self, n_runs: int, delta: Any) -> OracleState:
+    def init(self, n_runs: int, delta: Any = ()) -> OracleState:
         """Start every run at ``x0``; ``delta`` has the F of all runs."""
         nx, ny = self.system.size("nx"), self.system.size("ny")
         return OracleState(
@@ -132,7 +132,7 @@ def _gain(N: Float[Array, "runs nx ny"], Y: Float[Array, "runs ny ny"]) -> Float
 def design(
     model: Any,
     n_steps: int,
-    plant: Any,
+    plant: Plant,
     *,
     x0: Float[Array, " nx"],
     P0: Float[Array, "nx nx"],
@@ -144,7 +144,7 @@ def design(
     ----------
     model : an uncertain linear model, whose noises it believes
     n_steps : number of control periods N
-    plant : the truth, whose matrices it knows
+    plant : the true system, whose matrices it knows
     x0 : (nx,) mean of the initial state
     P0 : (nx, nx) its covariance
     form : `predictor` does not use y(k) for x_hat(k), as the predictors it is compared with; `filter` does
@@ -154,10 +154,10 @@ def design(
     DesignError
         If the plant has no uncertain matrices, or the model no noises w and v, or others than the plant.
     """
-    if not isinstance(model, UncertainModel) or not isinstance(getattr(plant, "system", None), UncertainSystem):
+    if not isinstance(model, UncertainModel) or plant.system is None:
         raise DesignError("needs plant and model of a kind with uncertain matrices, such as uncertain-linear")
     for size in ("nx", "nu", "ny", "nw", "nv"):
-        truth, belief = plant.system.size(size), model.system.size(size)
-        if truth != belief:
-            raise DesignError(f"plant and model must have the same sizes; {size} is {truth} and {belief}")
+        of_plant, of_model = plant.system.size(size), model.system.size(size)
+        if of_plant != of_model:
+            raise DesignError(f"plant and model must have the same sizes; {size} is {of_plant} and {of_model}")
     return Oracle(plant.system, model, x0, P0, form)

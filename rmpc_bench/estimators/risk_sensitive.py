@@ -17,10 +17,9 @@ from dataclasses import dataclass
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import Inflation, Interpretation, Tau, inflate, inflate_to_radius, right_side
 from rmpc_bench.numerics.riccati import filter_step
-from rmpc_bench.types import Array, DesignError, Positive
+from rmpc_bench.types import Array, DesignError, Model, Positive
 
 _STEADY = 1e-13  # relative change of theta per step; what is left is rounding, which grows with c
 _MAX_STEPS = 100_000

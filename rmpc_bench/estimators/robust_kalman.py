@@ -18,9 +18,8 @@ from __future__ import annotations
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import Interpretation, Tau, inflate_to_radius, right_side
-from rmpc_bench.types import Array, Positive
+from rmpc_bench.types import Array, Model, Positive
 
 
 def design(

@@ -24,11 +24,10 @@ from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule, refuse_overflow
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
-from rmpc_bench.models.linear import Model
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import as_covariance, symmetrise
 from rmpc_bench.numerics.riccati import filter_step
-from rmpc_bench.types import Array, DesignError, Matrix, NonNegative
+from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative
 
 
 class Multiplier(NamedTuple):

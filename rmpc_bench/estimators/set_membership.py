@@ -26,11 +26,11 @@ from annotated_types import Gt, Lt
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, mixed_schedule, over_time, uncorrelated
-from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import NoiseSets
 from rmpc_bench.numerics.ellipsoid import Criterion, intersection, sum_shapes
 from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
-from rmpc_bench.types import Array, DesignError, Estimate, Status
+from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK, EMPTY_SET = np.int8(Status.OK), np.int8(Status.EMPTY_SET)
 
@@ -47,7 +47,7 @@ class SetState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class IntersectionFilter:
+class IntersectionFilter(Estimator):
     """A set-membership filter whose sets depend on the data.
 
     Parameters
@@ -69,8 +69,7 @@ class IntersectionFilter:
     criterion: Criterion = "trace"
     use_y0: bool = True
 
-    P = None
-    M = None
+    estimates_set = True
 
     def init(self, n_runs: int) -> SetState:
         """Start every run with the same set."""

@@ -18,7 +18,6 @@ from rmpc_bench.execution.interrupts import held
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.threads import single_thread
-from rmpc_bench.types import HasDrawn
 
 
 class Task(NamedTuple):
@@ -60,7 +59,7 @@ def work(experiments: Sequence[Experiment], task: Task) -> Done:
 def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list[dict[str, float]]:
     """What every run has drawn once and for all: the named quantities, its bursts, and what the plant has beside."""
     plant = experiment.plant
-    drawn = plant.drawn(draws.delta) if isinstance(plant, HasDrawn) else {}
+    drawn = plant.drawn(draws.delta)
     scenario = experiment.scenario
     return [
         scenario.named_values(run)

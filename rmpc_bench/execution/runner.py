@@ -19,7 +19,6 @@ from rmpc_bench.execution.store import Store, WriteError
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
-from rmpc_bench.types import WarmsUp
 
 RESOLVED = "config.resolved.yaml"
 
@@ -135,16 +134,14 @@ def _engine(experiments: Sequence[Experiment], tasks: list[Task], workers: int) 
 def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
     """Do in this process, once, what every worker then finds done: compile, and finish the designs of the methods."""
     for plant in {type(experiment.plant): experiment.plant for experiment in experiments}.values():
-        if isinstance(plant, WarmsUp):
-            with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
-                plant.warm_up()
+        with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
+            plant.warm_up()
     asked = {(task.point, task.method) for task in tasks}
     methods = [experiments[point].method(name) for point, name in sorted(asked)]
-    parts: list[Any] = [part for method in methods for part in (method.estimator, method.controller)]
-    designs = [*(getattr(part, "model", None) for part in parts), *parts]
+    designs = [design for method in methods for design in (method.estimator, method.controller)]
     text = "preparing estimators and control laws (the first time, compiling them) ..."
     with said_if_slow(progress, text), single_thread():
-        for design in {id(design): design for design in designs if isinstance(design, WarmsUp)}.values():
+        for design in {id(design): design for design in designs}.values():
             design.warm_up()
 
 

@@ -9,9 +9,8 @@ import numpy as np
 from rmpc_bench.analysis.trials import Traces
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.execution.store import Store
-from rmpc_bench.metrics.reported import reports_of
 from rmpc_bench.simulation.recording import kept
-from rmpc_bench.types import HasUnits, Plant
+from rmpc_bench.types import Plant
 
 
 def traces_of(point: SweepPoint, store: Store, name: str) -> Traces | None:
@@ -29,7 +28,7 @@ def traces_of(point: SweepPoint, store: Store, name: str) -> Traces | None:
     found = {signal: store.traces(point.method_keys[name], signal, recording.n_runs) for signal in recording.signals}
     runs = sorted(set.intersection(*(set(stored) for stored, _ in found.values())))
     signals = {signal: array[np.isin(stored, runs)] for signal, (stored, array) in found.items()}
-    shapes = {signal: shape for signal, shape in reports_of(experiment.method(name)).items() if signal in signals}
+    shapes = {signal: shape for signal, shape in experiment.method(name).reports.items() if signal in signals}
     r = experiment.scenario.reference.sample(experiment.n_steps + 1)
     return Traces(np.array(runs, dtype=np.int64), signals, r, shapes) if runs else None
 
@@ -39,10 +38,10 @@ def units_of(plant: Plant, traces: Iterable[Traces]) -> dict[str, str]:
 
     Parameters
     ----------
-    plant : the truth
+    plant : the true system
     traces : of all methods
     """
-    units = {"y": plant.y_unit, "u": plant.u_unit, **(plant.units if isinstance(plant, HasUnits) else {})}
+    units = {"y": plant.y_unit, "u": plant.u_unit, **plant.units}
     widths = {trace.signals["x_hat"].shape[2] for trace in traces if "x_hat" in trace.signals}
     if widths == {plant.nx}:
         units |= {f"x_hat.{i}": units[f"x.{i}"] for i in range(plant.nx) if f"x.{i}" in units}

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import During, When, during_of, moving_mean, per_run
 from rmpc_bench.metrics.tracking import Bound, SampleMetric, Units, Window, window_of
-from rmpc_bench.types import Array, DesignError, HasUnits, MetricInfo, NonNegative, Record
+from rmpc_bench.types import Array, DesignError, MetricInfo, NonNegative, Record
 
 Norm = Literal["rms", "peak", "length", "bias"]
 Index: TypeAlias = Annotated[int, Ge(0)]
@@ -123,7 +123,7 @@ def components_of(units: Units, components: list[int] | None) -> tuple[int, ...]
 def _unit(units: Units, components: tuple[int, ...] | None, unit: str | None) -> tuple[str, float]:
     """Return the unit of the error and what it is to be multiplied with; no unit where outputs differ in it."""
     own = {units.y}
-    if isinstance(units.plant, HasUnits):
+    if units.plant is not None:
         numbers = range(units.plant.ny) if components is None else components
         own = {units.plant.units.get(f"y.{number}", units.y) for number in numbers}
     base = own.pop() if len(own) == 1 else ""

@@ -8,13 +8,13 @@ search has missed the worst.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeGuard
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.metrics.tracking import SampleMetric, Units, Window
-from rmpc_bench.types import Array, Count, DesignError, HasCertificate, MetricInfo, NonNegative, Record
+from rmpc_bench.types import Array, Controller, Count, DesignError, MetricInfo, NonNegative, Record
 
 Of = Literal["excess", "rho", "worst"]
 
@@ -29,7 +29,7 @@ class Certified:
     def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
         """Ask the controller about the estimate at the only sample of the window."""
         controller, x_hat = record.controller, record.x_hat[:, window.first]
-        if not isinstance(controller, HasCertificate):
+        if not _certifies(controller):
             return np.full(len(x_hat), np.nan)
         asked = np.isfinite(x_hat).all(axis=1)  # a run that failed has no estimate to ask about
         values = np.full(len(x_hat), np.nan)
@@ -44,8 +44,8 @@ class Certified:
             return np.where(worst == rho, 1.0, worst / rho)  # 0/0 where there is no noise: the bound is exact
 
 
-def _certifies(controller: object) -> bool:
-    return isinstance(controller, HasCertificate) and controller.certifies
+def _certifies(controller: Controller | None) -> TypeGuard[Controller]:
+    return controller is not None and controller.certifies
 
 
 def certificate(

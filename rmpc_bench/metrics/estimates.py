@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, DesignError, Estimate, Informed, Method, Plant, Record
+from rmpc_bench.types import Array, DesignError, Estimate, Method, Plant, Record
 
 Belief = Literal["P", "M"]
 BELIEFS: dict[Belief, str] = {"P": "the covariance P", "M": "the set M"}
@@ -18,11 +18,11 @@ BELIEFS: dict[Belief, str] = {"P": "the covariance P", "M": "the set M"}
 def first_estimates(plant: Plant, methods: Sequence[Method]) -> Iterator[tuple[str, Estimate]]:
     """Let the estimators correct one measurement each, of a run that nobody keeps: its sizes are those of all runs.
 
-    An informed estimator is left out: it wants a drawn plant before it says anything.
+    An oracle estimator is left out: it needs a drawn plant before its first estimate.
     """
     y = np.zeros((1, plant.ny))
     for method in methods:
-        if not isinstance(method.estimator, Informed):
+        if not method.estimator.knows_uncertainty:
             with np.errstate(all="ignore"):
                 yield method.name, method.estimator.correct(0, method.estimator.init(1), y)[1]
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from rmpc_bench.metrics.burst_samples import During, When, during_of, per_run
 from rmpc_bench.metrics.tracking import Bound, SampleMetric, Units, Window, window_of
-from rmpc_bench.types import Array, DesignError, Method, MetricInfo, NonNegative, Record, Reports
+from rmpc_bench.types import Array, DesignError, Method, MetricInfo, NonNegative, Record
 
 Reduction = Literal["median", "mean", "std", "min", "max", "sum", "last"]
 Component: TypeAlias = str | Annotated[int, Ge(0)]
@@ -60,12 +60,6 @@ def _normalised(values: Float[Array, "runs window nn"]) -> Float[Array, "runs wi
         units = np.sqrt(diagonal[..., :, None] * diagonal[..., None, :])
         ratios: Array = np.where(units > 0.0, M / units, np.nan)
     return ratios.reshape(values.shape)
-
-
-def reports_of(method: Method) -> dict[str, tuple[int, ...]]:
-    """What a method reports of itself: name -> shape of the entry of one run."""
-    parts = [part for part in (method.estimator, method.controller) if isinstance(part, Reports)]
-    return {name: tuple(shape) for part in parts for name, shape in part.reports.items()}
 
 
 def reported(
@@ -120,7 +114,7 @@ def reported(
 
 def _shape(methods: Sequence[Method], of: str) -> tuple[int, ...] | None:
     """Shape of what all methods report; None where there are no methods."""
-    known = {method.name: reports_of(method) for method in methods}
+    known = {method.name: method.reports for method in methods}
     without = [f"{name!r} ({_listed(found)})" for name, found in known.items() if of not in found]
     if without:
         raise DesignError(

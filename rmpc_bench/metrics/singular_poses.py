@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.metrics.tracking import Bound, SampleMetric, Units, Window, window_of
-from rmpc_bench.types import Array, DesignError, HasSingularPoses, MetricInfo, Positive, Record
+from rmpc_bench.types import Array, DesignError, MetricInfo, Plant, Positive, Record
 
 
 @dataclass(frozen=True)
 class NearSingular:
     """Parameters of `near_singular`."""
 
-    plant: HasSingularPoses
+    plant: Plant
     below: float
 
     def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
@@ -47,7 +47,7 @@ def near_singular(
     from_ : first sample (seconds or samples, as `time`)
     to : last sample, included; N is the last one of the experiment
     """
-    if not isinstance(units.plant, HasSingularPoses):
+    if units.plant is None or not units.plant.has_singular_poses:
         raise DesignError("needs a plant that knows singular poses, such as moving-slide; leave the metric out")
     window = window_of(units, from_, to, units.n_steps - 1, units.n_steps)
     return SampleMetric(MetricInfo(name, "", "lower"), window, NearSingular(units.plant, below))

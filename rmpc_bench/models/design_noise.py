@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import SIZES, Matrices
-from rmpc_bench.types import Array
+from rmpc_bench.types import Array, Model
 
 
 class DesignSystem(NamedTuple):

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_covariance
-from rmpc_bench.types import Array, DesignError, Matrix
+from rmpc_bench.types import Array, DesignError, Matrix, Model
 
 Rows = Array | list[list[float]]
 Covariance = Array | Matrix
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class LinearModel:
+class LinearModel(Model):
     """A linear model with white noises at one k, or at every k if nothing varies.
 
     Parameters
@@ -44,6 +43,8 @@ class LinearModel:
     S_wv: Float[Array, "nx ny"]
     f0: Float[Array, " nx"]
     d0: Float[Array, " ny"]
+
+    is_linear_model = True
 
     def __init__(
         self,
@@ -79,16 +80,6 @@ class LinearModel:
         return self
 
     @property
-    def w_law(self) -> tuple[Float[Array, " nx"], Float[Array, "nx nx"]]:
-        """Mean and covariance of the process noise."""
-        return np.zeros(self.nx), self.Q_w
-
-    @property
-    def v_law(self) -> tuple[Float[Array, " ny"], Float[Array, "ny ny"]]:
-        """Mean and covariance of the measurement noise."""
-        return np.zeros(self.ny), self.R_v
-
-    @property
     def nx(self) -> int:
         """Number of states."""
         return len(self.A)
@@ -102,11 +93,3 @@ class LinearModel:
     def ny(self) -> int:
         """Number of outputs."""
         return len(self.C)
-
-
-@runtime_checkable
-class Model(Protocol):
-    """A linear model that may vary with k."""
-
-    def at(self, k: int, /) -> LinearModel:
-        """The model at k."""

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_system import depends_on_k, entries_of, expanded, sizes_of, values_at
 from rmpc_bench.numerics.linalg import as_covariance, as_vector
-from rmpc_bench.types import Array, DesignError, SystemMatrix
+from rmpc_bench.types import Array, DesignError, Model, SystemMatrix
 
 TABLE: Mapping[str, tuple[str, str]] = {
     "A": ("nx", "nx"), "B": ("nx", "nu"), "C": ("ny", "nx"),
@@ -61,7 +61,7 @@ class MatrixOverTime(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class MixedModel:
+class MixedModel(Model):
     """A linear model with stochastic and bounded noises.
 
     Parameters
@@ -75,6 +75,8 @@ class MixedModel:
     v_mean: Float[Array, " ny"]
     _made: dict[tuple[str, int], Any] = field(default_factory=dict, init=False, repr=False)
     """Cache of evaluated matrices by name and k; a constant one is stored at k = 0."""
+
+    has_sets = True
 
     @property
     def nx(self) -> int:
@@ -92,9 +94,9 @@ class MixedModel:
         return self.matrices["C"].shape[0]
 
     @property
-    def Q_w(self) -> Float[Array, "nx nx"]:
-        """Covariance of the stochastic process noise at k = 0."""
-        return self.at(0).Q_w
+    def varies(self) -> bool:
+        """Whether a matrix of the linear model depends on k."""
+        return any(self.matrices[name].varies for name in LINEAR_PART)
 
     @property
     def w_law(self) -> tuple[Float[Array, " nx"], Float[Array, "nx nx"]]:
@@ -108,7 +110,7 @@ class MixedModel:
 
     def at(self, k: int) -> LinearModel:
         """Return the model at k >= 0 with the stochastic noises only."""
-        k = k if any(self.matrices[name].varies for name in LINEAR_PART) else 0
+        k = k if self.varies else 0
         if ("", k) not in self._made:
             A, B, C, P_w, P_v = (self._at(name, k) for name in LINEAR_PART)
             self._made["", k] = LinearModel(A, B, C, P_w, P_v, f0=self.w_mean, d0=self.v_mean)

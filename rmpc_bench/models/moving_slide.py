@@ -26,8 +26,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.state_dependent import Pair
+from rmpc_bench.models.state_dependent import Pair, StateDependentModel
 from rmpc_bench.numerics.linalg import as_compiled, as_vector
 from rmpc_bench.types import Array, DesignError, NonNegative, Positive
 
@@ -100,7 +99,7 @@ def arms(y: Float[Array, "poses 3"], a: float, b: float) -> Arms:
 
 
 @dataclass(frozen=True, eq=False)
-class MovingSlideModel:
+class MovingSlideModel(StateDependentModel):
     """State-dependent model of the robot; create it with `design`.
 
     Parameters
@@ -126,29 +125,11 @@ class MovingSlideModel:
         """Output matrix: the pose is measured."""
         return np.eye(3, 6)
 
-    @property
-    def w_law(self) -> tuple[Float[Array, " 6"], Float[Array, "6 6"]]:
-        """Mean and covariance of the process noise."""
-        return np.zeros(6), self.Q_w
-
-    @property
-    def v_law(self) -> tuple[Float[Array, " 3"], Float[Array, "3 3"]]:
-        """Mean and covariance of the measurement noise."""
-        return np.zeros(3), self.R_v
-
     def at_state(self, x: Float[Array, "runs 6"]) -> Pair:
         """Sample the model with the matrices frozen at the state of every run."""
         from rmpc_bench.models.moving_slide_kernel import pair_kernel
 
         return Pair(*pair_kernel(as_compiled(x), self.numbers, self.Ts, self.euler))
-
-    def at(self, k: int) -> LinearModel:
-        """Raise a DesignError: the matrices depend on the state, not on k alone."""
-        raise DesignError(
-            "the model moving-slide depends on the state: choose a method that linearises at the estimate, such as "
-            "kalman or gpc",
-            "kind",
-        )
 
     def warm_up(self) -> None:
         """Compile the kernel (or load it from the cache)."""

@@ -9,14 +9,14 @@ Source  ma2025, (9), (10), (18); the confidence ellipsoids and matched moments a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeAlias, runtime_checkable
+from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.linear import LinearModel, Model
+from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.ellipsoid import confidence, sum_shape
-from rmpc_bench.types import Array, HasSets
+from rmpc_bench.types import Array, Model
 
 LEVEL = 0.95
 """Probability of the confidence ellipsoid that represents a covariance where a method needs a set."""
@@ -40,12 +40,12 @@ class NoiseSets:
     def process(self, k: int) -> Float[Array, "nx nx"]:
         """Return the shape matrix of the set of the process noise at k."""
         now = self.model.at(k)
-        return self._set(now.Q_w, self.model.M_w(k) if isinstance(self.model, HasSets) else np.zeros_like(now.Q_w))
+        return self._set(now.Q_w, self.model.M_w(k))
 
     def measurement(self, k: int) -> Float[Array, "ny ny"]:
         """Return the shape matrix of the set of the measurement noise at k."""
         now = self.model.at(k)
-        return self._set(now.R_v, self.model.M_v(k) if isinstance(self.model, HasSets) else np.zeros_like(now.R_v))
+        return self._set(now.R_v, self.model.M_v(k))
 
     def initial(self, P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]) -> Float[Array, "nx nx"]:
         """Return the shape matrix of the set of x(0) - x0, a sum of parts with covariance P0 and set M0."""
@@ -60,14 +60,20 @@ NoiseKind: TypeAlias = Literal["nominal", "matched"]
 
 
 @dataclass(frozen=True, eq=False)
-class MatchedModel:
+class MatchedModel(Model):
     """A model whose covariances treat bounded noises as uniform on their ellipsoids."""
 
     model: Model
 
+    @property
+    def varies(self) -> bool:
+        """Whether a matrix depends on k."""
+        return self.model.varies
+
     def at(self, k: int) -> LinearModel:
         """The model at k: Q_w + M_w / (nx + 2), R_v + M_v / (ny + 2)."""
-        now, sets = self.model.at(k), NoiseSets(self.model)
+        now: LinearModel = self.model.at(k)
+        sets = NoiseSets(self.model)
         M_w, M_v = sets.process(k), sets.measurement(k)
         if not (M_w.any() or M_v.any()):
             return now
@@ -88,23 +94,6 @@ def with_noise_kind(
     if noise == "nominal":
         return model, P0
     return MatchedModel(model), P0 if M0 is None else P0 + uniform_covariance(M0)
-
-
-@runtime_checkable
-class BelievesSets(Protocol):
-    """An estimator that says in which sets its error and the noises lie, or with which covariance."""
-
-    @property
-    def P(self) -> Float[Array, "k nx nx"] | None:
-        """Covariance of x_hat - x over k, None where nothing is said of it before any data."""
-
-    @property
-    def M(self) -> Float[Array, "k nx nx"] | None:
-        """Shape of the set of x_hat - x over k, None where nothing is said of it before any data."""
-
-    @property
-    def sets(self) -> NoiseSets | None:
-        """Sets of the noises, None where it has those of its model."""
 
 
 def stochastic_sets(model: Model) -> NoiseSets:

@@ -5,13 +5,12 @@ Model   x(k+1) = A(x(k)) x(k) + B(x(k)) u(k) + w(k),  y(k) = C x(k) + v(k); A an
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.linear import Model
-from rmpc_bench.types import Array
+from rmpc_bench.types import Array, DesignError, Model, attribute
 
 
 class Pair(NamedTuple):
@@ -21,28 +20,38 @@ class Pair(NamedTuple):
     B: Float[Array, "runs nx nu"]
 
 
-@runtime_checkable
-class StateDependentModel(Protocol):
-    """A model that has another pair at every state."""
+class StateDependentModel(Model):
+    """Base class of models with another pair of matrices at every state.
 
-    @property
-    def nx(self) -> int: ...  # noqa: D102 - as of every model
-    @property
-    def nu(self) -> int: ...  # noqa: D102
-    @property
-    def ny(self) -> int: ...  # noqa: D102
-    @property
-    def C(self) -> Float[Array, "ny nx"]: ...  # noqa: D102
-    @property
-    def Q_w(self) -> Float[Array, "nx nx"]: ...  # noqa: D102
-    @property
-    def R_v(self) -> Float[Array, "ny ny"]: ...  # noqa: D102
-    @property
+    A subclass gives `nx`, `nu`, `ny`, `Q_w`, `R_v`, `C` and the method `at_state`.
+    """
+
+    @attribute
+    def C(self) -> Float[Array, "ny nx"]:
+        """Output matrix."""
+        raise NotImplementedError("C")
+
+    @attribute
     def largest(self) -> float:
-        """An estimate with a coordinate beyond it has no meaning."""
+        """Largest magnitude of a coordinate of an estimate that has a meaning."""
+        return np.inf
+
+    def at(self, k: int, /) -> Any:
+        """Refuse: the matrices depend on the state, not on k alone.
+
+        Raises
+        ------
+        DesignError
+            Always.
+        """
+        raise DesignError(
+            "the model depends on the state: choose a method that linearises at the estimate, such as kalman or gpc",
+            "kind",
+        )
 
     def at_state(self, x: Float[Array, "runs nx"]) -> Pair:
         """Sample the model with its matrices frozen at a state of every run."""
+        raise NotImplementedError("at_state")
 
 
 def pair_at(model: Model | StateDependentModel, k: int, x: Float[Array, "runs nx"]) -> Pair:

@@ -20,11 +20,11 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_system import Matrices, UncertainSystem, takes_matrices, uncertain_system
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, symmetrise
-from rmpc_bench.types import Array, DesignError, Matrix, SystemMatrix
+from rmpc_bench.types import Array, DesignError, Matrix, Model, SystemMatrix
 
 
 @dataclass(frozen=True, eq=False)
-class UncertainModel:
+class UncertainModel(Model):
     """An uncertain linear system with the means and covariances of its noises."""
 
     system: UncertainSystem
@@ -50,9 +50,9 @@ class UncertainModel:
         return self.system.size("ny")
 
     @property
-    def Q_w(self) -> Float[Array, "nx nx"]:
-        """Covariance of w~ at k = 0."""
-        return self.at(0).Q_w
+    def varies(self) -> bool:
+        """Whether a matrix depends on k."""
+        return self.system.varies
 
     @property
     def w_law(self) -> tuple[Float[Array, " nw"], Float[Array, "nw nw"]]:
@@ -72,7 +72,7 @@ class UncertainModel:
 
     def at(self, k: int) -> LinearModel:
         """Return the nominal model at k."""
-        return self._nominal_at(self.system.at(k)) if self.system.varies else self._always
+        return self._nominal_at(self.system.at(k)) if self.varies else self._always
 
     @cached_property
     def _always(self) -> LinearModel:

@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import Burst, BurstyNoise, RandomBursts, placed
 from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
-from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
+from rmpc_bench.types import Array, DesignError, Matrix, Noise, NonNegative, Positive
 
 Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
 SKEW = 0.9
@@ -149,7 +149,7 @@ def _lengths(u: Float[Array, "samples n"]) -> Float[Array, "samples 1"]:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundedNoise:
+class BoundedNoise(Noise):
     """Noise center + factor u; it lies about `center`, which is its mean only where u has none."""
 
     center: Float[Array, " n"]
@@ -170,7 +170,7 @@ class BoundedNoise:
 
 @dataclass(frozen=True, eq=False)
 class KnownBoundedNoise(BoundedNoise):
-    """Bounded noise that tells its moments."""
+    """Bounded noise whose moments are known."""
 
     points: KnownPoints
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.noise.distributions import Uniform
-from rmpc_bench.types import Array, DesignError, NonNegative
+from rmpc_bench.types import Array, DesignError, Noise, NonNegative
 
 Range: TypeAlias = NonNegative | tuple[NonNegative, NonNegative]
 """A number, or the ends of the range in which it is uniform."""
@@ -73,24 +73,6 @@ class Window(NamedTuple):
 
     first: int
     last: int
-
-
-@runtime_checkable
-class HasBursts(Protocol):
-    """A law of noise may offer this; metrics then tell samples in bursts from the others.
-
-    The generators are the fresh ones that `draw` gets.
-    """
-
-    @property
-    def burst_names(self) -> tuple[str, ...]:
-        """Names of what is drawn; none where all runs have the same bursts."""
-
-    def burst_values(self, rng: np.random.Generator) -> Mapping[str, float]:
-        """What one run has drawn, name by name."""
-
-    def in_burst(self, rng: np.random.Generator, n_samples: int) -> Bool[Array, " samples"]:
-        """Whether a sample of one run is in a burst."""
 
 
 @runtime_checkable
@@ -171,11 +153,13 @@ class Steady(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class BurstyNoise:
-    """A steady noise that is wider in bursts; its moments depend on k, so it tells none."""
+class BurstyNoise(Noise):
+    """A steady noise that is wider in bursts; its moments depend on k."""
 
     steady: Steady
     bursts: Bursts
+
+    has_bursts = True
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run."""

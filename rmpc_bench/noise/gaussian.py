@@ -3,38 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
-from rmpc_bench.types import Array, DesignError, Matrix, NonNegative
-
-
-@runtime_checkable
-class Noise(Protocol):
-    """A law of n-dimensional noise, white over time."""
-
-    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
-        """Noise of one run; a longer draw begins with the shorter one."""
-
-
-@runtime_checkable
-class HasMoments(Protocol):
-    """A law may offer this; ensemble moments are then exact."""
-
-    @property
-    def mean(self) -> Float[Array, " n"]:
-        """Mean of the noise."""
-
-    @property
-    def cov(self) -> Float[Array, "n n"]:
-        """Covariance of the noise."""
+from rmpc_bench.types import Array, DesignError, Matrix, Noise, NonNegative
 
 
 @dataclass(frozen=True, eq=False)
-class Gaussian:
+class Gaussian(Noise):
     """Normal noise mean + root z with z ~ N(0, I)."""
 
     mean: Float[Array, " n"]

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from rmpc_bench.models.moving_slide import NUMBERS, arms, kernel_numbers
 from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.plants.moving_slide_plot import robot_on_its_path
-from rmpc_bench.types import Array, Count, DesignError, Motion, NonNegative, Panel, Positive, Status, Statuses
+from rmpc_bench.types import Array, Count, DesignError, Motion, NonNegative, Panel, Plant, Positive, Status, Statuses
 
 LEAST_SIGMA = 0.02
 """Smallest singular value of J below which a pose counts as singular; the kernel has its own copy."""
@@ -41,7 +41,7 @@ class SlideDelta(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class MovingSlide:
+class MovingSlide(Plant):
     """The parallel robot; build it with `design`."""
 
     Ts: float
@@ -52,13 +52,10 @@ class MovingSlide:
     ny: int = field(default=3, init=False)
     nw: int = field(default=6, init=False)
     nv: int = field(default=3, init=False)
-    y_unit: str = field(default="", init=False)
     u_unit: str = field(default="N m", init=False)
 
-    @property
-    def units(self) -> Mapping[str, str]:
-        """Units of the components."""
-        return UNITS
+    units = UNITS
+    has_singular_poses = True
 
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
@@ -125,7 +122,7 @@ class MovingSlide:
         """Mostly that of the integration [s]."""
         return 1.1e-6 * self.substeps
 
-    def portrait(self) -> tuple[Panel, ...]:
+    def plots(self) -> tuple[Panel, ...]:
         """Draw the robot and the S that the paper's platform follows."""
         return robot_on_its_path(self.nominal["a"], self.nominal["b"])
 

@@ -31,7 +31,18 @@ from rmpc_bench.models.servo import TABLE_1, continuous
 from rmpc_bench.numerics.linalg import discretise, mv
 from rmpc_bench.plants.servo_friction import friction_profiles
 from rmpc_bench.plants.servo_linear_part import admissible, linear_part
-from rmpc_bench.types import Array, DesignError, LinearTruth, Motion, NonNegative, Panel, Positive, Status, Statuses
+from rmpc_bench.types import (
+    Array,
+    DesignError,
+    LinearPlant,
+    Motion,
+    NonNegative,
+    Panel,
+    Plant,
+    Positive,
+    Status,
+    Statuses,
+)
 
 TOLERANCE = 1e-15
 """Last terms of a Taylor series relative to its largest: rounding, for a third more time than 1e-9 takes."""
@@ -102,7 +113,7 @@ def _slow_enough(rows: Sequence[Mapping[str, float]], Ts: float) -> Bool[Array, 
 
 
 @dataclass(frozen=True, eq=False)
-class Servo:
+class Servo(Plant):
     """The nonlinear servomechanism; build it with `design`."""
 
     Ts: float
@@ -149,11 +160,11 @@ class Servo:
         """Measure the load angle."""
         return x[:, :1] + v
 
-    def linear(self, parameters: Mapping[str, float]) -> LinearTruth | None:
+    def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
         """Sample the plant without dry friction."""
         return linear_part(with_current, parameters, self.Ts)
 
-    def portrait(self) -> tuple[Panel, ...]:
+    def plots(self) -> tuple[Panel, ...]:
         """Draw the friction."""
         return friction_profiles(self.nominal)
 
@@ -165,7 +176,7 @@ class Servo:
 
 
 @dataclass(frozen=True, eq=False)
-class ServoLinear:
+class ServoLinear(Plant):
     """The linear servomechanism as a plant; build it with `design_linear`."""
 
     Ts: float
@@ -203,7 +214,7 @@ class ServoLinear:
         """Measure the load angle."""
         return x[:, :1] + v
 
-    def linear(self, parameters: Mapping[str, float]) -> LinearTruth | None:
+    def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
         """Sample the plant."""
         return linear_part(continuous, parameters, self.Ts)
 

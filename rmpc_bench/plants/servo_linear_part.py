@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from rmpc_bench.models.servo import MUST_BE_POSITIVE
 from rmpc_bench.numerics.linalg import discretise
-from rmpc_bench.types import Array, LinearTruth
+from rmpc_bench.types import Array, LinearPlant
 
 
 def admissible(parameters: Mapping[str, Float[Array, " runs"]]) -> Bool[Array, " runs"]:
@@ -28,7 +28,7 @@ def admissible(parameters: Mapping[str, Float[Array, " runs"]]) -> Bool[Array, "
 
 def linear_part(
     continuous: Callable[[Mapping[str, float]], tuple[Array, Array]], parameters: Mapping[str, float], Ts: float
-) -> LinearTruth | None:
+) -> LinearPlant | None:
     """Sample the linear part with the voltage held.
 
     The first four states are the model's; a fifth one, the armature current, is unknown to it.
@@ -41,10 +41,10 @@ def linear_part(
 
     Returns
     -------
-    LinearTruth or None
+    LinearPlant or None
         None where a parameter is out of range, as in the status of the run.
     """
     if not admissible({name: np.array([value]) for name, value in parameters.items()})[0]:
         return None
     A, B = discretise(*continuous(parameters), Ts)
-    return LinearTruth(A, B[:, :1], np.eye(1, len(A)), np.eye(4, len(A)))
+    return LinearPlant(A, B[:, :1], np.eye(1, len(A)), np.eye(4, len(A)))

@@ -20,27 +20,23 @@ from jaxtyping import Float
 from rmpc_bench.models.uncertain_system import CHANNELS, Matrices, UncertainSystem, takes_matrices, uncertain_system
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.plants.uncertainty import NAMES, Sequences, Uncertainty
-from rmpc_bench.types import Array, Channel, Motion, Period, Status, SystemMatrix
+from rmpc_bench.types import Array, Channel, Motion, Period, Plant, Status, SystemMatrix
 
 OK = np.int8(Status.OK)
 WHITE = Uncertainty()
 
 
 @dataclass(frozen=True, eq=False)
-class UncertainLinear:
+class UncertainLinear(Plant):
     """An uncertain linear system with the law of its uncertainty; `worst` is an adversary's sequence, k = 0..N."""
 
     system: UncertainSystem
     uncertainty: Uncertainty
     Ts: float
-    worst: tuple[Array, Array, Array] | None = None
+    worst: tuple[Array, ...] | None = None
 
-    y_unit = u_unit = ""
-
-    @property
-    def nominal(self) -> Mapping[str, float]:
-        """Nothing here has a name that `perturb` could use."""
-        return {}
+    mixes_noise = True
+    has_period = True
 
     @property
     def nx(self) -> int:
@@ -99,7 +95,7 @@ class UncertainLinear:
                 found[f"{name}.{i}"] = F[:, 0, i, i]
         return found
 
-    def against(self, worst: tuple[Array, Array, Array]) -> UncertainLinear:
+    def against(self, worst: tuple[Array, ...]) -> UncertainLinear:
         """Return the plant with an adversary's sequences (samples, r, s) of F_x, F_w, F_v."""
         return replace(self, worst=worst)
 

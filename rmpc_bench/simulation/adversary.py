@@ -19,16 +19,15 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.diagnostics.stability import GainSchedule
 from rmpc_bench.simulation.moments import Joint, Laws, moved, predicted
-from rmpc_bench.types import Array, DesignError, HasPeriod, Period
+from rmpc_bench.types import Array, DesignError, GainSchedule, Period, Plant
 
 _MOST_SWEEPS, _MOST_CLIMBS = 20, 100
 _GAIN = 1e-9  # relative growth of the trace below which a sweep was the last one
 
 
 def worst_sequence(
-    plant: HasPeriod, schedule: GainSchedule, laws: Laws, n_steps: int, radius: float = 1.0
+    plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int, radius: float = 1.0
 ) -> tuple[Array, ...]:
     """Choose F for k = 0..N, as (samples, r, s) of every channel; F(N) plays no part.
 

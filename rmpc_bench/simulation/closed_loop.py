@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,19 +10,20 @@ from jaxtyping import Float
 
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.scenario import Draws, Experiment
-from rmpc_bench.types import Array, Informed, Method, MixesNoise, Plant, Record, Status, Statuses
+from rmpc_bench.types import Array, Estimator, Method, Plant, Record, Status, Statuses
 
-OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)  # looked up once: members of an enum are slow to reach
+# Looked up here once: access to a member of an enumeration is slow.
+OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 LARGEST = 1e100
-"""Beyond this a run counts as diverged: its square must still be a number that can be summed."""
+"""Magnitude beyond which a run counts as diverged: squares must still be numbers that can be summed."""
 BURSTS = "bursts"
 """Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
 SIGNALS = ("y", "u", "x", "x_hat")
-"""What every run has; whatever else is recorded is something that the method reports, or the bursts of the noise."""
+"""Signals of every run; other recorded signals are reported by the method, or the bursts of the noise."""
 
 
 class Block(NamedTuple):
-    """What is kept of a block of runs."""
+    """Results of a block of runs."""
 
     status: Statuses
     metrics: Float[Array, "metrics runs"]
@@ -41,7 +42,7 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     experiment : what to simulate
     method : the estimator-controller pair
     runs : indices of the runs
-    draws : what befalls them, where it has been drawn already
+    draws : their random inputs, where they have been drawn already
     """
     plant, n_steps, recording = experiment.plant, experiment.n_steps, experiment.recording
     if draws is None:
@@ -53,7 +54,8 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     info |= set(recording.signals) - set(SIGNALS) if n_recorded else set()
     record, status = simulate(plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info)
     ok = status == OK
-    with np.errstate(over="ignore", invalid="ignore"):  # of failed runs
+    # Failed runs may overflow; their values are replaced by NaN.
+    with np.errstate(over="ignore", invalid="ignore"):
         values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
     traces = {
         name: trace[:n_recorded]
@@ -77,51 +79,52 @@ def simulate(
 ) -> tuple[Record, Statuses]:
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
-    A run whose status leaves `Status.OK` stands still from then on; the others do not notice.
+    A run whose status leaves `Status.OK` is frozen: it keeps its last state.  The other runs are not affected.
 
     Parameters
     ----------
-    plant, method : the truth and the pair that controls it
-    draws : what befalls the runs
+    plant, method : the true system and the pair that controls it
+    draws : random inputs of the runs
     r : reference from k = 0 on, n_steps + the controller's preview samples at least
     n_steps : number of control periods N
-    with_P, with_M : whether to record the covariance and the set that the estimator believes
-    info : what to record of all that estimator and controller report
+    with_P, with_M : whether to record the reported covariance and the reported set of the estimation error
+    info : names of the entries to record that estimator and controller report
     """
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
-    mixes = isinstance(plant, MixesNoise)
-    w, v = plant.mix(draws.delta, draws.w, draws.v) if isinstance(plant, MixesNoise) else (draws.w, draws.v)
+    mixes, preview = plant.mixes_noise, controller.preview
+    w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = _start(estimator, n_runs, draws.delta), controller.init(n_runs)
     status, P, M = np.full(n_runs, OK), list[Array | None](), list[Array | None]()
-    trail, inputs = Recorder(n_steps + 1), Recorder(n_steps)
-    still = np.zeros_like(v[:, 0])
-    with np.errstate(over="ignore", invalid="ignore"):  # a run that overflows is marked, not warned of
+    outputs, inputs = Recorder(n_steps + 1), Recorder(n_steps)
+    no_noise = np.zeros_like(v[:, 0])
+    # Overflow is expected here: the run gets status `diverged`.
+    with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps + 1):
-            y_true = plant.output(k, draws.delta, x, still)
+            y_true = plant.output(k, draws.delta, x, no_noise)
             y = y_true + v[:, k] if mixes else plant.output(k, draws.delta, x, v[:, k])
             e, estimate = estimator.correct(k, e, y)
             status = _first(status, estimate.status, estimate.x_hat)
-            trail.at(k, x=x, y=y_true, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
+            outputs.at(k, x=x, y=y_true, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
             P.append(estimate.P if with_P else None)
             M.append(estimate.M if with_M else None)
             if k == n_steps:
                 break
-            c, command = controller.control(k, c, y, estimate, r[k : k + controller.preview])
+            c, command = controller.control(k, c, y, estimate, r[k : k + preview])
             status = _first(status, command.status, command.u)
             motion = plant.step(k, draws.delta, x, command.u, w[:, k])
             status = _first(status, motion.status, motion.x)
             x = motion.x if (status == OK).all() else np.where((status == OK)[:, None], motion.x, x)
             inputs.at(k, u=command.u, **_wanted(command.info, info))
             e = estimator.predict(k, e, command.u)
-    signals = {**trail.all(), **inputs.all()}
+    signals = {**outputs.all(), **inputs.all()}
     x_all, y_all, x_hat_all, u_all = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
     record = Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r[: n_steps + 1], _stacked(P), _stacked(M), controller)
     return record._replace(info=signals, bursts=draws.bursts), status
 
 
 class Recorder:
-    """What happened: signal by signal, k by k."""
+    """Collects signals sample by sample."""
 
     def __init__(self, n_samples: int) -> None:
         self.n_samples, self.signals = n_samples, dict[str, Array]()
@@ -139,32 +142,33 @@ class Recorder:
 
 
 def _wanted(info: Mapping[str, Array], names: Collection[str]) -> dict[str, Float[Array, "runs _"]]:
-    """What is to be recorded of what a part reports, one row per run."""
+    """Entries to record of what a component reports, one row per run."""
     return {name: value.reshape(len(value), -1) for name, value in info.items() if name in names}
 
 
 def _signal(record: Record, name: str) -> Float[Array, "runs _ _"] | None:
-    """Trajectories to keep; None of what the method does not report."""
+    """Trajectories of a signal; None where the method does not report it."""
     if name == BURSTS:
         return None if record.bursts is None else record.bursts[:, :, None].astype(float)
     return getattr(record, name) if name in SIGNALS else record.info.get(name)
 
 
-def _start(estimator: Any, n_runs: int, delta: Any) -> Any:
-    """State of an estimator before the first measurement; an informed one is told what is uncertain."""
-    return estimator.init(n_runs, delta) if isinstance(estimator, Informed) else estimator.init(n_runs)
+def _start(estimator: Estimator, n_runs: int, delta: Any) -> Any:
+    """State of an estimator before the first measurement; an oracle estimator gets the drawn uncertainty."""
+    init: Callable[..., Any] = estimator.init
+    return init(n_runs, delta) if estimator.knows_uncertainty else init(n_runs)
 
 
-def _stacked(believed: Sequence[Array | None]) -> Array | None:
+def _stacked(reported: Sequence[Array | None]) -> Array | None:
     """Stack matrices over k: (samples, nx, nx), or (runs, samples, nx, nx) where every run has its own."""
-    matrices = [matrix for matrix in believed if matrix is not None]
-    if len(matrices) < len(believed):
+    matrices = [matrix for matrix in reported if matrix is not None]
+    if len(matrices) < len(reported):
         return None
     return np.ascontiguousarray(np.stack(matrices, axis=matrices[0].ndim - 2))
 
 
 def _first(status: Statuses, reported: Statuses, values: Float[Array, "runs n"]) -> Statuses:
-    """Keep the first failure of every run: what is reported, or values that are too large or no numbers."""
+    """Keep the first failure of every run: the reported status, or values that are too large or not finite."""
     if not reported.any() and np.abs(values).max(initial=0.0) < LARGEST:  # False for NaN
         return status
     in_range = (np.abs(values) < LARGEST).all(axis=1)

@@ -12,16 +12,15 @@ Cost    about 50 us a step at two states, whatever the number of runs.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.diagnostics.stability import GainSchedule
 from rmpc_bench.numerics.linalg import at_sample
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Scenario
-from rmpc_bench.types import Array, HasPeriod, Method, Period, Plant
+from rmpc_bench.types import Array, GainSchedule, Method, Period, Plant
 
 
 class Laws(NamedTuple):
@@ -38,19 +37,19 @@ class Laws(NamedTuple):
 
 
 def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
-    """Gather what exact moments need, or say in words why there are none.
+    """Gather the laws that exact moments need, or return the reason why there are none.
 
     Parameters
     ----------
-    plant : the truth
-    method : the pair; its filter must have given gains, and its controller leave the plant alone
-    scenario : what befalls every run
+    plant : the true system
+    method : the pair; its filter must have given gains, and its controller must be `Rest`
+    scenario : random inputs of every run
     """
-    if not isinstance(plant, HasPeriod):
+    if not plant.has_period:
         return "the plant is not linear"
     if plant.period(0) is None:
         return "the uncertainty is drawn per run, so it is not white"
-    if not isinstance(method.estimator, GainSchedule):
+    if method.estimator.gain_schedule is None:
         return "the gains of the estimator depend on the run"
     if not isinstance(method.controller, Rest):
         return "there is an input"
@@ -79,7 +78,7 @@ class Joint(NamedTuple):
     c: Float[Array, " nz"]
 
 
-def exact_moments(plant: HasPeriod, schedule: GainSchedule, laws: Laws, n_steps: int) -> Moments:
+def exact_moments(plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int) -> Moments:
     """Compute the moments of the state and of its estimate.
 
     Parameters
@@ -179,10 +178,9 @@ def moved(joint: Joint, cov: Array, U: Array, added: Array) -> Array:
     return symmetric
 
 
-def constant(schedule: GainSchedule, name: str, k: int) -> Array:
+def constant(schedule: GainSchedule, name: Literal["f", "d"], k: int) -> Array:
     """Constant part ``f`` or ``d`` of a filter at k; zero where it has none."""
-    values = getattr(schedule, name, None)
-    size = len(schedule.x0) if name == "f" else schedule.C.shape[1]
+    values, size = (schedule.f, len(schedule.x0)) if name == "f" else (schedule.d, schedule.C.shape[1])
     return np.zeros(size) if values is None else at_sample(values, k)
 
 

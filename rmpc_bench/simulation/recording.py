@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from rmpc_bench.metrics.reported import reports_of
-from rmpc_bench.noise.bursts import HasBursts
 from rmpc_bench.simulation.closed_loop import BURSTS, SIGNALS
 from rmpc_bench.simulation.scenario import Experiment, Recording, Scenario
 
 
 def has_bursts(scenario: Scenario) -> bool:
     """Whether a law of the measurement noise has bursts."""
-    return any(isinstance(law, HasBursts) for law in scenario.measurement)
+    return any(law.has_bursts for law in scenario.measurement)
 
 
 def with_bursts(recording: Recording, *, bursts: bool) -> Recording:
@@ -34,5 +32,5 @@ def kept(experiment: Experiment, name: str) -> Recording:
     name : of the method
     """
     recording = experiment.recording
-    there = {*SIGNALS, BURSTS, *reports_of(experiment.method(name))}
+    there = {*SIGNALS, BURSTS, *experiment.method(name).reports}
     return recording._replace(signals=tuple(signal for signal in recording.signals if signal in there))

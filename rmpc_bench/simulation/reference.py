@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt, Lt
@@ -11,19 +11,11 @@ from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_vector
 from rmpc_bench.numerics.s_shape import ANGLE, DURATION, HEIGHT, WIDTH, s_curve
-from rmpc_bench.types import Array, DesignError, NonNegative, Positive
-
-
-@runtime_checkable
-class Reference(Protocol):
-    """A signal known ahead of time."""
-
-    def sample(self, n_samples: int) -> Float[Array, "samples ny"]:
-        """Values at k = 0..n_samples - 1."""
+from rmpc_bench.types import Array, DesignError, NonNegative, Positive, Reference
 
 
 @dataclass(frozen=True, eq=False)
-class Constant:
+class Constant(Reference):
     """The same value at all times."""
 
     value: Float[Array, " ny"]
@@ -53,7 +45,7 @@ def constant(ny: int, *, value: float | list[float]) -> Constant:
 
 
 @dataclass(frozen=True, eq=False)
-class Square:
+class Square(Reference):
     """Two values in turn."""
 
     first: Float[Array, " ny"]
@@ -107,7 +99,7 @@ def square(
 
 
 @dataclass(frozen=True, eq=False)
-class SShape:
+class SShape(Reference):
     """An S in the plane, with a turn there and back."""
 
     Ts: float

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, Command, Estimate, Status
+from rmpc_bench.types import Array, Command, Controller, Estimate, Status
 
 OK = np.int8(Status.OK)
 
 
 @dataclass(frozen=True)
-class Rest:
+class Rest(Controller):
     """A controller that leaves the plant alone."""
 
     nu: int

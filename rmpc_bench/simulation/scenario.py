@@ -14,12 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.noise.bursts import HasBursts
 from rmpc_bench.noise.distributions import Distribution
-from rmpc_bench.noise.gaussian import Gaussian, HasMoments, Noise
+from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
-from rmpc_bench.simulation.reference import Reference
-from rmpc_bench.types import Array, DesignError, Informed, Matrix, Method, Metric, Plant
+from rmpc_bench.types import Array, DesignError, Matrix, Method, Metric, Noise, Plant, Reference
 
 
 class Draws(NamedTuple):
@@ -125,7 +123,7 @@ class Scenario:
         w = self._sum(self.process, "w", runs, n_samples, plant.nw)
         v = self._sum(self.measurement, "v", runs, n_samples, plant.nv)
         if self.cross is not None:
-            deviation = w - sum(term.mean for term in self.process if isinstance(term, HasMoments))
+            deviation = w - sum(term.mean for term in self.process if term.mean is not None)
             v += np.einsum("ij,rkj->rki", self.cross, deviation)
         return Draws(
             delta=plant.draw(parameters, [stream(self.seed, run, "delta") for run in runs], n_steps),
@@ -184,7 +182,7 @@ class Scenario:
         return total
 
     def _in_burst(self, runs: range, n_samples: int) -> Bool[Array, "runs samples"] | None:
-        laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if isinstance(law, HasBursts)]
+        laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if law.has_bursts]
         if not laws:
             return None
         inside = np.zeros((len(runs), n_samples), dtype=bool)
@@ -193,13 +191,13 @@ class Scenario:
                 inside[row] |= law.in_burst(stream(self.seed, run, name), n_samples)
         return inside
 
-    def _random_bursts(self) -> list[tuple[str, str, HasBursts]]:
+    def _random_bursts(self) -> list[tuple[str, str, Noise]]:
         """Prefix of the names, stream and law, for every law whose bursts are drawn."""
         found = [
             (f"{channel}/{number}", law)
             for channel, laws in (("w", self.process), ("v", self.measurement))
             for number, law in enumerate(laws)
-            if isinstance(law, HasBursts) and law.burst_names
+            if law.burst_names
         ]
         return [(f"{name.replace('/', '')}_" if len(found) > 1 else "", name, law) for name, law in found]
 
@@ -208,7 +206,7 @@ def _moments(terms: tuple[Noise, ...], n: int) -> tuple[Array, Array] | None:
     """Mean and covariance of a sum of independent laws; None where one does not tell its own."""
     mean, cov = np.zeros(n), np.zeros((n, n))
     for term in terms:
-        if not isinstance(term, HasMoments):
+        if term.mean is None or term.cov is None:
             return None
         mean, cov = mean + term.mean, cov + term.cov
     return mean, cov
@@ -287,8 +285,8 @@ class Experiment:
 
     @property
     def oracles(self) -> frozenset[str]:
-        """Names of the methods that are told what no estimator can know."""
-        return frozenset(method.name for method in self.methods if isinstance(method.estimator, Informed))
+        """Names of the methods with an oracle estimator."""
+        return frozenset(method.name for method in self.methods if method.estimator.knows_uncertainty)
 
     def method(self, name: str) -> Method:
         """Look a method up by its name."""

@@ -1,32 +1,11 @@
-"""Protocols and records that every other module speaks.
+"""Base classes of the components, and the records that they exchange.
 
 Axis 0 of every array is the run; ``k`` is the time index.  A design is frozen and shared by all runs, a state is a
-NamedTuple of arrays, a step is pure.  The only imports are NumPy, jaxtyping and annotated-types.
+NamedTuple of arrays, a step is pure.  A capability is an attribute with a default value: whoever needs it reads the
+value.  The only imports are NumPy, jaxtyping and annotated-types.
 """
 
-from rmpc_bench.types.abilities import (
-    Channel,
-    EstimatesMean,
-    HasCertificate,
-    HasCost,
-    HasDrawn,
-    HasLinearPart,
-    HasOpponent,
-    HasPeriod,
-    HasRemarks,
-    HasSets,
-    HasSingularPoses,
-    HasUnits,
-    HasWindow,
-    HasWorkspace,
-    Informed,
-    LinearTruth,
-    MixesNoise,
-    Period,
-    Regulates,
-    Reports,
-    WarmsUp,
-)
+from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import (
     Array,
     ConfigError,
@@ -43,23 +22,25 @@ from rmpc_bench.types.basics import (
     Statuses,
     SystemMatrix,
 )
-from rmpc_bench.types.parts import (
+from rmpc_bench.types.controller import Controller
+from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.method import Method
+from rmpc_bench.types.model import Model
+from rmpc_bench.types.noise import Noise
+from rmpc_bench.types.parts import Metric, MetricInfo, Record
+from rmpc_bench.types.plant import Plant
+from rmpc_bench.types.plot_records import Line, Panel, ResultLayout
+from rmpc_bench.types.records import (
+    Channel,
     Command,
-    Controller,
     Estimate,
-    Estimator,
-    Method,
-    Metric,
-    MetricInfo,
+    GainSchedule,
+    LinearLaw,
+    LinearPlant,
     Motion,
-    Plant,
-    Record,
+    Period,
 )
-from rmpc_bench.types.plot_records import (
-    Line,
-    Panel,
-    ResultLayout,
-)
+from rmpc_bench.types.reference import Reference
 
 __all__ = [
     "Array",
@@ -69,34 +50,22 @@ __all__ = [
     "Controller",
     "Count",
     "DesignError",
-    "EstimatesMean",
     "Estimate",
     "Estimator",
-    "HasCertificate",
-    "HasCost",
-    "HasDrawn",
-    "HasLinearPart",
-    "HasOpponent",
-    "HasPeriod",
-    "HasRemarks",
-    "HasSets",
-    "HasSingularPoses",
-    "HasUnits",
-    "HasWindow",
-    "HasWorkspace",
+    "GainSchedule",
     "Horizon",
-    "Informed",
     "Line",
-    "LinearTruth",
+    "LinearLaw",
+    "LinearPlant",
     "Matrix",
     "Method",
     "Metric",
     "MetricInfo",
-    "MixesNoise",
+    "Model",
     "Motion",
+    "Noise",
     "NonNegative",
     "OfTime",
-    "ResultLayout",
     "OverTime",
     "Panel",
     "Period",
@@ -104,10 +73,10 @@ __all__ = [
     "Positive",
     "Problem",
     "Record",
-    "Regulates",
-    "Reports",
+    "Reference",
+    "ResultLayout",
     "Status",
     "Statuses",
     "SystemMatrix",
-    "WarmsUp",
+    "attribute",
 ]

@@ -6,7 +6,7 @@ from small_experiment import cli, write
 
 from rmpc_bench import registry
 from rmpc_bench.config.schema import PROVIDED, model_of
-from rmpc_bench.types import Line, Panel
+from rmpc_bench.types import Line, Panel, Plant
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
 
@@ -93,17 +93,17 @@ def test_a_registered_part_is_in_the_manual(monkeypatch):
     assert "  gain  (default 0.5)\n      how much of it, exactly\n" in shown
 
 
-class Drawn:
-    """A plant that has a portrait."""
+class Drawn(Plant):
+    """A plant with a plot."""
 
-    def portrait(self):
+    def plots(self):
         """One panel."""
         return (Panel("drawn", "x", "y", (Line("line", np.arange(3.0), np.arange(3.0)),)),)
 
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """Register plants that have a portrait, one of which needs a key, and one that has none."""
+    """Register plants with a plot, one of which needs a key, and one that has none."""
     monkeypatch.setattr(registry, "_REGISTERED", {group: {} for group in registry.BUILT_IN})
 
     def design(Ts: float, *, gain: float = 1.0):
@@ -117,7 +117,7 @@ def drawn(monkeypatch):
 
     registry.register("plant", "drawn", design)
     registry.register("plant", "needs-a-key", design_with_key)
-    registry.register("plant", "plain", lambda Ts: object())
+    registry.register("plant", "plain", lambda Ts: Plant())
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_describe_a_configuration_with_mistakes(configs):
 
 
 def test_describe_a_configuration_with_a_picture(configs, monkeypatch):
-    """The portrait of its plant, with the parameters it has there; the usual message where there is none."""
+    """The plots of its plant, with the parameters it has there; the usual message where there is none."""
     result = cli("describe", "fig1", "--plot", "plant.svg")
     message = " ".join(result.stderr.split())
     assert result.exit_code == 2 and "fig1 has no picture (there is one of plants/moving-slide, plants/servo" in message

@@ -81,7 +81,7 @@ def test_a_singular_pose_ends_a_run(tmp_path):
         (
             {"model": "{kind: moving-slide}", "methods": "{R: {estimator: {kind: robust-kalman, c: 0.1}}}"},
             "methods.R.estimator.kind",
-            "the model moving-slide depends on the state",
+            "the model depends on the state",
         ),
     ],
     ids=["far", "hook", "singular", "initial", "start", "name", "l_min", "mass", "noise", "outputs", "estimator"],

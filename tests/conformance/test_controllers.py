@@ -1,4 +1,4 @@
-"""Every registered controller: the rules of the protocol, bit for bit."""
+"""Every registered controller: the rules of the base class, bit for bit."""
 
 import inspect
 import pickle
@@ -106,7 +106,7 @@ def inputs(design, x_hat, y, r):
 
 
 def test_it_is_a_controller(case):
-    """Oracle: the protocol of types/parts.py; a design is frozen; r(k) at least is seen."""
+    """Oracle: the base class; a design is frozen; r(k) at least is seen."""
     design = case[0]
     assert isinstance(design, Controller)
     assert design.preview >= 1

@@ -1,4 +1,4 @@
-"""Every registered estimator on three small models: the rules of the protocol, bit for bit."""
+"""Every registered estimator on three small models: the rules of the base class, bit for bit."""
 
 import pickle
 
@@ -85,8 +85,8 @@ def case(request):
 
 
 def start(estimator, rows):
-    """State of some runs before the first measurement; an informed estimator is told what is uncertain in them."""
-    if not getattr(estimator, "informed", False):
+    """State of some runs before the first measurement; an oracle estimator gets their uncertain matrices."""
+    if not estimator.knows_uncertainty:
         return estimator.init(len(rows))
     shapes = [tuple(estimator.system.size(f"{axis}{channel}") for axis in "rs") for channel in "xwv"]
     rngs = [np.random.default_rng((9, int(row))) for row in rows]
@@ -111,7 +111,7 @@ def x_hats(estimator, y, u, rows=None):
 
 
 def test_it_is_an_estimator(case):
-    """Oracle: the protocol of types/parts.py; a design is frozen."""
+    """Oracle: the base class; a design is frozen."""
     design = case[0]
     assert isinstance(design, Estimator)
     with pytest.raises(AttributeError):

@@ -1,4 +1,4 @@
-"""Every registered plant: the rules of the protocol, bit for bit."""
+"""Every registered plant: the rules of the base class, bit for bit."""
 
 import pickle
 
@@ -7,7 +7,7 @@ import pytest
 
 from rmpc_bench import registry
 from rmpc_bench.plants.uncertainty import Uncertainty
-from rmpc_bench.types import MixesNoise, Plant, Status
+from rmpc_bench.types import Plant, Status
 
 KINDS = registry.names("plants")
 RUNS, STEPS = 9, 10
@@ -71,7 +71,7 @@ def generators(rows):
 def drawn(plant, parameters, w, v, rows=range(RUNS)):
     """What a plant draws for some rows, and the noises that its step and output get: samples k = 0..STEPS-1."""
     delta = plant.draw(parameters, generators(rows), w.shape[1] - 1)
-    return delta, *(plant.mix(delta, w, v) if isinstance(plant, MixesNoise) else (w, v))
+    return delta, *plant.mix(delta, w, v)
 
 
 def run(plant, parameters, x, u, w, v, rows=range(RUNS)):
@@ -94,7 +94,7 @@ def same(left, right):
 
 
 def test_it_is_a_plant(case):
-    """Oracle: the protocol of types/parts.py; a design is frozen."""
+    """Oracle: the base class; a design is frozen."""
     plant = case[0]
     assert isinstance(plant, Plant)
     assert plant.Ts == 0.1

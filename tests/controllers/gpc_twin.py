@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.optimize import linprog
 
-from rmpc_bench.models.state_dependent import Pair
-from rmpc_bench.types import Estimate
+from rmpc_bench.models.state_dependent import Pair, StateDependentModel
+from rmpc_bench.types import Estimate, Model
 
 
 def dense(A, B, f, C, Q_yw, Q_u, w, x):
@@ -66,7 +66,7 @@ def full_lp2(y, y_hat, x_hat, x_tilde, sign=1.0):
     return Pi, found.x[first_rho + nx :], Lambda, found.x[first_rho : first_rho + nx]
 
 
-class Swing:
+class Swing(StateDependentModel):
     """A pendulum with a torque as a state-dependent model; it keeps the states at which it has been asked."""
 
     nx, nu, ny, largest = 2, 1, 1, 20.0
@@ -83,7 +83,7 @@ class Swing:
         return Pair(A, np.tile(np.array([[0.005], [0.1]]), (len(x), 1, 1)) * (1.0 + 0.1 * x[:, :1, None] ** 2))
 
 
-class Varying:
+class Varying(Model):
     """A linear model with another pair at every k."""
 
     def __init__(self, models):

@@ -16,8 +16,8 @@ from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.controllers.state_feedback import lqr
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
-from rmpc_bench.models.state_dependent import Pair
-from rmpc_bench.types import DesignError, Reports, Status
+from rmpc_bench.models.state_dependent import Pair, StateDependentModel
+from rmpc_bench.types import DesignError, Estimator, Status
 
 LSTSQ = {"rtol": 1e-9, "atol": 1e-11}  # of two factorisations of systems with conditions up to 1e5
 
@@ -87,7 +87,7 @@ def test_without_a_reference_it_is_lqr(rng):
     m = random_model(rng, 4, 2, 3)
     Q_yw, Q_u = roots(rng, 2, 3)
     Q_x = m.C.T @ Q_yw.T @ Q_yw @ m.C
-    regulator = lqr(m, 3, None, horizon=7, Q_x=((Q_x + Q_x.T) / 2.0).tolist(), R_u=(Q_u.T @ Q_u).tolist())
+    regulator = lqr(m, 3, Estimator(), horizon=7, Q_x=((Q_x + Q_x.T) / 2.0).tolist(), R_u=(Q_u.T @ Q_u).tolist())
     controller = design(m, Np=7, Q_yw=Q_yw.tolist(), Q_u=Q_u.tolist())
     np.testing.assert_allclose(controller.gains.K_x, regulator.K[0], rtol=1e-8, atol=1e-10)  # Riccati squares
 
@@ -100,7 +100,7 @@ def test_without_a_cost_of_inputs_one_step_reaches_the_reference(rng):
     np.testing.assert_allclose((x_hat @ m.A.T + u @ m.B.T) @ m.C.T, np.tile(r[1], (5, 1)), atol=1e-11)
 
 
-class Constant:
+class Constant(StateDependentModel):
     """A linear model in the form of a state-dependent one."""
 
     largest = 1e6
@@ -199,7 +199,6 @@ def test_it_reports_what_its_commands_have(tuning, rng):
     """Oracle: the arrays of a command before and after LP2 has begun."""
     m = random_model(rng, 3, 2, 2)
     controller = design(m, Np=3, Q_yw=[[1.0, 0.2], [0.0, 2.0]], Q_u=1.0, **tuning)
-    assert isinstance(controller, Reports)
     found = commands(controller, rng.standard_normal((4, 6, 3)), rng.standard_normal((4, 6, 2)), np.zeros((9, 2)))
     for command in (found[0], found[-1]):
         assert {name: values.shape[1:] for name, values in command.info.items()} == controller.reports

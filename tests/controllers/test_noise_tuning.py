@@ -10,6 +10,7 @@ from controllers.gpc_twin import Swing, Varying, commands, full_lp2
 
 from rmpc_bench.controllers.gpc import design
 from rmpc_bench.controllers.noise_tuning import LpNoise, NoiseTuning, Triangle, covariance, fitted, precision
+from rmpc_bench.types import Estimator
 
 FIT = {"rtol": 1e-9, "atol": 1e-15}  # of bounds of 5e-4, between two simplex codes
 
@@ -173,7 +174,7 @@ def test_rows_that_fit_nothing_have_no_coefficients(rng):
     np.testing.assert_allclose(still.width[:, 1], np.abs(e[:, :, 1]).max(axis=1), **ROUND)
 
 
-class Windowed:
+class Windowed(Estimator):
     """An estimator that fits the last samples."""
 
     Ne = 3

@@ -11,6 +11,7 @@ from rmpc_bench.config.component import build_component
 from rmpc_bench.config.load import load_config
 from rmpc_bench.diagnostics import mismatch
 from rmpc_bench.estimators.kalman import design as kalman
+from rmpc_bench.types import Noise, Plant
 
 CONTROLLER = "{kind: mpc, Hp: 10, Hu: 3, Q: 0.1, R: 0.1, scale: {u: 440, y: 2*pi}}"
 TIME = "{step: 0.1, steps: 40}"
@@ -64,7 +65,7 @@ def test_scale_of_the_noise(tmp_path):
 def test_a_noise_law_of_unknown_size(tmp_path):
     """There is noise, but no scale of it."""
 
-    class Law:
+    class Law(Noise):
         def draw(self, rng, n_samples):
             """Is not called."""
 
@@ -102,7 +103,7 @@ def test_the_tolerance_of_the_actual_model(tmp_path):
 
 def test_a_plant_without_a_linear_part(tmp_path, monkeypatch):
     """Reported as such; the other results are there."""
-    monkeypatch.setattr(mismatch, "HasLinearPart", ())  # nothing is an instance of it
+    monkeypatch.setattr("rmpc_bench.plants.servo.ServoLinear.linear", Plant.linear)  # the default: there is none
     all_of_it = found(tmp_path, time=TIME)
     each = all_of_it.methods["S-MPC"]
     assert (all_of_it.plant, all_of_it.n_plants, len(each.plant_radii)) == ("servo-linear", 0, 0)

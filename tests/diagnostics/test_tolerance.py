@@ -15,7 +15,7 @@ from rmpc_bench.models.servo import TABLE_1
 from rmpc_bench.numerics.linalg import van_loan
 from rmpc_bench.plants.servo import with_current
 from rmpc_bench.plants.servo_linear_part import linear_part
-from rmpc_bench.types import LinearTruth
+from rmpc_bench.types import LinearPlant
 
 N = 5
 
@@ -68,7 +68,7 @@ def case(seed, ny=1):
     model = random_model(rng, 3, 2, ny)
     plants = [random_model(rng, 4, 2, ny) for _ in range(2)]
     E = np.eye(3, 4) + 0.2 * rng.standard_normal((3, 4))
-    truths = [LinearTruth(plant.A, plant.B, plant.C, E) for plant in plants]
+    truths = [LinearPlant(plant.A, plant.B, plant.C, E) for plant in plants]
     P0, x0 = random_psd(rng, 3), rng.standard_normal(4)
     estimator = robust_kalman(model, N, x0=rng.standard_normal(3), P0=P0, c=0.3)
     pair = linear_pair(estimator, mpc(model, Hp=4, Hu=2, Q=1.0, R=0.3))
@@ -76,7 +76,7 @@ def case(seed, ny=1):
 
 
 def stacked(truths):
-    return LinearTruth(*(np.stack(matrices) for matrices in zip(*truths, strict=True)))
+    return LinearPlant(*(np.stack(matrices) for matrices in zip(*truths, strict=True)))
 
 
 @pytest.mark.parametrize(("seed", "ny", "s"), [(1, 1, 1.0), (2, 1, 0.1), (3, 2, 3.0)])
@@ -107,7 +107,7 @@ def test_against_the_joint_density_of_all_data(seed, ny, s):
 def test_a_plant_equal_to_the_model_does_not_diverge():
     """Nor does it when the method's filter is another than the model's own."""
     model, _, pair, _, P0, r = case(4)
-    truth = LinearTruth(model.A, model.B, model.C, np.eye(3))
+    truth = LinearPlant(model.A, model.B, model.C, np.eye(3))
     found = divergence_over_time(stacked([truth]), model, pair, pair.schedule.x0, P0, r, N)
     np.testing.assert_allclose([found.covariance, found.mismatch], 0.0, atol=1e-20)  # squares of rounding errors
     np.testing.assert_allclose(found.noise, 0.0, atol=1e-12)  # rounding, times covariances of about 100

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from rmpc_bench.models.state_dependent import Pair
-from rmpc_bench.types import DesignError
+from rmpc_bench.models.state_dependent import Pair, StateDependentModel
 
 
-class Base:
+class Base(StateDependentModel):
     """What a state-dependent model has beside its pairs."""
 
     largest = 20.0
@@ -14,9 +13,6 @@ class Base:
     def __init__(self, C, Q_w, R_v, nu):
         self.C, self.Q_w, self.R_v, self.nu = C, Q_w, R_v, nu
         self.ny, self.nx = C.shape
-
-    def at(self, k):
-        raise DesignError("depends on the state")
 
 
 class Frozen(Base):

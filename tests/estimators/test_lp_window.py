@@ -10,7 +10,7 @@ from rmpc_bench.estimators.lp_window import PATIENCE, design
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import Pair
 from rmpc_bench.numerics import bounded_window
-from rmpc_bench.types import DesignError, HasWindow, Reports, Status, WarmsUp
+from rmpc_bench.types import DesignError, Model, Status
 
 NOISE = 0.01
 
@@ -86,7 +86,7 @@ def test_the_beginning_by_hand(rng):
         assert not estimate.info["fallback"].any() and (estimate.status == Status.OK).all()
 
 
-class Varying:
+class Varying(Model):
     """A linear model whose matrices and constant parts change with time."""
 
     def at(self, k):
@@ -170,11 +170,10 @@ def test_a_window_that_is_too_short_is_a_design_error():
 
 
 def test_what_it_offers(rng):
-    """Oracle: the abilities; what it reports has the shapes that it says."""
+    """Oracle: the length of the window; the shapes of what it reports."""
     model = Mass()
     _, y, u = model.simulated(rng, 3, 3, NOISE)
     estimator = design(model, 3, x0=np.zeros(2))
-    assert isinstance(estimator, HasWindow) and isinstance(estimator, Reports) and isinstance(estimator, WarmsUp)
     assert estimator.Ne == 3
     estimator.warm_up()
     for estimate in run(estimator, y, u):

@@ -21,7 +21,7 @@ from scipy.optimize import minimize, minimize_scalar
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.estimators.mixed import design
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.types import DesignError
+from rmpc_bench.types import DesignError, Model
 
 SIZES = pytest.mark.parametrize(("nx", "ny"), [(1, 1), (2, 1), (3, 2), (2, 3)])
 
@@ -189,8 +189,10 @@ def test_the_errors_are_what_is_promised(q, rng):
         assert within_stat(error[:, :, None] * error[:, None, :], each.P)
 
 
-class Quiet:
+class Quiet(Model):
     """A model whose bounded noises are next to nothing."""
+
+    has_sets = True
 
     def __init__(self, model):
         self.at = model.at

@@ -228,10 +228,10 @@ def test_what_has_no_uncertain_matrices_is_refused(rng):
         oracle.design(model, STEPS, other, **start)
 
 
-def test_it_is_marked_as_informed(rng):
-    """Oracle: house rule: informed estimators say so, and are given the F."""
+def test_it_is_marked_as_an_oracle_estimator(rng):
+    """Oracle: house rule: an oracle estimator says so, and gets the F of every run."""
     _, plant, model, design, start = world(rng, SIZES[2])
-    assert design.informed is True
+    assert design.knows_uncertainty is True
     draws = befalls(rng, plant, model, start, 2)
     state = design.init(2, draws.delta)
     for F, given in zip((state.F_x, state.F_w, state.F_v), draws.delta, strict=True):

@@ -42,6 +42,7 @@ class Mixed(Walk):
     """A plant of three outputs in different units."""
 
     ny, y_unit, u_unit = 3, "", "N m"
+    has_singular_poses = True
     units = {"y.0": "m", "y.1": "m", "y.2": "rad", "x.0": "V"}
 
     def manipulability(self, y):

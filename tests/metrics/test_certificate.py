@@ -6,7 +6,7 @@ from metrics.test_metrics_of_estimates import UNITS, N, plant, trajectories
 from simulation.toy import Halfway, Proportional
 
 from rmpc_bench.metrics.certificate import certificate
-from rmpc_bench.types import DesignError, HasCertificate, Method
+from rmpc_bench.types import DesignError, Method
 
 
 class Certifies(Proportional):
@@ -33,11 +33,6 @@ class Exact(Proportional):
     def certificate(self, k, x_hat, starts):
         """Nothing is added."""
         return np.zeros(len(x_hat)), np.zeros(len(x_hat))
-
-
-def test_it_is_a_certificate():
-    """Oracle: the protocol of types/abilities.py."""
-    assert isinstance(Certifies(), HasCertificate) and not isinstance(Proportional(), HasCertificate)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from rmpc_bench import registry
 from rmpc_bench.metrics import estimation, tracking
 from rmpc_bench.metrics.tracking import Units
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.types import DesignError, Estimate, Method, Record
+from rmpc_bench.types import DesignError, Estimate, Estimator, Method, Record
 
 TOY = Method("toy", Halfway(), Proportional())
 N, RUNS, NX = 6, 4, 3
@@ -36,7 +36,7 @@ def plant(nx):
     return made
 
 
-class Sure:
+class Sure(Estimator):
     """An estimator that says a constant, with a covariance or without."""
 
     def __init__(self, nx, P):
@@ -143,9 +143,9 @@ def test_output_and_state_do_not_ask_the_estimator():
         assert make(units).window == make(units, of="state").window == (0, 5)
 
 
-def test_an_informed_estimator_is_not_asked_before_it_knows_the_plant():
+def test_an_oracle_estimator_is_not_called_without_a_drawn_plant():
     """Oracle: its `init` needs more than the number of runs, and `correct` is not there."""
-    oracle = type("Oracle", (), {"informed": True, "init": lambda self, n_runs, delta: None})()
+    oracle = type("Oracle", (), {"knows_uncertainty": True, "init": lambda self, n_runs, delta: None})()
     estimation.nees(UNITS._replace(plant=plant(5), methods=(Method("oracle", oracle, None),)))
 
 

@@ -10,7 +10,7 @@ from conftest import ROUND
 from metrics.burst_records import PARTS, UNITS, N, counts, trajectories
 from simulation.toy import Halfway, Proportional, Walk
 
-from rmpc_bench.metrics.reported import fallbacks, reported, reports_of
+from rmpc_bench.metrics.reported import fallbacks, reported
 from rmpc_bench.metrics.tracking import Units
 from rmpc_bench.noise.bounded import uniform
 from rmpc_bench.noise.bursts import Burst
@@ -154,7 +154,7 @@ def test_every_method_must_report():
     other.reports = {"r": (3,)}
     with pytest.raises(DesignError, match="'r' has 2 entries or 3 entries, depending on the method"):
         reported(UNITS._replace(methods=(BOTH, Method("other", Halfway(), other))), of="r")
-    assert reports_of(BOTH) == {"fallback": (), "r": (2,), "Q_yw": (2, 2)} and reports_of(PLAIN) == {}
+    assert BOTH.reports == {"fallback": (), "r": (2,), "Q_yw": (2, 2)} and PLAIN.reports == {}
 
 
 def test_a_row_has_the_bits_it_has_alone(rng):

@@ -7,11 +7,10 @@ import pytest
 from conftest import ROUND, random_model, random_psd, within_stat
 from estimators.mixed_systems import in_ellipsoid
 
-from rmpc_bench.models.linear import Model
 from rmpc_bench.models.mixed_noise import design
 from rmpc_bench.models.noise_sets import NoiseSets, uniform_covariance, with_noise_kind
 from rmpc_bench.numerics.ellipsoid import sum_shape
-from rmpc_bench.types import DesignError, HasSets
+from rmpc_bench.types import DesignError, Model
 
 
 class Wave:
@@ -33,7 +32,7 @@ def test_short_forms():
         (model.w_law[1], now.Q_w), (model.v_law[0], now.d0), (model.v_law[1], now.R_v), 
     ):  # fmt: skip
         np.testing.assert_array_equal(ours, theirs)
-    assert isinstance(model, Model) and isinstance(model, HasSets)
+    assert isinstance(model, Model) and model.has_sets
     np.testing.assert_array_equal(design(0, A=[0.5, 0.9], C=1.0).at(0).B, np.zeros((2, 1)))
 
 
@@ -121,7 +120,7 @@ def test_sets_of_an_estimator(rng):
 def test_a_model_without_sets_has_none(rng):
     """Oracle: zeros of the right size; with a level the ellipsoid of the covariance alone."""
     model = random_model(rng, 3, 1, 2)
-    assert not isinstance(model, HasSets)
+    assert not model.has_sets
     np.testing.assert_array_equal(NoiseSets(model).process(4), np.zeros((3, 3)))
     np.testing.assert_array_equal(NoiseSets(model).measurement(4), np.zeros((2, 2)))
     np.testing.assert_array_equal(NoiseSets(model, 0.9).process(0), NoiseSets(model, 0.9, bounded=False).process(0))

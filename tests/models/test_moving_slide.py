@@ -12,7 +12,7 @@ from rmpc_bench.models import moving_slide, moving_slide_kernel
 from rmpc_bench.models.moving_slide import SlideNoise, arms, design
 from rmpc_bench.models.state_dependent import StateDependentModel, pair_at
 from rmpc_bench.numerics.s_shape import s_curve
-from rmpc_bench.types import DesignError, WarmsUp
+from rmpc_bench.types import DesignError
 
 TWIN = {"rtol": 0.0, "atol": 1e-13}  # two orders of a few hundred sums; the entries are of the size of 1 to 100
 SIZES = np.array([0.08, 0.08, 0.3, 0.3, 0.3, 1.0])
@@ -40,9 +40,9 @@ def test_the_kernel_is_compiled_and_the_shape_checks_do_not_wrap_it():
 
 
 def test_it_is_a_state_dependent_model():
-    """Oracle: the protocol; a frozen design with a pose for an output."""
+    """Oracle: the base class; a frozen design with a pose for an output."""
     model = design(0.01)
-    assert isinstance(model, StateDependentModel) and isinstance(model, WarmsUp)
+    assert isinstance(model, StateDependentModel)
     assert (model.nx, model.nu, model.ny, model.largest) == (6, 4, 3, 20.0)
     np.testing.assert_array_equal(model.C @ AT, AT[:3])
     with pytest.raises(AttributeError):

@@ -74,4 +74,4 @@ def test_exact_moments_of_1500_steps(benchmark, experiment, number):
     plant, method = experiment.plant, experiment.methods[number]
     laws = exact_laws(plant, method, experiment.scenario)
     with single_thread():
-        benchmark(lambda: exact_moments(plant, method.estimator, laws, STEPS))
+        benchmark(lambda: exact_moments(plant, method.estimator.gain_schedule, laws, STEPS))

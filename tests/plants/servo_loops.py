@@ -14,7 +14,7 @@ from plants.servo_reference import COARSE, FINE, RELEASE, STICK, Log, Tolerance,
 
 from rmpc_bench import load_config
 from rmpc_bench.plants import servo
-from rmpc_bench.types import Motion, Status
+from rmpc_bench.types import Motion, Plant, Status
 
 TS = 0.1
 NOMINAL = dict(servo.design(TS).nominal)
@@ -63,7 +63,7 @@ def bench(cases: Sequence[Case]) -> Any:
     return np.stack(states, axis=1)
 
 
-class ReferencePlant:
+class ReferencePlant(Plant):
     """The collocation reference in the place of the bench's plant; its record of dynamics is the parameters."""
 
     nx, nu, ny, nw, nv, Ts = 5, 1, 1, 4, 1, TS

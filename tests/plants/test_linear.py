@@ -5,7 +5,7 @@ import pytest
 from conftest import random_psd
 
 from rmpc_bench.plants.linear import design
-from rmpc_bench.types import DesignError, MixesNoise
+from rmpc_bench.types import DesignError
 
 
 @pytest.mark.parametrize("varies", [False, True])
@@ -16,7 +16,7 @@ def test_it_is_the_recursion(varies, rng):
     A = A if varies else A[:1]
     plant = design(0.1, n_steps, A=A, B=B, C=C)
     assert (plant.nx, plant.nu, plant.ny, plant.nw, plant.nv) == (3, 2, 2, 3, 2) and plant.Ts == 0.1
-    assert isinstance(plant, MixesNoise) and not plant.remarks and not plant.nominal
+    assert plant.mixes_noise and not plant.remarks and not plant.nominal
     x, u = rng.standard_normal((runs, 3)), rng.standard_normal((runs, n_steps, 2))
     w, v = rng.standard_normal((runs, n_steps + 1, 3)), rng.standard_normal((runs, n_steps + 1, 2))
     delta = plant.draw({}, [np.random.default_rng(i) for i in range(runs)], n_steps)

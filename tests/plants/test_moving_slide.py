@@ -11,7 +11,7 @@ from rmpc_bench.models import moving_slide_kernel
 from rmpc_bench.models.moving_slide import CORNERS
 from rmpc_bench.plants import moving_slide
 from rmpc_bench.plants.moving_slide import MovingSlide, design
-from rmpc_bench.types import DesignError, HasSingularPoses, HasUnits, HasWorkspace, Status, WarmsUp
+from rmpc_bench.types import DesignError, Plant, Status
 
 SIZES = np.array([0.08, 0.08, 0.3, 0.3, 0.3, 1.0])
 SINGULAR = np.arccos(0.08 / 0.30)
@@ -34,9 +34,9 @@ def start(rng, runs=8):
 
 
 def test_what_it_offers():
-    """Oracle: the protocols; the kernel is compiled and the shape checks do not wrap it."""
+    """Oracle: the base class; the kernel is compiled and the shape checks do not wrap it."""
     plant = design(0.01)
-    assert all(isinstance(plant, ability) for ability in (HasUnits, HasWorkspace, HasSingularPoses, WarmsUp))
+    assert isinstance(plant, Plant) and plant.has_singular_poses
     assert (plant.nx, plant.nu, plant.ny, plant.nw, plant.nv) == (6, 4, 3, 6, 3)
     assert (plant.y_unit, plant.u_unit, plant.units["y.2"], plant.units["x.3"]) == ("", "N m", "rad", "m/s")
     assert isinstance(moving_slide_kernel.slide_step_kernel, numba.core.registry.CPUDispatcher)
@@ -213,7 +213,7 @@ def test_a_slide_needs_room():
 
 def test_its_picture():
     """Oracle: the corners of the base, and arms that end where the platform's corners are."""
-    plan, path = design(0.01).portrait()
+    plan, path = design(0.01).plots()
     lines = {line.label: line for line in plan.lines}
     robot, base = lines["the robot at 0 s"], lines["base joints"]
     np.testing.assert_array_equal(np.abs([base.x, base.y]), np.full((2, 4), 0.30))

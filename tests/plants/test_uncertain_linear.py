@@ -7,7 +7,7 @@ from plants.uncertain_twin import NAMES, SIZES, at, entry_maps, random_contracti
 
 from rmpc_bench.plants.uncertain_linear import design
 from rmpc_bench.plants.uncertainty import Sequences, Uncertainty
-from rmpc_bench.types import DesignError, HasPeriod, MixesNoise, Plant, Status
+from rmpc_bench.types import DesignError, Plant, Status
 
 RUNS, STEPS = 4, 6
 LAWS = [
@@ -58,7 +58,7 @@ def test_it_moves_and_measures_as_the_chapter_says(sizes, n_steps, law, rng):
     given = random_given(rng, sizes, n_steps)
     plant = design(0.1, STEPS, **given, uncertainty=law)
     delta = plant.draw({}, generators(range(RUNS)), STEPS)
-    assert isinstance(plant, Plant) and isinstance(plant, MixesNoise) and isinstance(plant, HasPeriod)
+    assert isinstance(plant, Plant) and plant.mixes_noise and plant.has_period
     agree_with_loops(plant, given, delta, *befalls(rng, plant))
 
 

@@ -1,15 +1,16 @@
 """An estimator and a controller that report something of themselves; as YAML, `reporting` after `registered`."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from rmpc_bench import registry
 from rmpc_bench.estimators import kalman
-from rmpc_bench.types import Command
+from rmpc_bench.types import Command, Controller, Estimator
 
 
-class Wrapped(NamedTuple):
+@dataclass(frozen=True)
+class Wrapped(Estimator):
     """A Kalman filter that reports its first coordinate as `r`, and as `fallback` whether it is positive."""
 
     inner: object
@@ -30,7 +31,8 @@ class Wrapped(NamedTuple):
         return self.inner.predict(k, state, u)
 
 
-class Law(NamedTuple):
+@dataclass(frozen=True)
+class Law(Controller):
     """u = gain (r - y); it reports a matrix `Q_yw`, made of two coordinates of the estimate."""
 
     gain: float

@@ -58,7 +58,7 @@ def test_one_scalar_F_is_as_bad_as_can_be():
     for seed in range(20):
         given, _, filter_, laws = some(seed, SCALAR, 5)
         given |= {name: np.zeros_like(given[name]) for name in ("G_w", "G_v")}
-        chosen = worst_sequence(design(0.1, 5, **given), filter_, laws, 5)
+        chosen = worst_sequence(design(0.1, 5, **given), filter_.gain_schedule, laws, 5)
         found = reached(given, filter_, laws, chosen)
         everything = []
         for signs in corners(5):
@@ -78,7 +78,7 @@ def test_three_scalar_F_leave_nothing_for_one_flip():
     hits = 0
     for seed in range(4):
         given, plant, filter_, laws = some(seed, SCALAR, 3, varying=True)
-        chosen = worst_sequence(plant, filter_, laws, 3)
+        chosen = worst_sequence(plant, filter_.gain_schedule, laws, 3)
         assert all(set(F.ravel()) <= {-1.0, 1.0} and F.shape == (4, 1, 1) for F in chosen)
         found = reached(given, filter_, laws, chosen)
         everything = []
@@ -103,7 +103,7 @@ def test_it_is_worse_than_F_for_ever_and_random_F(sizes, varying):
     rng = np.random.default_rng(7)
     for seed in range(2):
         given, plant, filter_, laws = some(seed, sizes, 5, varying=varying)
-        found = reached(given, filter_, laws, worst_sequence(plant, filter_, laws, 5))
+        found = reached(given, filter_, laws, worst_sequence(plant, filter_.gain_schedule, laws, 5))
         assert found * SLACK >= reached(given, filter_, laws, for_ever(sizes, 5))
         for _ in range(30):
             F = [np.array([random_contraction(rng, *sizes[c]) for _ in range(6)]) for c in NAMES]
@@ -115,7 +115,7 @@ def test_every_F_is_an_isometry_and_no_neighbour_is_worse(sizes):
     """Oracle: singular values by NumPy; one F at a time turned or shrunk a little."""
     rng = np.random.default_rng(3)
     given, plant, filter_, laws = some(5, sizes, 4)
-    chosen = worst_sequence(plant, filter_, laws, 4)
+    chosen = worst_sequence(plant, filter_.gain_schedule, laws, 4)
     found = reached(given, filter_, laws, chosen)
     for channel, F in enumerate(chosen):
         np.testing.assert_allclose(np.linalg.svd(F, compute_uv=False), 1.0, atol=1e-12)
@@ -133,21 +133,21 @@ def test_every_F_is_an_isometry_and_no_neighbour_is_worse(sizes):
 def test_the_radius_scales(sizes):
     """Oracle: the adversary of radius 1 of a system with H times 0.4; norms by NumPy."""
     given, plant, filter_, laws = some(11, sizes, 6)
-    ours = worst_sequence(plant, filter_, laws, 6, 0.4)
+    ours = worst_sequence(plant, filter_.gain_schedule, laws, 6, 0.4)
     less = {name: 0.4 * M if name.startswith("H_") else M for name, M in given.items()}
-    theirs = worst_sequence(design(0.1, 6, **less), filter_, laws, 6)
+    theirs = worst_sequence(design(0.1, 6, **less), filter_.gain_schedule, laws, 6)
     for mine, other in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(mine, 0.4 * other, atol=1e-9)
         assert np.linalg.norm(mine, 2, axis=(1, 2)).max() <= 0.4 * (1.0 + 1e-12)
-    bigger = reached(given, filter_, laws, worst_sequence(plant, filter_, laws, 6))
+    bigger = reached(given, filter_, laws, worst_sequence(plant, filter_.gain_schedule, laws, 6))
     assert reached(given, filter_, laws, ours) < bigger
 
 
 def test_the_exact_moments_are_those_that_were_maximised():
     """Oracle: the plain recursion, through `against`; the last F plays no part."""
     given, plant, filter_, laws = some(2, SIZES[2], 8, varying=True)
-    chosen = worst_sequence(plant, filter_, laws, 8)
-    named = signals(exact_moments(plant.against(chosen), filter_, laws, 8), 3)
+    chosen = worst_sequence(plant, filter_.gain_schedule, laws, 8)
+    named = signals(exact_moments(plant.against(chosen), filter_.gain_schedule, laws, 8), 3)
     np.testing.assert_allclose(np.trace(named["cov(e)"][-1]), reached(given, filter_, laws, chosen), rtol=1e-10)
     for F, c in zip(chosen, NAMES, strict=True):
         np.testing.assert_array_equal(F[-1], np.eye(*SIZES[2][c]))
@@ -157,7 +157,7 @@ def test_it_is_the_same_every_time_and_leaves_what_it_is_told_alone():
     """Oracle: a second call; copies."""
     given, plant, filter_, laws = some(2, SIZES[3], 2)
     before = [part.copy() for part in (*plant.system.over_time, *laws, filter_.K, filter_.F)]
-    first, second = (worst_sequence(plant, filter_, laws, 2) for _ in range(2))
+    first, second = (worst_sequence(plant, filter_.gain_schedule, laws, 2) for _ in range(2))
     for a, b in zip(first, second, strict=True):
         np.testing.assert_array_equal(a, b)
     for part, copy in zip((*plant.system.over_time, *laws, filter_.K, filter_.F), before, strict=True):
@@ -176,7 +176,7 @@ def robust():
 def test_it_finds_what_another_adversary_finds_on_the_benchmark(robust):
     """Oracle: the adversary of the tests of enhanced-robust, which tries all signs of a step; both are local maxima."""
     model, given, filter_, laws = robust
-    chosen = worst_sequence(design(1.0, 60, **given), filter_, laws, 60)
+    chosen = worst_sequence(design(1.0, 60, **given), filter_.gain_schedule, laws, 60)
     found = reached(given, filter_, laws, chosen)
     _, theirs = worst_of_an_adversary(model, filter_, 60)
     assert 0.95 < found / theirs
@@ -189,7 +189,7 @@ def test_it_finds_the_published_growth_on_the_benchmark():
     given = {name: np.array(M) for name, M in model.system.over_time._asdict().items()}
     filter_ = enhanced_robust.design(model, 120, x0=X0, P0=P0, eps=0.1)
     laws = Laws(X0, P0, *model.noise)
-    found = reached(given, filter_, laws, worst_sequence(design(1.0, 120, **given), filter_, laws, 120))
+    found = reached(given, filter_, laws, worst_sequence(design(1.0, 120, **given), filter_.gain_schedule, laws, 120))
     assert abs(np.trace(filter_.P[-1]) - 90.8) < 0.1
     assert found >= 1125.0 * 0.99
 
@@ -197,13 +197,13 @@ def test_it_finds_the_published_growth_on_the_benchmark():
 def test_nothing_to_do_leaves_F_at_one():
     """Oracle: no step, no uncertainty or no noise at all: F = 1, times the radius."""
     given, plant, filter_, laws = some(2, SIZES[2], 4)
-    for F, c in zip(worst_sequence(plant, filter_, laws, 0, 0.5), NAMES, strict=True):
+    for F, c in zip(worst_sequence(plant, filter_.gain_schedule, laws, 0, 0.5), NAMES, strict=True):
         np.testing.assert_array_equal(F, 0.5 * np.eye(*SIZES[2][c])[None])
     certain = {name: M for name, M in given.items() if name[0] not in "GH"}
-    for F in worst_sequence(design(0.1, 4, **certain), filter_, laws, 4):
+    for F in worst_sequence(design(0.1, 4, **certain), filter_.gain_schedule, laws, 4):
         np.testing.assert_array_equal(F, np.ones((5, 1, 1)))
     silent = Laws(laws.x, np.zeros((3, 3)), laws.n, np.zeros((4, 4)))
-    for F, one in zip(worst_sequence(plant, filter_, silent, 4), for_ever(SIZES[2], 4), strict=True):
+    for F, one in zip(worst_sequence(plant, filter_.gain_schedule, silent, 4), for_ever(SIZES[2], 4), strict=True):
         np.testing.assert_array_equal(F, one)
 
 
@@ -212,7 +212,7 @@ def test_an_error_without_bounds_ends_in_contractions_and_not_in_an_exception(si
     """Oracle: 4^(2k) leaves the range of numbers at k = 256; pytest turns warnings into errors."""
     given, _, filter_, laws = some(2, sizes, 4)
     plant = design(0.1, n_steps, **{**given, "A": given["A"] * (4.0 / 0.7)})
-    for F in worst_sequence(plant, filter_, laws, n_steps):
+    for F in worst_sequence(plant, filter_.gain_schedule, laws, n_steps):
         assert np.linalg.norm(F, 2, axis=(1, 2)).max() <= 1.0 + 1e-12
 
 
@@ -221,4 +221,4 @@ def test_a_filter_with_other_states_is_refused():
     _, plant, _, laws = some(2, SIZES[2], 4)
     _, _, other, _ = some(2, {**SIZES[2], "nx": 2}, 4)
     with pytest.raises(DesignError, match="states"):
-        worst_sequence(plant, other, laws, 4)
+        worst_sequence(plant, other.gain_schedule, laws, 4)

@@ -12,7 +12,7 @@ from rmpc_bench.plants.uncertain_linear import design
 from rmpc_bench.plants.uncertainty import Sequences
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
-from rmpc_bench.types import DesignError
+from rmpc_bench.types import DesignError, Noise
 
 
 def independent(W, V, w_bar, v_bar, nx=1, ny=1):
@@ -147,7 +147,7 @@ def test_it_does_not_depend_on_the_units():
         np.testing.assert_allclose(after.noise_laws(2, 1)[1][:2, 2:], S, rtol=1e-9)
 
 
-class Other:
+class Other(Noise):
     """A law that is not gaussian."""
 
     mean, cov = np.zeros(1), np.eye(1)
@@ -170,7 +170,7 @@ def test_a_law_without_moments_has_no_joint_law():
     """Oracle: None; without any noise all is zero."""
     some = independent([[1.0]], [[2.0]], [0.5], [0.0])
 
-    class Blank:
+    class Blank(Noise):
         def draw(self, rng, n_samples):
             return np.zeros((n_samples, 1))
 

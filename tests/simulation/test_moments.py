@@ -20,7 +20,7 @@ from rmpc_bench.simulation.moments import Laws, Moments, exact_laws, exact_momen
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
-from rmpc_bench.types import Channel, Method, Period
+from rmpc_bench.types import Channel, Method, Noise, Period, Plant
 
 STEPS = 7
 LAWS = {
@@ -67,7 +67,7 @@ def test_they_are_those_of_the_lifted_recursion(sizes, n_steps, law, form, rng):
     """Oracle: vec of the second moment of [x; x_pred; 1] by Kronecker products of the maps of every entry of F."""
     given, laws = random_given(rng, sizes, n_steps), random_laws(rng, sizes)
     schedule = random_filter(rng, sizes["nx"], sizes["ny"], n_steps, form)
-    ours = exact_moments(design(0.1, STEPS, **given, uncertainty=LAWS[law]), schedule, laws, STEPS)
+    ours = exact_moments(design(0.1, STEPS, **given, uncertainty=LAWS[law]), schedule.gain_schedule, laws, STEPS)
     mean, cov = by_kronecker(given, sizes, LAWS[law], schedule, laws)
     scale = np.abs(cov).max() + np.abs(mean).max() ** 2  # a covariance is what is left of a second moment
     np.testing.assert_allclose(ours.mean, mean, atol=1e-12 * scale)
@@ -81,7 +81,7 @@ def test_a_filter_may_have_fewer_states_and_no_constant_parts(form, rng):
     given, laws = random_given(rng, sizes), random_laws(rng, sizes)
     schedule = random_filter(rng, 2, sizes["ny"], 0, form, parts=False)
     plant = design(0.1, STEPS, **given)
-    ours = exact_moments(plant, schedule, laws, STEPS)
+    ours = exact_moments(plant, schedule.gain_schedule, laws, STEPS)
     mean, cov = by_kronecker(given, sizes, plant.uncertainty, schedule, laws)
     np.testing.assert_allclose(ours.mean, mean, atol=1e-12 * np.abs(cov).max())
     np.testing.assert_allclose(ours.cov, cov, atol=1e-12 * np.abs(cov).max())
@@ -98,7 +98,7 @@ def test_a_given_sequence(rng):
         for name in names:
             told[name] = given[name] + given[f"H_{name}"] @ F @ given[f"G_{c}"]
     schedule = random_filter(rng, 4, 3, 0, "filter")
-    ours = exact_moments(design(0.1, STEPS, **given).against(worst), schedule, laws, STEPS)
+    ours = exact_moments(design(0.1, STEPS, **given).against(worst), schedule.gain_schedule, laws, STEPS)
     mean, cov = by_kronecker(told, sizes, lambda c, k: (0.0, 0.0), schedule, laws)
     np.testing.assert_allclose(ours.mean, mean, atol=1e-12 * np.abs(cov).max())
     np.testing.assert_allclose(ours.cov, cov, atol=1e-12 * np.abs(cov).max())
@@ -132,7 +132,7 @@ def test_the_simulation_has_them(number, n_steps, law, form, rng):
     assert isinstance(gathered, Laws)
     for ours, theirs in zip(gathered, laws, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
-    mean, cov = exact_moments(plant, schedule, gathered, STEPS)
+    mean, cov = exact_moments(plant, schedule.gain_schedule, gathered, STEPS)
     draws = some.draw(plant, range(2000), STEPS)
     record, status = simulate(plant, method, draws, np.zeros((STEPS + 1, plant.ny)), STEPS)
     assert not status.any()
@@ -156,7 +156,7 @@ def test_without_uncertainty_a_kalman_filters_own_covariance_is_right(form, n_st
     model = models.design(STEPS, **given, **noises, S=[[0.1, 0.2, 0.3]] if form == "predictor" else 0.0)
     x0, X = rng.standard_normal(3), random_psd(rng, 3)
     made = (kalman_predictor if form == "predictor" else kalman).design(model, STEPS, x0=x0, P0=X)
-    found = exact_moments(design(0.1, STEPS, **given), made, Laws(x0, X, *model.noise), STEPS)
+    found = exact_moments(design(0.1, STEPS, **given), made.gain_schedule, Laws(x0, X, *model.noise), STEPS)
     named = signals(found, 3)
     np.testing.assert_allclose(named["mean(e)"], 0.0, atol=1e-11)
     np.testing.assert_allclose(named["cov(e)"], made.P, atol=1e-10)  # Joseph against Riccati, sizes near 1
@@ -179,7 +179,9 @@ def published():
     found = {}
     for bounds in ENDS:
         plant = design(1.0, 1500, **given, uncertainty=Uncertainty("uniform", *bounds))
-        moments = [exact_moments(plant, each, Laws(X0, P0, *model.noise), 1500) for each in (robust, classic)]
+        moments = [
+            exact_moments(plant, each.gain_schedule, Laws(X0, P0, *model.noise), 1500) for each in (robust, classic)
+        ]
         found[bounds] = [signals(each, 2) for each in moments]
     return SimpleNamespace(bound=robust.P, own=classic.P, found=found)
 
@@ -233,7 +235,7 @@ def test_an_error_without_bounds_ends_in_infinity_and_not_in_a_warning():
     """Oracle: 3^(2k) grows beyond all numbers; pytest turns warnings into errors."""
     plant = design(1.0, 800, A=[3.0, 3.0], C=[[1.0, 1.0]], Bw=1.0, Dv=1.0, H_A=1.0, G_x=1.0)
     schedule = random_filter(np.random.default_rng(1), 2, 1, 0, "filter")
-    found = exact_moments(plant, schedule, Laws(np.zeros(2), np.eye(2), np.zeros(3), np.eye(3)), 800)
+    found = exact_moments(plant, schedule.gain_schedule, Laws(np.zeros(2), np.eye(2), np.zeros(3), np.eye(3)), 800)
     named = signals(found, 2)
     assert not np.isfinite(named["cov(x)"][-1]).all() and np.isfinite(named["cov(e)"][300]).all()
 
@@ -249,7 +251,7 @@ def test_signals_of_moments():
     np.testing.assert_array_equal(named["cov(x_hat)"][0], cov[2:, 2:])
 
 
-class Heavy:
+class Heavy(Noise):
     """A law of noise that does not tell its moments."""
 
     def draw(self, rng, n_samples):
@@ -308,7 +310,7 @@ def test_words_for_what_has_no_exact_moments(what, why):
     assert isinstance(answer, str) and why in answer
 
 
-class Both:
+class Both(Plant):
     """Any plant with periods: one F (2 x 3) that sees states and noises, its two entries -1 or 1."""
 
     def __init__(self, rng, nx=2, ny=1, nn=3):
@@ -346,6 +348,6 @@ def test_an_F_may_see_states_and_noises_at_once(rng):
         seconds.append(Z + np.outer(z, z))
     mean = np.mean(means, axis=0)
     cov = np.mean(seconds, axis=0) - np.outer(mean, mean)
-    ours = exact_moments(plant, s, laws, 3)
+    ours = exact_moments(plant, s.gain_schedule, laws, 3)
     np.testing.assert_allclose(ours.mean[-1], mean, atol=1e-12 * np.abs(cov).max())
     np.testing.assert_allclose(ours.cov[-1], cov, atol=1e-12 * np.abs(cov).max())

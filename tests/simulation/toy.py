@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rmpc_bench.types import Command, Estimate, Motion, Status
+from rmpc_bench.types import Command, Controller, Estimate, Estimator, Motion, Plant, Status
 
 
 class Delta(NamedTuple):
@@ -14,7 +14,7 @@ class Delta(NamedTuple):
     status: np.ndarray
 
 
-class Walk:
+class Walk(Plant):
     """x(k+1) = a x(k) + u(k) + w(k), y = x + v; a must not be negative."""
 
     nx = nu = ny = nw = nv = 1
@@ -38,12 +38,12 @@ class Walk:
 
 
 class Seen(NamedTuple):
-    """What the filter has been told: its prediction, and how often it was asked."""
+    """State of the filter: its prediction."""
 
     x_pred: np.ndarray
 
 
-class Halfway:
+class Halfway(Estimator):
     """An estimator: x_hat is the mean of the prediction and the measurement; the prediction is 0.9 x_hat + u."""
 
     def init(self, n_runs):
@@ -60,7 +60,7 @@ class Halfway:
         return Seen(0.9 * state.x_pred + u)
 
 
-class Proportional:
+class Proportional(Controller):
     """A controller: u = gain (r(k+1) - x_hat), plus 1 V at k = 0 only."""
 
     preview = 2

@@ -1,4 +1,4 @@
-"""The loop with uncertain plants: who is told what, what is measured, which covariances are kept, and no input."""
+"""The loop with uncertain plants: oracle estimators, measurements, recorded covariances, and no input."""
 
 from typing import NamedTuple
 
@@ -15,30 +15,30 @@ from rmpc_bench.simulation.ensemble import joined
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Draws, Experiment, Recording, Scenario
-from rmpc_bench.types import Command, Controller, Estimate, Method, Status
+from rmpc_bench.types import Command, Controller, Estimate, Estimator, Method, Status
 
 RUNS, STEPS = 4, 6
 
 
 class Memory(NamedTuple):
-    """What an estimator was shown."""
+    """The last measurement."""
 
     y: np.ndarray
 
 
-class Spy:
-    """An estimator that says what it was shown; its covariance is shared, per run, missing or missing at times."""
+class Spy(Estimator):
+    """An estimator that keeps its arguments; its covariance is shared, per run, missing or missing at times."""
 
     def __init__(self, nx, ny, kind="none"):
-        self.nx, self.ny, self.kind, self.seen, self.inputs, self.told = nx, ny, kind, [], [], []
+        self.nx, self.ny, self.kind, self.seen, self.inputs, self.disclosed = nx, ny, kind, [], [], []
 
-    def init(self, n_runs, *told):
-        """Note what is told."""
-        self.told.append(told)
+    def init(self, n_runs, *disclosed):
+        """Keep what is disclosed."""
+        self.disclosed.append(disclosed)
         return Memory(np.zeros((n_runs, self.ny)))
 
     def correct(self, k, state, y):
-        """Note the measurement."""
+        """Keep the measurement."""
         self.seen.append(y)
         P = {"shared": k * np.eye(self.nx), "run": (k + np.arange(len(y)))[:, None, None] * np.eye(self.nx)}
         P["sometimes"] = None if k == 2 else P["shared"]
@@ -46,18 +46,24 @@ class Spy:
         return Memory(y), Estimate(np.zeros((len(y), self.nx)), P.get(self.kind), None, status, {})
 
     def predict(self, k, state, u):
-        """Note the input."""
+        """Keep the input."""
         self.inputs.append(u)
         return state
 
 
-class Told(Spy):
-    """A spy that wants to be told."""
+class Oracle(Spy):
+    """A spy that is an oracle estimator."""
 
-    informed = True
+    knows_uncertainty = True
 
 
-class Shaker:
+class Uninformed(Spy):
+    """A spy that declares that it is no oracle estimator."""
+
+    knows_uncertainty = False
+
+
+class Shaker(Controller):
     """A controller that shakes the plant by a known input."""
 
     preview = 0
@@ -75,7 +81,7 @@ class Shaker:
 
 
 def world(rng, number=2, law=None):
-    """A random plant and what befalls some runs."""
+    """A random plant and the random inputs of some runs."""
     given = random_given(rng, SIZES[number], STEPS)
     plant = design(0.1, STEPS, **given, uncertainty=law or Uncertainty())
     delta = plant.draw({}, [np.random.default_rng((2, run)) for run in range(RUNS)], STEPS)
@@ -84,7 +90,7 @@ def world(rng, number=2, law=None):
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_the_loop_shows_noisy_outputs_and_records_true_ones(number, rng):
+def test_the_estimator_gets_noisy_outputs_and_the_record_has_true_ones(number, rng):
     """Oracle: (24), (25) in plain loops; the recorded y is (C + H_C F_x G_x) x."""
     given, plant, draws = world(rng, number)
     u = rng.standard_normal((RUNS, STEPS + 1, plant.nu))
@@ -105,14 +111,14 @@ def test_the_loop_shows_noisy_outputs_and_records_true_ones(number, rng):
     np.testing.assert_array_equal(np.stack(spy.inputs, axis=1), u[:, :STEPS])
 
 
-def test_only_who_is_informed_is_told(rng):
-    """Oracle: the arguments of `init`."""
+def test_only_an_oracle_estimator_gets_the_uncertainty(rng):
+    """Oracle: the arguments of `init`; the value of `knows_uncertainty` counts, not its presence."""
     _, plant, draws = world(rng)
-    for kind, expected in ((Spy, ()), (Told, (draws.delta,))):
+    for kind, expected in ((Spy, ()), (Uninformed, ()), (Oracle, (draws.delta,))):
         spy = kind(plant.nx, plant.ny)
         simulate(plant, Method("m", spy, Rest(plant.nu)), draws, np.zeros((STEPS + 1, plant.ny)), STEPS)
-        assert len(spy.told) == 1 and len(spy.told[0]) == len(expected)
-        assert all(a is b for a, b in zip(spy.told[0], expected, strict=True))
+        assert len(spy.disclosed) == 1 and len(spy.disclosed[0]) == len(expected)
+        assert all(a is b for a, b in zip(spy.disclosed[0], expected, strict=True))
 
 
 @pytest.mark.parametrize("kind", ["shared", "run", "none", "sometimes"])
@@ -132,8 +138,8 @@ def test_covariances_are_kept_where_every_k_has_one(kind, rng):
     assert P is None or P.flags.c_contiguous
 
 
-def test_rest_leaves_the_plant_alone(rng):
-    """Oracle: the protocol; u = 0 whatever is measured, also where the plant has several inputs."""
+def test_rest_applies_no_input(rng):
+    """Oracle: the base class; u = 0 whatever is measured, also where the plant has several inputs."""
     law = Rest(2)
     assert isinstance(law, Controller) and law.preview == 0 and law.init(3) is None
     estimate = Estimate(np.ones((3, 1)), None, None, np.zeros(3, dtype=np.int8), {})
@@ -188,8 +194,9 @@ def test_the_ensemble_of_a_simulation_is_that_of_its_trajectories(per, rng):
 
 
 def test_oracles_are_named(rng):
-    """Oracle: the methods whose estimator is informed."""
+    """Oracle: the methods whose estimator knows the uncertainty."""
     _, plant, _ = world(rng)
-    honest, told = (Method(kind.__name__, kind(plant.nx, plant.ny), Rest(plant.nu)) for kind in (Spy, Told))
-    parts = vars(experiment(plant, honest)) | {"methods": (honest, told, Method("toy", Halfway(), Rest(1)))}
-    assert Experiment(**parts).oracles == {"Told"}
+    kinds = (Spy, Uninformed, Oracle)
+    methods = [Method(kind.__name__, kind(plant.nx, plant.ny), Rest(plant.nu)) for kind in kinds]
+    changed = vars(experiment(plant, methods[0])) | {"methods": (*methods, Method("toy", Halfway(), Rest(1)))}
+    assert Experiment(**changed).oracles == {"Oracle"}

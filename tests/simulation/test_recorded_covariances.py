@@ -1,4 +1,4 @@
-"""What the record keeps of an estimator's beliefs, and whom it names as the controller."""
+"""Covariances and sets that the record keeps of an estimator, and its controller."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.types import Method
 
 
-class Believer(Halfway):
-    """The toy's estimator, with a P and an M that grow with k, M run by run if told; M not at all samples if told."""
+class Reporting(Halfway):
+    """The toy's estimator, with a P and an M that grow with k; M per run, or not at all samples, if wanted."""
 
     def __init__(self, *, per_run=False, until=STEPS):
         self.per_run, self.until = per_run, until
@@ -21,7 +21,7 @@ class Believer(Halfway):
         return (10.0 + k) * runs if self.per_run else np.array([[10.0 + k]])
 
     def correct(self, k, state, y):
-        """Meet halfway and say what is believed."""
+        """Meet halfway and report P and M."""
         state, estimate = super().correct(k, state, y)
         M = self.matrix(k, len(y)) if k <= self.until else None
         return state, estimate._replace(P=np.array([[1.0 + k]]), M=M)
@@ -35,9 +35,9 @@ def recorded(rng, estimator, **kept):
 
 
 @pytest.mark.parametrize("per_run", [False, True])
-def test_beliefs_are_kept_over_k(per_run, rng):
+def test_covariances_and_sets_are_kept_over_k(per_run, rng):
     """Oracle: 1 + k and 10 + k, times the number of the run where every run has its own."""
-    record, controller = recorded(rng, Believer(per_run=per_run), with_P=True, with_M=True)
+    record, controller = recorded(rng, Reporting(per_run=per_run), with_P=True, with_M=True)
     k = np.arange(STEPS + 1.0)
     np.testing.assert_array_equal(record.P[:, 0, 0], 1.0 + k)
     M = np.outer(np.arange(1.0, RUNS + 1.0), 10.0 + k) if per_run else 10.0 + k
@@ -48,17 +48,17 @@ def test_beliefs_are_kept_over_k(per_run, rng):
 @pytest.mark.parametrize(("kept", "names"), [({}, ()), ({"with_P": True}, ("P",)), ({"with_M": True}, ("M",))])
 def test_only_what_is_asked_for_is_kept(kept, names, rng):
     """Oracle: the keywords; trajectories do not depend on them."""
-    record, controller = recorded(rng, Believer(), **kept)
+    record, controller = recorded(rng, Reporting(), **kept)
     assert tuple(name for name in ("P", "M") if getattr(record, name) is not None) == names
     assert record.controller is controller
-    everything, _ = recorded(np.random.default_rng(20180418), Believer(), with_P=True, with_M=True)
+    everything, _ = recorded(np.random.default_rng(20180418), Reporting(), with_P=True, with_M=True)
     for ours, theirs in zip(record[1:5], everything[1:5], strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_a_belief_that_is_missing_at_some_k_is_not_kept(rng):
-    """Oracle: M is not known at the last sample; P is."""
-    record, _ = recorded(rng, Believer(until=STEPS - 1), with_P=True, with_M=True)
+def test_a_set_that_is_missing_at_some_k_is_not_kept(rng):
+    """Oracle: M is missing at the last sample; P is."""
+    record, _ = recorded(rng, Reporting(until=STEPS - 1), with_P=True, with_M=True)
     assert record.M is None and record.P is not None
     record, _ = recorded(rng, Halfway(), with_P=True, with_M=True)
     assert record.M is None and record.P is None

@@ -1,0 +1,80 @@
+"""Base class of controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from jaxtyping import Float
+
+from rmpc_bench.types.attribute import attribute
+from rmpc_bench.types.basics import Array
+from rmpc_bench.types.records import Command, Estimate, LinearLaw
+
+
+class Controller:
+    """A control law: a frozen design, shared by all runs.
+
+    A subclass gives the methods `init` and `control`.  Everything else has a default.
+    """
+
+    @attribute
+    def preview(self) -> int:
+        """Number of samples of the reference that `control` takes, r(k) included."""
+        return 1
+
+    @attribute
+    def regulates(self) -> bool:
+        """Whether the law drives the state to 0 and does not use the reference."""
+        return False
+
+    @attribute
+    def reports(self) -> Mapping[str, tuple[int, ...]]:
+        """Entries of `info` that metrics, figures and records may name, with the shape of the entry of one run."""
+        return {}
+
+    @attribute
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences for the user about this design; `check` prints them."""
+        return ()
+
+    @attribute
+    def cost_per_step(self) -> float:
+        """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
+        return 0.0
+
+    @attribute
+    def certifies(self) -> bool:
+        """Whether this design bounds the effect of the bounded noise, so that `certificate` is defined."""
+        return False
+
+    def init(self, n_runs: int) -> Any:
+        """Return the state before the first sample."""
+        raise NotImplementedError("init")
+
+    def control(
+        self, k: int, state: Any, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
+    ) -> tuple[Any, Command]:
+        """Choose u(k)."""
+        raise NotImplementedError("control")
+
+    def linear_law(self) -> LinearLaw | None:
+        """Return the gains of a law that is linear apart from limits of the input; None of any other law."""
+        return None
+
+    def certificate(
+        self, k: int, x_hat: Float[Array, "runs nx"], starts: int
+    ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
+        """Return rho and the worst cost of every run: costs from k on, beyond the least one without bounded noise.
+
+        rho is the bound that the controller certifies.  The worst cost is the largest one that a local search over
+        allowed noise finds from ``starts`` starting points, hence a lower bound of the true worst case.
+        """
+        raise NotImplementedError("certificate")
+
+    def series(self) -> Mapping[str, Array]:
+        """Series of the design over k (axis 0), such as its gains."""
+        return {}
+
+    def warm_up(self) -> None:
+        """Do costly work that workers share, such as compiling; doing it again costs nothing."""

@@ -1,0 +1,107 @@
+"""Base class of state estimators."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from jaxtyping import Float
+
+from rmpc_bench.types.attribute import attribute
+from rmpc_bench.types.basics import Array
+from rmpc_bench.types.records import Estimate, GainSchedule
+
+
+class Estimator:
+    """A filter: a frozen design, shared by all runs.
+
+    A subclass gives the methods `init`, `correct` and `predict`.  Everything else has a default.
+    """
+
+    @attribute
+    def knows_uncertainty(self) -> bool:
+        """Whether this is an oracle estimator; `init` then takes the uncertain quantities of the runs as well."""
+        return False
+
+    @attribute
+    def estimates_mean(self) -> bool:
+        """Whether the info of every estimate has the mean of the process noise, `w_mean` (runs, nx)."""
+        return False
+
+    @attribute
+    def reports(self) -> Mapping[str, tuple[int, ...]]:
+        """Entries of `info` that metrics, figures and records may name, with the shape of the entry of one run."""
+        return {}
+
+    @attribute
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences for the user about this design; `check` prints them."""
+        return ()
+
+    @attribute
+    def cost_per_step(self) -> float:
+        """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
+        return 0.0
+
+    @attribute
+    def Ne(self) -> int:
+        """Length of a moving window: the estimate uses y(k - Ne)..y(k); 0 without a window."""
+        return 0
+
+    @attribute
+    def form(self) -> Literal["filter", "predictor"] | None:
+        """Whether x_hat(k) uses y(k) (`filter`) or not (`predictor`); None where it is not declared."""
+        return None
+
+    @attribute
+    def x0(self) -> Float[Array, " nx"] | None:
+        """Prediction of x(0), the same for all runs; None where it is not declared."""
+        return None
+
+    @attribute
+    def P(self) -> Float[Array, "k nx nx"] | None:
+        """Reported covariance of x_hat - x over k; None where it depends on the data or is not reported."""
+        return None
+
+    @attribute
+    def M(self) -> Float[Array, "k nx nx"] | None:
+        """Shape of the reported set of x_hat - x over k; None where it depends on the data or is not reported."""
+        return None
+
+    @attribute
+    def sets(self) -> Any:
+        """Sets of the noises that P or M count with (`models.noise_sets.NoiseSets`); None for those of the model."""
+        return None
+
+    @attribute
+    def estimates_set(self) -> bool:
+        """Whether every estimate has the set `M` of its error, also where it depends on the data."""
+        return self.M is not None
+
+    @attribute
+    def gain_schedule(self) -> GainSchedule | None:
+        """The filter as a linear one with given gains; None where its gains depend on the data."""
+        return None
+
+    def init(self, n_runs: int) -> Any:
+        """Return the state before the first measurement.
+
+        With `knows_uncertainty` it is called as ``init(n_runs, delta)``, where ``delta`` is the record that the plant
+        has drawn.
+        """
+        raise NotImplementedError("init")
+
+    def correct(self, k: int, state: Any, y: Float[Array, "runs ny"]) -> tuple[Any, Estimate]:
+        """Use y(k)."""
+        raise NotImplementedError("correct")
+
+    def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
+        """Go to k+1 with the applied u(k)."""
+        raise NotImplementedError("predict")
+
+    def series(self) -> Mapping[str, Array]:
+        """Series of the design over k (axis 0), such as gains and covariances; they are stored in series.csv."""
+        return {}
+
+    def warm_up(self) -> None:
+        """Do costly work that workers share, such as compiling; doing it again costs nothing."""

@@ -1,0 +1,22 @@
+"""An estimator-controller pair."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rmpc_bench.types.controller import Controller
+from rmpc_bench.types.estimator import Estimator
+
+
+class Method(NamedTuple):
+    """An estimator-controller pair under the name the user gave it."""
+
+    name: str
+    estimator: Estimator
+    controller: Controller
+
+    @property
+    def reports(self) -> dict[str, tuple[int, ...]]:
+        """Entries of `info` of the estimator and of the controller: name -> shape of the entry of one run."""
+        reported = (*self.estimator.reports.items(), *self.controller.reports.items())
+        return {name: tuple(shape) for name, shape in reported}

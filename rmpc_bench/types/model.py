@@ -1,0 +1,90 @@
+"""Base class of design models: what estimators and controllers assume of the plant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types.attribute import attribute
+from rmpc_bench.types.basics import Array
+
+
+class Model:
+    """A design model; at every k it is a linear model (`models.linear.LinearModel`), possibly another one.
+
+    A subclass gives the method `at`.  Everything else has a default.
+    """
+
+    @attribute
+    def nx(self) -> int:
+        """Number of states."""
+        return int(self.at(0).nx)
+
+    @attribute
+    def nu(self) -> int:
+        """Number of inputs."""
+        return int(self.at(0).nu)
+
+    @attribute
+    def ny(self) -> int:
+        """Number of outputs."""
+        return int(self.at(0).ny)
+
+    @attribute
+    def varies(self) -> bool:
+        """Whether the linear model depends on k."""
+        return False
+
+    @attribute
+    def is_linear_model(self) -> bool:
+        """Whether it is itself a linear model, the same at all k, with the matrices A, B, C, Q_w and R_v."""
+        return False
+
+    @attribute
+    def Q_w(self) -> Float[Array, "nx nx"]:
+        """Covariance of the process noise at k = 0."""
+        covariance: Array = self.at(0).Q_w
+        return covariance
+
+    @attribute
+    def R_v(self) -> Float[Array, "ny ny"]:
+        """Covariance of the measurement noise at k = 0."""
+        covariance: Array = self.at(0).R_v
+        return covariance
+
+    @attribute
+    def w_law(self) -> tuple[Float[Array, " nw"], Float[Array, "nw nw"]]:
+        """Mean and covariance of the process noise of the plant, as `noise: same` takes them."""
+        return np.zeros(self.nx), self.Q_w
+
+    @attribute
+    def v_law(self) -> tuple[Float[Array, " nv"], Float[Array, "nv nv"]]:
+        """Mean and covariance of the measurement noise of the plant, as `noise: same` takes them."""
+        return np.zeros(self.ny), self.R_v
+
+    @attribute
+    def S(self) -> Float[Array, "nw nv"] | float:
+        """Cross-covariance of the noises of the plant, as `noise: same` takes it; 0 without correlation."""
+        return 0.0
+
+    @attribute
+    def has_sets(self) -> bool:
+        """Whether the noises have bounded parts, in the ellipsoids E(0, M_w) and E(0, M_v)."""
+        return False
+
+    def at(self, k: int, /) -> Any:
+        """Return the linear model at k."""
+        raise NotImplementedError("at")
+
+    def M_w(self, k: int, /) -> Float[Array, "nx nx"]:
+        """Shape of the ellipsoid of the bounded process noise at k; zero without `has_sets`."""
+        return np.zeros_like(self.at(k).Q_w)
+
+    def M_v(self, k: int, /) -> Float[Array, "ny ny"]:
+        """Shape of the ellipsoid of the bounded measurement noise at k; zero without `has_sets`."""
+        return np.zeros_like(self.at(k).R_v)
+
+    def warm_up(self) -> None:
+        """Do costly work that workers share, such as compiling; doing it again costs nothing."""

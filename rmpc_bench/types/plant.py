@@ -1,0 +1,177 @@
+"""Base class of plants: the true system, simulated for many runs at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types.attribute import attribute
+from rmpc_bench.types.basics import Array
+from rmpc_bench.types.plot_records import Panel
+from rmpc_bench.types.records import LinearPlant, Motion, Period
+
+
+class Plant:
+    """The true system: a frozen design that moves the states of many runs.
+
+    A subclass gives the sizes `nx`, `nu`, `ny`, the sampling time `Ts` and the methods `draw`, `step` and `output`.
+    Everything else has a default.
+    """
+
+    @attribute
+    def nx(self) -> int:
+        """Number of states."""
+        raise NotImplementedError("nx")
+
+    @attribute
+    def nu(self) -> int:
+        """Number of inputs."""
+        raise NotImplementedError("nu")
+
+    @attribute
+    def ny(self) -> int:
+        """Number of outputs."""
+        raise NotImplementedError("ny")
+
+    @attribute
+    def Ts(self) -> float:
+        """Sampling time [s]."""
+        raise NotImplementedError("Ts")
+
+    @attribute
+    def nw(self) -> int:
+        """Number of process noises, one per state unless a plant says otherwise."""
+        return self.nx
+
+    @attribute
+    def nv(self) -> int:
+        """Number of measurement noises, one per output unless a plant says otherwise."""
+        return self.ny
+
+    @attribute
+    def y_unit(self) -> str:
+        """Unit of all outputs; empty where there is none or where outputs differ in it (see `units`)."""
+        return ""
+
+    @attribute
+    def u_unit(self) -> str:
+        """Unit of all inputs; empty where there is none or where inputs differ in it (see `units`)."""
+        return ""
+
+    @attribute
+    def units(self) -> Mapping[str, str]:
+        """Units of single components, counted from 0, such as ``{"y.2": "rad"}``."""
+        return {}
+
+    @attribute
+    def nominal(self) -> Mapping[str, float]:
+        """Parameters that `perturb` and `set` may name, with their nominal values."""
+        return {}
+
+    @attribute
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences for the user about this plant; `check` prints them."""
+        return ()
+
+    @attribute
+    def cost_per_step(self) -> float:
+        """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
+        return 0.0
+
+    @attribute
+    def mixes_noise(self) -> bool:
+        """Whether `step` and `output` take the noises that `mix` returns; `output` then is the true output plus v."""
+        return False
+
+    @attribute
+    def has_period(self) -> bool:
+        """Whether `period` describes the plant, which then is linear."""
+        return False
+
+    @attribute
+    def opponent(self) -> tuple[str, float] | None:
+        """Method that an adversary works against, and the largest norm of its F; None without an adversary."""
+        return None
+
+    @attribute
+    def has_singular_poses(self) -> bool:
+        """Whether `manipulability` is defined."""
+        return False
+
+    @attribute
+    def system(self) -> Any:
+        """Uncertain matrices of the plant (`models.uncertain_system.UncertainSystem`); None where it has none."""
+        return None
+
+    def draw(
+        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
+    ) -> Any:
+        """Fix what is uncertain for a block of runs.
+
+        Parameters
+        ----------
+        parameters : (runs,) values of every name in `nominal`
+        rngs : one generator per run, for what the configuration cannot name
+        n_steps : number of control periods N
+
+        Returns
+        -------
+        The record ``delta``, axis 0 = run, that `step` and `output` take.
+        """
+        raise NotImplementedError("draw")
+
+    def step(
+        self, k: int, delta: Any, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"], w: Float[Array, "runs nw"]
+    ) -> Motion:
+        """Move to x(k+1)."""
+        raise NotImplementedError("step")
+
+    def output(
+        self, k: int, delta: Any, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
+    ) -> Float[Array, "runs ny"]:
+        """Measure y(k)."""
+        raise NotImplementedError("output")
+
+    def mix(
+        self, delta: Any, w: Float[Array, "runs samples nw"], v: Float[Array, "runs samples nv"]
+    ) -> tuple[Float[Array, "runs samples mw"], Float[Array, "runs samples mv"]]:
+        """Pass w and v of all samples k = 0..N through the uncertain matrices of every run."""
+        return w, v
+
+    def drawn(self, delta: Any) -> Mapping[str, Float[Array, " runs"]]:
+        """Constants that `draw` added to the named quantities of a run, by name; they are stored beside them."""
+        return {}
+
+    def period(self, k: int) -> Period | None:
+        """Matrices of the period at k, for exact ensemble moments; None where the uncertainty is not white."""
+        return None
+
+    def linear(self, parameters: Mapping[str, float]) -> LinearPlant | None:
+        """Sample the linear part of the plant for `check --deep`; None where there is none for these parameters."""
+        return None
+
+    def against(self, worst: tuple[Array, ...]) -> Plant:
+        """Return the plant with the sequences (samples, r, s) of F that its adversary has found."""
+        raise NotImplementedError("against")
+
+    def unreachable(self, r: Float[Array, "samples ny"]) -> str | None:
+        """Describe where a reference leaves the workspace or meets a singular pose; None where it does not."""
+        return None
+
+    def manipulability(self, y: Float[Array, "poses ny"]) -> Float[Array, " poses"]:
+        """Smallest singular value of the map from output velocities to drive velocities; 0 in a singular pose."""
+        raise NotImplementedError("manipulability")
+
+    def facts(self) -> list[tuple[str, str]]:
+        """Properties of the plant that are known before any run, as (label, text); `describe` prints them."""
+        return []
+
+    def plots(self) -> tuple[Panel, ...]:
+        """Panels that show the plant itself, such as its friction; `describe --plot` draws them."""
+        return ()
+
+    def warm_up(self) -> None:
+        """Do costly work that workers share, such as compiling; doing it again costs nothing."""
