@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rmpc_bench.analysis.intervals import Interval, difference, geometric, quantile, student, wilson
-from rmpc_bench.analysis.rounding import NEGLIGIBLE, negligible
+from rmpc_bench.analysis.rounding import NEGLIGIBLE, negligible, without_noise
 from rmpc_bench.claims import magnitudes, tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import Value, compare
@@ -28,7 +28,8 @@ class ComparisonResult:
     ----------
     text : as written in the check
     left, right : the two sides; of columns, series and matrices the entries with the smallest margin, or with the
-        largest violation; 0 where rounding cannot be told from the value
+        largest violation
+    scales : magnitudes of the numbers that the two sides were computed from; 0 for a number that the check gives
     holds : None when the interval of the difference contains 0, so that the runs do not decide
     interval : of left - right, None where there is none; its ends may be infinite
     n : runs that all methods of the comparison finished; 0 when it uses no runs
@@ -54,6 +55,23 @@ class ComparisonResult:
     entry: tuple[int, ...] | None = None
     n_entries: int = 1
     n_equal: int = 0
+    scales: tuple[float, float] = (0.0, 0.0)
+
+    def rounded(self) -> ComparisonResult:
+        """Return the comparison with the digits that another CPU reproduces, for what is written."""
+        left = _settled(self.left, self.scales[0], self.right)
+        right = _settled(self.right, self.scales[1], self.left)
+        if self.interval is None:
+            return replace(self, left=left, right=right)
+        low, high = (without_noise(end, sum(self.scales)) for end in self.interval)
+        return replace(self, left=left, right=right, interval=(low, high))
+
+
+def _settled(value: float, scale: float, other: float) -> float:
+    """Write 0 for a result that is nothing but rounding; a number that the check itself gives stays."""
+    if scale > 0 and negligible(value, abs(other)):
+        return 0.0
+    return without_noise(value, scale)
 
 
 def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> ComparisonResult:
@@ -80,20 +98,21 @@ def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> Compari
 
 
 def _compared(link: tree.Link, evaluator: Evaluator, text: str) -> ComparisonResult:
-    value, right, tolerance = evaluator.sides(link)
-    held = bool(compare(link.operator, value.array, right, tolerance).all())
+    value, right_sides, tolerance = evaluator.sides(link)
+    held = bool(compare(link.operator, value.array, right_sides, tolerance).all())
     sizes = magnitudes.of_sides(link, evaluator, value)
-    left, right = _without_noise(link, (value.array, right), sizes)
+    left, right = _without_noise((value.array, right_sides), sizes)
     alike = _alike(link, left, right) if held else np.zeros(left.shape, dtype=bool)
     place = _decisive(_violation(link.operator, left, right, tolerance), alike, sizes)
     interval = _interval(link, evaluator) if not left.ndim else None
     k, entry = _place(value, place)
     return ComparisonResult(
         text=text,
-        left=float(left[place]),
-        right=float(right[place]),
+        left=float(value.array[place]),
+        right=float(right_sides[place]),
+        scales=(float(sizes[0][place]), float(sizes[1][place])),
         holds=held if interval is None else _decided(link.operator, held, interval),
-        interval=None if interval is None else _interval_without_noise(interval, sizes),
+        interval=interval,
         n=evaluator.n,
         n_excluded=evaluator.n_excluded,
         operator=link.operator,
@@ -104,22 +123,13 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str) -> ComparisonRes
     )
 
 
-def _without_noise(link: tree.Link, sides: tuple[Array, Array], sizes: tuple[Array, Array]) -> list[Array]:
+def _without_noise(sides: tuple[Array, Array], sizes: tuple[Array, Array]) -> list[Array]:
     """Replace what is nothing but rounding by 0, beside the numbers it comes from and beside the other side."""
     found = []
-    for node, side, other, size in zip((link.left, link.right), sides, sides[::-1], sizes, strict=True):
+    for side, other, size in zip(sides, sides[::-1], sizes, strict=True):
         scale = np.fmax(np.where(np.isfinite(size), size, 0.0), np.where(np.isfinite(other), np.abs(other), 0.0))
-        # A number that the check itself gives is no result, hence without noise.
-        noise = (np.abs(side) < NEGLIGIBLE * scale) & bool(tree.terms(node))
-        found.append(np.where(noise, 0.0, side))
+        found.append(np.where((np.abs(side) < NEGLIGIBLE * scale) & (size > 0), 0.0, side))
     return found
-
-
-def _interval_without_noise(interval: Interval, sizes: tuple[Array, Array]) -> Interval:
-    """Replace ends that are nothing but rounding of the two numbers by 0."""
-    scale = float(sizes[0] + sizes[1])
-    low, high = (0.0 if negligible(end, scale) else end for end in interval)
-    return low, high
 
 
 def _violation(operator: str, left: Array, right: Array, tolerance: Array) -> Array:

@@ -26,6 +26,7 @@ def evidence(comparison: ComparisonResult) -> str:
     -------
     such as ``holds; smallest margin at k = 1, entry 0: 3.62498 and 3.62537``
     """
+    comparison = comparison.rounded()
     word = {True: "holds", False: "does not hold", None: "inconclusive"}[comparison.holds]
     interval = comparison.interval
     reach = math.nan if interval is None else (interval[1] - interval[0]) / 2

@@ -2,7 +2,7 @@
 
 The difference of two numbers near 30 is known to about 1e-15 only: a difference of 6e-15 is 0 up to rounding, although
 6e-15 is far above the smallest float.  The magnitude of ``a - b`` is therefore ``|a| + |b|``; of a product it is the
-product, and functions that are linear or that pick entries keep it.
+product, of a determinant the sum of its terms, and functions that are linear or that pick entries keep it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from rmpc_bench.claims.values import EvaluationError, Value, aligned, combine, l
 from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operation, Percent
 from rmpc_bench.types import Array
 
+_EXACT = Value(np.array(0.0))
 _KEEPING = "abs last at since upto entry diag trace mean median min max quantile".split()
 
 
@@ -38,8 +39,20 @@ def magnitude(node: Node, evaluator: Evaluator) -> Value:
 
 
 def of_sides(link: tree.Link, evaluator: Evaluator, left: Value) -> tuple[Array, Array]:
-    """Compute the magnitudes of both sides of a comparison, in the shape of `left` as `Evaluator.sides` gives it."""
-    parts = aligned(magnitude(link.left, evaluator), magnitude(link.right, evaluator), left)
+    """Compute the magnitudes of both sides of a comparison.
+
+    Parameters
+    ----------
+    link : the comparison
+    evaluator : made for it
+    left : its left side as `Evaluator.sides` gives it
+
+    Returns
+    -------
+    two arrays of the shape of `left`; 0 for a side without terms, which is exact
+    """
+    found = [magnitude(node, evaluator) if tree.terms(node) else _EXACT for node in (link.left, link.right)]
+    parts = aligned(*found, left)
     first, second = (np.broadcast_to(part.array, left.array.shape) for part in parts[:2])
     return first, second
 
@@ -57,6 +70,8 @@ def _of_parts(node: Node, evaluator: Evaluator) -> Value | None:
             return _of_operation(node, evaluator)
         case Call(function="mean", arguments=(tree.Term() as term,)) if evaluator.is_signal(term):
             return _of_mean(node, term, evaluator)
+        case Call(function="det", arguments=(matrix,)):
+            return _of_det(magnitude(matrix, evaluator))
         case Call() if node.function in _KEEPING:
             first, *others = node.arguments
             return applied(node.function, [magnitude(first, evaluator), *map(evaluator.value, others)])
@@ -73,6 +88,11 @@ def _of_operation(node: Operation, evaluator: Evaluator) -> Value:
             function = np.multiply if operand.operator == "*" else np.add
             found = combine(function, found, magnitude(operand.node, evaluator))
     return found
+
+
+def _of_det(matrix: Value) -> Value:
+    """Magnitude of a determinant: the product of the row sums bounds all of its terms together."""
+    return matrix.of(matrix.array.sum(axis=-1).prod(axis=-1)) if matrix.entry else matrix
 
 
 def _of_mean(node: Call, term: tree.Term, evaluator: Evaluator) -> Value | None:

@@ -46,6 +46,7 @@ def claims_table(verdicts: Iterable[ClaimVerdict]) -> list[dict[str, Any]]:
 
 
 def _numbers(comparison: ComparisonResult) -> dict[str, Any]:
+    comparison = comparison.rounded()
     interval = comparison.interval
     return {
         "text": comparison.text,

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rmpc_bench.analysis.rounding import decimal_text, negligible, significant, significant_text
+from rmpc_bench.analysis.rounding import decimal_text, negligible, significant, significant_text, without_noise
 
 
 @given(st.integers(1, 10**7 - 1), st.integers(-30, 30), st.sampled_from([-1e-13, 1e-13, 3e-14]))
@@ -41,3 +41,15 @@ def test_negligible():
     """Beside its scale; infinity hides nothing."""
     assert negligible(1e-17, 1.0) and negligible(-1e-17, -1.0) and negligible(0.0, 1.0)
     assert not negligible(1e-8, 1.0) and not negligible(1.0, math.inf) and not negligible(1.0, math.nan)
+
+
+def test_digits_that_a_computation_supports():
+    """Nine to ten of the scale, by hand; a scale on a power of ten is one number."""
+    assert (without_noise(0.0232562499, 2e4), without_noise(6e-15, 30.0)) == (0.02326, 0.0)
+    assert (without_noise(-123.456789012345, 200.0), without_noise(-1e-12, 1.0)) == (-123.4567890, 0.0)
+    assert without_noise(1 / 3, 1.0) == without_noise(1 / 3, 1 - 1e-14) == 0.333333333
+    assert (without_noise(1e-300, 0.0), without_noise(1.5, math.inf), without_noise(math.inf, 1.0)) == (
+        1e-300,
+        1.5,
+        math.inf,
+    )

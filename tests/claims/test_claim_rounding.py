@@ -24,6 +24,7 @@ SERIES = {
     "mean(e)": np.zeros((N, 2)) + 1e-30,
     "flat": np.full(N, 0.12345),  # on the border between four-digit roundings
     "wave": np.sin(np.arange(N) * np.pi / 2),  # the same largest value, again and again
+    "thin": np.full((N, 2, 2), 150.0) + np.diag([0, 1.5503e-4]),  # nearly singular
     "bound": np.full(N, 1.25),
 }
 CHECKS = (
@@ -47,6 +48,7 @@ CHECKS = (
     "all(P[A] <= P[A] * bound[A] / 1.25)",
     "last(trace(P[A])) / last(trace(cov(e[A]))) ~ 1 +- 1e-6",
     "last(det(P[A])) > 0",
+    "last(det(thin[A])) < 1",
 )
 CLAIMS = [
     *(Claim(check, "Fig. 1", (check,), Finding.CONFIRMED) for check in CHECKS),
@@ -102,6 +104,7 @@ def test_what_is_written(written):
     assert lines["all(wave[A] < bound[A])"] == "holds; smallest margin at k = 1: 1 and 1.25"
     assert lines["all(wave[A] > 0.5)"] == "does not hold; largest violation at k = 3: -1 and 0.5"
     assert lines["all(wave[A] ~ 0 +- 2)"] == "holds; largest difference at k = 1: 1 and 0"
+    assert lines["last(det(thin[A])) < 1"] == "holds; 0.02325 and 1"  # 150 * 1.5503e-4, up to 1e-9 of 300 * 300
     assert "computed: `mean(mse[B]) - mean(mse[C])` is 0\n" in text
 
 

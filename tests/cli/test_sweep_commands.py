@@ -83,7 +83,7 @@ def test_all_points_in_a_claim(here):
     assert go(write(here, sweep=SWEEP, claims=f"[{claim}]"), "-o", "out", "--strict").exit_code == 0
     [row] = json.loads((here / "out" / "claims.json").read_text())
     assert row["at"] == "all" and row["numbers"][0]["n"] == 24
-    assert "of every point of the sweep" in (here / "out" / "claims.md").read_text()
+    assert "all points of the sweep together" in (here / "out" / "claims.md").read_text()
 
 
 def test_a_dry_run_counts_what_is_computed(here):
