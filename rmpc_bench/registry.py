@@ -1,7 +1,7 @@
-"""Names of the parts a configuration may use, each with the place of its design function.
+"""Names of the components that a configuration may use, each with the module of its class or design function.
 
-Nothing is imported before it is asked for.  Installed packages add parts through entry points of the groups
-``rmpc_bench.plants``, ``rmpc_bench.estimators`` and so on; a program adds its own with `register`.
+A module is imported when its component is first used.  Installed packages add components through entry points of the
+groups ``rmpc_bench.plants``, ``rmpc_bench.estimators`` and so on; a program adds its own with `register`.
 """
 
 from __future__ import annotations
@@ -112,13 +112,13 @@ def singular(group: str) -> str:
 
 
 def register(group: str, name: str, design: Design) -> None:
-    """Make a part known under a name.
+    """Add a component under a name.
 
     Parameters
     ----------
-    group : ``"estimator"``, ``"controller"``, ``"plant"`` and so on (the plural will do, too)
+    group : ``"estimator"``, ``"controller"``, ``"plant"`` and so on (or the plural)
     name : what a configuration writes after ``kind:``
-    design : the part's design function; its keywords become keys of the configuration
+    design : the component's design function or class; its keywords become keys of the configuration
 
     Raises
     ------
@@ -127,7 +127,7 @@ def register(group: str, name: str, design: Design) -> None:
     """
     group = group if group in BUILT_IN else group + "s"
     if group not in BUILT_IN:
-        raise ValueError(f"{group!r} is not a group of parts; there are {', '.join(BUILT_IN)}")
+        raise ValueError(f"{group!r} is not a group of components; there are {', '.join(BUILT_IN)}")
     if name in BUILT_IN[group] or _REGISTERED[group].get(name, design) is not design:
         raise ValueError(f"{name!r} is taken by another {singular(group)}")
     _REGISTERED[group][name] = design

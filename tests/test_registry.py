@@ -78,7 +78,7 @@ def test_register_refuses_a_taken_name(clean, name):
 
 def test_register_refuses_an_unknown_group(clean):
     """The message lists the groups."""
-    with pytest.raises(ValueError, match="'filter.*is not a group of parts; there are plants, models, estimators"):
+    with pytest.raises(ValueError, match="'filter.*is not a group of components; there are plants, models, estimators"):
         registry.register("filter", "half", design)
 
 

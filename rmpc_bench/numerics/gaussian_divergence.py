@@ -1,6 +1,6 @@
 """The Kullback-Leibler divergence of one normal density from another, in its two parts.
 
-Between N(m~, K~), which is true, and N(m, K), both of dimension n and with dm = m~ - m:
+Between the true density N(m~, K~) and the nominal density N(m, K), both of dimension n and with dm = m~ - m:
 
     D = 1/2 [tr(K^-1 K~) - n - ln det(K^-1 K~)]  +  1/2 dm' K^-1 dm
               covariance part                          mean part
@@ -26,8 +26,8 @@ def covariance_part(K_true: Float[Array, "*batch n n"], K: Float[Array, "*#batch
 
     Parameters
     ----------
-    K_true : (..., n, n) covariance K~ of what is true
-    K : (..., n, n) covariance of what is believed, positive definite
+    K_true : (..., n, n) covariance K~ of the true density
+    K : (..., n, n) covariance of the nominal density, positive definite
     """
     excess = np.maximum(np.linalg.eigvalsh(_whitened(K_true, K)), 0.0) - 1.0
     with np.errstate(divide="ignore"):
@@ -41,7 +41,7 @@ def mean_part(moment: Float[Array, "*batch n n"], K: Float[Array, "*#batch n n"]
     Parameters
     ----------
     moment : (..., n, n) expectation of dm dm'
-    K : (..., n, n) covariance of what is believed, positive definite
+    K : (..., n, n) covariance of the nominal density, positive definite
     """
     return np.asarray(0.5 * np.trace(_whitened(moment, K), axis1=-2, axis2=-1))
 
