@@ -1,4 +1,4 @@
-"""From the noise laws of a configuration to those that runs are drawn from."""
+"""Builds the noise of the plant from the noise laws of a configuration."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from rmpc_bench.types import Array, DesignError, Noise, Plant
 
 
 class NoiseLaws:
-    """Builds the noise of a draft and notes what cannot be built.
+    """Builds the noise of a draft; errors are added to its problems.
 
     Parameters
     ----------
-    draft : what the configuration says
-    model : builds the model of the configuration, which `same` speaks of; None where it cannot be built
+    draft : the sections of one point
+    model : returns the default design model, whose noise is `same`; None where it cannot be built
     """
 
     def __init__(self, draft: DraftConfig, model: Callable[[], Any]) -> None:
@@ -41,15 +41,17 @@ class NoiseLaws:
         if law.law is not None:
             made = law.law.build(self.draft.problems, n=n, Ts=self.draft.values["time"].step)
             if channel == "initial" and made is not None and made.has_bursts:
-                self.draft.problems.append(law.law.problem("an initial state is no time for bursts", "bursts"))
+                self.draft.problems.append(law.law.problem("an initial state has no bursts", "bursts"))
             return (made,) if made is not None else ()
         model = self.model()
         if model is None:
             return ()
         path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
-        mean, cov, shape = _believed(model, n, channel)
+        mean, cov, shape = _model_law(model, n, channel)
         if channel != "initial" and _varies(model, channel, self.draft.values["time"].n_steps):
-            self.draft.note(path, f"'same' is one law at all k, and the model's {channel} noise is another at some k")
+            self.draft.note(
+                path, f"'same' must be one law at all k, but the {channel} noise of the design model changes with k"
+            )
             return ()
         if len(cov) != n:
             self.draft.note(path, f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
@@ -59,18 +61,18 @@ class NoiseLaws:
         return (first, ellipsoid(n, shape=shape, scale=scale)) if np.any(shape) else (first,)
 
     def refuse_names(self, scenario: Scenario) -> None:
-        """Refuse uncertain quantities that are called as what random bursts draw: both are columns of one table."""
+        """Refuse uncertain quantities with the name of a quantity of random bursts: both are columns of one table."""
         for name in sorted({*scenario.burst_names} & {*scenario.uncertainty}):
-            message = f"{name!r} is what random bursts of the noise are called; choose another name"
+            message = f"{name!r} is the name of a quantity of the random bursts; choose another name"
             self.draft.note(["uncertainty", name], message, key=True)
 
     def correlated(self, plant: Plant, scenario: Scenario) -> Scenario:
-        """Give the noises of a scenario their cross-covariance.
+        """Return the scenario with the cross-covariance of its noises.
 
         Parameters
         ----------
-        plant : says the lengths of the noises
-        scenario : with independent ones
+        plant : gives the sizes of the noises
+        scenario : with independent noises
         """
         cross = self.draft.cross
         if cross == "same":
@@ -88,10 +90,10 @@ class NoiseLaws:
             return scenario
 
 
-def _believed(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:
-    """Mean, covariance and set (its shape, or 0) that a model believes a noise to have."""
+def _model_law(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:
+    """Return mean, covariance and set (its shape, or 0) of a noise of the design model."""
     if channel == "initial":
-        # The spread of the process noise, as `P: process`; states that the model does not know start at their mean.
+        # The covariance of the process noise, as `P: process`; states that the design model lacks start at their mean.
         return np.zeros(n), np.pad(model.Q_w, (0, max(0, n - len(model.Q_w)))), 0.0
     mean, cov = model.v_law if channel == "measurement" else model.w_law
     if not model.has_sets:
@@ -100,7 +102,7 @@ def _believed(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:
 
 
 def _varies(model: Any, channel: str, n_steps: int) -> bool:
-    """Whether a noise that a model with sets believes in depends on k; that of other models does not."""
+    """Whether a noise of the design model depends on k; only that of a model with sets does."""
     if not model.has_sets:
         return False
 

@@ -1,4 +1,4 @@
-"""The laws of a configuration: uncertain quantities, noise, and where everything starts."""
+"""Reads the sections `uncertainty`, `noise` and `initial` of a configuration."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ _TAKEN = ("run", "pi", "sqrt", "sin", "cos")
 
 
 def read_uncertainty(draft: DraftConfig) -> None:
-    """Read the laws of the named uncertain quantities."""
+    """Read the distributions of the uncertain quantities."""
     for name, value in (draft.values["uncertainty"] or {}).items():
         path: list[str | int] = ["uncertainty", name]
         if not re.fullmatch(r"[A-Za-z_]\w*", name):
-            draft.note(path, "a name starts with a letter and goes on with letters, digits and _", key=True)
+            draft.note(path, "a name consists of letters, digits and _, and begins with a letter or _", key=True)
         elif name in _TAKEN:
-            draft.note(path, f"{name!r} has a meaning already; choose another name", key=True)
+            draft.note(path, f"{name!r} is reserved; choose another name", key=True)
         law = _distribution(draft, value, path)
         if law is not None:
             draft.uncertainty[name] = law
@@ -59,13 +59,13 @@ def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> dist
         return None
     if spread is None:
         choices = ", ".join(_DISTRIBUTIONS)
-        draft.note(path, f"expected a spread such as +-10% or {{dist: ..}} with one of {choices} (got {shown(value)})")
+        draft.note(path, f"expected a range such as +-10% or {{dist: ..}} with one of {choices} (got {shown(value)})")
         return None
     return distributions.Uniform(-spread, spread)
 
 
 def read_noise(draft: DraftConfig) -> None:
-    """Read the noise that happens, per channel."""
+    """Read the noise of the plant, per channel."""
     noise = draft.section("noise")
     if not isinstance(noise, Map):
         noise = {"process": noise, "measurement": noise}
@@ -86,7 +86,7 @@ def read_noise(draft: DraftConfig) -> None:
 
 
 def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[NoiseTerm, ...]:
-    """Read a law that may be a sum: its terms in order, none for `none` and for what is no law."""
+    """Read a noise law that may be a sum: its terms in order; no terms for `none` and for an invalid law."""
     if not (isinstance(law, Map) and list(law) == ["sum"]):
         one = None if law == "none" else _law(draft, law, path, ("none", "same", "sum"))
         return () if one is None else (one,)
@@ -98,25 +98,26 @@ def _laws(draft: DraftConfig, law: Any, path: list[str | int]) -> tuple[NoiseTer
 
 
 def _term(draft: DraftConfig, law: Any, path: list[str | int]) -> NoiseTerm | None:
-    """Read one law of a sum, which is neither a sum nor nothing."""
+    """Read one term of a sum, which may be neither a sum nor `none`."""
     if isinstance(law, Map) and "sum" in law:
         draft.note(path, "a sum inside a sum; write all terms into one list")
-    elif law == "none":  # the number of a term names its stream, and a term that is not there has none
-        draft.note(path, "'none' adds nothing; leave it out, or silence a law with scale: 0 (or radius: 0)")
+    elif law == "none":
+        # The number of a term names its random stream, so that a term without noise is still a term.
+        draft.note(path, "'none' adds nothing; leave it out, or switch a law off with scale: 0 (or radius: 0)")
     else:
         return _law(draft, law, path, ("same",))
     return None
 
 
 def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, ...]) -> NoiseTerm | None:
-    """Read one noise law; None for what is not one.
+    """Read one noise law; None where it is invalid.
 
     Parameters
     ----------
-    draft : gets what is wrong
-    law : what the configuration says
+    draft : gets the errors
+    law : the law as configured
     path : where it stands
-    words : laws without a design function that may stand there
+    words : laws without a design function that are allowed there
     """
     if law == "same":
         return NoiseTerm(None, 1.0)
@@ -133,18 +134,19 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
     if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in ("same", *kinds):
         named = next(iter(law)) if isinstance(law, Map) and len(law) == 1 else law
         text = named if isinstance(named, str) else shown(law)
-        known = [each for each in (*words, *kinds) if each != text]  # {none: {}} does not mean none
+        # {none: {}} does not mean none.
+        known = [each for each in (*words, *kinds) if each != text]
         draft.note(path, registry.unknown(text, known, "noise law", "rmpc-bench list noises"))
         return None
     kind, value = next(iter(law.items()))
     if kind == "same":
         return _same(draft, law, [*path, kind])
-    part = read_component("noises", value, [*path, kind], draft.problems, mark=locate(law, [kind]), kind=kind)
-    return None if part is None else NoiseTerm(part, None)
+    component = read_component("noises", value, [*path, kind], draft.problems, mark=locate(law, [kind]), kind=kind)
+    return None if component is None else NoiseTerm(component, None)
 
 
 def _same(draft: DraftConfig, law: Map, path: list[str | int]) -> NoiseTerm | None:
-    """Read the model's own noise times a scale."""
+    """Read the noise of the design model times a scale."""
     scale = validate(_SAME, law["same"], path, draft.problems, mark=locate(law, ["same"]))
     if scale is not None and set(scale) - {"scale"}:
         draft.note(path, "the only key is 'scale'")
@@ -156,7 +158,7 @@ _INITIAL: Mapping[str, Any] = {"x": _Vector, "x_hat": _Vector, "P": Matrix, "M":
 
 
 def read_initial(draft: DraftConfig) -> None:
-    """Read the true initial state and the start of the estimators."""
+    """Read the true initial state and the initial estimate."""
     initial = draft.values["initial"] or {}
     draft.initial = {"x": 0.0, "x_hat": 0.0, "P": "process", "M": 0.0, "laws": ()}
     for name, value in initial.items():

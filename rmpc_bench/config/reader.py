@@ -34,7 +34,7 @@ def parse(text: str, file: str, *, column: int = 1) -> Any:
 
     Returns
     -------
-    Map, Items or scalar.  What an alias stands for is shared, not copied.
+    Map, Items or scalar.  The value of an alias is shared, not copied.
     """
     return _TreeBuilder(text.removeprefix("\ufeff"), file, column).build()
 
@@ -102,7 +102,7 @@ def parse_override(text: str) -> Override:
 
 @dataclass(slots=True)
 class _Node:
-    """A scalar or collection while the tree is built; size and height count what aliases stand for."""
+    """A scalar or collection while the tree is built; size and height include the values of aliases."""
 
     value: Any
     text: str | None
@@ -116,11 +116,11 @@ class _Node:
 
 
 class _Stop(Exception):
-    """Trouble after which reading on makes no sense: index in the text, message."""
+    """An error that ends the parsing: index in the text, message."""
 
 
 class _TreeBuilder:
-    """Builds the tree from events and gathers problems on the way."""
+    """Builds the tree from events and collects problems."""
 
     def __init__(self, text: str, file: str, column: int) -> None:
         self.text, self.file, self.column = text, file, column
@@ -158,7 +158,8 @@ class _TreeBuilder:
             line = f" that starts on line {self._mark(error.context_mark.index).line}" if error.context_mark else ""
             context = f"{error.context}{line}: " if error.context else ""
             raise _Stop(place.index, f"{context}{error.problem}") from None
-        except (ValueError, OverflowError) as error:  # PyYAML turns escapes and versions into numbers unchecked
+        except (ValueError, OverflowError) as error:
+            # PyYAML converts escapes and versions to numbers without checks.
             raise _Stop(loader.index, f"not a valid escape or number ({error})") from None
 
     def _take(self, event: Any) -> None:
@@ -259,7 +260,7 @@ class _TreeBuilder:
     def _count(self, nodes: int, index: int) -> None:
         self.total += nodes
         if self.total > MAX_NODES:
-            raise _Stop(index, f"more than {MAX_NODES} values (what aliases stand for counts each time)")
+            raise _Stop(index, f"more than {MAX_NODES} values (those of an alias count every time)")
 
     def _tag_problem(self, tag: str, mark: Mark) -> None:
         short = "!!" + tag.removeprefix(_CORE) if tag.startswith(_CORE) else tag

@@ -1,8 +1,8 @@
 """From a design function or a dataclass to the keys of a configuration, validated by pydantic.
 
-A keyword of `design`, or a field of the dataclass, is a key of the YAML, its annotation the check, its default the
-default.  What the bench itself provides (the model, the number of steps and so on) is no key; `PROVIDED` lists it.
-Numbers may be written as quantities (``2*pi``, ``5%``).
+A parameter of `design`, or a field of the dataclass, is a key of the YAML.  Its annotation gives the checks and its
+default the default.  Parameters that the bench provides (the model, the number of steps and so on) are no keys;
+`PROVIDED` lists them.  Numbers may be written as quantities (``2*pi``, ``5%``).
 """
 
 from __future__ import annotations
@@ -51,9 +51,11 @@ def _number(value: Any) -> float:
 
 def _integer(value: Any) -> Any:
     if isinstance(value, int) and not isinstance(value, bool):
-        return value  # a float would lose digits of a long one
+        # A float would lose digits of a long integer.
+        return value
     number = quantity.number(value)
-    return int(number) if number == int(number) else number  # pydantic says what is wrong with 2.5
+    # pydantic reports a number such as 2.5.
+    return int(number) if number == int(number) else number
 
 
 def _system_matrix(value: Any) -> Any:
@@ -88,7 +90,7 @@ def with_quantities(annotation: Any) -> Any:
 
 
 def _record(kind: type) -> Any:
-    """Check the fields of a dataclass as keys of a mapping and make the dataclass."""
+    """Validate a mapping with the fields of a dataclass as keys, and make the dataclass."""
     model = create_model(kind.__name__, __config__=_CONFIG, **_fields(kind, frozenset()))
 
     def make(value: BaseModel) -> Any:
@@ -125,21 +127,21 @@ def hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str
 
 @cache
 def model_of(group: str, kind: str) -> type[BaseModel]:
-    """Pydantic model of the keys of a registered part."""
+    """Return the pydantic model of the keys of a registered component."""
     return create_model(kind, __config__=_CONFIG, **_fields(registry.get(group, kind), PROVIDED[group]))
 
 
 def validate(
     kind: Any, tree: Any, path: Sequence[str | int], problems: list[Problem], *, mark: Mark | None = None
 ) -> Any:
-    """Check a tree against a pydantic model or any annotation; what is wrong goes to ``problems``.
+    """Validate a tree against a pydantic model or any annotation.
 
     Parameters
     ----------
     kind : pydantic model or annotation, inside which numbers may be written as quantities
     tree : what to check, with its marks
     path : where it stands, for the messages
-    problems : gets one entry per mistake
+    problems : gets one entry per error
     mark : place of the tree, for a scalar, which has none of its own
 
     Returns
@@ -155,8 +157,8 @@ def validate(
 
 
 _ADAPTERS: dict[int, tuple[Any, Any, TypeAdapter[Any]]] = {}
-"""What pydantic has made of annotations; a sweep validates the same ones many times.  Some of them cannot be hashed, so
-they go by their id, and are kept so that no other one gets it."""
+"""Validators of annotations, since a sweep uses the same ones many times.  Some annotations cannot be hashed, so that
+the key is their id; they are kept so that no other object gets the same id."""
 
 
 def _adapter(kind: Any) -> tuple[Any, TypeAdapter[Any]]:
@@ -169,7 +171,8 @@ def _adapter(kind: Any) -> tuple[Any, TypeAdapter[Any]]:
 
 def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:
     steps, node = [], tree
-    for step in entry["loc"]:  # pydantic puts the members of unions into its paths, too
+    # The paths of pydantic contain the members of unions, too.
+    for step in entry["loc"]:
         if isinstance(node, dict) and step in node or isinstance(node, list) and step in range(len(node)):
             steps.append(step)
             node = node[step]
@@ -219,7 +222,7 @@ def _message(entry: Any, kind: Any, steps: Sequence[str | int]) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as a message shows it."""
+    """Return the text of a value in a message."""
     if isinstance(value, dict):
         return "a mapping"
     if isinstance(value, list | tuple):
@@ -228,7 +231,7 @@ def shown(value: Any) -> str:
 
 
 def _keys_at(kind: Any, steps: Sequence[str | int]) -> list[str]:
-    """Keys that are known at a path of pydantic's inside a model: the tags of unions are steps of it."""
+    """Return the keys of a model at a path of pydantic, which contains the tags of unions."""
     if get_origin(kind) is Annotated:
         return _keys_at(get_args(kind)[0], steps)
     if get_origin(kind) in (Union, UnionType):

@@ -1,4 +1,4 @@
-"""The keys of a configuration that are not parts: sizes, statistics, execution, claims."""
+"""The top-level keys of a configuration, and the sections that are no components (time, statistics, claims ...)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pydantic import Field
 from rmpc_bench.claims.claim import FINDINGS
 from rmpc_bench.types import Count, NonNegative, Positive
 
-MOST_STEPS = 1_000_000
-MOST_RUNS = 10_000_000
-"""Beyond these a number is a slip of the pen, and its arrays would not fit."""
+MAX_STEPS = 1_000_000
+MAX_RUNS = 10_000_000
+"""Larger numbers are out of the supported range: their arrays would not fit into memory."""
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 Text = Annotated[str, Len(1)]
@@ -31,12 +31,12 @@ class Time:
         """Refuse a length that is given twice, not at all, or not in whole steps."""
         if (self.duration is None) == (self.steps is None):
             raise ValueError("give either duration (seconds) or steps")
-        if self.duration is not None and self.duration > MOST_STEPS * self.step:
-            raise ValueError(f"there must be 1 to {MOST_STEPS:,} steps")
+        if self.duration is not None and self.duration > MAX_STEPS * self.step:
+            raise ValueError(f"there must be 1 to {MAX_STEPS:,} steps")
         if self.duration is not None and abs(self.duration / self.step - round(self.duration / self.step)) > 1e-9:
             raise ValueError(f"duration {self.duration:g} is not a whole number of steps of {self.step:g}")
-        if not 1 <= self.n_steps <= MOST_STEPS:
-            raise ValueError(f"there must be 1 to {MOST_STEPS:,} steps (got {self.n_steps:,})")
+        if not 1 <= self.n_steps <= MAX_STEPS:
+            raise ValueError(f"there must be 1 to {MAX_STEPS:,} steps (got {self.n_steps:,})")
 
     @property
     def n_steps(self) -> int:
@@ -45,13 +45,13 @@ class Time:
 
     @property
     def tick(self) -> float:
-        """Length of a step in the unit that metrics give their windows in: seconds, or samples."""
+        """Length of a step in the unit of the windows of metrics: seconds, or samples."""
         return self.step if self.duration is not None else 1.0
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """How methods are compared; `primary` and `baseline` default to the first metric and the first method."""
+    """Comparison of the methods; `primary` and `baseline` default to the first metric and the first method."""
 
     primary: Text | None = None
     baseline: Text | None = None
@@ -61,24 +61,24 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Execution:
-    """How the work is done; nothing here changes a result."""
+    """Settings of the computation; none of them changes a result."""
 
     workers: Count = 2
-    block: Annotated[int, Ge(1), Le(MOST_RUNS)] = 50
+    block: Annotated[int, Ge(1), Le(MAX_RUNS)] = 50
     max_failures: Annotated[int, Ge(0)] = 0
 
 
 Evaluation = Literal["runs", "ensemble", "moments"]
 Evaluate: Any = Evaluation | Annotated[list[Evaluation], Len(1)]
-"""What to compute: the runs one by one, the exact moments over all runs, or both; moments beside runs, or `ensemble`,
-give mean and covariance over the runs, too."""
+"""What to compute: single runs, exact moments over all runs, or both.  With `moments` or `ensemble` besides `runs`, the
+mean and the covariance over the runs are computed too."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """Which trajectories to keep: of no run, of the first N, or of all.
+    """Trajectories to keep: of no run, of the first N runs, or of all.
 
-    A signal is y, u, x, x_hat or what some method reports of itself, such as Q_yw; bursts of the noise come along.
+    A signal is y, u, x, x_hat or one that a method reports, such as Q_yw.  Bursts of the noise are kept with them.
     """
 
     runs: Literal["none", "all"] | Count = "none"
@@ -95,7 +95,7 @@ class Smoke:
 
 @dataclass(frozen=True)
 class StatedKeys:
-    """A size as the paper gives it: the expression `of` is `value` within `tolerance` (absolute)."""
+    """A number of the paper: the expression `of` is `value` within `tolerance` (absolute)."""
 
     of: Text
     value: float
@@ -129,7 +129,7 @@ SECTIONS: dict[str, Section] = {
     "paper": Section(Name | None, None),
     "title": Section(str, ""),
     "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0),
-    "runs": Section(Annotated[int, Ge(1), Le(MOST_RUNS)], ...),
+    "runs": Section(Annotated[int, Ge(1), Le(MAX_RUNS)], ...),
     "time": Section(Time, ...),
     "uncertainty": Section(dict[str, Any], {}),
     "plant": Section(dict[str, Any], ...),

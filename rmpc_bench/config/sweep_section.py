@@ -22,7 +22,7 @@ METHOD_COMPONENTS = ("model", "estimator", "controller")
 NAME = "name"
 """Key of a zip that names its points; it is no path."""
 
-MOST_POINTS = 10_000
+MAX_POINTS = 10_000
 
 
 class SweptValue(NamedTuple):
@@ -172,7 +172,7 @@ class SweepReader:
                 first = assigned(first, axis.paths, axis.values[0]) if axis.values else first
         found = [first]
         for axis in usable:
-            for row in axis.values[1:MOST_POINTS]:
+            for row in axis.values[1:MAX_POINTS]:
                 with suppress(ConfigError):
                     found.append(assigned(first, axis.paths, row))
         return found
@@ -250,8 +250,8 @@ class SweepReader:
         size = 1
         for axis in axes:
             size *= len(axis.values)
-        if size > MOST_POINTS:
-            self.note([], f"there must be at most {MOST_POINTS:,} points (got {size:,})")
+        if size > MAX_POINTS:
+            self.note([], f"there must be at most {MAX_POINTS:,} points (got {size:,})")
             return
         used: set[int] = set()
         left = 0

@@ -19,7 +19,7 @@ _STEP = re.compile(r'(?:"([^"]*)"|([^."][^.]*))(?:\.(?!$)|$)')
 
 
 class Mark(NamedTuple):
-    """A place a text editor can open; line and column count from 1."""
+    """A place in a file; line and column count from 1."""
 
     file: str
     line: int
@@ -69,9 +69,12 @@ class Items(list[Any]):
 
 
 def scalar(text: str) -> Any:
-    """Read an unquoted scalar by the YAML 1.2 core schema; what is nothing else stays text.
+    """Read an unquoted scalar by the YAML 1.2 core schema; anything else is text.
 
-    Raises ValueError for an integer of more digits than anybody means.
+    Raises
+    ------
+    ValueError
+        If an integer has more than MAX_DIGITS digits.
     """
     if text in _CONSTANTS:
         return _CONSTANTS[text]
@@ -85,7 +88,7 @@ def scalar(text: str) -> Any:
 
 
 def join(path: Sequence[str | int]) -> str:
-    """Write a path with dots, the way ``assign`` reads it."""
+    """Write a path with dots, in the form that ``split`` reads."""
     return ".".join(f'"{step}"' if "." in str(step) else str(step) for step in path)
 
 
@@ -94,7 +97,13 @@ def _fail(mark: Mark, path: Sequence[str | int], message: str) -> NoReturn:
 
 
 def split(path: str, mark: Mark) -> list[str]:
-    """Take a dotted path apart; an element that contains a dot stands in double quotes."""
+    """Return the steps of a dotted path; a step that contains a dot stands in double quotes.
+
+    Raises
+    ------
+    ConfigError
+        If the text is no path.
+    """
     steps, end = [], 0
     while (step := _STEP.match(path, end)) and end < len(path):
         steps.append(step[1] if step[2] is None else step[2])
@@ -114,8 +123,8 @@ def plain(value: Any) -> Any:
 def merge(base: Map, override: Map) -> Map:
     """Lay one mapping over another, deep; neither is changed.
 
-    Mappings that both name a ``kind``, and not the same one, are not mixed: the override replaces the base whole.
-    Marks follow each value's origin (of a mixed mapping: the override); what only one side has is shared with it.
+    A mapping of another ``kind`` replaces the base whole.  Every value keeps its place; a merged mapping has the
+    place of the override.
     """
     if "kind" in base and "kind" in override and base["kind"] != override["kind"]:
         return override.copy()
@@ -151,29 +160,34 @@ def _follow(tree: Map | Items, path: Sequence[str | int]) -> tuple[Mark, Mark]:
 
 
 def locate(tree: Map | Items, path: Sequence[str | int]) -> Mark:
-    """Place of the value at a path, or of the deepest thing on the way that exists."""
+    """Return the place of the value at a path, or of the deepest existing value on the way."""
     return _follow(tree, path)[1]
 
 
 def locate_key(tree: Map | Items, path: Sequence[str | int]) -> Mark:
-    """Place of the last key of a path, or of the deepest value on the way that exists."""
+    """Return the place of the last key of a path, or of the deepest existing value on the way."""
     return _follow(tree, path)[0]
 
 
 def assign(tree: Map, path: str, value: Any, mark: Mark, key_mark: Mark | None = None) -> Map:
-    """Make a tree in which the value at a path is another one.
+    """Return a tree with another value at a path.
 
     Parameters
     ----------
-    tree : stays as it is
-    path : steps with dots between them; mappings on the way are made, a step into a list is an index that exists
+    tree : is not changed
+    path : steps with dots between them; missing mappings are created, a step into a list is an existing index
     value : the new value
     mark : the place of the value
-    key_mark : the place of its key, which new mappings get too; that of the value unless given
+    key_mark : the place of its key and of new mappings; by default that of the value
 
     Returns
     -------
-    The new tree, which shares what did not change.
+    The new tree, which shares the unchanged values.
+
+    Raises
+    ------
+    ConfigError
+        If the path leads through a value that is neither a mapping nor a list, or the index does not exist.
     """
     result: Map = _assigned(tree, split(path, mark), 0, value, (key_mark or mark, mark))
     return result
@@ -184,7 +198,11 @@ def _assigned(node: Any, steps: list[str], done: int, value: Any, marks: tuple[M
         return value
     step, last, mark = steps[done], done + 1 == len(steps), marks[0]
     if not isinstance(node, Map | Items):
-        _fail(mark, steps[:done], f"is {node!r}, neither a mapping nor a list; {join(steps)} cannot be set")
+        _fail(
+            mark,
+            steps[:done],
+            f"is {node!r}; {join(steps)} can be set only if this is a mapping or a list: replace it first",
+        )
     try:
         child, key_mark, value_mark = _child(node, step)
     except KeyError:

@@ -1,4 +1,4 @@
-"""Unions of annotations: which member a value means, so that an error speaks of that one only."""
+"""Unions of annotations: the form of a value selects one member, so that errors concern that member only."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def union(members: Sequence[Any], checked: Callable[[Any], Any]) -> Any:
     Parameters
     ----------
     members : annotations to choose from; each of several dataclasses has a field `kind` that allows one word
-    checked : makes what pydantic checks out of an annotation
+    checked : turns an annotation into one that pydantic validates
     """
     tagged = _by_shape(members, checked)
     if [*tagged] == ["a mapping"]:
-        return tagged["a mapping"]  # of one kind or another, and nothing else
+        return tagged["a mapping"]
     words = [word for member in members if get_origin(member) is Literal for word in get_args(member)]
 
     def choose(value: Any) -> str:
@@ -47,7 +47,7 @@ def union(members: Sequence[Any], checked: Callable[[Any], Any]) -> Any:
 
 
 def _by_shape(members: Sequence[Any], checked: Callable[[Any], Any]) -> dict[str, Any]:
-    """Shape of the value -> what is to be checked."""
+    """Return the annotation for every shape of a value."""
     kinds = [member for member in members if inspect.isclass(member) and hasattr(member, "__dataclass_fields__")]
     tagged: dict[str, Any] = {}
     for member in members:
@@ -88,7 +88,7 @@ def _by_kind(members: Sequence[type], checked: Callable[[Any], Any]) -> Any:
 
 
 def _chosen(tagged: dict[str, Any], choose: Callable[[Any], str | None], expected: str) -> Any:
-    """Let the value say which member of a union it is."""
+    """Return a union whose member is selected by a function of the value."""
     choices: Any = Union.__getitem__(tuple(Annotated[member, Tag(tag)] for tag, member in tagged.items()))
     return Annotated[
         choices,

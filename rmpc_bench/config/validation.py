@@ -136,7 +136,7 @@ def _plant(draft: DraftConfig) -> None:
 
 
 def _probe(draft: DraftConfig, expression: quantity.Expression, path: list[str | int]) -> None:
-    """Evaluate what is the same in every run, so that it fails now if it fails at all."""
+    """Evaluate an expression that is the same in every run, so that an error shows before any run."""
     try:
         expression()
     except quantity.QuantityError as error:
@@ -150,7 +150,9 @@ def _methods(draft: DraftConfig) -> None:
     for name, own in (methods or {}).items():
         path: list[str | int] = ["methods", name]
         if not name.strip() or re.search(r"[\[\],\n]", name):
-            draft.note(path, "a method's name must not be empty or contain brackets, commas or line ends", key=True)
+            draft.note(
+                path, "the name of a method must not be empty or contain brackets, commas or line breaks", key=True
+            )
         if own is None:
             own = Map(mark=locate_key(draft.tree, path))
         if not isinstance(own, Map):
@@ -163,20 +165,21 @@ def _methods(draft: DraftConfig) -> None:
         label = own.get("label", name)
         if not isinstance(label, str):
             draft.note([*path, "label"], f"must be text (got {shown(label)})")
-        parts = {key: _method_component(draft, own, key, path) for key in ("model", "estimator", "controller")}
+        named = {key: _method_component(draft, own, key, path) for key in ("model", "estimator", "controller")}
         controlled = own.get("controller", draft.tree.get("controller")) is not None
-        draft.methods[name] = MethodComponents(str(label), **parts, controlled=controlled)
+        draft.methods[name] = MethodComponents(str(label), **named, controlled=controlled)
 
 
 def _method_component(draft: DraftConfig, own: Map, key: str, path: list[str | int]) -> Component | None:
-    """Merge a method's part over the default of all methods and validate it."""
+    """Merge a component of a method over the default of all methods and validate it."""
     if key not in own and key == "model":
         return draft.model
     default = draft.tree.get(key)
     tree = own.get(key, default)
     if tree is None:
         others = [other for other in draft.values["methods"].values() if isinstance(other, Map) and key in other]
-        if key != "controller" or others:  # without any controller the plant is left alone
+        # An experiment without any controller has u = 0.
+        if key != "controller" or others:
             draft.note(path, f"{key!r} is missing, here and as a default of all methods")
         return None
     if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:
@@ -188,8 +191,8 @@ def _method_component(draft: DraftConfig, own: Map, key: str, path: list[str | i
 
 
 def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
-    """Read a list whose entries are names or mappings with a `kind`."""
-    parts: list[Component | None] = []
+    """Validate a list whose entries are names or mappings with a `kind`."""
+    components: list[Component | None] = []
     entries = draft.section(group)
     if group == "metrics" and isinstance(entries, list) and not entries:
         draft.note([group], "there must be at least one metric")
@@ -199,13 +202,13 @@ def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
         if isinstance(entry, str):
             if entry in registry.names(group):
                 tree = Map(mark=type(draft.tree.mark)(*mark))
-                parts.append(read_component(group, tree, path, draft.problems, mark=mark, kind=entry))
+                components.append(read_component(group, tree, path, draft.problems, mark=mark, kind=entry))
             else:
                 noun, way_out = registry.singular(group), f"rmpc-bench list {group}"
                 draft.note(path, registry.unknown(entry, registry.names(group), noun, way_out))
         else:
-            parts.append(read_component(group, entry, path, draft.problems, mark=mark))
-    return parts
+            components.append(read_component(group, entry, path, draft.problems, mark=mark))
+    return components
 
 
 def _claims(draft: DraftConfig) -> None:

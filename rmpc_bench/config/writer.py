@@ -21,7 +21,12 @@ _STOCK = yaml.resolver.Resolver()
 def dump(value: Any) -> str:
     """Write plain data as a YAML 1.2 text that ``parse`` reads back to the same data.
 
-    Raises TypeError for what YAML cannot hold and ValueError for what ``parse`` would refuse.
+    Raises
+    ------
+    TypeError
+        If YAML has no form for a value.
+    ValueError
+        If ``parse`` would refuse the text.
     """
     _check(value, 0)
     return "\n".join(_block(value, _WIDTH, root=True)) + "\n"
@@ -47,7 +52,7 @@ def _height(value: Any) -> int:
 
 
 def _line(value: Any, width: int, root: bool = False) -> str | None:
-    """One line for a value, when that is easy to read."""
+    """Return a value on one line, or None where that is hard to read."""
     if _height(value) > 2 or (root and value and isinstance(value, dict)):
         return None
     line = _flow(value)
@@ -87,7 +92,8 @@ def _flow(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, int):
-        return str(scalar(int.__repr__(value)))  # refuses a number that is too long
+        # `scalar` refuses a number that is too long.
+        return str(scalar(int.__repr__(value)))
     if isinstance(value, float):
         text = float.__repr__(value)
         return {"inf": ".inf", "-inf": "-.inf", "nan": ".nan"}.get(text, text)
@@ -97,8 +103,9 @@ def _flow(value: Any) -> str:
 
 
 def _text(text: str) -> str:
-    """Write text; quoted where this reader or one of YAML 1.1 could take it for something else."""
-    text.encode()  # half of a surrogate pair: UnicodeEncodeError, which is a ValueError
+    """Write text, in quotes where this reader or one of YAML 1.1 could read another type."""
+    # Half of a surrogate pair raises UnicodeEncodeError, which is a ValueError.
+    text.encode()
     if _PLAIN.fullmatch(text) and len(text) <= _LONGEST_KEY and isinstance(scalar(text), str):
         if _STOCK.resolve(yaml.ScalarNode, text, (True, False)) == "tag:yaml.org,2002:str":
             return text

@@ -62,7 +62,7 @@ def test_a_missing_file(tmp_path):
 
 @pytest.mark.parametrize("mistake", ["negative c", "alias bomb", "tag"])
 def test_a_wrong_configuration_in_a_process(tmp_path, mistake):
-    """The installed program says the same."""
+    """The installed program reports the same."""
     content, message = WRONG[mistake]
     (tmp_path / "wrong.yaml").write_text(content, encoding="utf-8")
     command = [Path(sys.executable).with_name("rmpc-bench"), "check", "wrong.yaml"]

@@ -131,7 +131,7 @@ def test_failures_come_before_findings(here):
         ("a..b=3", "is not a path"),
         ("sead=3", "sead: 'sead' is not a known key; did you mean 'seed'?"),
         ("seed=-1", "1:6: seed: must be >= 0 (got -1)"),
-        ("seed.x=1", "seed: is 7, neither a mapping nor a list; seed.x cannot be set"),
+        ("seed.x=1", "seed: is 7; seed.x can be set only if this is a mapping or a list"),
         ("metrics.7=mae", "metrics.7: no such entry in a list of 2"),
         ("controller.Hu=11", "1:15: controller.Hu: must be at most Hp = 10 (got 11)"),
         ("methods.R-MPC.estimator.c={", "while parsing"),

@@ -31,7 +31,7 @@ def load(tmp_path):
 
 @pytest.fixture
 def mixed(tmp_path):
-    """Return a function that loads an estimation experiment with a model that knows sets."""
+    """Return a function that loads an estimation experiment with a model that has noise sets."""
 
     def load(**keys):
         keys = {"plant": TRUTH, "model": LINEAR, "methods": KALMAN, "initial": "{P: 1}"} | keys
@@ -61,7 +61,7 @@ def test_a_sum_of_one_is_that_one(load, law):
 
 
 def test_every_word_of_a_sum_is_in_the_hash(load):
-    """Order, place, parameters and number of terms of what befalls all methods."""
+    """Order, place, parameters and number of the terms."""
     laws = [SUM, f"{{sum: [{E}, {G}]}}", SUM.replace("0.25", "0.26"), f"{{sum: [{G}, {G}, {E}]}}", G, E]
     laws += [SUM.replace("project", outside) for outside in ("keep", "reject")]
     configs = [load(noise=f"{{process: {law}}}") for law in laws] + [load(initial=f"{{x: {SUM}}}")]
@@ -138,7 +138,10 @@ def test_same_is_one_law_at_all_k(mixed):
             mixed(model=model)
         [problem] = caught.value.problems
         assert problem.path == "noise"
-        assert problem.message == f"'same' is one law at all k, and the model's {name} noise is another at some k"
+        assert (
+            problem.message
+            == f"'same' must be one law at all k, but the {name} noise of the design model changes with k"
+        )
     assert mixed(model=LINEAR.replace("0.7", "0.7 + 0*k")).experiment.scenario.process
 
 
@@ -155,7 +158,7 @@ def test_initial_state_by_a_sum_of_laws(load):
 
 
 @pytest.fixture
-def told(monkeypatch):
+def received(monkeypatch):
     """Return what a registered estimator `curious` is given as M0."""
     seen = []
 
@@ -171,10 +174,10 @@ def told(monkeypatch):
     ("M", "expected"),
     [("400", 400 * np.eye(4)), ("[1, 2, 3, 0]", np.diag([1.0, 2.0, 3.0, 0.0])), (None, 0 * np.eye(4))],
 )
-def test_estimators_that_ask_for_it_get_the_set(load, told, M, expected):
+def test_estimators_that_take_it_get_the_set(load, received, M, expected):
     """Oracle: a number is times the identity, a list a diagonal; zero unless given; it is no key."""
     config = load(initial="{}" if M is None else f"{{M: {M}}}", methods="{a: {estimator: {kind: curious}}}")
-    np.testing.assert_array_equal(told, [expected])
+    np.testing.assert_array_equal(received, [expected])
     assert config.methods["a"]["estimator"] == {"kind": "curious"}
 
 
@@ -244,7 +247,7 @@ PREDICTOR = "{KF: {estimator: {kind: kalman-predictor}}}"
     ("outside", "where"), [("keep", None), ("reject", None), ("project", "process"), ("project", "start")]
 )
 def test_exact_moments_need_laws_that_tell_theirs(mixed, outside, where):
-    """Oracle: the laws of the bench; where one does not tell, the place that asks and the reason."""
+    """Oracle: the laws of the bench; where the moments of one are not known, the place and the reason."""
     cube = f"{{sum: [{{gaussian: {{cov: 1}}}}, {{ellipsoid: {{shape: 1, law: skewed-cube, outside: {outside}}}}}]}}"
     keys = {"noise": f"{{process: {cube}}}"} if where != "start" else {"noise": "none", "initial": f"{{x: {cube}}}"}
     keys |= {"evaluate": "moments", "model": "{from: plant, W: 1, V: 1}", "methods": PREDICTOR}

@@ -133,9 +133,9 @@ def test_mistakes_of_bursts(load, bursts, message):
         ({"metrics": "[{kind: reported, of: Q_yw}]"}, "metrics.0.of: 'Q_yw' is not reported by 'S-MPC' (which reports"),
         ({"metrics": "[near_singular]"}, "metrics.0: needs a plant that knows singular poses"),
         ({"initial": "{x: {uniform: {radius: 1, bursts: [{from: 0, to: 1, factor: 2}]}}}"},
-         "initial.x.uniform.bursts: an initial state is no time for bursts"),
+         "initial.x.uniform.bursts: an initial state has no bursts"),
         ({"noise": noise(RANDOM), "uncertainty": "{eps: +-20%, burst_1_to: +-1%}"},
-         "uncertainty.burst_1_to: 'burst_1_to' is what random bursts of the noise are called"),
+         "uncertainty.burst_1_to: 'burst_1_to' is the name of a quantity of the random bursts"),
     ],
 )  # fmt: skip
 def test_mistakes_around_bursts(load, keys, message):

@@ -1,4 +1,4 @@
-"""What a user is told about a wrong configuration: the place, the key, the reason, and all of it at once."""
+"""Messages for a wrong configuration: the place, the key, the reason, and all errors at once."""
 
 import pickle
 
@@ -52,7 +52,7 @@ CASES = [
     ("plant", "{kind: servo-linear, perturb: {R: 1 + epz}}", "1 +", "plant.perturb.R", "did you mean 'eps'?"),
     ("plant", "{kind: servo-linear, set: [R]}", "[R]", "plant.set", "must be a mapping (got a list of 1)"),
     ("plant", "{kind: servo-linear, perturb: {R: 1}, set: {R: 2}}", "R: 2", "plant.set.R", "is already changed by"),
-    ("uncertainty", "{eps: 10%}", "10%", "uncertainty.eps", "expected a spread such as +-10% or {dist: ..}"),
+    ("uncertainty", "{eps: 10%}", "10%", "uncertainty.eps", "expected a range such as +-10% or {dist: ..}"),
     ("uncertainty", "{eps: +-x}", "+-x", "uncertainty.eps", "unknown name 'x'"),
     ("uncertainty", "{eps: {dist: norml}}", "norml", "uncertainty.eps.dist", "did you mean 'normal'?"),
     ("uncertainty", "{eps: {dist: [1]}}", "[1]", "uncertainty.eps.dist", "is not a known distribution"),
@@ -154,7 +154,7 @@ def test_what_is_required(mistakes, key):
         ("controller", f"{{{MPC}, scale: {{u: 1, x: 2}}}}", "controller.scale.x"),
     ],
 )
-def test_a_mistake_in_a_default_speaks_of_the_default(mistakes, key, value, path):
+def test_an_error_in_a_default_is_reported_at_the_default(mistakes, key, value, path):
     """Once, not of every method that inherits it."""
     found = mistakes(
         **{key: value, "methods": "{a: {label: x}, b: {label: y}}" if key == "estimator" else KEYS["methods"]}
@@ -162,7 +162,7 @@ def test_a_mistake_in_a_default_speaks_of_the_default(mistakes, key, value, path
     assert [each[2] for each in found] == [path]
 
 
-def test_a_mistake_of_one_method_speaks_of_the_method(mistakes):
+def test_an_error_of_one_method_is_reported_at_the_method(mistakes):
     """What it changes itself is wrong there and nowhere else."""
     found = mistakes(methods=f"{{a: {KALMAN}, b: {{estimator: {{kind: kalman}}, controller: {{Hu: 11}}}}}}")
     assert [each[2:] for each in found] == [("methods.b.controller.Hu", "must be at most Hp = 10 (got 11)")]

@@ -49,12 +49,12 @@ def load(tmp_path):
 
 
 @pytest.mark.parametrize("key", SHARED)
-def test_what_befalls_every_method_is_the_experiment(load, key):
-    """The truth, its length and its seed are in the hash."""
+def test_what_all_methods_share_is_in_the_hash(load, key):
+    """Plant, random inputs, length and seed are in the hash."""
     assert load(**{key: SHARED[key]}).hash != load().hash
 
 
-def test_step_and_single_values_of_the_truth_are_in_the_hash(load):
+def test_step_and_single_values_are_in_the_hash(load):
     """A perturbation, a plant parameter at its default, a mean of the noise."""
     hashes = {
         load(time="{step: 0.05, steps: 10}").hash,
@@ -76,7 +76,7 @@ def test_what_may_grow_in_place_is_not_in_the_hash(load, key):
 
 
 def test_the_model_counts_where_the_noise_follows_it(load):
-    """`noise: same` makes the belief part of the truth."""
+    """`noise: same` makes the noise of the plant depend on the design model."""
     model = NOT_SHARED["model"]
     for noise in ("same", "{measurement: {same: {scale: 0.1}}}"):
         assert load(noise=noise, model=model).hash != load(noise=noise).hash

@@ -95,7 +95,7 @@ def test_the_resolved_configuration_loads_to_itself(load, tmp_path):
         ),
     ],
 )
-def test_a_mistake_is_told_once_at_its_place(load, own, path, message):
+def test_an_error_is_reported_once_at_its_place(load, own, path, message):
     """Oracle: the path of the key and words of the YAML."""
     with pytest.raises(ConfigError) as caught:
         load(own)

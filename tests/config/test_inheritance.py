@@ -88,20 +88,22 @@ def test_from_any_directory(here, monkeypatch):
     assert cli("check", "../taking.yaml").exit_code == 0
 
 
-def test_the_model_believes_the_plant(here):
+def test_the_model_has_the_parameters_of_the_plant(here):
     """Nominal matrices of the plant, but for what is given; not the law of its uncertainty."""
     model = "{from: plant, A: 0.5, W: 2, V: 3}"
     config = load_config(write_taking(here, f"{{from: {BENCH}, C: [[2, 0]]}}", model=model))
-    believed = config.methods["KF"]["model"]
-    assert believed["A"] == 0.5 and believed["C"] == [[2.0, 0.0]] and believed["W"] == 2.0
-    assert "uncertainty" not in believed
+    model_data = config.methods["KF"]["model"]
+    assert model_data["A"] == 0.5 and model_data["C"] == [[2.0, 0.0]] and model_data["W"] == 2.0
+    assert "uncertainty" not in model_data
 
 
-def test_a_method_believes_the_plant(here):
+def test_the_model_of_a_method_has_the_parameters_of_the_plant(here):
     """Its own model may come from the plant too, over the default of all methods."""
     model, methods = "{from: plant, A: 0.5, W: 2, V: 3}", "{a: {model: {from: plant, W: 4}, estimator: {kind: kalman}}}"
-    believed = load_config(write_taking(here, f"{{from: {BENCH}}}", model=model, methods=methods)).methods["a"]["model"]
-    assert (believed["A"], believed["W"], believed["V"]) == ([[0.9, 0.2], [0.0, 0.7]], 4.0, 3.0)
+    model_data = load_config(write_taking(here, f"{{from: {BENCH}}}", model=model, methods=methods)).methods["a"][
+        "model"
+    ]
+    assert (model_data["A"], model_data["W"], model_data["V"]) == ([[0.9, 0.2], [0.0, 0.7]], 4.0, 3.0)
 
 
 SWEPT = {
@@ -166,7 +168,7 @@ def test_sweeps_survive_being_written(here, tmp_path_factory, keys, plant):
 
 
 def test_the_sweep_of_the_other_file_plays_no_part(here):
-    """Even where it names the file that asks, or one that is not there."""
+    """Even where it names this file, or one that does not exist."""
     sweep = "{grid: {plant.from: [../taking.yaml, none.yaml]}}"
     write_taking(here / "b", "{from: bench.yaml}", file="sweeping.yaml", sweep=sweep)
     swept, plain = (load_config(write_taking(here, f"{{from: b/{name}.yaml}}")) for name in ("sweeping", "bench"))
@@ -289,7 +291,7 @@ INSIDE = {
 
 @pytest.mark.parametrize("mistake", INSIDE)
 def test_mistakes_inside_the_file(here, mistake):
-    """They point into the file that the plant comes from, whichever file asks for it."""
+    """They point into the file that the plant comes from, whichever file names it."""
     keys, message = INSIDE[mistake]
     write_estimation(here / "b", file="wrong.yaml", **keys)
     found = problems(write_taking(here, "{from: b/wrong.yaml}"))
@@ -329,7 +331,7 @@ def test_a_model_of_a_plant_that_is_no_model(here):
 
 
 def test_what_a_file_takes_shows_in_check(here):
-    """Truth beside belief, with the numbers of the file."""
+    """Plant beside design model, with the numbers of the file."""
     shown = " ".join(cli("check", write_taking(here, f"{{from: {BENCH}}}", methods=METHODS)).stdout.split())
     assert "A [[0.9, 0.2], [0.0, 0.7]] [[0.9, 0.2], [0.0, 0.7]]" in shown
 

@@ -1,4 +1,4 @@
-"""What a configuration means: truth, belief, and everything that is written in short."""
+"""What a configuration means: plant, design model, and short forms."""
 
 import math
 
@@ -62,7 +62,7 @@ def test_perturb_is_a_factor_and_set_a_value(load, plant, value):
 
 
 def test_parameters_of_the_plant_are_not_those_of_the_model(load):
-    """Truth and belief are separate; the model keeps its own."""
+    """The design model keeps its own parameters."""
     config = load(plant="{kind: servo-linear, J_l: 20}")
     assert config.experiment.plant.nominal["J_l"] == 20.0
     assert config.methods["S-MPC"]["model"]["J_l"] == 25.0
@@ -80,7 +80,7 @@ def test_parameters_of_the_plant_are_not_those_of_the_model(load):
         ("{process: {same: {scale: 2}}, measurement: same}", 2.0, 1.0),
     ],
 )
-def test_noise_that_the_model_knows(load, noise, process, measurement):
+def test_noise_of_the_design_model(load, noise, process, measurement):
     """`same` is the model's own; a scale multiplies the standard deviation."""
     experiment = load(noise=noise, model="{kind: servo-linear, noise: {process: 1.0, measurement: 0.5}}").experiment
     assert [len(experiment.scenario.process), len(experiment.scenario.measurement)] == [
@@ -173,8 +173,8 @@ def test_a_method_of_another_kind_replaces_the_default(load):
     }
 
 
-def test_a_method_may_believe_another_model(load):
-    """Merged over the default like the other parts; the truth stays."""
+def test_a_method_may_have_another_model(load):
+    """Merged over the default like the other components; the plant stays the same."""
     config = load(methods="{a: {estimator: {kind: kalman}}, b: {estimator: {kind: kalman}, model: {J_l: 5}}}")
     assert [config.methods[name]["model"]["J_l"] for name in "ab"] == [25.0, 5.0]
     assert config.methods["b"]["model"]["noise"] == {"process": 1.0, "measurement": 1.0}

@@ -117,7 +117,7 @@ CONTROLLED = {
     ],
     ids=["estimator", "reference", "beyond-the-end", "certificate"],
 )  # fmt: skip
-def test_a_mistake_beside_a_controller_is_told_once(tmp_path, keys, place, message):
+def test_an_error_beside_a_controller_is_reported_once(tmp_path, keys, place, message):
     """Oracle: the one thing that is wrong, at its place; a law without its estimator is not blamed as well."""
     with pytest.raises(ConfigError) as refused:
         load_config(write_mixed(tmp_path, **(CONTROLLED | keys)))

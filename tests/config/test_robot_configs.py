@@ -112,10 +112,10 @@ TAKERS = ("gpc", "kalman", "lp-window")
 
 
 @pytest.mark.parametrize("kind", [*ESTIMATORS, *registry.names("controllers")])
-def test_every_estimator_and_controller_takes_the_robot_s_model_or_says_why_not(tmp_path, kind):
+def test_every_estimator_and_controller_takes_the_robot_s_model_or_explains_why_not(tmp_path, kind):
     """Oracle: the registry; what is refused is the kind, not anything else that the part has, and nothing else raises.
 
-    The oracle blames the whole part: neither the model nor the plant is of a kind that it knows.
+    The oracle reports the whole component: it supports neither this model nor this plant.
     """
     estimator = f"{{kind: {kind}, {ESTIMATORS[kind]}}}" if kind in ESTIMATORS else "{kind: kalman}"
     controller = (

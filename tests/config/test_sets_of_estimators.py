@@ -1,4 +1,4 @@
-"""Experiments that ask what estimators believe: from the YAML to the metric, the figure and the claim."""
+"""Sets reported by estimators: from the YAML to the metric, the figure and the claim."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from rmpc_bench.types import ConfigError
 SYSTEM = "A: [['0.9 + 0.1*sin(k)', 0.2], [0, 0.7]], B: [[1], [0.3]], C: [[0.2, 1]]"
 N, RUNS = 15, 8
 KEYS = {
-    "name": "believed",
+    "name": "reported",
     "runs": str(RUNS),
     "time": f"{{steps: {N}}}",
     "uncertainty": None,
@@ -42,12 +42,12 @@ def load(tmp_path, **keys):
 @pytest.fixture(scope="module")
 def trials(tmp_path_factory):
     """Return the trials of the experiment."""
-    directory = tmp_path_factory.mktemp("believed")
+    directory = tmp_path_factory.mktemp("reported")
     return run(load(directory), directory=directory / "out", jobs=1).trials
 
 
 @pytest.mark.parametrize(("metric", "level"), [("inside", 0.95), ("sure", 0.5)])
-def test_every_method_is_judged_by_what_it_believes(trials, metric, level):
+def test_every_method_is_judged_by_its_reported_set(trials, metric, level):
     """Oracle: the recorded trajectories and the stored series, M where there is one, else P; k = 0..N-1."""
     for name in trials.methods:
         quantity = "P" if name == "KF" else "M"

@@ -1,4 +1,4 @@
-"""Points of a sweep: which there are, how they are named, and what a user is told about a wrong one."""
+"""Points of a sweep: which there are, how they are named, and the messages for a wrong sweep."""
 
 import pytest
 from small_experiment import KEYS, text, write
@@ -163,7 +163,7 @@ CASES = [
     ("{grid: {seed: [1, 2]}, exclude: {seed: 1}}", "{seed: 1}", "sweep.exclude", "must be a list of mappings"),
     (f"{{grid: {{controller.Q: &a [{HUNDRED}], controller.R: *a}}}}", "{grid", "sweep",
      "there must be at most 10,000 points (got 10,201)"),
-    # what a point says is wrong: at the value, under its own path, once
+    # an invalid value of a point: at the value, under its own path, once
     ("{grid: {controller.Hu: [3, 11, 4]}}", "11", "controller.Hu", "must be at most Hp = 10 (got 11)"),
     ("{grid: {plant.kind: [servo-linear, sevro]}}", "sevro", "plant.kind", "did you mean 'servo'?"),
     ("{grid: {plant.perturb.R: [1, 1 + epz]}}", "1 + epz", "plant.perturb.R", "did you mean 'eps'?"),

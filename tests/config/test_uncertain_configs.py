@@ -144,13 +144,13 @@ def test_wrong_cross_covariances(tmp_path, noise):
 
 
 def test_correlated_noise_is_another_experiment(tmp_path):
-    """A cross-covariance belongs to the truth; none, and one of zero, are the same."""
+    """The cross-covariance is that of the plant; none and zero are the same."""
     noises = [f"{{{GAUSSIAN}}}", f"{{{GAUSSIAN}, cross: 0}}", f"{{{GAUSSIAN}, cross: 0.5}}"]
     plain, zero, half = (load_config(write_estimation(tmp_path, noise=noise)).hash for noise in noises)
     assert plain == zero != half
 
 
-def test_noise_as_the_model_believes(tmp_path):
+def test_noise_of_the_design_model(tmp_path):
     """`same` takes the model's cross-covariance along, and another one is another experiment."""
     models = ["{from: plant, W: 1, V: 1}", "{from: plant, W: 1, V: 1, S: 0.5}"]
     configs = [load_config(write_estimation(tmp_path, model=model, methods=ONE)) for model in models]
@@ -178,7 +178,7 @@ def test_defaults_of_a_law_are_the_law(tmp_path):
     assert len({load_config(write_estimation(tmp_path, plant=law(text))).full_hash for text in texts}) == 1
 
 
-def test_the_adversary_is_part_of_the_truth(tmp_path):
+def test_the_adversary_is_part_of_the_plant(tmp_path):
     """Another opponent, another radius, or another definition of the opponent is another experiment; a label is not."""
     greedy = law("{law: greedy, against: ERP}")
 
@@ -238,7 +238,7 @@ def test_an_adversary_per_point(tmp_path, smoke):
 
 
 def test_the_oracle_of_every_point(tmp_path):
-    """It is told the matrices and the F of its own point: the trials are those of the point alone."""
+    """It gets the matrices and the F of its own point: the trials are those of the point alone."""
     sweep = "{grid: {plant.H_A: {small: [[0], [0.1]], large: [[0], [0.5]]}}}"
     keys = {
         "methods": ORACLE,
@@ -254,7 +254,7 @@ def test_the_oracle_of_every_point(tmp_path):
 
 
 def test_the_oracle_of_a_fixed_uncertainty_is_the_kalman_predictor(tmp_path):
-    """What it is told is nothing new to a model with the same matrices."""
+    """A model with the same matrices gives the same estimator."""
     methods = "{KF: {estimator: {kind: kalman-predictor}}, G: {estimator: {kind: oracle}}}"
     ran(write_estimation(tmp_path, plant=law("{law: fixed, value: 0}"), methods=methods), tmp_path / "out")
     frame = load_trials(tmp_path / "out").frame
