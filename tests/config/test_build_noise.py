@@ -270,11 +270,11 @@ def test_check_shows_every_term(tmp_path):
     assert lines[first].startswith("noise process = gaussian: {mean: 0.0, cov: 0.25, scale: 1.0} process: 1.0")
     assert lines[first + 1].startswith("+ ellipsoid: shape: [4.0, 3.0, 2.0, 1.0] law: skewed-cube")
     assert lines[first + 2] == "measurement = gaussian: {mean: 0.0, cov: 0.25, scale: 1.0}"
-    assert lines[first + 3].startswith("start x = gaussian: {mean: [60.0,")
+    assert lines[first + 3].startswith("initial x = gaussian: {mean: [60.0,")
     assert lines[first + 3].endswith("x_hat = 0.0, P = 100.0, M = 400.0")
     assert lines[first + 4].startswith("+ ellipsoid: {shape: 400.0, law: uniform")
     shown = " ".join(cli("check", write(tmp_path)).stdout.split())
-    assert "noise process: none measurement: {gaussian" in shown and "start x = 0 x_hat = 0.0, P = process" in shown
+    assert "noise process: none measurement: {gaussian" in shown and "initial x = 0 x_hat = 0.0, P = process" in shown
 
 
 @pytest.mark.parametrize("kind", ["ellipsoid", "uniform"])

@@ -59,7 +59,7 @@ CASES = [
     ("uncertainty", "{eps: {dist: uniform, low: 1, high: 0}}", "{dist", "uncertainty.eps", "low (1) must not exceed"),
     ("uncertainty", "{eps: {dist: normal, std: -1}}", "-1", "uncertainty.eps.std", "must be >= 0 (got -1)"),
     ("uncertainty", "{eps: {dist: choice, values: []}}", "{dist", "uncertainty.eps", "values must not be empty"),
-    ("uncertainty", "{eps: +-1%, 1x: +-1%}", "1x", "uncertainty.1x", "a name starts with a letter"),
+    ("uncertainty", "{eps: +-1%, 1x: +-1%}", "1x", "uncertainty.1x", "and begins with a letter or _"),
     ("noise", "{measurement: {gausian: {std: 1}}}", "{gau", "noise.measurement", "did you mean 'gaussian'?"),
     ("noise", "{measurment: none}", "meas", "noise.measurment", "did you mean 'measurement'?"),
     ("noise", "{process: {same: 0.1}}", "0.1", "noise.process.same", "must be a mapping (got 0.1)"),
