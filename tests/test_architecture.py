@@ -18,7 +18,7 @@ MAY_IMPORT = {  # house.md, section 3; a room may always import itself
     "plants": DESIGNS,
     "estimators": DESIGNS,
     "controllers": DESIGNS,
-    "metrics": {"noise", "numerics", "types"},
+    "metrics": {"numerics", "types"},
     "conformance": {"figures", "types"},
     "simulation": {"diagnostics", "metrics", "noise", "numerics", "types"},
     "diagnostics": {"simulation", "noise", "numerics", "types"},

@@ -32,9 +32,10 @@ def test_every_name_leads_to_a_documented_design(group, name):
 
 @pytest.mark.parametrize(("group", "name"), PARTS)
 def test_every_key_is_explained(group, name):
-    """The docstring of a design explains each of its parameters."""
+    """The docstring of a design explains each of its parameters; a class inherits keys with their docstrings."""
     found = registry.get(group, name)
-    lines = (inspect.getdoc(found) or "").splitlines()
+    documented = found.__mro__ if inspect.isclass(found) else (found,)
+    lines = [line for each in documented for line in (inspect.getdoc(each) or "").splitlines()]
     heads = [line.split(" : ")[0] for line in lines if " : " in line and not line.startswith(" ")]
     explained = {name for head in heads for name in head.split(", ")}
     keys = {key for key in inspect.signature(found).parameters if key not in PROVIDED[group]}

@@ -52,7 +52,7 @@ def summary(trials: Trials) -> pd.DataFrame:
 def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
     values = trials.column(info.name, method)
     values = values[~np.isnan(values)]
-    with_mean = len(values) > 0 and not info.may_be_never and bool(np.isfinite(values).all())
+    with_mean = len(values) > 0 and not info.may_not_occur and bool(np.isfinite(values).all())
     low, high = student(values, trials.confidence) if with_mean else NONE
     return {
         "method": method,

@@ -14,11 +14,11 @@ from typing import cast
 
 from rmpc_bench.config.build_method import DesignCache, MethodBuilder
 from rmpc_bench.config.build_noise import NoiseLaws
+from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import sweep_point
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.expressions.quantity import Expression, QuantityError
-from rmpc_bench.metrics.tracking import Units
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.moments import exact_laws
@@ -34,6 +34,7 @@ from rmpc_bench.types import (
     DesignError,
     Method,
     Metric,
+    MetricLayout,
     Plant,
     Problem,
     Reference,
@@ -143,17 +144,25 @@ class _ExperimentBuilder:
         laws.refuse_names(scenario)
         return laws.correlated(plant, scenario)
 
+    def metric(self, part: Component, layout: MetricLayout) -> Metric | None:
+        """Build a metric and note every reason for which it cannot be computed."""
+        metric: Metric | None = part.build(self.draft.problems)
+        issues = [] if metric is None else part.check(lambda: metric.check(layout))
+        self.draft.problems += issues
+        return None if issues else metric
+
     def metrics(self, plant: Plant, methods: tuple[Method, ...], scenario: Scenario | None) -> tuple[Metric, ...]:
         """Build the metrics; two of the same name are refused."""
         noted = any(problem.path.startswith("noise") for problem in self.draft.problems)
         bursts = None if scenario is None or noted else has_bursts(scenario)
-        units = Units(self.n_steps, self.time.tick, plant.y_unit, plant.u_unit, self.smoke, plant, methods, bursts)
-        made = [part.build(self.draft.problems, units=units) for part in self.draft.metrics if part is not None]
+        units = plant.y_unit, plant.u_unit
+        layout = MetricLayout(self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts)
+        made = [self.metric(part, layout) for part in self.draft.metrics if part is not None]
         names: set[str] = set()
         for number, metric in enumerate(made):
             if metric is None:
                 continue
-            name = metric.info.name
+            name = metric.name
             if name in names:
                 self.draft.note(["metrics", number], f"{name!r} is given twice; give one a `name`")
             elif name in ("method", "run", "status", "n_failed"):
@@ -230,4 +239,14 @@ def _experiment(builder: _ExperimentBuilder) -> Experiment | None:
         return None
     pairs = tuple(method for method in methods if method is not None)
     recording = builder.recording(scenario)
-    return Experiment(opposed, pairs, scenario, metrics, draft.values["runs"], builder.n_steps, recording)
+    return Experiment(
+        opposed,
+        pairs,
+        scenario,
+        metrics,
+        n_runs=draft.values["runs"],
+        n_steps=builder.n_steps,
+        recording=recording,
+        tick=builder.time.tick,
+        cut_windows=builder.smoke,
+    )

@@ -127,9 +127,8 @@ def _metrics(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> list
     entries = []
     for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
         keys = set_keys(component) if component is not None else {}
-        if smoke and hasattr(metric, "window"):
-            tick = draft.values["time"].tick
-            first, last = (sample * tick for sample in metric.window)
+        if smoke:
+            first, last = (sample * experiment.tick for sample in metric.window(experiment.metric_layout))
             cut = {"from": first, "to": last, "at": last}
             keys |= {
                 name: value for name, value in cut.items() if component is not None and name in component.resolved()

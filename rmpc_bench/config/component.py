@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from rmpc_bench import registry
 from rmpc_bench.config.schema import model_of, shown, validate
 from rmpc_bench.config.tree import Map, Mark, join, locate
 from rmpc_bench.expressions.quantity import Expression
-from rmpc_bench.types import DesignError, Problem
+from rmpc_bench.types import DesignError, Issue, Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +59,14 @@ class Component:
         except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
             problems.append(self.problem(f"cannot be computed from these numbers ({error})"))
         return None
+
+    def check(self, issues: Callable[[], Iterable[Issue]]) -> list[Problem]:
+        """Call what finds issues of the built component and return them as problems at the keys to blame."""
+        try:
+            with np.errstate(all="ignore"):
+                return [self.problem(issue.message, issue.key) for issue in issues()]
+        except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
+            return [self.problem(f"cannot be computed from these numbers ({error})")]
 
     def takes(self, name: str) -> bool:
         """Whether the design function has a parameter of this name."""

@@ -71,7 +71,7 @@ class ExperimentConfig:
     @property
     def primary(self) -> str:
         """Name of the metric that the screen and the figures show."""
-        return self.statistics.primary or self.experiment.metrics[0].info.name
+        return self.statistics.primary or self.experiment.metrics[0].name
 
     @property
     def baseline(self) -> str:

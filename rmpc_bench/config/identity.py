@@ -71,11 +71,8 @@ def _metrics(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
     table = {}
     for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
         keys = set_keys(component) if component is not None else {}
-        window = getattr(metric, "window", None)
-        if window is not None:
-            keys = {name: value for name, value in keys.items() if name not in ("from", "to", "at")}
-            keys["window"] = list(window)
-        table[metric.info.name] = keys
+        keys = {name: value for name, value in keys.items() if name not in ("from", "to", "at")}
+        table[metric.name] = {**keys, "window": list(metric.window(experiment.metric_layout))}
     return table
 
 

@@ -39,7 +39,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "controllers": frozenset({"model", "n_steps", "estimator"}),
     "references": frozenset({"ny", "Ts"}),
     "noises": frozenset({"n", "Ts"}),
-    "metrics": frozenset({"units"}),
+    "metrics": frozenset(),
     "figures": frozenset({"trials"}),
 }
 """Parameters of a design that the bench fills in, by group."""

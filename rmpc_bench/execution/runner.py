@@ -147,7 +147,7 @@ def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress:
 
 def _store(store: Store, point: SweepPoint, done: Done) -> None:
     block, task = done.block, done.task
-    names = [metric.info.name for metric in point.experiment.metrics]
+    names = [metric.name for metric in point.experiment.metrics]
     columns = {point.metric_keys[name]: column for name, column in zip(names, block.metrics, strict=True)}
     key, draw = point.method_keys[task.method], point.uncertainty_key
     store.add_block(key, task.runs, block, columns, draw, done.uncertainty)

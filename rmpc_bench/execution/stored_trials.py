@@ -79,7 +79,7 @@ def _table(config: ExperimentConfig, point: SweepPoint, store: Store, series: Se
         name=config.name,
         methods=methods,
         labels=config.labels,
-        metrics=tuple(metric.info for metric in point.experiment.metrics),
+        metrics=point.experiment.metric_infos,
         frame=pd.concat(frames, ignore_index=True),
         series=series.at_point(point, methods),
         baseline=config.baseline if config.baseline in methods else (*methods, "")[0],

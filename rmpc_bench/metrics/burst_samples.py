@@ -1,109 +1,80 @@
-"""Which samples of a run count beside bursts of its measurement noise, and what is made of them.
+"""The base class of metrics over the samples inside or outside bursts of the measurement noise.
 
-A burst counts until its end + memory, as long as it is felt: an estimator that looks at the last samples sees it for
-some time.  The samples in bursts and the quiet ones are together all samples of a window.
+A burst counts until its end + memory, because an estimator that uses the last samples is affected for some time.
+Samples in bursts and quiet samples together are all samples of a window.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal, NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
-from rmpc_bench.metrics.tracking import Units, Window
-from rmpc_bench.noise.bursts import ROUNDING
-from rmpc_bench.types import Array, DesignError, Record
+from rmpc_bench.numerics.sampling import at_most
+from rmpc_bench.types import Array, Issue, MetricLayout, NonNegative, Record, SampleWindow, WindowMetric
 
-When = Literal["all", "bursts", "quiet"]
-
-
-class During(NamedTuple):
-    """The samples that count."""
-
-    when: When
-    memory: float
-    """How long a burst is felt after its end [s]."""
-
-    def among(self, record: Record, window: Window) -> Bool[Array, "runs window"]:
-        """Tell them among the samples of a window; a record that knows of no bursts is quiet."""
-        shape = (len(record.y), window.last - window.first + 1)
-        if self.when == "all" or record.bursts is None:
-            return np.full(shape, self.when != "bursts")
-        felt = lasting(record.bursts, whole_samples(self.memory, record.Ts))[:, window.slice]
-        return felt if self.when == "bursts" else ~felt
+During: TypeAlias = Literal["all", "bursts", "quiet"]
 
 
-def during_of(units: Units, when: When, memory: float) -> During:
-    """Check which samples are to count.
+@dataclass(frozen=True, kw_only=True)
+class BurstMetric(WindowMetric):
+    """A metric over all samples of the window, over those in bursts, or over the quiet ones.
+
+    A run in which no sample counts has no value (NaN), as may happen in a short one.
 
     Parameters
     ----------
-    units : what the metric must know of the experiment
-    when : all samples, those in bursts or the quiet ones
-    memory : how long a burst is felt after its end [s]
-
-    Raises
-    ------
-    DesignError
-        If there are no bursts, or the memory has no meaning.
+    during : all samples, those in bursts, or the quiet ones, which lie outside bursts
+    memory : how long a burst counts after its end [s]
     """
-    if when != "all" and units.bursts is False:
-        raise DesignError(
-            f"{when!r} needs bursts of the measurement noise, {{uniform: {{.., bursts: ..}}}}; there are none",
+
+    during: During = "all"
+    memory: NonNegative = 0.0
+
+    def check(self, layout: MetricLayout) -> Iterator[Issue]:
+        """Find an impossible window, bursts that the noise does not have, and a memory without meaning."""
+        yield from super().check(layout)
+        yield from check_bursts(layout, self.during)
+        if self.during == "all" and self.memory:
+            yield Issue("memory", "belongs to during: bursts or during: quiet")
+
+    def counted(self, record: Record) -> Bool[Array, "runs window"]:
+        """Return which samples of the window count."""
+        return burst_samples(record, self.samples(record), self.during, self.memory)
+
+
+def check_bursts(layout: MetricLayout, during: During) -> Iterator[Issue]:
+    """Find a choice of samples that needs bursts where the measurement noise has none."""
+    if during != "all" and layout.bursts is False:
+        yield Issue(
             "during",
+            f"{during!r} needs bursts of the measurement noise, {{uniform: {{.., bursts: ..}}}}; there are none",
         )
-    if when == "all" and memory:
-        raise DesignError("belongs to during: bursts or during: quiet", "memory")
-    return During(when, memory)
 
 
-def whole_samples(seconds: float, Ts: float) -> int:
-    """Return how many samples a time lasts at most."""
-    return int(seconds / Ts + ROUNDING)
+def burst_samples(record: Record, window: SampleWindow, during: During, memory: float) -> Bool[Array, "runs window"]:
+    """Return which samples of a window count; in a record without bursts all samples are quiet.
+
+    Parameters
+    ----------
+    record : the trajectories
+    window : samples to choose from
+    during : all samples, those in bursts, or the quiet ones
+    memory : how long a burst counts after its end [s]
+    """
+    if during == "all" or record.bursts is None:
+        return np.full((len(record.y), window.length), during != "bursts")
+    inside = prolonged(record.bursts, at_most(memory, record.Ts))[:, window.slice]
+    return inside if during == "bursts" else ~inside
 
 
-def lasting(inside: Bool[Array, "runs samples"], samples: int) -> Bool[Array, "runs samples"]:
-    """Tell which samples are inside, or at most so many behind one that is."""
+def prolonged(inside: Bool[Array, "runs samples"], n: int) -> Bool[Array, "runs samples"]:
+    """Return which samples are inside, or at most n samples after one that is."""
     k = np.arange(inside.shape[1])
-    samples = min(samples, len(k))
-    latest = np.maximum.accumulate(np.where(inside, k, -samples - 1), axis=1)
-    lasts: Array = k - latest <= samples
-    return lasts
-
-
-def moving_mean(values: Float[Array, "runs samples n"], length: int) -> Float[Array, "runs samples n"]:
-    """Mean over so many samples about each, those that there are at the ends; of an even number, one more before it.
-
-    Parameters
-    ----------
-    values : signals over time
-    length : number of samples, at least 1
-    """
-    n_samples = values.shape[1]
-    before, after = length // 2, (length - 1) // 2
-    total, count = np.zeros(values.shape), np.zeros((n_samples, 1))
-    for shift in range(-min(before, n_samples - 1), min(after, n_samples - 1) + 1):
-        here = slice(max(0, -shift), n_samples - max(0, shift))
-        there = slice(max(0, shift), n_samples - max(0, -shift))
-        total[:, here] += values[:, there]  # one after the other: the bits do not depend on the other rows
-        count[here] += 1.0
-    return total / count
-
-
-def per_run(
-    values: Float[Array, "runs window n"],
-    among: Bool[Array, "runs window"],
-    reduce: Callable[[Float[Array, "kept n"]], float],
-) -> Float[Array, " runs"]:
-    """Reduce the samples that count to a number, run by run; NaN where none does.
-
-    Parameters
-    ----------
-    values : signals over time
-    among : the samples that count
-    reduce : makes a number of at least one sample
-    """
-    rows = zip(values, among, strict=True)
-    return np.array([reduce(row[kept]) if kept.any() else np.nan for row, kept in rows], dtype=float)
+    n = min(n, len(k))
+    latest = np.maximum.accumulate(np.where(inside, k, -n - 1), axis=1)
+    chosen: Array = k - latest <= n
+    return chosen

@@ -1,84 +1,112 @@
-"""Whether the bound that a robust controller certifies holds, and how much room it leaves.
+"""Whether the bound that a robust controller certifies holds, and how tight it is.
 
-The controller says rho: more than this the bounded noise cannot add to the cost.  The largest cost that a search over
-allowed noise finds tests it: above rho the bound is broken, close to rho it is exact, far below it is careful, or the
-search has missed the worst.
+The controller certifies rho: the bounded noise cannot add more than this to the cost.  The largest cost that a search
+over allowed noise finds tests it: above rho the bound is violated, close to rho it is tight, far below it the bound is
+conservative or the search has missed the worst case.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, TypeGuard
+from typing import Literal, TypeAlias, TypeGuard
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.metrics.tracking import SampleMetric, Units, Window
-from rmpc_bench.types import Array, Controller, Count, DesignError, MetricInfo, NonNegative, Record
+from rmpc_bench.types import (
+    Array,
+    Controller,
+    Count,
+    DesignError,
+    Direction,
+    Issue,
+    Metric,
+    MetricLayout,
+    NonNegative,
+    Record,
+    SampleWindow,
+)
 
-Of = Literal["excess", "rho", "worst"]
+CertificateValue: TypeAlias = Literal["excess", "rho", "worst"]
 
 
-@dataclass(frozen=True)
-class Certified:
-    """Parameters of `certificate`."""
+@dataclass(frozen=True, kw_only=True)
+class Certificate(Metric):
+    """Worst cost that a search over allowed noise finds, relative to the certified bound; above 1 the bound fails.
 
-    of: Of
-    starts: int
+    Both are costs over the controller's horizon, from the estimate of the run at one sample, beyond the least cost
+    without bounded noise.  A method whose controller certifies nothing is refused.  A run without a finite estimate
+    has no value.
 
-    def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
-        """Ask the controller about the estimate at the only sample of the window."""
-        controller, x_hat = record.controller, record.x_hat[:, window.first]
-        if not _certifies(controller):
-            return np.full(len(x_hat), np.nan)
-        asked = np.isfinite(x_hat).all(axis=1)  # a run that failed has no estimate to ask about
+    Parameters
+    ----------
+    of : excess is worst / rho, best at 1; rho is the certified cost and worst the one that was found, lower is better
+    at : the sample (seconds or samples, as `time`), at most N-1
+    starts : number of starting points of the search
+
+    Examples
+    --------
+    A controller that certifies x_hat^2 and a search that finds half as much.
+
+    >>> class Certifying(Controller):
+    ...     certifies = True
+    ...     def certificate(self, k, x_hat, starts):
+    ...         return x_hat[:, 0] ** 2, x_hat[:, 0] ** 2 / 2
+    >>> record = Record.of_run(x_hat=[2.0, 5.0])._replace(controller=Certifying())
+    >>> Certificate(at=0.0).evaluate(record).item(), Certificate(of="rho", at=0.0).evaluate(record).item()
+    (0.5, 4.0)
+    """
+
+    name: str = "certificate"
+    of: CertificateValue = "excess"
+    at: NonNegative
+    starts: Count = 40
+
+    @property
+    def better(self) -> Direction:
+        """A ratio is best at 1, a cost is better when it is lower."""
+        return "one" if self.of == "excess" else "lower"
+
+    def check(self, layout: MetricLayout) -> Iterator[Issue]:
+        """Find a sample without an input, and methods whose controller certifies nothing."""
+        yield from super().check(layout)
+        without = [method.name for method in layout.methods if not _certifies(method.controller)]
+        if without:
+            yield Issue(
+                "",
+                "needs a controller that certifies its cost, such as minimax-lq with sets that do not depend on the "
+                f"data, which {', '.join(map(repr, without))} does not have; leave the metric or the method out",
+            )
+
+    def window(self, layout: MetricLayout) -> SampleWindow:
+        """Return the only sample that it reads."""
+        # No input is chosen at k = N.
+        last = layout.n_steps - 1
+        k = layout.sample(self.at)
+        k = min(k, last) if layout.cut else k
+        if k > last:
+            raise DesignError(f"sample {k} lies beyond the last one with an input, {last}", "at")
+        return SampleWindow(k, k)
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Compute the certificate for the estimates at the sample."""
+        k = self.samples(record).first
+        controller, x_hat = record.controller, record.x_hat[:, k]
         values = np.full(len(x_hat), np.nan)
-        if asked.any():
-            values[asked] = self._of(*controller.certificate(window.first, x_hat[asked], self.starts))
+        # A failed run may have no estimate.
+        known = np.isfinite(x_hat).all(axis=1)
+        if _certifies(controller) and known.any():
+            rho, worst = controller.certificate(k, x_hat[known], self.starts)
+            values[known] = {"rho": rho, "worst": worst}.get(self.of, ratio(worst, rho))
         return values
 
-    def _of(self, rho: Float[Array, " runs"], worst: Float[Array, " runs"]) -> Float[Array, " runs"]:
-        if self.of != "excess":
-            return rho if self.of == "rho" else worst
-        with np.errstate(all="ignore"):
-            return np.where(worst == rho, 1.0, worst / rho)  # 0/0 where there is no noise: the bound is exact
+
+def ratio(worst: Float[Array, " runs"], rho: Float[Array, " runs"]) -> Float[Array, " runs"]:
+    """Return worst / rho, and 1 for 0/0: without noise nothing is added, and the bound is tight."""
+    with np.errstate(all="ignore"):
+        return np.where(worst == rho, 1.0, worst / rho)
 
 
 def _certifies(controller: Controller | None) -> TypeGuard[Controller]:
     return controller is not None and controller.certifies
-
-
-def certificate(
-    units: Units,
-    *,
-    name: str = "certificate",
-    of: Of = "excess",
-    at: NonNegative,
-    starts: Count = 40,
-) -> SampleMetric:
-    """Worst cost that a search over allowed noise finds, over what the controller certifies: above 1 the bound fails.
-
-    Both are costs over the controller's horizon, from the estimate of the run at one sample, beyond the least cost
-    without bounded noise.  A method whose controller certifies nothing is refused.
-
-    Parameters
-    ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    of : excess is worst / rho, best at 1; rho is the certified cost, worst the one that was found
-    at : the sample (seconds or samples, as `time`), the last one that has an input at most
-    starts : how many times the search begins, each time elsewhere
-    """
-    without = [method.name for method in units.methods if not _certifies(method.controller)]
-    if without:
-        raise DesignError(
-            f"needs a controller that certifies its cost, such as minimax-lq with sets that do not depend on the data, "
-            f"which {', '.join(map(repr, without))} does not have; leave the metric or the method out"
-        )
-    last = units.n_steps - 1  # no input is chosen at k = N
-    k = round(float(at) / units.tick)
-    k = min(k, last) if units.cut else k
-    if k > last:
-        raise DesignError(f"sample {k} lies beyond the last one with an input, {last}", "at")
-    direction = "one" if of == "excess" else "lower"
-    return SampleMetric(MetricInfo(name, "", direction), Window(k, k), Certified(of, starts))

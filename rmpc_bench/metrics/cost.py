@@ -1,64 +1,90 @@
-"""The cost that a quadratic controller wants to be small, as the run has paid it.
+"""The quadratic cost of a run.
 
 J = sum over k of x(k+1)' Q_x x(k+1) + u(k)' R_u u(k), ma2025 (36): a state counts together with the input that led to
-it, so that x(0), which no input can change, does not.
+it, so that x(0), which no input can change, does not count.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.metrics.tracking import Bound, SampleMetric, Units, Window, window_of
 from rmpc_bench.numerics.linalg import as_covariance, mv
-from rmpc_bench.types import Array, DesignError, Matrix, MetricInfo, Record
+from rmpc_bench.types import (
+    Array,
+    DesignError,
+    Direction,
+    Issue,
+    Matrix,
+    MetricLayout,
+    Record,
+    WindowMetric,
+    issues_of,
+)
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Parameters of `cost`."""
+@dataclass(frozen=True, kw_only=True)
+class Cost(WindowMetric):
+    """Quadratic cost of a run: the sum over k = 0..N-1 of x(k+1)' Q_x x(k+1) + u(k)' R_u u(k); lower is better.
 
-    Q_x: Matrix
-    R_u: Matrix
-
-    def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
-        """Sum over the window."""
-        next_x, u = record.x[:, window.first + 1 : window.last + 2], record.u[:, window.slice]
-        Q, R = _weight("Q_x", self.Q_x, record.x.shape[2]), _weight("R_u", self.R_u, record.u.shape[2])
-        return _weighted(Q, next_x) + _weighted(R, u)  # (36)
-
-
-def cost(
-    units: Units, *, name: str = "cost", Q_x: Matrix, R_u: Matrix, from_: Bound = None, to: Bound = None
-) -> SampleMetric:
-    """Quadratic cost of a run: the sum over k = 0..N-1 of x(k+1)' Q_x x(k+1) + u(k)' R_u u(k), not its mean.
+    It is a sum, not a mean.
 
     Parameters
     ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
+    from_ : first k (seconds or samples, as `time`)
+    to : last k, included; x(k+1) of it is the last state that counts
     Q_x : weight of the true state
     R_u : weight of the applied input
-    from_ : first k (seconds or samples, as `time`)
-    to : last k, included, whose x(k+1) is the last one that counts
+
+    Examples
+    --------
+    >>> record = Record.of_run(x=[7.0, 2.0, 3.0], u=[1.0, 5.0])
+    >>> Cost(Q_x=10.0, R_u=2.0).evaluate(record).item()  # 10 (4 + 9) + 2 (1 + 25)
+    182.0
     """
-    if units.plant is not None:
-        _weight("Q_x", Q_x, units.plant.nx)
-        _weight("R_u", R_u, units.plant.nu)
-    last = units.n_steps - 1  # no input is applied at k = N
-    return SampleMetric(MetricInfo(name, "", "lower"), window_of(units, from_, to, last, last), Cost(Q_x, R_u))
+
+    name: str = "cost"
+    Q_x: Matrix
+    R_u: Matrix
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    input_only: ClassVar[bool] = True
+
+    def check(self, layout: MetricLayout) -> Iterator[Issue]:
+        """Find an impossible window, and weights that do not fit the plant."""
+        yield from super().check(layout)
+        if layout.plant is not None:
+            yield from issues_of(weight, "Q_x", self.Q_x, layout.plant.nx)
+            yield from issues_of(weight, "R_u", self.R_u, layout.plant.nu)
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Add up the weighted squares."""
+        window = self.samples(record)
+        next_x, u = record.x[:, window.first + 1 : window.last + 2], record.u[:, window.slice]
+        Q, R = weight("Q_x", self.Q_x, record.x.shape[2]), weight("R_u", self.R_u, record.u.shape[2])
+        return weighted_sum(Q, next_x) + weighted_sum(R, u)  # (36)
 
 
-def _weight(parameter: str, value: Matrix, n: int) -> Float[Array, "n n"]:
+def weight(key: str, value: Matrix, n: int) -> Float[Array, "n n"]:
+    """Expand a weight to a symmetric positive semidefinite n x n matrix.
+
+    Raises
+    ------
+    DesignError
+        Naming the key, if it does not fit or is not positive semidefinite.
+    """
     try:
         return as_covariance(value, n)
     except ValueError as error:
-        raise DesignError(str(error), parameter) from None
+        raise DesignError(str(error), key) from None
 
 
-def _weighted(W: Float[Array, "n n"], values: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
+def weighted_sum(W: Float[Array, "n n"], values: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
     """Sum of z' W z over time, row by row on contiguous memory: the bits do not depend on the other rows."""
     rows = np.ascontiguousarray(values).reshape(-1, len(W))
     products = np.ascontiguousarray((mv(W, rows) * rows).reshape(len(values), -1))

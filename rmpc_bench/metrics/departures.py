@@ -1,95 +1,90 @@
 """How often a control error leaves its usual size for a while.
 
 belda2017 says of its Fig. 3 that the errors oscillate around zero "with only two departures caused by the noise
-increases", and not what a departure is: all numbers here are ours.
+increases", but does not define a departure: all numbers here are ours.
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.metrics.burst_samples import During, during_of, lasting, per_run
-from rmpc_bench.metrics.bursts import Index, components_of, rms, smoothed_error
-from rmpc_bench.metrics.tracking import Bound, SampleMetric, Units, Window, window_of
-from rmpc_bench.noise.bursts import ROUNDING
-from rmpc_bench.types import Array, MetricInfo, NonNegative, Positive, Record
+from rmpc_bench.metrics.burst_samples import burst_samples, check_bursts, prolonged
+from rmpc_bench.metrics.norms import per_run, rms
+from rmpc_bench.metrics.output_choice import Index, check_components, control_error
+from rmpc_bench.numerics.sampling import at_least
+from rmpc_bench.types import Array, Direction, Issue, MetricLayout, NonNegative, Positive, Record, WindowMetric
 
 
-@dataclass(frozen=True)
-class Departures:
-    """Parameters of `departures`."""
+@dataclass(frozen=True, kw_only=True)
+class Departures(WindowMetric):
+    """Number of times a component of the smoothed control error grows beyond its usual size; lower is better.
 
-    counted: During
-    """Where a departure must begin to count."""
-    quiet: During
-    components: tuple[int, ...] | None
-    smooth: float
-    size: float
-    apart: float
-
-    def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
-        """Count them."""
-        error = smoothed_error(record, self.components, self.smooth)[:, window.slice]
-        usual = per_run(error, self.quiet.among(record, window), rms)
-        away = np.asarray((np.abs(error) > self.size * usual[:, None, None]).any(axis=2))
-        begins = first_of_each(away, math.ceil(self.apart / record.Ts - ROUNDING))
-        count = (begins & self.counted.among(record, window)).sum(axis=1)
-        return np.where(np.isnan(usual), np.nan, count.astype(float))
-
-
-def first_of_each(away: Bool[Array, "runs window"], apart: int) -> Bool[Array, "runs window"]:
-    """Tell the samples that begin something: away, as none of the samples before that are less than `apart` away was.
+    The usual size is the root of the mean square over quiet samples and components; a run without a quiet sample has
+    no value.
 
     Parameters
     ----------
-    away : samples of interest
-    apart : number of samples; two that follow each other are never apart
-    """
-    before = np.zeros_like(away)
-    before[:, 1:] = lasting(away, max(apart, 2) - 2)[:, :-1]
-    first: Array = away & ~before
-    return first
-
-
-def departures(
-    units: Units,
-    *,
-    name: str = "departures",
-    during: Literal["all", "bursts"] = "all",
-    components: list[Index] | None = None,
-    smooth: NonNegative = 0.2,
-    size: Positive = 4.0,
-    apart: NonNegative = 0.8,
-    memory: NonNegative = 0.0,
-    after: NonNegative = 0.5,
-    from_: Bound = None,
-    to: Bound = None,
-) -> SampleMetric:
-    """How often a component of the smoothed control error grows beyond its usual size over k = 0..N-1.
-
-    The usual size is the root of the mean square over quiet samples and components.
-
-    Parameters
-    ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
     during : count all departures, or those that bursts cause: they begin between the begin of a burst and `after`
         behind its end
     components : the outputs that count, from 0; all unless given
     smooth : length of the moving mean [s], over samples before and after
     size : how many times the usual size is a departure
-    apart : what is closer than this [s] to the one before is one with it
+    apart : a departure less than this [s] after the last one is part of it
     memory : how long behind a burst samples are not quiet [s]
     after : how long behind a burst it causes departures [s]
-    from_ : first sample (seconds or samples, as `time`)
-    to : last sample, included; N is the last one of the experiment
+
+    Examples
+    --------
+    The usual size is 2.2; the error grows beyond 1.5 times of it at k = 3 and again at k = 7.
+
+    >>> record = Record.of_run(y=[1.0, -1.0, 1.0, 4.0, 4.0, 1.0, -1.0, -4.0, 1.0, 1.0, 0.0])
+    >>> Departures(smooth=0.0, size=1.5, apart=1.0).evaluate(record).item()
+    2.0
     """
-    counted = during_of(units, during, after if during == "bursts" else 0.0)
-    reduce = Departures(counted, During("quiet", memory), components_of(units, components), smooth, size, apart)
-    window = window_of(units, from_, to, units.n_steps - 1, units.n_steps)
-    return SampleMetric(MetricInfo(name, "", "lower"), window, reduce)
+
+    name: str = "departures"
+    during: Literal["all", "bursts"] = "all"
+    components: list[Index] | None = None
+    smooth: NonNegative = 0.2
+    size: Positive = 4.0
+    apart: NonNegative = 0.8
+    memory: NonNegative = 0.0
+    after: NonNegative = 0.5
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+
+    def check(self, layout: MetricLayout) -> Iterator[Issue]:
+        """Find an impossible window, missing bursts and outputs that do not exist."""
+        yield from super().check(layout)
+        yield from check_bursts(layout, self.during)
+        yield from check_components(layout, self.components)
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Count the departures that begin in the window."""
+        window = self.samples(record)
+        error = control_error(record, self.components, self.smooth)[:, window.slice]
+        usual = per_run(error, burst_samples(record, window, "quiet", self.memory), rms)
+        large = np.asarray((np.abs(error) > self.size * usual[:, None, None]).any(axis=2))
+        begins = first_of_each(large, at_least(self.apart, record.Ts))
+        count = (begins & burst_samples(record, window, self.during, self.after)).sum(axis=1)
+        return np.where(np.isnan(usual), np.nan, count.astype(float))
+
+
+def first_of_each(large: Bool[Array, "runs window"], apart: int) -> Bool[Array, "runs window"]:
+    """Return the large samples before which none of the samples less than `apart` away was large.
+
+    Parameters
+    ----------
+    large : samples of interest
+    apart : number of samples; two that follow each other are never apart
+    """
+    before = np.zeros_like(large)
+    before[:, 1:] = prolonged(large, max(apart, 2) - 2)[:, :-1]
+    first: Array = large & ~before
+    return first

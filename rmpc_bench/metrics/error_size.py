@@ -1,6 +1,6 @@
-"""How large the error of an estimate is beside a matrix that should cover it: e' S^-1 e.
+"""Size of an estimation error relative to a matrix: e' S^-1 e.
 
-S may be singular: an error outside its range has the size inf.
+S may be singular: an error that leaves its range has the size inf.
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.metrics.estimates import estimate_error
+from rmpc_bench.metrics.estimate_checks import estimate_error
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.types import Array, Record
 
 RANK = 1e-14
-"""Eigenvalues of a correlation matrix up to this one are rounding of its entries: P has no width there."""
+"""Eigenvalues of a correlation matrix up to this one are rounding of its entries: P is singular there."""
 OUTSIDE = 1e-6
 """An error further out than this leaves the range: ten standard deviations of a variance of `RANK`."""
 ROUNDING = 1e-9
-"""Error of a coordinate that P calls certain, relative to the largest |x| and |x_hat| of the run, that is rounding."""
+"""Error of a coordinate without variance, relative to the largest |x| and |x_hat| of the run, that is rounding."""
 
 
 def squared_size(
@@ -28,12 +28,12 @@ def squared_size(
     Parameters
     ----------
     record : the trajectories
-    samples : those that count
+    samples : the samples of the window
     S : symmetric matrices at these samples, shared by the runs or one for each
 
     Returns
     -------
-    inf where e leaves the range of S, NaN where an entry is no number
+    inf where e leaves the range of S, NaN where an entry is not a number
     """
     size = np.maximum(np.abs(record.x), np.abs(record.x_hat)).max(axis=1)
     return _normalised_square(estimate_error(record)[:, samples], S, size[:, None, :])
@@ -44,7 +44,7 @@ def _normalised_square(
     P: Float[Array, "window nx nx"] | Float[Array, "runs window nx nx"],
     size: Float[Array, "runs 1 nx"],
 ) -> Float[Array, "runs window"]:
-    """Return e' P^+ e: inf outside the range of P, NaN where an entry is no number.
+    """Return e' P^+ e: inf outside the range of P, NaN where an entry is not a number.
 
     P is brought to the form of a correlation matrix first, so that the units of the coordinates do not matter.  Sums
     over coordinates go one by one: their bits do not depend on how many runs there are.
@@ -75,5 +75,6 @@ def _correlation(P: Float[Array, "*k nx nx"]) -> tuple[Float[Array, "*k nx"], Fl
     certain = std == 0.0
     R = np.where(certain[..., :, None] | certain[..., None, :], 0.0, R)
     good: Array = np.asarray((np.isfinite(P) & np.isfinite(R)).all(axis=(-2, -1)))
-    lam, U = np.linalg.eigh(np.where(good[..., None, None], R, 0.0))  # it raises for all of them where one is NaN
+    # eigh raises for the whole stack where one matrix has a NaN.
+    lam, U = np.linalg.eigh(np.where(good[..., None, None], R, 0.0))
     return np.where(good[..., None], std, np.nan), lam, U

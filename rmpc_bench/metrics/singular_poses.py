@@ -1,53 +1,77 @@
-"""How close a mechanism comes to poses in which its drives cannot move it every way."""
+"""How close a mechanism comes to poses in which its drives cannot move it in every direction."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.metrics.tracking import Bound, SampleMetric, Units, Window, window_of
-from rmpc_bench.types import Array, DesignError, MetricInfo, Plant, Positive, Record
+from rmpc_bench.types import (
+    Array,
+    DesignError,
+    Direction,
+    Issue,
+    MetricLayout,
+    Plant,
+    Positive,
+    Record,
+    WindowMetric,
+    issues_of,
+)
 
 
-@dataclass(frozen=True)
-class NearSingular:
-    """Parameters of `near_singular`."""
+@dataclass(frozen=True, kw_only=True)
+class NearSingular(WindowMetric):
+    """Number of samples k = 0..N-1 at which the true pose is close to a singular one; lower is better.
 
-    plant: Plant
-    below: float
+    Parameters
+    ----------
+    below : a pose is close to a singular one where the smallest singular value of the matrix from output velocities to
+        those of the drives is less than this
 
-    def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
+    Examples
+    --------
+    A plant whose manipulability is the distance of its output from 0.
+
+    >>> class Mechanism(Plant):
+    ...     has_singular_poses = True
+    ...     def manipulability(self, y):
+    ...         return abs(y[:, 0])
+    >>> layout = MetricLayout(n_steps=3, plant=Mechanism())
+    >>> record = Record.of_run(y=[1.0, 0.05, -0.09, 0.0])._replace(experiment=layout)
+    >>> NearSingular(below=0.1).evaluate(record).item()  # the sample k = N does not count
+    2.0
+    """
+
+    name: str = "near_singular"
+    below: Positive = 0.1
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+
+    def check(self, layout: MetricLayout) -> Iterator[Issue]:
+        """Find an impossible window, and a plant without singular poses."""
+        yield from super().check(layout)
+        yield from issues_of(_mechanism, layout)
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Count the samples in such poses."""
-        poses = record.y[:, window.slice]
+        plant = _mechanism(record.layout)
+        poses = record.y[:, self.samples(record).slice]
         rows = np.ascontiguousarray(poses.reshape(-1, poses.shape[2]))
         near = np.zeros(len(rows), dtype=bool)
-        known = np.isfinite(rows).all(axis=1)  # a run that failed may have no pose
-        near[known] = self.plant.manipulability(rows[known]) < self.below
+        # A failed run may have no pose.
+        known = np.isfinite(rows).all(axis=1)
+        near[known] = plant.manipulability(rows[known]) < self.below
         count: Array = near.reshape(poses.shape[:2]).sum(axis=1).astype(float)
         return count
 
 
-def near_singular(
-    units: Units,
-    *,
-    name: str = "near_singular",
-    below: Positive = 0.1,
-    from_: Bound = None,
-    to: Bound = None,
-) -> SampleMetric:
-    """Number of samples k = 0..N-1 at which the true pose is close to a singular one.
-
-    Parameters
-    ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    below : the smallest singular value of what maps output velocities to those of the drives is less than this
-    from_ : first sample (seconds or samples, as `time`)
-    to : last sample, included; N is the last one of the experiment
-    """
-    if units.plant is None or not units.plant.has_singular_poses:
-        raise DesignError("needs a plant that knows singular poses, such as moving-slide; leave the metric out")
-    window = window_of(units, from_, to, units.n_steps - 1, units.n_steps)
-    return SampleMetric(MetricInfo(name, "", "lower"), window, NearSingular(units.plant, below))
+def _mechanism(layout: MetricLayout) -> Plant:
+    """Return the plant, which must have singular poses."""
+    if layout.plant is None or not layout.plant.has_singular_poses:
+        raise DesignError("needs a plant with singular poses, such as moving-slide; leave the metric out")
+    return layout.plant

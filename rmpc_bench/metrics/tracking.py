@@ -1,281 +1,270 @@
-"""Metrics: from the trajectories of a run to one number.
+"""Metrics of tracking: the error between the true output and the reference.
 
-Every metric uses the true output (without measurement noise), the true state and the applied input.  `from` and `to`
-bound the samples, both included, in seconds or samples as the experiment's `time` is given; without them k = 0..N-1.
+They use the true output, without measurement noise.  Windows are k = 0..N-1 unless given.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
+from annotated_types import Le
 from jaxtyping import Float
 
-from rmpc_bench.metrics.estimates import estimate_error, refuse_other_states
-from rmpc_bench.types import Array, DesignError, Method, MetricInfo, NonNegative, Plant, Positive, Record
+from rmpc_bench.metrics.burst_samples import BurstMetric
+from rmpc_bench.metrics.estimate_checks import check_state_lengths, estimate_error
+from rmpc_bench.metrics.means import mean_absolute, mean_square, squared, time_mean
+from rmpc_bench.metrics.norms import NORMS, Norm, per_run
+from rmpc_bench.metrics.output_choice import Index, check_components, control_error, unit_and_scale
+from rmpc_bench.types import (
+    Array,
+    Direction,
+    Issue,
+    MetricLayout,
+    NonNegative,
+    Positive,
+    Record,
+    WindowMetric,
+    issues_of,
+)
 
-Bound = NonNegative | Literal["N"] | None
-Of = Literal["output", "state", "estimate"]
-
-
-class Window(NamedTuple):
-    """Samples first..last, both included."""
-
-    first: int
-    last: int
-
-    @property
-    def slice(self) -> slice:
-        """The same samples for indexing."""
-        return slice(self.first, self.last + 1)
-
-
-class Units(NamedTuple):
-    """What a metric must know of the experiment."""
-
-    n_steps: int
-    tick: float
-    """Length of one sample in the unit that `from` and `to` are given in: Ts with seconds, 1 with samples."""
-    y: str
-    u: str
-    cut: bool = False
-    """Whether a window that reaches beyond the last sample ends there (a smoke run is short)."""
-    plant: Plant | None = None
-    methods: tuple[Method, ...] = ()
-    """With the plant, for what a metric must refuse before any run; without them it refuses when it is evaluated."""
-    bursts: bool | None = None
-    """Whether a law of the measurement noise has bursts; None where nobody knows."""
+ErrorSignal: TypeAlias = Literal["output", "state", "estimate"]
 
 
-@dataclass(frozen=True)
-class SampleMetric:
-    """A metric that maps a window of the trajectories to one number per run."""
+@dataclass(frozen=True, kw_only=True)
+class ErrorMetric(WindowMetric):
+    """A mean size of an error over the window and all coordinates; 0 is best.
 
-    info: MetricInfo
-    window: Window
-    reduce: Callable[[Record, Window], Float[Array, " runs"]]
-    needs_P: bool = False
-    """Whether it reads `Record.P`, which is not kept for other metrics."""
-    needs_M: bool = False
-    """Whether it reads `Record.M`, likewise."""
-    needs_info: tuple[str, ...] = ()
-    """What it reads of `Record.info`, likewise."""
+    Parameters
+    ----------
+    of : output is y - r; state is x, its distance from 0; estimate is x_hat - x
+    """
+
+    of: ErrorSignal = "output"
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+
+    def check(self, layout: MetricLayout) -> Iterator[Issue]:
+        """Find an impossible window, and estimates of another length than the state."""
+        yield from super().check(layout)
+        if self.of == "estimate":
+            yield from check_state_lengths(layout, "of")
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the unit of the output; states have none, as their coordinates differ in it."""
+        return layout.y_unit if self.of == "output" else ""
+
+    def error(self, record: Record) -> Float[Array, "runs window n"]:
+        """Return the error at the samples of the window."""
+        window = self.samples(record).slice
+        if self.of == "state":
+            return record.x[:, window]
+        if self.of == "estimate":
+            return estimate_error(record)[:, window]
+        return record.y[:, window] - record.r[window]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mse(ErrorMetric):
+    """Mean square error, 1/(N ny) sum_k |y(k) - r(k)|^2 over k = 0..N-1; lower is better.
+
+    Examples
+    --------
+    Errors -1, 1, 3 against the reference 1; the last sample k = N is not in the default window.
+
+    >>> record = Record.of_run(y=[0.0, 2.0, 4.0], r=1.0)
+    >>> Mse().evaluate(record).item(), Mse(to="N").evaluate(record).round(3).item()
+    (1.0, 3.667)
+    """
+
+    name: str = "mse"
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the square of the unit of the error."""
+        return squared(super().unit(layout))
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
-        """One value per run."""
-        return self.reduce(record, self.window)
+        """Average the squares."""
+        return mean_square(self.error(record))
 
 
-@dataclass(frozen=True)
-class MeanError:
-    """Parameters of `mse`, `rmse` and `mae`."""
+@dataclass(frozen=True, kw_only=True)
+class Rmse(ErrorMetric):
+    """Root of the mean square error, sqrt(1/(N ny) sum_k |y(k) - r(k)|^2) over k = 0..N-1; lower is better.
 
-    of: Of
-    square: bool
-    root: bool = False
-
-    def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
-        """Mean size over the window and the coordinates."""
-        error = _error(record, window, self.of)
-        mean = time_mean(error**2 if self.square else np.abs(error))
-        return np.sqrt(mean) if self.root else mean
-
-
-@dataclass(frozen=True)
-class Settling:
-    """Parameters of `settling_time`."""
-
-    band: float
-
-    def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
-        """Time from the start of the window to the first sample after which the output stays in the band."""
-        error = _error(record, window)
-        edge = record.r[window.first] - record.r[max(window.first - 1, 0)]
-        step = np.where(edge != 0.0, np.abs(edge), np.abs(record.r[window.last] - record.y[:, window.first]))
-        bound = self.band * step
-        outside = np.asarray((np.abs(error) > bound[:, None, :]).any(axis=2))
-        last_outside = np.where(outside.any(axis=1), outside.shape[1] - 1 - outside[:, ::-1].argmax(axis=1), -1)
-        time = np.round(record.Ts * (last_outside + 1), 12)  # 34 * 0.1 is 3.4000000000000004 in doubles
-        return np.where(last_outside == outside.shape[1] - 1, np.inf, time)
-
-
-@dataclass(frozen=True)
-class Tail:
-    """Parameters of `steady_state_error`."""
-
-    share: float
-
-    def __call__(self, record: Record, window: Window) -> Float[Array, " runs"]:
-        """Mean signed error at the end of the window."""
-        error = _error(record, window)
-        n = max(1, round(self.share * error.shape[1]))
-        return time_mean(error[:, -n:])
-
-
-def _error(record: Record, window: Window, of: Of = "output") -> Float[Array, "runs window n"]:
-    if of == "state":
-        return record.x[:, window.slice]
-    if of == "estimate":
-        return estimate_error(record)[:, window.slice]
-    return record.y[:, window.slice] - record.r[window.slice]
-
-
-def time_mean(values: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
-    """Mean over time and coordinates, row by row on contiguous memory: the bits do not depend on the other rows."""
-    means: Array = np.ascontiguousarray(values.reshape(len(values), -1)).mean(axis=1)
-    return means
-
-
-def _mean_square_input(record: Record, window: Window) -> Float[Array, " runs"]:
-    return time_mean(record.u[:, window.slice] ** 2)
-
-
-def _input_roughness(record: Record, window: Window) -> Float[Array, " runs"]:
-    """Standard deviation over time of the increments u(k) - u(k-1) inside the window, root mean square over inputs."""
-    increments = np.diff(record.u[:, window.slice], axis=1)
-    if not increments.size:
-        return np.zeros(len(increments))
-    means = np.ascontiguousarray(increments.transpose(0, 2, 1)).mean(axis=2)
-    return np.sqrt(time_mean((increments - means[:, None, :]) ** 2))
-
-
-def window_of(units: Units, start: Bound, end: Bound, default_last: int, limit: int) -> Window:
-    """Samples between two bounds, up to ``default_last`` unless told; ``limit`` is the last one there is."""
-    first, last = (
-        limit if bound == "N" else default if bound is None else round(float(bound) / units.tick)
-        for bound, default in ((start, 0), (end, default_last))
-    )
-    if units.cut:
-        first = min(first, limit)
-        last = max(first, min(last, limit))
-    if not 0 <= first <= last <= limit:
-        raise DesignError(
-            f"the window from {first} to {last} (samples) must lie in 0..{limit} and hold at least one sample"
-        )
-    return Window(first, last)
-
-
-def _squared(unit: str) -> str:
-    return f"{unit}^2" if unit else ""
-
-
-def _mean_error(units: Units, name: str, reduce: MeanError, start: Bound, end: Bound) -> SampleMetric:
-    """Make a metric of a mean error; states have no unit, as their coordinates differ in it."""
-    if reduce.of == "estimate":
-        refuse_other_states(units.plant, units.methods, "of")
-    unit = units.y if reduce.of == "output" else ""
-    info = MetricInfo(name, _squared(unit) if reduce.square and not reduce.root else unit, "lower")
-    return SampleMetric(info, window_of(units, start, end, units.n_steps - 1, units.n_steps), reduce)
-
-
-def mse(units: Units, *, name: str = "mse", of: Of = "output", from_: Bound = None, to: Bound = None) -> SampleMetric:
-    """Mean square error over k = 0..N-1 and all coordinates, of the output unless told.
-
-    Parameters
-    ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    of : output is y - r; state is x, its distance from 0; estimate is x_hat - x
-    from_ : first sample (seconds or samples, as `time`)
-    to : last sample, included; N is the last one of the experiment
+    Examples
+    --------
+    >>> Rmse().evaluate(Record.of_run(y=[4.0, -2.0, 9.0], r=1.0)).item()  # errors 3, -3
+    3.0
     """
-    return _mean_error(units, name, MeanError(of, square=True), from_, to)
+
+    name: str = "rmse"
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Take the root of the mean of the squares."""
+        return np.sqrt(mean_square(self.error(record)))
 
 
-def rmse(units: Units, *, name: str = "rmse", of: Of = "output", from_: Bound = None, to: Bound = None) -> SampleMetric:
-    """Root of the mean square error over k = 0..N-1 and all coordinates, of the output unless told.
+@dataclass(frozen=True, kw_only=True)
+class Mae(ErrorMetric):
+    """Mean absolute error, 1/(N ny) sum_k sum_i |y_i(k) - r_i(k)| over k = 0..N-1; lower is better.
 
-    Parameters
-    ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    of : output is y - r; state is x, its distance from 0; estimate is x_hat - x
-    from_ : first sample (seconds or samples, as `time`)
-    to : last sample, included; N is the last one of the experiment
+    Examples
+    --------
+    >>> Mae().evaluate(Record.of_run(y=[0.0, 4.0, 9.0], r=1.0)).item()  # errors -1, 3
+    2.0
     """
-    return _mean_error(units, name, MeanError(of, square=True, root=True), from_, to)
+
+    name: str = "mae"
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Average the absolute values."""
+        return mean_absolute(self.error(record))
 
 
-def mae(units: Units, *, name: str = "mae", of: Of = "output", from_: Bound = None, to: Bound = None) -> SampleMetric:
-    """Mean absolute error over k = 0..N-1 and all coordinates, of the output unless told.
+@dataclass(frozen=True, kw_only=True)
+class SettlingTime(WindowMetric):
+    """Time until the output stays within a band about the reference up to the end; lower is better.
 
-    Parameters
-    ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    of : output is y - r; state is x, its distance from 0; estimate is x_hat - x
-    from_ : first sample (seconds or samples, as `time`)
-    to : last sample, included; N is the last one of the experiment
-    """
-    return _mean_error(units, name, MeanError(of, square=False), from_, to)
-
-
-def input_power(units: Units, *, name: str = "input_power", from_: Bound = None, to: Bound = None) -> SampleMetric:
-    """Mean square of the applied input over k = 0..N-1.
+    The time counts from the first sample of the window to the first sample after which no output leaves its band, as
+    Ts times the number of samples.  A run that leaves the band at the last sample did not settle: its value is inf.
 
     Parameters
     ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    from_ : first sample (seconds or samples, as `time`)
-    to : last sample, included
-    """
-    last = units.n_steps - 1  # no input is applied at k = N
-    window = window_of(units, from_, to, last, last)
-    return SampleMetric(MetricInfo(name, _squared(units.u), "lower"), window, _mean_square_input)
-
-
-def input_roughness(
-    units: Units, *, name: str = "input_roughness", from_: Bound = None, to: Bound = None
-) -> SampleMetric:
-    """Standard deviation of the increments of the applied input over k = 0..N-1: 0 for a ramp or a single sample.
-
-    Parameters
-    ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    from_ : first sample (seconds or samples, as `time`)
-    to : last sample, included
-    """
-    last = units.n_steps - 1
-    window = window_of(units, from_, to, last, last)
-    return SampleMetric(MetricInfo(name, units.u, "lower"), window, _input_roughness)
-
-
-def settling_time(
-    units: Units, *, name: str = "settling_time", band: Positive = 0.05, from_: Bound = None, to: Bound = None
-) -> SampleMetric:
-    """Time until the output stays within a band about the reference up to the end; inf is *never*.
-
-    Parameters
-    ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    band : half width of the band, as a share of the step: the jump of the reference at the first sample, or for an
-        output whose reference does not jump there |r(last) - y(first)|
     from_ : where the step begins (seconds or samples, as `time`); the time counts from there
     to : last sample, included; N, the last one of the experiment, unless given
+    band : half width of the band, as a share of the step: the jump of the reference at the first sample, or for an
+        output whose reference does not jump there |r(last) - y(first)|
+
+    Examples
+    --------
+    The band is 5 % of the step from 0 to 1; the output enters it at k = 2.
+
+    >>> SettlingTime().evaluate(Record.of_run(y=[0.0, 0.5, 0.96, 1.04, 1.0], r=1.0, Ts=0.5)).item()
+    1.0
+    >>> SettlingTime().evaluate(Record.of_run(y=[0.0, 1.0, 1.0, 1.0, 1.2], r=1.0)).item()
+    inf
     """
-    window = window_of(units, from_, to, units.n_steps, units.n_steps)
-    return SampleMetric(MetricInfo(name, "s", "lower", may_be_never=True), window, Settling(band))
+
+    name: str = "settling_time"
+    band: Positive = 0.05
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    may_not_occur: ClassVar[bool] = True
+    to_the_end: ClassVar[bool] = True
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Seconds."""
+        return "s"
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Find the first sample after which the output stays in the band."""
+        window = self.samples(record)
+        y, r = record.y[:, window.slice], record.r[window.slice]
+        return settling_times(y, r, record.r[max(window.first - 1, 0)], self.band, record.Ts)
 
 
-def steady_state_error(
-    units: Units, *, name: str = "steady_state_error", share: Positive = 0.1, from_: Bound = None, to: Bound = None
-) -> SampleMetric:
-    """Mean of the signed error y - r over the last part of the window.
+def settling_times(
+    y: Float[Array, "runs window n"],
+    r: Float[Array, "window n"],
+    r_before: Float[Array, " n"],
+    band: float,
+    Ts: float,
+) -> Float[Array, " runs"]:
+    """Return the times after which the outputs stay in their bands [s]; inf where they leave them at the last sample.
 
     Parameters
     ----------
-    units : what the metric must know of the experiment
-    name : column of the tables
-    share : length of the part, as a share of the window
-    from_ : first sample of the window (seconds or samples, as `time`)
-    to : last sample, included; N, the last one of the experiment, unless given
+    y, r : outputs and reference over the window
+    r_before : reference one sample before the window
+    band : half width of the band, as a share of the step
+    Ts : sampling time [s]
     """
-    if share > 1.0:
-        raise DesignError(f"must be at most 1 (got {share:g})", "share")
-    window = window_of(units, from_, to, units.n_steps, units.n_steps)
-    return SampleMetric(MetricInfo(name, units.y, "zero"), window, Tail(share))
+    edge = r[0] - r_before
+    step = np.where(edge != 0.0, np.abs(edge), np.abs(r[-1] - y[:, 0]))
+    outside = np.asarray((np.abs(y - r) > (band * step)[:, None, :]).any(axis=2))
+    last_outside = np.where(outside.any(axis=1), outside.shape[1] - 1 - outside[:, ::-1].argmax(axis=1), -1)
+    # Rounded, because 34 * 0.1 is 3.4000000000000004 in doubles.
+    time = np.round(Ts * (last_outside + 1), 12)
+    return np.where(last_outside == outside.shape[1] - 1, np.inf, time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteadyStateError(WindowMetric):
+    """Mean of the signed error y - r over the last part of the window; the value closest to 0 is best.
+
+    Parameters
+    ----------
+    to : last sample, included; N, the last one of the experiment, unless given
+    share : length of the part, as a share of the window
+
+    Examples
+    --------
+    >>> SteadyStateError(share=0.5).evaluate(Record.of_run(y=[0.0, 5.0, 0.75, 0.5], r=1.0)).item()  # -0.25, -0.5
+    -0.375
+    """
+
+    name: str = "steady_state_error"
+    share: Annotated[Positive, Le(1)] = 0.1
+
+    better: ClassVar[Direction] = "zero"
+    to_the_end: ClassVar[bool] = True
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the unit of the output."""
+        return layout.y_unit
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Average the last errors."""
+        window = self.samples(record).slice
+        error = record.y[:, window] - record.r[window]
+        return time_mean(error[:, -max(1, round(self.share * error.shape[1])) :])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracking(BurstMetric):
+    """Size of the true control error r - y over k = 0..N-1, inside or outside bursts of the noise; lower is better.
+
+    Parameters
+    ----------
+    norm : rms is the root of the mean square over samples and components; peak the largest size of a component; length
+        the largest length of the error vector; bias the largest size of a component's mean over time
+    components : the outputs that count, from 0; all unless given
+    smooth : length of a moving mean [s] that is applied to the error first, over samples before and after
+    unit_ : of the value: that of the components, which must have it in common, or a thousandth of it, such as mm
+
+    Examples
+    --------
+    >>> record = Record.of_run(y=[3.0, -4.0, 9.0])
+    >>> Tracking(norm="peak").evaluate(record).item(), Tracking(norm="bias").evaluate(record).item()
+    (4.0, 0.5)
+    """
+
+    name: str = "tracking"
+    norm: Norm = "rms"
+    components: list[Index] | None = None
+    smooth: NonNegative = 0.0
+    unit_: str | None = None
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+
+    def check(self, layout: MetricLayout) -> Iterator[Issue]:
+        """Find an impossible window, missing bursts, outputs that do not exist and a unit that they do not have."""
+        yield from super().check(layout)
+        issues = [*check_components(layout, self.components)]
+        yield from issues or issues_of(unit_and_scale, layout, self.components, self.unit_)
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the given unit or the one that the outputs have in common."""
+        return unit_and_scale(layout, self.components, self.unit_)[0]
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Reduce the error at the samples that count."""
+        _, scale = unit_and_scale(record.layout, self.components, self.unit_)
+        error = control_error(record, self.components, self.smooth)[:, self.samples(record).slice]
+        return scale * per_run(error, self.counted(record), NORMS[self.norm])

@@ -10,7 +10,6 @@ Streams z comes from the generator of the law, random bursts from a child of it:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
@@ -19,12 +18,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.noise.distributions import Uniform
+from rmpc_bench.numerics.sampling import at_least, at_most
 from rmpc_bench.types import Array, DesignError, Noise, NonNegative
 
 Range: TypeAlias = NonNegative | tuple[NonNegative, NonNegative]
 """A number, or the ends of the range in which it is uniform."""
-ROUNDING = 1e-9
-"""Share of a sample that a time may be off."""
 
 
 @dataclass(frozen=True)
@@ -237,4 +235,4 @@ def _uniform(name: str, given: Range) -> Uniform:
 
 def _samples(start: float, end: float, Ts: float) -> tuple[int, int]:
     """First and last sample k with start <= k Ts <= end."""
-    return math.ceil(start / Ts - ROUNDING), math.floor(end / Ts + ROUNDING)
+    return at_least(start, Ts), at_most(end, Ts)

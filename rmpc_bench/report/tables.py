@@ -50,7 +50,7 @@ def _table(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, inf
     return _Table(
         info,
         [_Line(method, marked(trials, method), described[method], compared.get(method)) for method in trials.methods],
-        info.may_be_never or any(row["never"] for row in described.values()),
+        info.may_not_occur or any(row["never"] for row in described.values()),
         bool(compared),
         any(row["n_failed"] for row in described.values()),
     )

@@ -48,11 +48,12 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     if draws is None:
         draws = experiment.scenario.draw(plant, runs, n_steps)
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
-    P, M = (any(getattr(metric, name, False) for metric in experiment.metrics) for name in ("needs_P", "needs_M"))
-    info = {name for metric in experiment.metrics for name in getattr(metric, "needs_info", ())}
+    P, M = any(metric.needs_P for metric in experiment.metrics), any(metric.needs_M for metric in experiment.metrics)
+    info = {name for metric in experiment.metrics for name in metric.needs_info}
     n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
     info |= set(recording.signals) - set(SIGNALS) if n_recorded else set()
     record, status = simulate(plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info)
+    record = record._replace(experiment=experiment.metric_layout)
     ok = status == OK
     # Failed runs may overflow; their values are replaced by NaN.
     with np.errstate(over="ignore", invalid="ignore"):

@@ -17,7 +17,18 @@ from jaxtyping import Bool, Float
 from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
-from rmpc_bench.types import Array, DesignError, Matrix, Method, Metric, Noise, Plant, Reference
+from rmpc_bench.types import (
+    Array,
+    DesignError,
+    Matrix,
+    Method,
+    Metric,
+    MetricInfo,
+    MetricLayout,
+    Noise,
+    Plant,
+    Reference,
+)
 
 
 class Draws(NamedTuple):
@@ -273,6 +284,8 @@ class Experiment:
     metrics : the numbers to keep of every run
     n_runs, n_steps : size of the experiment; samples are k = 0..n_steps
     recording : the trajectories to keep
+    tick : length of one sample in the unit in which windows of metrics are given: Ts with seconds, 1 with samples
+    cut_windows : whether windows of metrics that reach beyond the last sample end there
     """
 
     plant: Plant
@@ -282,6 +295,19 @@ class Experiment:
     n_runs: int
     n_steps: int
     recording: Recording = Recording()
+    tick: float = 1.0
+    cut_windows: bool = False
+
+    @property
+    def metric_layout(self) -> MetricLayout:
+        """What metrics need to know of the experiment."""
+        units = self.plant.y_unit, self.plant.u_unit
+        return MetricLayout(self.n_steps, self.tick, *units, self.cut_windows, self.plant, self.methods)
+
+    @property
+    def metric_infos(self) -> tuple[MetricInfo, ...]:
+        """Columns of the metrics."""
+        return tuple(metric.info(self.metric_layout) for metric in self.metrics)
 
     @property
     def oracles(self) -> frozenset[str]:

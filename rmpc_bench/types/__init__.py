@@ -24,10 +24,20 @@ from rmpc_bench.types.basics import (
 )
 from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.issue import Issue, issues_of, no_such_component
 from rmpc_bench.types.method import Method
+from rmpc_bench.types.metric import (
+    Bound,
+    Direction,
+    Metric,
+    MetricInfo,
+    MetricLayout,
+    Record,
+    SampleWindow,
+    WindowMetric,
+)
 from rmpc_bench.types.model import Model
 from rmpc_bench.types.noise import Noise
-from rmpc_bench.types.parts import Metric, MetricInfo, Record
 from rmpc_bench.types.plant import Plant
 from rmpc_bench.types.plot_records import Line, Panel, ResultLayout
 from rmpc_bench.types.records import (
@@ -44,16 +54,19 @@ from rmpc_bench.types.reference import Reference
 
 __all__ = [
     "Array",
+    "Bound",
     "Channel",
     "Command",
     "ConfigError",
     "Controller",
     "Count",
     "DesignError",
+    "Direction",
     "Estimate",
     "Estimator",
     "GainSchedule",
     "Horizon",
+    "Issue",
     "Line",
     "LinearLaw",
     "LinearPlant",
@@ -61,6 +74,7 @@ __all__ = [
     "Method",
     "Metric",
     "MetricInfo",
+    "MetricLayout",
     "Model",
     "Motion",
     "Noise",
@@ -75,8 +89,12 @@ __all__ = [
     "Record",
     "Reference",
     "ResultLayout",
+    "SampleWindow",
     "Status",
     "Statuses",
     "SystemMatrix",
+    "WindowMetric",
     "attribute",
+    "issues_of",
+    "no_such_component",
 ]

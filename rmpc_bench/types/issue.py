@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple
+
+from rmpc_bench.types.basics import DesignError
 
 
 class Issue(NamedTuple):
@@ -13,6 +15,14 @@ class Issue(NamedTuple):
     key: str
     """The YAML key to blame, with dots inside a nested one; empty for the component as a whole."""
     message: str
+
+
+def issues_of(function: Callable[..., Any], *arguments: Any) -> Iterator[Issue]:
+    """Call a function and yield the `DesignError` that it raises as an issue; its result is dropped."""
+    try:
+        function(*arguments)
+    except DesignError as error:
+        yield Issue(error.parameter, str(error))
 
 
 def no_such_component(noun: str, index: int, n: int) -> str:

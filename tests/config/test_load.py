@@ -8,7 +8,6 @@ from conftest import ROUND
 from small_experiment import KEYS, write
 
 from rmpc_bench import load_config
-from rmpc_bench.metrics.tracking import Window
 from rmpc_bench.noise.distributions import Choice, Fixed, Normal, Uniform
 
 NAMED = "{dist: normal, std: 5%, truncate: 3}"
@@ -221,14 +220,14 @@ def test_numbers_may_be_arithmetic_everywhere(load):
 )
 def test_windows_are_given_in_the_unit_of_time(load, time, metric, window):
     """Seconds with a duration, samples with steps; both ends belong to the window."""
-    [made] = load(time=time, metrics=f"[{metric}]").experiment.metrics
-    assert made.window == Window(*window)
+    experiment = load(time=time, metrics=f"[{metric}]").experiment
+    assert experiment.metrics[0].window(experiment.metric_layout) == window
 
 
 def test_metrics_have_names_and_units(load):
     """The kind unless a name is given; units are the plant's."""
     config = load(metrics="[mse, {kind: mse, name: mse_end, from: 5}, input_power, settling_time]")
-    infos = [metric.info for metric in config.experiment.metrics]
+    infos = config.experiment.metric_infos
     assert [info.name for info in infos] == ["mse", "mse_end", "input_power", "settling_time"]
     assert [info.unit for info in infos] == ["rad^2", "rad^2", "V^2", "s"]
     assert config.primary == "mse" and config.baseline == "S-MPC"
@@ -250,7 +249,7 @@ def test_size_of_a_smoke_run(tmp_path):
     path = write(tmp_path, time="{step: 0.1, duration: 5}", runs=3, metrics="[mse, {kind: mse, name: m, from: 3}]")
     config = load_config(path, smoke=True)
     assert (config.experiment.n_runs, config.experiment.n_steps) == (3, 20)
-    assert config.experiment.metrics[1].window == Window(20, 20)
+    assert config.experiment.metrics[1].window(config.experiment.metric_layout) == (20, 20)
     path = write(tmp_path, time="{step: 0.1, steps: 5}", runs=30, smoke="{runs: 2}")
     config = load_config(path, smoke=True)
     assert (config.experiment.n_runs, config.experiment.n_steps) == (2, 5)

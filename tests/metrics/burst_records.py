@@ -1,20 +1,19 @@
-"""Records of runs under bursts, and a plant of outputs in different units."""
+"""Records of runs under bursts, and a plant with outputs in different units."""
 
 import math
 
 import numpy as np
 from simulation.toy import Walk
 
-from rmpc_bench.metrics.bursts import input_peak, input_rms, input_variation
-from rmpc_bench.metrics.tracking import Units
-from rmpc_bench.types import Record
+from rmpc_bench.metrics.input import InputPeak, InputRms, InputVariation
+from rmpc_bench.types import MetricLayout, Record
 
 N, RUNS, Ts = 60, 4, 0.5
-UNITS = Units(N, Ts, "m", "V", bursts=True)
+LAYOUT = MetricLayout(N, Ts, "m", "V", bursts=True)
 INPUTS = {
-    input_variation: lambda u, ks: sum(np.abs(u[k] - u[k - 1]).sum() for k in ks) / len(ks),
-    input_rms: lambda u, ks: math.sqrt(sum((u[k] ** 2).sum() for k in ks) / (len(ks) * u.shape[1])),
-    input_peak: lambda u, ks: max(np.abs(u[k]).max() for k in ks),
+    InputVariation: lambda u, ks: sum(np.abs(u[k] - u[k - 1]).sum() for k in ks) / len(ks),
+    InputRms: lambda u, ks: math.sqrt(sum((u[k] ** 2).sum() for k in ks) / (len(ks) * u.shape[1])),
+    InputPeak: lambda u, ks: max(np.abs(u[k]).max() for k in ks),
 }
 """Metric of inputs -> the same, sample by sample."""
 PARTS = [{}, {"during": "bursts"}, {"during": "quiet"}]
@@ -29,13 +28,14 @@ def trajectories(rng, runs=RUNS, n_steps=N, spans=SPANS):
     y, u = rng.standard_normal((runs, n_steps + 1, 3)), rng.standard_normal((runs, n_steps, 2))
     k = np.arange(n_steps + 1)
     bursts = np.array([[any(a <= each <= b for a, b in spans[i % len(spans)]) for each in k] for i in range(runs)])
-    return Record(Ts, x, y, x_hat, u, rng.standard_normal((n_steps + 1, 3)), bursts=bursts)
+    layout = LAYOUT._replace(n_steps=n_steps)
+    return Record(Ts, x, y, x_hat, u, rng.standard_normal((n_steps + 1, 3)), bursts=bursts, experiment=layout)
 
 
 def counts(i, k, during="all", memory=0.0):
-    """Whether sample k of run i is one of those a metric is to look at."""
-    felt = any(a <= k <= b + memory / Ts for a, b in SPANS[i])
-    return during == "all" or felt == (during == "bursts")
+    """Whether sample k of run i is one that a metric with these keys counts."""
+    inside = any(a <= k <= b + memory / Ts for a, b in SPANS[i])
+    return during == "all" or inside == (during == "bursts")
 
 
 class Mixed(Walk):

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from conftest import ROUND, random_psd
-from metrics.test_metrics_of_estimates import UNITS, N, plant, trajectories
+from metrics.estimate_records import LAYOUT, N, plant, trajectories
+from metrics.issue_checks import only_issue
 
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.metrics.cost import cost
-from rmpc_bench.metrics.tracking import Units
-from rmpc_bench.types import DesignError, Record
+from rmpc_bench.metrics.cost import Cost
+from rmpc_bench.types import Record
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from rmpc_bench.types import DesignError, Record
 def test_cost_against_a_plain_loop(bounds, samples, rng):
     """Oracle: ma2025 (36), sample by sample: the state that an input leads to counts with it."""
     block, Q, R = trajectories(rng), random_psd(rng, 3), 0.7
-    values = cost(UNITS, Q_x=Q.tolist(), R_u=R, **bounds).evaluate(block)
+    values = Cost(Q_x=Q.tolist(), R_u=R, **bounds).evaluate(block)
     for i, value in enumerate(values):
         total = sum(block.x[i, k + 1] @ Q @ block.x[i, k + 1] + R * block.u[i, k] @ block.u[i, k] for k in samples)
         np.testing.assert_allclose(value, total, **ROUND)
@@ -29,24 +29,23 @@ def test_the_first_state_costs_nothing_and_the_last_one_does():
     x = np.array([7.0, 2.0, 3.0]).reshape(1, 3, 1)
     u = np.array([1.0, 5.0]).reshape(1, 2, 1)
     block = Record(1.0, x, x, x, u, x[0])
-    assert cost(Units(2, 1.0, "", ""), Q_x=10.0, R_u=2.0).evaluate(block) == [182.0]
-    assert cost(Units(2, 1.0, "", ""), Q_x=10.0, R_u=2.0, to=0.0).evaluate(block) == [42.0]
+    assert Cost(Q_x=10.0, R_u=2.0).evaluate(block) == [182.0]
+    assert Cost(Q_x=10.0, R_u=2.0, to=0.0).evaluate(block) == [42.0]
 
 
 def test_short_forms_are_matrices(rng):
     """Oracle: a number is that times the identity, a list the diagonal."""
     block = trajectories(rng)
     for short, full in ((2.0, 2.0 * np.eye(3)), ([1.0, 0.0, 4.0], np.diag([1.0, 0.0, 4.0]))):
-        expected = cost(UNITS, Q_x=full.tolist(), R_u=[[1.0]]).evaluate(block)
-        np.testing.assert_array_equal(cost(UNITS, Q_x=short, R_u=1.0).evaluate(block), expected)
+        expected = Cost(Q_x=full.tolist(), R_u=[[1.0]]).evaluate(block)
+        np.testing.assert_array_equal(Cost(Q_x=short, R_u=1.0).evaluate(block), expected)
 
 
-def test_what_it_is():
+def test_its_column():
     """Oracle: no unit, as those of states and inputs differ; less is better; there is no input at k = N."""
-    metric = cost(UNITS, Q_x=1.0, R_u=1.0)
-    assert (metric.info, metric.window) == (("cost", "", "lower", False), (0, N - 1))
-    with pytest.raises(DesignError, match="window from 0 to 6"):
-        cost(UNITS, Q_x=1.0, R_u=1.0, to=0.5 * N)
+    metric = Cost(Q_x=1.0, R_u=1.0)
+    assert (metric.info(LAYOUT), metric.window(LAYOUT)) == (("cost", "", "lower", False), (0, N - 1))
+    only_issue(Cost(Q_x=1.0, R_u=1.0, to=0.5 * N), LAYOUT, "", "window from 0 to 6")
 
 
 @pytest.mark.parametrize(
@@ -58,11 +57,9 @@ def test_what_it_is():
         ({"Q_x": [[1.0, 2.0], [0.0, 1.0]]}, "Q_x", "does not fit"),
     ],
 )
-def test_a_weight_that_is_none(keys, parameter, message):
+def test_an_impossible_weight(keys, parameter, message):
     """Oracle: a plant of three states and one input; refused before any run."""
-    with pytest.raises(DesignError, match=message) as caught:
-        cost(UNITS._replace(plant=plant(3)), **({"Q_x": 1.0, "R_u": 1.0} | keys))
-    assert caught.value.parameter == parameter
+    only_issue(Cost(**({"Q_x": 1.0, "R_u": 1.0} | keys)), LAYOUT._replace(plant=plant(3)), parameter, message)
 
 
 def test_keys():

@@ -7,21 +7,21 @@ import statistics
 import numpy as np
 import pytest
 from conftest import ROUND
-from metrics.burst_records import PARTS, UNITS, N, counts, trajectories
+from metrics.burst_records import LAYOUT, PARTS, N, counts, trajectories
+from metrics.issue_checks import only_issue
 from simulation.toy import Halfway, Proportional, Walk
 
-from rmpc_bench.metrics.reported import fallbacks, reported
-from rmpc_bench.metrics.tracking import Units
+from rmpc_bench.metrics.reported import Fallbacks, Reported
 from rmpc_bench.noise.bounded import uniform
 from rmpc_bench.noise.bursts import Burst
 from rmpc_bench.simulation.closed_loop import simulate_block
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.scenario import Experiment, Scenario
-from rmpc_bench.types import DesignError, Method
+from rmpc_bench.types import Method
 
 
 class Watching(Halfway):
-    """An estimator that reports how often it was asked, and a matrix."""
+    """An estimator that reports a fallback at every third sample, and a vector."""
 
     reports = {"fallback": (), "r": (2,)}
 
@@ -46,7 +46,7 @@ class Tuned(Proportional):
 
 BOTH = Method("tuned", Watching(), Tuned())
 PLAIN = Method("plain", Halfway(), Proportional())
-KNOWN = UNITS._replace(methods=(BOTH,))
+KNOWN = LAYOUT._replace(methods=(BOTH,))
 
 
 def block_of(rng, late=0):
@@ -55,7 +55,7 @@ def block_of(rng, late=0):
     Q = rng.standard_normal((len(block.y), N, 4)) + [5.0, 0.0, 0.0, 5.0]
     Q[:, :late] = np.nan
     r = rng.standard_normal((len(block.y), N + 1, 2))
-    return block._replace(info={"Q_yw": Q, "r": r})
+    return block._replace(info={"Q_yw": Q, "r": r}, experiment=KNOWN)
 
 
 REDUCTIONS = {
@@ -75,7 +75,7 @@ def test_reports_against_plain_loops(reduce, part, late, bounds, first, rng):
     """Oracle: Python's statistics over the samples that count; what is not known yet is left out."""
     block, last = block_of(rng, late), 41 if bounds else N
     for component, places in ((None, range(4)), ("0,1", [1]), (["0,0", "1, 1"], [0, 3])):
-        values = reported(KNOWN, of="Q_yw", component=component, reduce=reduce, **part, **bounds).evaluate(block)
+        values = Reported(of="Q_yw", component=component, reduce=reduce, **part, **bounds).evaluate(block)
         for i, value in enumerate(values):
             ks = [k for k in range(first, last) if counts(i, k, **part)]
             numbers = [float(block.info["Q_yw"][i, k, place]) for k in ks for place in places]
@@ -86,9 +86,9 @@ def test_reports_against_plain_loops(reduce, part, late, bounds, first, rng):
 def test_the_last_report(rng):
     """Oracle: indexing; the last sample of the window that counts, of one component."""
     block = block_of(rng)
-    value = reported(KNOWN, of="Q_yw", component="1,0", reduce="last").evaluate(block)
+    value = Reported(of="Q_yw", component="1,0", reduce="last").evaluate(block)
     np.testing.assert_array_equal(value, block.info["Q_yw"][:, N - 1, 2])
-    value = reported(KNOWN, of="r", component=1, reduce="last", to=5.0).evaluate(block)
+    value = Reported(of="r", component=1, reduce="last", to=5.0).evaluate(block)
     np.testing.assert_array_equal(value, block.info["r"][:, 10, 1])
 
 
@@ -98,18 +98,18 @@ def test_normalised_entries(rng):
     block.info["Q_yw"][0, 7] = [0.0, 1.0, 1.0, 4.0]
     block.info["Q_yw"][:, 8] = [4.0, 3.0, -6.0, 9.0]
     keys = {"of": "Q_yw", "normalised": True, "reduce": "last"}
-    at = {name: reported(KNOWN, component=name, to=4.0, **keys).evaluate(block) for name in ("0,0", "0,1", "1,0")}
+    at = {name: Reported(component=name, to=4.0, **keys).evaluate(block) for name in ("0,0", "0,1", "1,0")}
     for name, expected in (("0,0", 1.0), ("0,1", 0.5), ("1,0", -1.0)):
         np.testing.assert_allclose(at[name], expected, **ROUND)
-    alone = reported(KNOWN, component="0,1", from_=3.5, to=3.5, **keys).evaluate(block)
+    alone = Reported(component="0,1", from_=3.5, to=3.5, **keys).evaluate(block)
     assert np.isnan(alone[0]) and np.isfinite(alone[1:]).all()
 
 
 def test_what_is_missing_in_a_record(rng):
     """Oracle: no value; no fallback where none is reported."""
     block = trajectories(rng)
-    assert np.isnan(reported(UNITS, of="Q_yw").evaluate(block)).all()
-    np.testing.assert_array_equal(fallbacks(UNITS).evaluate(block), np.zeros(4))
+    assert np.isnan(Reported(of="Q_yw").evaluate(block)).all()
+    np.testing.assert_array_equal(Fallbacks().evaluate(block), np.zeros(4))
 
 
 def test_fallbacks_are_counted(rng):
@@ -119,8 +119,8 @@ def test_fallbacks_are_counted(rng):
     block = trajectories(rng)._replace(info={"fallback": fell})
     for bounds, samples in (({}, range(N)), ({"from_": 4.0, "to": "N"}, range(8, N + 1))):
         expected = [sum(fell[i, k, 0] == 1.0 for k in samples) for i in range(4)]
-        np.testing.assert_array_equal(fallbacks(UNITS, **bounds).evaluate(block), expected)
-    assert fallbacks(UNITS).info == ("fallbacks", "", "lower", False)
+        np.testing.assert_array_equal(Fallbacks(**bounds).evaluate(block), expected)
+    assert Fallbacks().info(LAYOUT) == ("fallbacks", "", "lower", False)
 
 
 @pytest.mark.parametrize(
@@ -135,25 +135,26 @@ def test_fallbacks_are_counted(rng):
         ({"of": "fallback", "component": 0}, "component", "fallback has one entry and no '0'; leave component out"),
         ({"of": "r", "normalised": True}, "normalised", "only a square matrix"),
         ({"of": "Q_yw", "reduce": "last"}, "component", "one of 4 entries"),
-        ({"of": "Q_yw", "during": "bursts", "bursts": False}, "during", "needs bursts"),
     ],
 )
-def test_what_is_refused(keys, parameter, message):
-    """Oracle: what the toys report; the key to blame is named."""
-    units = KNOWN._replace(bursts=keys.pop("bursts", True))
-    with pytest.raises(DesignError, match=message) as caught:
-        reported(units, **keys)
-    assert caught.value.parameter == parameter
+def test_issues(keys, parameter, message, bursts=True):
+    """Oracle: what the toys report; the issue names the key to blame."""
+    only_issue(Reported(**keys), KNOWN._replace(bursts=bursts), parameter, message)
+
+
+def test_bursts_are_required():
+    """Oracle: the noise has none."""
+    test_issues({"of": "Q_yw", "during": "bursts"}, "during", "needs bursts", bursts=False)
 
 
 def test_every_method_must_report():
     """Oracle: those that do not are named with what they have; two shapes of one name cannot be compared."""
-    with pytest.raises(DesignError, match=r"'Q_yw' is not reported by 'plain' \(which reports nothing\); leave"):
-        reported(UNITS._replace(methods=(BOTH, PLAIN)), of="Q_yw")
+    layout = LAYOUT._replace(methods=(BOTH, PLAIN))
+    only_issue(Reported(of="Q_yw"), layout, "of", r"'Q_yw' is not reported by 'plain' \(which reports nothing\); leave")
     other = Proportional()
     other.reports = {"r": (3,)}
-    with pytest.raises(DesignError, match="'r' has 2 entries or 3 entries, depending on the method"):
-        reported(UNITS._replace(methods=(BOTH, Method("other", Halfway(), other))), of="r")
+    layout = LAYOUT._replace(methods=(BOTH, Method("other", Halfway(), other)))
+    only_issue(Reported(of="r"), layout, "of", "'r' has 2 entries or 3 entries, depending on the method")
     assert BOTH.reports == {"fallback": (), "r": (2,), "Q_yw": (2, 2)} and PLAIN.reports == {}
 
 
@@ -161,7 +162,7 @@ def test_a_row_has_the_bits_it_has_alone(rng):
     """Oracle: a batch of one."""
     block = block_of(rng, 5)
     for reduce in REDUCTIONS:
-        metric = pickle.loads(pickle.dumps(reported(KNOWN, of="Q_yw", reduce=reduce, during="quiet", normalised=True)))
+        metric = pickle.loads(pickle.dumps(Reported(of="Q_yw", reduce=reduce, during="quiet", normalised=True)))
         values = metric.evaluate(block)
         for i in range(4):
             own = {name: getattr(block, name)[i : i + 1].copy() for name in ("x", "y", "x_hat", "u", "bursts")}
@@ -173,16 +174,15 @@ def test_reports_go_through_the_loop():
     """Oracle: what the toys report, by hand, and the samples that are in the burst; nothing else is kept."""
     law = uniform(1, 0.5, radius=0.1, bursts=[Burst(3.0, 4.0, 2.0)])  # samples 6 to 8
     scenario = Scenario(7, {}, {}, np.zeros(1), (), (), (law,), constant(1, value=1.0))
-    units = Units(12, 0.5, "m", "V", plant=Walk(), methods=(BOTH,), bursts=True)
     made = (
-        reported(units, of="Q_yw", component="0,1", reduce="sum"),
-        reported(units, of="Q_yw", component="0,1", reduce="mean", during="bursts"),
-        reported(units, of="Q_yw", component=["0,0", "1,1"], reduce="sum", during="quiet"),
-        fallbacks(units),
-        fallbacks(units, to="N"),
-        reported(units, of="r", component=1, reduce="last"),
+        Reported(of="Q_yw", component="0,1", reduce="sum"),
+        Reported(of="Q_yw", component="0,1", reduce="mean", during="bursts"),
+        Reported(of="Q_yw", component=["0,0", "1,1"], reduce="sum", during="quiet"),
+        Fallbacks(),
+        Fallbacks(to="N"),
+        Reported(of="r", component=1, reduce="last"),
     )
-    experiment = Experiment(Walk(), (BOTH,), scenario, made, 3, 12)
+    experiment = Experiment(Walk(), (BOTH,), scenario, made, 3, 12, tick=0.5)
     values = simulate_block(experiment, BOTH, range(3)).metrics
     np.testing.assert_array_equal(values[:5], np.tile([[sum(range(4, 12))], [7.0], [5 * 13.0], [4], [5]], 3))
     assert np.isfinite(values[5]).all()

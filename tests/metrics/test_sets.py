@@ -1,27 +1,16 @@
-"""The share of states inside the believed set: solves, chi-square, hand calculation, and what is refused."""
+"""The share of states inside the reported set: solves, chi-square, hand calculation, and what is refused."""
 
 import numpy as np
 import pytest
 from conftest import EXACT, ROUND, random_psd, within_stat
-from metrics.test_metrics_of_estimates import UNITS, N, Sure, method, plant, trajectories
+from metrics.estimate_records import LAYOUT, N, method, plant, trajectories
+from metrics.issue_checks import no_issue, only_issue
 from scipy import optimize, stats
-from simulation.toy import Proportional
 
-from rmpc_bench.metrics.sets import inside
-from rmpc_bench.metrics.tracking import Units
-from rmpc_bench.types import DesignError, Estimate, Method, Record
+from rmpc_bench.metrics.sets import Inside
+from rmpc_bench.types import Record
 
 NX = 3
-
-
-def set_method(nx, *, P=None, M=None, name="M"):
-    """Pair with a constant estimator that believes P and M."""
-
-    class Believes(Sure):
-        def correct(self, k, state, y):
-            return state, Estimate(np.zeros((len(y), nx)), P, M, np.zeros(len(y), dtype=np.int8), {})
-
-    return Method(name, Believes(nx, P), Proportional())
 
 
 def smallest_sum(M, P):
@@ -38,7 +27,7 @@ def test_inside_against_plain_loops(of, per_run, rng):
     """Oracle: loops with a linear solve and SciPy's quantile; the sum by a search (no state lies at its edge)."""
     block, quantile = trajectories(rng, 40, per_run=per_run), stats.chi2.ppf(0.5, NX)
     for bounds, samples in (({}, range(0, N)), ({"to": "N"}, range(0, N + 1)), ({"from_": 1.0, "to": 1.5}, (2, 3))):
-        values, seen = inside(UNITS, of=of, level=0.5, **bounds).evaluate(block), set()
+        values, seen = Inside(of=of, level=0.5, **bounds).evaluate(block), set()
         for i, value in enumerate(values):
             found = 0
             for k in samples:
@@ -51,17 +40,17 @@ def test_inside_against_plain_loops(of, per_run, rng):
         assert len(seen) > 1
 
 
-def test_what_is_read_is_asked_for():
+def test_only_the_matrices_of_the_set_are_needed():
     """Oracle: product.md section 4: a covariance is not kept for a metric that does not need it."""
-    flags = {of: inside(UNITS, of=of) for of in (None, "set", "gaussian", "sum")}
+    flags = {of: Inside(of=of) for of in (None, "set", "gaussian", "sum")}
     assert {of: (made.needs_P, made.needs_M) for of, made in flags.items()} == {
         None: (True, True),
         "set": (False, True),
         "gaussian": (True, False),
         "sum": (True, True),
     }
-    assert inside(UNITS).info == ("inside", "", "higher", False)
-    assert (inside(UNITS).window, inside(UNITS, name="mine").info.name) == ((0, N - 1), "mine")
+    assert Inside().info(LAYOUT) == ("inside", "", "higher", False)
+    assert (Inside().window(LAYOUT), Inside(name="mine").name) == ((0, N - 1), "mine")
 
 
 @pytest.mark.parametrize("level", [0.5, 0.95])
@@ -72,7 +61,7 @@ def test_a_gaussian_error_is_inside_as_often_as_the_level_says(n, level, rng):
     e = rng.multivariate_normal(np.zeros(n), P, (4000, 5))
     y = np.zeros((4000, 5, 1))
     block = Record(1.0, -e, y, np.zeros_like(e), y[:, 1:], y[0], np.tile(P, (5, 1, 1)))
-    values = inside(Units(4, 1.0, "", ""), level=level, to="N").evaluate(block)
+    values = Inside(level=level, to="N").evaluate(block)
     assert within_stat(values, level)
 
 
@@ -85,7 +74,7 @@ def test_an_error_bounded_by_the_set_is_always_inside_the_sum_and_not_the_other_
     e = balls[0] @ np.linalg.cholesky(M).T + balls[1] @ np.sqrt(c * P)
     y = np.zeros((500, 3, 1))
     block = Record(1.0, e, y, np.zeros_like(e), y[:, 1:], y[0], np.tile(P, (3, 1, 1)), np.tile(M, (3, 1, 1)))
-    shares = {of: inside(Units(2, 1.0, "", ""), of=of, level=0.9).evaluate(block) for of in ("sum", "set", "gaussian")}
+    shares = {of: Inside(of=of, level=0.9).evaluate(block) for of in ("sum", "set", "gaussian")}
     np.testing.assert_array_equal(shares["sum"], np.ones(500))
     assert 0.0 < shares["set"].mean() < 1.0
     np.testing.assert_array_equal(shares["gaussian"], np.zeros(500))  # it is a segment
@@ -96,11 +85,11 @@ def test_the_sum_takes_what_there_is(rng):
     block = trajectories(rng, 40, per_run=False)
     for kept, of in (("M", "set"), ("P", "gaussian")):
         alone = block._replace(**{name: None for name in ("P", "M") if name != kept})
-        expected = inside(UNITS, of=of).evaluate(block)
-        for metric in (inside(UNITS, of="sum"), inside(UNITS)):
+        expected = Inside(of=of).evaluate(block)
+        for metric in (Inside(of="sum"), Inside()):
             np.testing.assert_array_equal(metric.evaluate(alone), expected)
     for of in (None, "set", "gaussian", "sum"):
-        values = inside(UNITS, of=of).evaluate(block._replace(P=None, M=None))
+        values = Inside(of=of).evaluate(block._replace(P=None, M=None))
         np.testing.assert_array_equal(values, np.full(40, np.nan))
 
 
@@ -123,7 +112,7 @@ def test_inside_of_one_error(e, M, share):
     x = np.tile(np.asarray(e), (1, 2, 1))
     y = np.zeros((1, 2, 1))
     block = Record(1.0, x, y, np.zeros_like(x), y[:, 1:], y[0], None, np.tile(M, (2, 1, 1)))
-    np.testing.assert_allclose(inside(Units(1, 1.0, "", "")).evaluate(block), [share], **EXACT)
+    np.testing.assert_allclose(Inside().evaluate(block), [share], **EXACT)
 
 
 @pytest.mark.parametrize(
@@ -140,19 +129,19 @@ def test_inside_of_one_error(e, M, share):
         ("gaussian", "neither", "needs the covariance P of the estimate, which the estimator of 'ESM', 'nei", "of"),
     ],
 )
-def test_a_method_that_believes_nothing_is_refused(of, lacking, message, parameter):
+def test_a_method_that_reports_no_matrix_is_refused(of, lacking, message, parameter):
     """Oracle: a Kalman filter has P, a set-membership filter M, a mixed one both; a constant nothing."""
     both = {"KF": {"P": np.eye(1)}, "ESM": {"M": np.eye(1)}, "MIX": {"P": np.eye(1), "M": np.eye(1)}, lacking: {}}
-    methods = tuple(set_method(1, name=name, **beliefs) for name, beliefs in both.items())
-    with pytest.raises(DesignError, match=message) as caught:
-        inside(UNITS._replace(plant=plant(1), methods=methods), of=of)
-    assert caught.value.parameter == parameter
-    able = [each for each in methods if f"'{each.name}'" not in str(caught.value)]
-    assert inside(UNITS._replace(plant=plant(1), methods=tuple(able)), of=of) and len(able) > 1
+    methods = tuple(method(1, name=name, **matrices) for name, matrices in both.items())
+    layout = LAYOUT._replace(plant=plant(1), methods=methods)
+    only_issue(Inside(of=of), layout, parameter, message)
+    [issue] = Inside(of=of).check(layout)
+    able = tuple(each for each in methods if f"'{each.name}'" not in issue.message)
+    assert len(able) > 1
+    no_issue(Inside(of=of), layout._replace(methods=able))
 
 
 def test_an_estimate_of_another_length_is_refused():
     """Oracle: x_hat - x needs equal lengths."""
-    units = UNITS._replace(plant=plant(5), methods=(method(4, P=np.eye(4), name="S-MPC"),))
-    with pytest.raises(DesignError, match="x_hat of method 'S-MPC' has 4 components and x of the plant 5"):
-        inside(units)
+    layout = LAYOUT._replace(plant=plant(5), methods=(method(4, P=np.eye(4), name="S-MPC"),))
+    only_issue(Inside(), layout, "", "x_hat of method 'S-MPC' has 4 components and x of the plant 5")

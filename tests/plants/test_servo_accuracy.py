@@ -48,7 +48,7 @@ def closed_loops(method: Method, runs: range, plant: Any) -> tuple[Any, Any, Any
     r = experiment.scenario.reference.sample(experiment.n_steps + 1 + method.controller.preview)
     record, status = simulate(plant, method, experiment.scenario.draw(plant, runs, experiment.n_steps), r, 200)
     assert (status == Status.OK).all()
-    (metric,) = (metric for metric in experiment.metrics if metric.info.name == "mse")
+    (metric,) = (metric for metric in experiment.metrics if metric.name == "mse")
     return record.y[:, :, 0], record.u[:, :, 0], metric.evaluate(record)
 
 

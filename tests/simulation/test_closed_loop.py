@@ -7,8 +7,8 @@ from simulation.toy import Delta, Halfway, Proportional, Walk, by_hand
 
 from rmpc_bench.controllers import mpc
 from rmpc_bench.estimators import robust_kalman
-from rmpc_bench.metrics import tracking
-from rmpc_bench.metrics.tracking import Units
+from rmpc_bench.metrics.input import InputPower
+from rmpc_bench.metrics.tracking import Mae, Mse, Rmse, SettlingTime, SteadyStateError
 from rmpc_bench.noise.distributions import Uniform
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.plants import servo
@@ -19,7 +19,7 @@ from rmpc_bench.types import Method, Status
 
 TOY = Method("toy", Halfway(), Proportional())
 STEPS, RUNS = 12, 5
-ALL_METRICS = ("mse", "mae", "rmse", "input_power", "settling_time", "steady_state_error")
+ALL_METRICS = (Mse(), Mae(), Rmse(), InputPower(), SettlingTime(), SteadyStateError())
 
 
 def toy_draws(rng, a=None):
@@ -108,9 +108,7 @@ def test_a_parameter_out_of_range_marks_its_run(rng, r):
 
 def experiment(plant, method, scenario, n_runs, n_steps):
     """All metrics of a method on a plant."""
-    units = Units(n_steps, plant.Ts, plant.y_unit, plant.u_unit)
-    evaluated = tuple(getattr(tracking, name)(units) for name in ALL_METRICS)
-    return Experiment(plant, (method,), scenario, evaluated, n_runs, n_steps)
+    return Experiment(plant, (method,), scenario, ALL_METRICS, n_runs, n_steps)
 
 
 def toy_experiment(parameter):
@@ -176,9 +174,9 @@ def test_a_block_is_the_record_reduced(servo_experiment):
     record, _ = simulate(servo_experiment.plant, method, draws, np.full((41, 1), np.pi / 2), 30)
     block = simulate_block(servo_experiment, method, range(10, 20))
     mse = ((record.y[:, :30, 0] - np.pi / 2) ** 2).mean(axis=1)
-    np.testing.assert_allclose(block.metrics[ALL_METRICS.index("mse")], mse, **ROUND)
+    np.testing.assert_allclose(block.metrics[ALL_METRICS.index(Mse())], mse, **ROUND)
     power = (record.u[:, :, 0] ** 2).mean(axis=1)
-    np.testing.assert_allclose(block.metrics[ALL_METRICS.index("input_power")], power, **ROUND)
+    np.testing.assert_allclose(block.metrics[ALL_METRICS.index(InputPower())], power, **ROUND)
 
 
 def test_an_experiment_without_metrics_gives_statuses():

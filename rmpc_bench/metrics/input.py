@@ -1,0 +1,163 @@
+"""Metrics of the applied input.
+
+Windows are k = 0..N-1 unless given: no input is applied at k = N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.metrics.burst_samples import BurstMetric, burst_samples
+from rmpc_bench.metrics.means import mean_square, squared, time_mean
+from rmpc_bench.metrics.norms import mean_sum, peak, per_run, rms
+from rmpc_bench.types import Array, Direction, MetricLayout, Record, WindowMetric
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputPower(WindowMetric):
+    """Mean square of the applied input, 1/(N nu) sum_k |u(k)|^2 over k = 0..N-1; lower is better.
+
+    Examples
+    --------
+    >>> InputPower().evaluate(Record.of_run(u=[1.0, -2.0, 3.0, 0.0])).item()
+    3.5
+    """
+
+    name: str = "input_power"
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    input_only: ClassVar[bool] = True
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the square of the unit of the input."""
+        return squared(layout.u_unit)
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Average the squares."""
+        return mean_square(record.u[:, self.samples(record).slice])
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputRoughness(WindowMetric):
+    """Standard deviation over time of the increments u(k) - u(k-1) inside the window; lower is better.
+
+    Of several inputs it is the root mean square of their deviations.  It is 0 for a ramp and for a single sample.
+
+    Examples
+    --------
+    >>> InputRoughness().evaluate(Record.of_run(u=[1.0, -2.0, 3.0])).item()  # increments -3, 5
+    4.0
+    """
+
+    name: str = "input_roughness"
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    input_only: ClassVar[bool] = True
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the unit of the input."""
+        return layout.u_unit
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Compute the deviation of the increments."""
+        return deviation_of_increments(record.u[:, self.samples(record).slice])
+
+
+def deviation_of_increments(u: Float[Array, "runs window n"]) -> Float[Array, " runs"]:
+    """Return the standard deviation over time of u(k) - u(k-1), root mean square over inputs; 0 for one sample."""
+    increments = np.diff(u, axis=1)
+    if not increments.size:
+        return np.zeros(len(increments))
+    means = np.ascontiguousarray(increments.transpose(0, 2, 1)).mean(axis=2)
+    return np.sqrt(time_mean((increments - means[:, None, :]) ** 2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputVariation(BurstMetric):
+    """Mean over k = 1..N-1 of the sum over i of |u_i(k) - u_i(k-1)|; lower is better.
+
+    An increment from k - 1 to k counts where sample k does.
+
+    Parameters
+    ----------
+    from_ : first k (seconds or samples, as `time`); the input before it counts with it
+
+    Examples
+    --------
+    >>> InputVariation().evaluate(Record.of_run(u=[1.0, -2.0, 3.0])).item()  # increments -3, 5
+    4.0
+    """
+
+    name: str = "input_variation"
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    input_only: ClassVar[bool] = True
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the unit of the input."""
+        return layout.u_unit
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Average the sizes of the increments that count."""
+        window = self.samples(record)
+        # There is no increment to k = 0.
+        window = window._replace(first=max(window.first, 1))
+        increments = np.diff(record.u, axis=1)[:, window.first - 1 : window.last]
+        return per_run(increments, burst_samples(record, window, self.during, self.memory), mean_sum)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputRms(BurstMetric):
+    """Root of the mean square of the applied input over k = 0..N-1 and all inputs; lower is better.
+
+    Examples
+    --------
+    >>> InputRms().evaluate(Record.of_run(u=[3.0, -3.0])).item()
+    3.0
+    """
+
+    name: str = "input_rms"
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    input_only: ClassVar[bool] = True
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the unit of the input."""
+        return layout.u_unit
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Reduce the inputs at the samples that count."""
+        return per_run(record.u[:, self.samples(record).slice], self.counted(record), rms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputPeak(BurstMetric):
+    """Largest size of an applied input over k = 0..N-1; lower is better.
+
+    Examples
+    --------
+    >>> InputPeak().evaluate(Record.of_run(u=[1.0, -2.0, 0.5])).item()
+    2.0
+    """
+
+    name: str = "input_peak"
+
+    better: ClassVar[Direction] = "lower"
+    bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
+    input_only: ClassVar[bool] = True
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the unit of the input."""
+        return layout.u_unit
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Reduce the inputs at the samples that count."""
+        return per_run(record.u[:, self.samples(record).slice], self.counted(record), peak)

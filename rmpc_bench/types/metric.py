@@ -1,0 +1,244 @@
+"""The base class of metrics, the trajectories that they read, and what they need to know of the experiment."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rmpc_bench.types.attribute import attribute
+from rmpc_bench.types.basics import Array, DesignError, NonNegative
+from rmpc_bench.types.controller import Controller
+from rmpc_bench.types.issue import Issue, issues_of
+from rmpc_bench.types.method import Method
+from rmpc_bench.types.plant import Plant
+
+Bound: TypeAlias = NonNegative | Literal["N"] | None
+"""End of a window in seconds or samples, as the experiment's `time` is given; N is the last sample."""
+Direction: TypeAlias = Literal["lower", "higher", "zero", "one"]
+"""Which value is better: a lower or a higher one, the one closest to 0 (signed), the one closest to 1 (a ratio)."""
+
+
+class MetricInfo(NamedTuple):
+    """What a reader needs to know about the column of a metric."""
+
+    name: str
+    """The column, and the word that claims use."""
+    unit: str
+    """In the plant's units, such as ``rad^2``; empty where it has none."""
+    direction: str
+    """Which value is better, see `Direction`."""
+    may_not_occur: bool = False
+    """Whether the measured event may not occur in a run (inf); such a metric has a share and a median, no mean."""
+
+
+class SampleWindow(NamedTuple):
+    """Samples first..last, both included."""
+
+    first: int
+    last: int
+
+    @property
+    def slice(self) -> slice:
+        """The same samples for indexing."""
+        return slice(self.first, self.last + 1)
+
+    @property
+    def length(self) -> int:
+        """Number of samples."""
+        return self.last - self.first + 1
+
+
+class MetricLayout(NamedTuple):
+    """Sizes, units and components of an experiment, as far as metrics depend on them."""
+
+    n_steps: int
+    """Number of control periods N; samples are k = 0..N."""
+    tick: float = 1.0
+    """Length of one sample in the unit in which windows are given: Ts with seconds, 1 with samples."""
+    y_unit: str = ""
+    u_unit: str = ""
+    cut: bool = False
+    """Whether a window that reaches beyond the last sample ends there (a smoke run is short)."""
+    plant: Plant | None = None
+    """None where it is not known; a metric then checks nothing that depends on it."""
+    methods: tuple[Method, ...] = ()
+    """Those that are known; a metric checks each of them."""
+    bursts: bool | None = None
+    """Whether the measurement noise has bursts; None where it is not known."""
+
+    def sample(self, bound: float) -> int:
+        """Return the sample nearest to a time in seconds or samples, as the experiment's `time` is given."""
+        return round(float(bound) / self.tick)
+
+
+class Record(NamedTuple):
+    """The trajectories of a block of runs, which metrics read; samples k = 0..N."""
+
+    Ts: float
+    x: Float[Array, "runs samples nx"]
+    y: Float[Array, "runs samples ny"]
+    """True output, without measurement noise."""
+    x_hat: Float[Array, "runs samples nx_hat"]
+    u: Float[Array, "runs steps nu"]
+    """Applied input; there is none at k = N."""
+    r: Float[Array, "samples ny"]
+    P: Float[Array, "samples nx_hat nx_hat"] | Float[Array, "runs samples nx_hat nx_hat"] | None = None
+    """Reported covariance of x_hat - x; None unless a metric has `needs_P` and the estimator gives one at every k."""
+    M: Float[Array, "samples nx_hat nx_hat"] | Float[Array, "runs samples nx_hat nx_hat"] | None = None
+    """Shape matrix of the reported set of x_hat - x; None as P is, with `needs_M`."""
+    controller: Controller | None = None
+    """The method's controller, for a metric that evaluates its certificate; None where it is not known."""
+    info: Mapping[str, Float[Array, "runs _ _"]] = {}
+    """What estimator (k = 0..N) and controller (k = 0..N-1) report, entries of a matrix row by row; only what a metric
+    names in `needs_info` or is recorded, and only if the method reports it."""
+    bursts: Bool[Array, "runs samples"] | None = None
+    """Whether measurement noise is in a burst; None where no law of it has bursts."""
+    experiment: MetricLayout | None = None
+    """What is known about the experiment; None for trajectories from elsewhere."""
+
+    @property
+    def layout(self) -> MetricLayout:
+        """The layout of the experiment; without one, windows are given in samples and nothing has a unit."""
+        return self.experiment or MetricLayout(self.u.shape[1])
+
+    @classmethod
+    def of_run(
+        cls, *, y: Any = None, r: Any = 0.0, x: Any = None, x_hat: Any = None, u: Any = None, Ts: float = 1.0
+    ) -> Record:
+        """Make the record of one run from lists; signals that are not given are 0.
+
+        Parameters
+        ----------
+        y, r, x, x_hat : a number for all samples k = 0..N, or one entry per sample: a number or a list of coordinates
+        u : the same for k = 0..N-1
+        Ts : sampling time [s]
+
+        Examples
+        --------
+        >>> record = Record.of_run(y=[0.0, 2.0, 4.0], u=[1.0, 3.0])
+        >>> record.y.shape, record.u.shape, record.r.shape
+        ((1, 3, 1), (1, 2, 1), (3, 1))
+        """
+        lengths = [len(each) for each in (y, r, x, x_hat) if np.ndim(each) > 0]
+        n_samples = lengths[0] if lengths else len(u) + 1
+        x, y, x_hat, r = (_column(values, n_samples) for values in (x, y, x_hat, r))
+        return cls(Ts, x[None], y[None], x_hat[None], _column(u, n_samples - 1)[None], r)
+
+
+def _column(values: Any, n: int) -> Float[Array, "samples coordinates"]:
+    """Return a signal with axis 0 = k; None is 0."""
+    array = np.asarray(0.0 if values is None else values, dtype=float)
+    return np.array(np.broadcast_to(array, (n,)) if array.ndim == 0 else array).reshape(n, -1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metric(ABC):
+    """A number per run, computed from the trajectories of the run.
+
+    A metric is a frozen dataclass that derives from this class.  Its fields are its YAML keys, their annotations the
+    accepted values; `evaluate` computes.  The attributes below have defaults; a derived class replaces those that
+    differ, as a class constant or as a property where the value depends on a key.
+
+    Parameters
+    ----------
+    name : column of the tables, and the word that claims use
+    """
+
+    name: str
+
+    bounds: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
+    """Smallest and largest possible value."""
+    may_not_occur: ClassVar[bool] = False
+    """Whether the measured event may not occur in a run; the value is then inf."""
+
+    @attribute
+    def better(self) -> Direction:
+        """Which value is better."""
+        return "lower"
+
+    @attribute
+    def needs_P(self) -> bool:
+        """Whether it reads `Record.P`, which is not kept for other metrics."""
+        return False
+
+    @attribute
+    def needs_M(self) -> bool:
+        """Whether it reads `Record.M`, which is not kept for other metrics."""
+        return False
+
+    @attribute
+    def needs_info(self) -> tuple[str, ...]:
+        """Names of the entries of `Record.info` that it reads; others are not kept."""
+        return ()
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the unit of the value; empty where it has none."""
+        return ""
+
+    def info(self, layout: MetricLayout) -> MetricInfo:
+        """Describe the column of the metric."""
+        return MetricInfo(self.name, self.unit(layout), self.better, self.may_not_occur)
+
+    def window(self, layout: MetricLayout) -> SampleWindow:
+        """Return the samples that it reads: all of them."""
+        return SampleWindow(0, layout.n_steps)
+
+    def samples(self, record: Record) -> SampleWindow:
+        """Return the samples of a record that it reads."""
+        return self.window(record.layout)
+
+    def check(self, layout: MetricLayout) -> Iterator[Issue]:
+        """Find every reason for which the metric cannot be computed, before any run."""
+        yield from issues_of(self.window, layout)
+
+    @abstractmethod
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Return one value per run: inf where the event does not occur, NaN where there is no value."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowMetric(Metric):
+    """A metric over the samples between `from` and `to`, both included.
+
+    Parameters
+    ----------
+    from_ : first sample (seconds or samples, as `time`); k = 0 unless given
+    to : last sample, included; N is the last one there is
+    """
+
+    from_: Bound = None
+    to: Bound = None
+
+    input_only: ClassVar[bool] = False
+    """Whether the window ends at k = N-1 at the latest, because no input is applied at k = N."""
+    to_the_end: ClassVar[bool] = False
+    """Whether the window ends at k = N unless `to` is given; otherwise it ends at k = N-1."""
+
+    def window(self, layout: MetricLayout) -> SampleWindow:
+        """Return the samples between the bounds.
+
+        Raises
+        ------
+        DesignError
+            If the bounds do not lie in the experiment or hold no sample.
+        """
+        limit = layout.n_steps - 1 if self.input_only else layout.n_steps
+        default_last = layout.n_steps if self.to_the_end else layout.n_steps - 1
+        first, last = (
+            limit if bound == "N" else default if bound is None else layout.sample(bound)
+            for bound, default in ((self.from_, 0), (self.to, default_last))
+        )
+        if layout.cut:
+            first = min(first, limit)
+            last = max(first, min(last, limit))
+        if not 0 <= first <= last <= limit:
+            raise DesignError(
+                f"the window from {first} to {last} (samples) must lie in 0..{limit} and hold at least one sample"
+            )
+        return SampleWindow(first, last)
