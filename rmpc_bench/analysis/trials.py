@@ -56,11 +56,11 @@ class Trials:
     traces : method -> its recorded runs
     paths : the columns of a sweep, which come first in `frame` and `series`; empty without one
     points : the tables of a sweep's points; empty without one
-    alike : whether the methods are the same at all points, which then differ in the truth only
+    alike : whether the methods are the same at all points, which then differ in the true system only
     point : path -> value as text, where the table is a point of a sweep
     title : the point in words, such as ``controller.Hp=10, controller.Hu=8``; empty without a sweep
     keys : method -> what identifies its trials, the same at points that share them
-    oracles : methods that are told what no estimator can know
+    oracles : methods whose estimator is an oracle
     """
 
     name: str
@@ -91,7 +91,7 @@ class Trials:
 
     @property
     def is_population(self) -> bool:
-        """Whether the points can be taken together: the same methods, once each, on truths that are all different.
+        """Whether the points can be taken together: the same methods, each of them on plants that all differ.
 
         Points of several runs cannot: every point has the same draws, so the runs would not be independent.
         """

@@ -1,4 +1,4 @@
-"""A claim tried on ones before anything has run: what no results could answer."""
+"""Dry run of a claim on placeholder data before any run: finds what no results could answer."""
 
 from __future__ import annotations
 

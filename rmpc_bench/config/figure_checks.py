@@ -27,7 +27,7 @@ OF_RUNS = ("boxplot", "trajectories", "ellipses", "tubes", "elements", "plane", 
 def check_figures(
     draft: DraftConfig, metrics: Sequence[str], places: Sequence[Place], layout: ResultLayout | None
 ) -> None:
-    """Note what the figures of a draft ask for in vain.
+    """Report every figure option that the experiment cannot satisfy.
 
     Parameters
     ----------

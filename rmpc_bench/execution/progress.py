@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 
 class Progress(Protocol):
-    """Told of finished trials and of what a user should know."""
+    """Display of finished trials and of messages to the user."""
 
     def start(self, title: str, total: int, done: int) -> None:
         """Begin with ``done`` of ``total`` trials stored already."""

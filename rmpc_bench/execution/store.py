@@ -1,4 +1,4 @@
-"""The truth of an experiment: trials.sqlite.
+"""The trial store of an experiment: trials.sqlite.
 
 One transaction per finished block, one writer with an exclusive lock, a rollback journal: this works on network file
 systems, too, and a process that is killed loses the blocks in flight and nothing else.  Trials are filed under the

@@ -1,4 +1,4 @@
-"""Ensemble moments as a table: bias and variance of the error at the end, beside what the estimator believes."""
+"""Ensemble moments as a table: bias and variance of the error at the end, beside the reported covariance."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ def ensemble_rows(trials: Trials) -> list[list[str]]:
     ----------
     trials : the table of one point
     """
-    rows = [["error at the end", "bias x - x_hat", "variance", "mean square", "own P", ""]]
+    rows = [["error at the end", "bias x - x_hat", "variance", "mean square", "reported covariance", ""]]
     for method in trials.methods:
         mean, cov, P = (_last(trials, quantity, method) for quantity in ("mean(e)", "cov(e)", "P"))
         if mean is None or cov is None:
             continue
         variance = np.diagonal(cov)
-        believed = "-" if P is None else _numbers(np.diagonal(P))
+        reported = "-" if P is None else _numbers(np.diagonal(P))
         square = f"{float(variance.sum() + mean @ mean):.4g}"
         n = trials.n_of("cov(e)", method)
         cells = [_numbers(np.where(np.abs(mean) < 1e-9 * np.sqrt(variance.max()), 0.0, mean)), _numbers(variance)]
-        rows.append([marked(trials, method), *cells, square, believed, f"from {n} runs" if n else "exact"])
+        rows.append([marked(trials, method), *cells, square, reported, f"from {n} runs" if n else "exact"])
     return rows if len(rows) > 1 else []
 
 

@@ -60,7 +60,7 @@ class Summary(NamedTuple):
 
     points: Sequence[PointSummary]
     pooled: PointSummary | None = None
-    """The runs of all points together, where these are many truths that the same methods meet."""
+    """The runs of all points together, where the points are many plants with the same methods."""
 
     @property
     def described(self) -> pd.DataFrame:

@@ -154,7 +154,7 @@ def _legend(trials: Trials, table: _Table) -> list[str]:
     if bracket and not table.with_never:
         parts.append(f"{bracket} = standard error of the last digits")
     if any(line.shown != line.method for line in table.lines):
-        parts.append("an oracle is told what no estimator can know")
+        parts.append("an oracle knows the true parameters")
     if any(line.compared["tied"] for line in table.lines if line.compared):
         parts.append(f"within {100 * trials.relevant:g} % is tied, not won")
     return ["; ".join(parts)] if parts else []

@@ -1,8 +1,8 @@
 """An adversary of a filter: a sequence of F that makes its error as large as it can at the end.
 
 Model   the loop of moments.py.  The F(k) are chosen within F' F <= I so that the trace of the covariance of x - x_pred
-        at k = N is large; nature is told the gains and the covariances, but no run, so that the sequence is one and the
-        same for all runs and all methods.
+        at k = N is large; the choice depends on the gains and the covariances, but on no run, so all runs and all
+        methods have the same sequence.
 Method  sweeps backward in time.  With the others fixed, the trace is a convex quadratic function of one F(k): what
         enters at k counts with the weight L(k+1), where L(N) picks the error and L(k) = A' L(k+1) A.
         It is largest at an extreme: for a scalar F at -1 or 1, whichever fits the sign of the linear part (1 where it
@@ -57,7 +57,7 @@ def worst_sequence(
 
 
 def _starts(n_steps: int) -> list[Array]:
-    """Signs of F(k) to start from: 1 and -1 for ever, in turns, in pairs."""
+    """Signs of F(k) to start from: always 1, always -1, alternating, alternating in pairs."""
     k = np.arange(n_steps + 1)
     return [np.ones(len(k)), -np.ones(len(k)), (-1.0) ** k, (-1.0) ** (k // 2)]
 

@@ -1,7 +1,7 @@
-"""What befalls a run: uncertain parameters, initial state, noise and reference, each from its own random stream.
+"""Random inputs of one run (parameters, initial state, noises) and the reference.
 
-The stream of a quantity depends on (seed, run, name) only: never on the method, the block, the worker or the number
-of runs, so that every method meets the same plants and the same noise.
+Each random quantity has its own stream.  The stream depends on (seed, run, name) only: never on the method, the block,
+the worker or the number of runs, so that every method has the same plants and the same noise.
 """
 
 from __future__ import annotations
@@ -278,9 +278,9 @@ class Experiment:
 
     Parameters
     ----------
-    plant : the truth
+    plant : the true system
     methods : the pairs to compare
-    scenario : what befalls every run
+    scenario : random inputs and reference of every run
     metrics : the numbers to keep of every run
     n_runs, n_steps : size of the experiment; samples are k = 0..n_steps
     recording : the trajectories to keep

@@ -269,7 +269,7 @@ def test_oracles_are_marked(tmp_path):
     page = (tmp_path / "out" / "tables" / "summary.md").read_text(encoding="utf-8")
     for shown in (result.stdout, page):
         assert "G (oracle)" in shown and "KF (oracle)" not in shown
-        assert "an oracle is told what no estimator can know" in shown
+        assert "an oracle knows the true parameters" in shown
     assert load_trials(tmp_path / "out").oracles == {"G"}
 
 

@@ -28,7 +28,7 @@ def test_numbers_of_the_last_sample(make_trials, with_series):
     """The mean square is the trace of the covariance and the square of the bias: 4 + 9 + 1 + 0.25."""
     entries = moments("A", [1.0, -0.5], [4.0, 9.0], 500) + believed("A", [5.0, 6.0])
     head, row = ensemble_rows(with_series(make_trials(TWO), *entries))
-    assert head == ["error at the end", "bias x - x_hat", "variance", "mean square", "own P", ""]
+    assert head == ["error at the end", "bias x - x_hat", "variance", "mean square", "reported covariance", ""]
     assert row == ["A", "1 -0.5", "4 9", "14.25", "5 6", "from 500 runs"]
 
 
@@ -74,7 +74,7 @@ def test_columns_stand_below_each_other(make_trials, with_series):
     entries = moments("A", [1.0], [4.0], 500) + moments("B", [-12.25], [3.0], 0)
     head, *lines = ensemble_screen(with_series(make_trials(TWO), *entries)).splitlines()
     assert [line[head.index("variance") :].split()[0] for line in lines] == ["4", "3"]
-    assert [line[head.index("own P") :].split()[0] for line in lines] == ["-", "-"]
+    assert [line[head.index("reported covariance") :].split()[0] for line in lines] == ["-", "-"]
     assert all(line == line.rstrip() for line in (head, *lines))
 
 
@@ -84,7 +84,7 @@ def test_a_page_of_a_point(make_trials, with_series):
     page = ensemble_markdown(replace(trials, title="both signs")).splitlines()
     assert page[0] == "## Ensemble of the error at the end: both signs"
     assert page[2:5] == [
-        "| error at the end | bias x - x_hat | variance | mean square | own P |  |",
+        "| error at the end | bias x - x_hat | variance | mean square | reported covariance |  |",
         "| --- | --- | --- | --- | --- | --- |",
         "| A | 1 | 4 | 5 | - | from 500 runs |",
     ]

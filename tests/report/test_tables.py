@@ -193,7 +193,7 @@ def test_an_oracle_is_marked_on_screen_and_page(make_trials):
     trials = replace(trials, oracles=frozenset({"oracle"}))
     text = on_screen(trials)
     assert "oracle (oracle) " in text and "B (oracle)" not in text
-    assert "an oracle is told what no estimator can know" in text
+    assert "an oracle knows the true parameters" in text
     assert "| oracle (oracle) |" in page(trials)
 
 
