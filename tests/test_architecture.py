@@ -27,7 +27,7 @@ MAY_IMPORT = {  # house.md, section 3; a room may always import itself
     "claims": {"analysis", "expressions", "types"},
     "figures": {"analysis", "claims", "types"},
     "report": {"figures", "claims", "analysis", "types"},
-    "config": {"registry", "expressions", "claims", "analysis", "metrics", "simulation", "noise", "types"},
+    "config": {"registry", "expressions", "claims", "metrics", "simulation", "noise", "types"},
     "execution": {
         "config",
         "registry",

@@ -14,12 +14,12 @@ from typing import Any
 from rmpc_bench.config.plant_source import FILE, PATH, SECTIONS_OF_A_PLANT, lay_over_source, open_section
 from rmpc_bench.config.reader import Override, load
 from rmpc_bench.config.schema import shown
-from rmpc_bench.config.source import Source
+from rmpc_bench.config.source import GivenConfig
 from rmpc_bench.config.tree import Items, Map, Mark, assign, locate, split
 from rmpc_bench.types import ConfigError, Problem
 
 
-def inherit(source: Source) -> Map:
+def inherit(source: GivenConfig) -> Map:
     """Return the tree of a configuration with overrides and files in place.
 
     Overrides that name a file are laid first, the others after the files have been read, so that they can replace

@@ -75,7 +75,7 @@ mean and the covariance over the runs are computed too."""
 
 
 @dataclass(frozen=True)
-class Record:
+class RecordKeys:
     """Trajectories to keep: of no run, of the first N runs, or of all.
 
     A signal is y, u, x, x_hat or one that a method reports, such as Q_yw.  Bursts of the noise are kept with them.
@@ -144,7 +144,7 @@ SECTIONS: dict[str, Section] = {
     "metrics": Section(list[Any], ["mse"]),
     "statistics": Section(Statistics, Statistics()),
     "evaluate": Section(Evaluate, ["runs"]),
-    "record": Section(Record, Record()),
+    "record": Section(RecordKeys, RecordKeys()),
     "figures": Section(list[Any], ["boxplot"]),
     "claims": Section(list[Any], []),
     "execution": Section(Execution, Execution()),

@@ -12,7 +12,7 @@ from rmpc_bench.config.tree import Map
 from rmpc_bench.types import ConfigError, Problem
 
 
-class Source(NamedTuple):
+class GivenConfig(NamedTuple):
     """A configuration as it was given."""
 
     path: Path
@@ -23,7 +23,7 @@ class Source(NamedTuple):
     """Errors in the text of overrides."""
 
 
-def read(path: str | Path, overrides: Sequence[str]) -> Source:
+def read(path: str | Path, overrides: Sequence[str]) -> GivenConfig:
     """Read a file and the overrides.
 
     Parameters
@@ -46,4 +46,4 @@ def read(path: str | Path, overrides: Sequence[str]) -> Source:
             parsed.append(parse_override(text))
         except ConfigError as error:
             problems += error.problems
-    return Source(Path(path), tree, tuple(parsed), tuple(problems))
+    return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems))

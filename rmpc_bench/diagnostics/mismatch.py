@@ -38,7 +38,7 @@ class NoiseScale(NamedTuple):
     """``measurement`` or ``process``, the noise that was compared; else ``none`` or ``unknown``."""
 
 
-class Divergence(NamedTuple):
+class MeanDivergence(NamedTuple):
     """Parts of the divergence (10) of zenere2018, averaged over time, of every plant."""
 
     covariance: Array
@@ -71,7 +71,7 @@ class MethodMismatch(NamedTuple):
     c: float | None
     """The tolerance it is designed for."""
     noise: NoiseScale
-    divergence: Divergence | str
+    divergence: MeanDivergence | str
     """Or the reason why there is none."""
     model_radius: float | None
     """Spectral radius of the loop with the design model, at the last gains; None where there is no linear law."""
@@ -201,7 +201,7 @@ def _without_law(each: _MethodModel) -> str:
     return "no controller" if isinstance(each.method.controller, Rest) else "no linear law with known gains"
 
 
-def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[LinearPlant]) -> Divergence | str:
+def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[LinearPlant]) -> MeanDivergence | str:
     """Average the parts of (10) over time."""
     if each.pair is None or each.model is None or each.P0 is None:
         return _without_law(each)
@@ -217,7 +217,7 @@ def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[Lin
     except np.linalg.LinAlgError:
         return "the model's density is singular"
     averages = (part.mean(axis=1) for part in found)
-    return Divergence(*(np.where(np.abs(part) < ROUNDING, 0.0, part) for part in averages))
+    return MeanDivergence(*(np.where(np.abs(part) < ROUNDING, 0.0, part) for part in averages))
 
 
 def _radii(each: _MethodModel, plants: Sequence[LinearPlant]) -> tuple[float | None, Array]:
