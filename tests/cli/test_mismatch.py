@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench.cli import mismatch
-from rmpc_bench.diagnostics.mismatch import MeanDivergence, GainConvergence, MethodMismatch, Mismatch, NoiseScale
+from rmpc_bench.diagnostics.mismatch import GainConvergence, MeanDivergence, MethodMismatch, Mismatch, NoiseScale
 
 DIVERGENCE = MeanDivergence(np.array([0.1, 0.3]), np.array([4.0, 8.0]), np.array([0.5, 0.5]))
 USUAL = MethodMismatch(0.1, NoiseScale(0.02, "measurement"), DIVERGENCE, 0.9, np.array([0.8, 0.9]), GainConvergence())

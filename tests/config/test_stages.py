@@ -1,0 +1,68 @@
+"""Loading a configuration: the order of its stages, and all errors of a file at once."""
+
+import ast
+import inspect
+
+import pytest
+from small_experiment import write
+
+import rmpc_bench.config
+from rmpc_bench import load_config
+from rmpc_bench.config import build, canonical, checks, inheritance, load, source, sweep, validation
+from rmpc_bench.types import ConfigError
+
+STAGES = {  # module -> its only public function
+    source: "read",
+    inheritance: "inherit",
+    sweep: "expand",
+    validation: "validate_sections",
+    build: "build",
+    checks: "check",
+    canonical: "canonicalise",
+}
+
+
+def test_load_config_calls_every_stage_once_and_in_order():
+    """Nothing else is called but what collects the errors."""
+    tree = ast.parse(inspect.getsource(load.load_config))
+    called = [node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+    order = sorted((inspect.getsource(load.load_config).index(f" {name}("), name) for name in STAGES.values())
+    assert [name for _, name in order] == list(STAGES.values())
+    assert sorted(name for name in called if name in STAGES.values()) == sorted(STAGES.values())
+    assert set(called) - set(STAGES.values()) <= {"bool", "len", "problems_at_origin", "ConfigError"}
+
+
+@pytest.mark.parametrize("module", STAGES, ids=[module.__name__.rpartition(".")[2] for module in STAGES])
+def test_a_stage_is_a_module_with_one_public_function(module):
+    """And the first lines of the room name the module."""
+    functions = [name for name, each in vars(module).items() if inspect.isfunction(each)]
+    own = [name for name in functions if getattr(module, name).__module__ == module.__name__]
+    assert [name for name in own if not name.startswith("_")] == [STAGES[module]]
+    assert f"{module.__name__.rpartition('.')[2]}.py" in rmpc_bench.config.__doc__
+
+
+def problems(path, **keys):
+    """Return path and message of every error."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, **keys)
+    return [(problem.path, problem.message) for problem in caught.value.problems]
+
+
+def test_every_file_that_cannot_be_read_is_reported(tmp_path):
+    """Those of the plant and of the sweep together."""
+    path = write(tmp_path, plant="{from: a.yaml}", sweep="{grid: {plant.from: [b.yaml, c.yaml]}}")
+    found = problems(path)
+    assert [each for each, _ in found] == ["plant.from"] * 3
+    assert ["a.yaml" in found[0][1], "b.yaml" in found[1][1], "c.yaml" in found[2][1]] == [True] * 3
+
+
+def test_errors_of_overrides_are_reported_together(tmp_path):
+    """One that is no assignment, one that does not fit the file."""
+    found = problems(write(tmp_path), overrides=["runs", "seed.x=1"])
+    assert [message.split(";")[0] for _, message in found] == ["expected PATH=VALUE", "is 7"]
+
+
+def test_a_point_that_cannot_be_composed_hides_no_other_error(tmp_path):
+    """A model that comes from nowhere at one point, and wrong runs at all of them."""
+    path = write(tmp_path, sweep="{grid: {model.from: [plant, moon]}}", runs=0)
+    assert [each for each, _ in problems(path)] == ["runs", "model.from"]
