@@ -78,6 +78,8 @@ class LpWindow(Estimator):
     Ne: int = 3
     start: Start = "free"
 
+    bridges_missing = True
+
     @property
     def reports(self) -> Mapping[str, tuple[int, ...]]:
         """Half-widths of a window, NaN without a fit, and whether an estimate did without where one was due."""

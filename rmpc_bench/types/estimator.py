@@ -49,6 +49,11 @@ class Estimator:
         return 0
 
     @attribute
+    def bridges_missing(self) -> bool:
+        """Whether a missing measurement (NaN) is replaced by its prediction; otherwise the run diverges there."""
+        return False
+
+    @attribute
     def form(self) -> Literal["filter", "predictor"] | None:
         """Whether x_hat(k) uses y(k) (`filter`) or not (`predictor`); None where it is not declared."""
         return None

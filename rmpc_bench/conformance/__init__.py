@@ -1,0 +1,57 @@
+"""Conformance checks: the rules of plants, estimators, controllers, noises and references.
+
+Every component that the bench ships passes them; run them on a component of your own::
+
+    from rmpc_bench.conformance import EstimatorExample, check_component
+
+    for result in check_component(my_filter, EstimatorExample.random(nu=1, ny=2)):
+        print(result)
+
+An example holds the data that a component is checked with, and knows the checks of its kind.
+"""
+
+from typing import Any
+
+from rmpc_bench.conformance.controllers import ControllerExample
+from rmpc_bench.conformance.estimators import EstimatorExample
+from rmpc_bench.conformance.noises import NoiseExample
+from rmpc_bench.conformance.plants import PlantExample
+from rmpc_bench.conformance.references import ReferenceExample
+from rmpc_bench.conformance.results import Check, CheckResult, run_checks
+
+Example = PlantExample | EstimatorExample | ControllerExample | NoiseExample | ReferenceExample
+
+__all__ = [
+    "Check",
+    "CheckResult",
+    "ControllerExample",
+    "EstimatorExample",
+    "Example",
+    "NoiseExample",
+    "PlantExample",
+    "ReferenceExample",
+    "check_component",
+]
+
+
+def check_component(component: Any, example: Example) -> tuple[CheckResult, ...]:
+    """Check that a component keeps the rules of its kind.
+
+    Parameters
+    ----------
+    component : a plant, an estimator, a controller, a noise law or a reference, as designed
+    example : the data to check it with; its class says the kind
+
+    Returns
+    -------
+    one result per rule, in the order of the example's `checks`
+
+    Examples
+    --------
+    >>> from rmpc_bench import plant
+    >>> from rmpc_bench.conformance import PlantExample, check_component
+    >>> servo = plant("servo", Ts=0.1)
+    >>> {result.status for result in check_component(servo, PlantExample.random(servo))}
+    {'passed'}
+    """
+    return run_checks(example.checks, component, example)
