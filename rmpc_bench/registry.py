@@ -62,6 +62,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "mse": "rmpc_bench.metrics.tracking:Mse",
         "mae": "rmpc_bench.metrics.tracking:Mae",
         "rmse": "rmpc_bench.metrics.tracking:Rmse",
+        "iae": "rmpc_bench.metrics.tracking:Iae",
         "input_power": "rmpc_bench.metrics.input:InputPower",
         "input_roughness": "rmpc_bench.metrics.input:InputRoughness",
         "settling_time": "rmpc_bench.metrics.tracking:SettlingTime",

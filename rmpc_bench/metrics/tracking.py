@@ -126,6 +126,30 @@ class Mae(ErrorMetric):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Iae(ErrorMetric):
+    """Integral of the absolute error, Ts/ny sum_k sum_i |y_i(k) - r_i(k)| over k = 0..N-1; lower is better.
+
+    It is the length of the window times the mean absolute error, so that coordinates are averaged, not added up.
+
+    Examples
+    --------
+    >>> Iae().evaluate(Record.of_run(y=[0.0, 4.0, 9.0], r=1.0, Ts=0.5)).item()  # 0.5 s times sizes 1 and 3
+    2.0
+    """
+
+    name: str = "iae"
+
+    def unit(self, layout: MetricLayout) -> str:
+        """Return the unit of the error times a second; no unit has none."""
+        unit = super().unit(layout)
+        return f"{unit}*s" if unit else ""
+
+    def evaluate(self, record: Record) -> Float[Array, " runs"]:
+        """Multiply the mean by the length of the window."""
+        return record.Ts * self.samples(record).length * mean_absolute(self.error(record))
+
+
+@dataclass(frozen=True, kw_only=True)
 class SettlingTime(WindowMetric):
     """Time until the output stays within a band about the reference up to the end; lower is better.
 
