@@ -98,6 +98,7 @@ def require_frozen(component: Any) -> None:
         component.attribute_of_a_conformance_check = 1
     except AttributeError:
         return
+    del component.attribute_of_a_conformance_check
     raise AssertionError("an attribute can be set; make the class a frozen dataclass or a NamedTuple")
 
 

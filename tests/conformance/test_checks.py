@@ -1,20 +1,34 @@
 """Every conformance check fails for a component that breaks its rule, and passes for the one that keeps it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from conftest import random_psd
 
 from rmpc_bench.conformance import (
     ControllerExample,
     EstimatorExample,
+    MetricExample,
     NoiseExample,
     PlantExample,
     ReferenceExample,
     check_component,
 )
-from rmpc_bench.types import Command, Controller, Estimate, Estimator, Motion, Noise, Plant, Reference
+from rmpc_bench.types import (
+    Command,
+    Controller,
+    Estimate,
+    Estimator,
+    Issue,
+    Metric,
+    Motion,
+    Noise,
+    Plant,
+    Record,
+    Reference,
+)
 
 
 class X(NamedTuple):
@@ -433,3 +447,99 @@ def test_a_reference_that_keeps_the_rules_passes():
 def test_reference_checks(broken, check):
     """A broken rule is found."""
     assert check in failed(broken(), ReferenceExample(1))
+
+
+# -- metrics -----------------------------------------------------------------------------------------------------------
+
+
+def trajectories():
+    """Five runs of seven samples with two states, one output and one input."""
+    rng = np.random.default_rng(3)
+    x, x_hat = rng.standard_normal((2, 5, 7, 2))
+    P = np.stack([random_psd(rng, 2) for _ in range(35)]).reshape(5, 7, 2, 2)
+    return Record(0.5, x, x[:, :, :1], x_hat, rng.standard_normal((5, 6, 1)), np.zeros((7, 1)), P=P)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Largest(Metric):
+    """Largest absolute output."""
+
+    name: str = "largest"
+    calls: list = field(default_factory=list)
+
+    def evaluate(self, record):
+        return np.abs(record.y).max(axis=(1, 2))
+
+
+class Ungraded(Largest):
+    better = "more"
+
+
+class Refusing(Largest):
+    def check(self, layout):
+        yield Issue("", "cannot be computed")
+
+
+class OutOfBounds(Largest):
+    bounds = (0.0, 0.1)
+
+
+class Summed(Largest):
+    def evaluate(self, record):
+        return np.abs(record.y).max(axis=1)
+
+
+class Overwriting(Largest):
+    def evaluate(self, record):
+        record.y[:] = np.abs(record.y)
+        return record.y.max(axis=(1, 2))
+
+
+class Ranked(Largest):
+    def evaluate(self, record):
+        values = super().evaluate(record)
+        return values / values.max()
+
+
+class Numbered(Largest):
+    def evaluate(self, record):
+        return super().evaluate(record) + np.arange(len(record.y))
+
+
+class Averaged(Largest):
+    def evaluate(self, record):
+        return super().evaluate(record) + 0.0 * record.y.sum()
+
+
+def test_a_metric_that_keeps_the_rules_passes():
+    """Oracle: the rules by inspection of one line."""
+    assert failed(Largest(), MetricExample(trajectories())) == set()
+
+
+@pytest.mark.parametrize(
+    ("broken", "check"),
+    [
+        (Ungraded, "facts"),
+        (Refusing, "facts"),
+        (OutOfBounds, "shapes"),
+        (Summed, "shapes"),
+        (Overwriting, "arguments"),
+        (Ranked, "batch-independence"),
+        (Numbered, "order"),
+        (Averaged, "diverged-run"),
+    ],
+)
+def test_metric_checks(broken, check):
+    """A broken rule is found."""
+    assert check in failed(broken(), MetricExample(trajectories()))
+
+
+def test_a_metric_must_derive_from_the_base_class():
+    """A class with the same methods is not enough: tables need its direction, its unit and its needs."""
+    example = MetricExample(trajectories())
+
+    class Imitation:
+        evaluate = Largest.evaluate
+
+    assert "base-class" in failed(Imitation(), example)
+    assert failed(replace(Largest(), name="no name"), example) == {"facts"}
