@@ -12,6 +12,11 @@ nor turn 0 into 1e-17, so two rules hold for every number that is written:
 from __future__ import annotations
 
 import math
+from decimal import Decimal
+
+import numpy as np
+
+from rmpc_bench.types import Array
 
 STABLE = 12
 SHOWN = 6
@@ -40,13 +45,18 @@ def significant(value: float, digits: int = SHOWN) -> float:
 
 def significant_text(value: float, digits: int = SHOWN) -> str:
     """Write a finite number with so many significant digits at most; raises nothing, -0.0 is 0."""
-    return f"{float(f'{value:.{STABLE}g}') + 0.0:.{digits}g}"
+    return f"{float(f'{_stable(value):.{digits - 1}e}') + 0.0:.{digits}g}"
 
 
 def decimal_text(value: float, decimals: int) -> str:
     """Write a finite number with so many digits after the point; -0.0 is 0."""
-    text = f"{float(f'{value:.{STABLE}g}'):.{decimals}f}"
+    text = f"{_stable(value):.{decimals}f}"
     return text.lstrip("-") if float(text) == 0 else text
+
+
+def _stable(value: float) -> Decimal:
+    """Round to `STABLE` digits as a decimal number, in which a half is exactly a half: it goes to the even digit."""
+    return Decimal(f"{value:.{STABLE}g}")
 
 
 def negligible(value: float, scale: float) -> bool:
@@ -81,3 +91,75 @@ def without_noise(value: float, scale: float) -> float:
         return value
     exponent = int(f"{abs(scale):.{STABLE - 1}e}".split("e")[1])
     return round(value, round(-math.log10(NEGLIGIBLE)) - exponent) + 0.0
+
+
+SMALLEST = -307
+_POWERS = np.array([float(f"1e{exponent}") for exponent in range(SMALLEST, 309)])
+"""Powers of ten as the nearest doubles; `10.0 ** n` differs in the last bit between mathematical libraries."""
+EXACT_POWER = 22
+"""Exponent of the largest power of ten that is exact as a double."""
+
+
+def rounded(values: Array, scale: Array | float = 0.0, digits: int = SHOWN) -> Array:
+    """Round an array to significant digits, by the two rules above; inf and NaN stay.
+
+    A spread that is small beside its scale, such as the standard error of nearly equal numbers, has fewer reliable
+    digits: none is kept below `NEGLIGIBLE` of the scale.
+
+    Parameters
+    ----------
+    values : (...) numbers
+    scale : (...) size of the numbers that they were computed from; 0 where it is not known
+    digits : significant digits, at most `STABLE`
+
+    Returns
+    -------
+    (...) rounded numbers, without -0.0
+
+    Examples
+    --------
+    >>> rounded(np.array([2 / 3, 0.12345650000000001, 1e-17, 1.23456e-8]), scale=1.0).tolist()
+    [0.666667, 0.123456, 0.0, 1.2e-08]
+    """
+    values, scale = np.broadcast_arrays(np.asarray(values, dtype=float), np.asarray(scale, dtype=float))
+    finite = np.isfinite(values) & (values != 0)
+    numbers = np.where(finite, values, 1.0)
+    floor = np.where(np.isfinite(scale), NEGLIGIBLE * np.abs(scale), 0.0)
+    lead = _exponent(numbers)
+    last = np.maximum(lead - digits + 1, np.where(floor > 0, _exponent(floor), lead - digits + 1))
+    found = np.where(np.abs(numbers) < floor, 0.0, _to_decimal(numbers, lead, np.minimum(last, lead)))
+    return np.where(finite, found, values) + 0.0
+
+
+def _exponent(values: Array) -> Array:
+    """Exponent of the leading digit; comparisons decide it, as a logarithm may miss it at powers of ten."""
+    found: Array = np.searchsorted(_POWERS, np.abs(values), side="right") - 1 + SMALLEST
+    return np.maximum(found, SMALLEST)
+
+
+def _to_decimal(values: Array, lead: Array, last: Array) -> Array:
+    """Round to `STABLE` digits and then to a multiple of ``10**last``: the nearest double of the decimal number.
+
+    Parameters
+    ----------
+    values : (...) finite numbers
+    lead : (...) exponents of their leading digits
+    last : (...) exponents of the last digits to keep, at most those of the leading ones
+    """
+    shift = STABLE - 1 - lead
+    # Whole numbers of `STABLE` digits are exact, so that a half is exactly a half: it goes to the even digit.
+    whole = np.rint(_times_power(values, shift))
+    found = _times_power(np.rint(whole / _power(last + shift)), last)
+    for i in np.flatnonzero((np.abs(shift) > EXACT_POWER) | (np.abs(last) > EXACT_POWER)):
+        found.flat[i] = float(f"{_stable(values.flat[i]):.{lead.flat[i] - last.flat[i]}e}")
+    return found
+
+
+def _times_power(values: Array, exponent: Array) -> Array:
+    """Multiply by ``10**exponent``; a power with a negative exponent is not exact, so its inverse divides."""
+    return np.where(exponent < 0, values / _power(-exponent), values * _power(exponent))
+
+
+def _power(exponent: Array) -> Array:
+    found: Array = _POWERS[np.clip(exponent, 0, EXACT_POWER) - SMALLEST]
+    return found

@@ -21,6 +21,7 @@ from rmpc_bench.analysis.intervals import (
     student,
     wilson,
 )
+from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array, MetricInfo
 
@@ -99,7 +100,7 @@ def _compare(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
     a, b = trials.pairs(info.name, method, trials.baseline)
     a, b = from_best(a, info.direction), from_best(b, info.direction)
     change, (low, high) = _change(a, b, trials.confidence)
-    gap = difference(a, b)
+    gap = _gap(a, b)
     # Two infs have gap 0; a finite value against an infinite baseline is never close to it.
     tied = (gap == 0) | (np.isfinite(gap) & (np.abs(gap) <= trials.relevant * np.abs(b)))
     better = gap > 0 if info.direction == "higher" else gap < 0
@@ -120,10 +121,22 @@ def _compare(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
         "lost": lost,
         "tied": int(tied.sum()),
         "superiority": float((better + 0.5 * (gap == 0)).mean()) if len(a) else math.nan,
-        "p_wilcoxon_holm": signed_rank_p(np.log(a) - np.log(b) if on_logs else gap),
+        "p_wilcoxon_holm": signed_rank_p(_log_gap(a, b, gap) if on_logs else gap),
         "n_pairs": len(a),
         "word": word,
     }
+
+
+def _gap(a: Array, b: Array) -> Array:
+    """Differences run by run, 0 where two values differ by rounding errors only: their sign would depend on the CPU."""
+    gap, size = difference(a, b), np.maximum(np.abs(a), np.abs(b))
+    return np.where(np.isfinite(gap) & (np.abs(gap) <= NEGLIGIBLE * size), 0.0, gap)
+
+
+def _log_gap(a: Array, b: Array, gap: Array) -> Array:
+    """Differences of the logarithms, rounded so that equal ratios have equal ranks on every CPU."""
+    found: Array = np.where(gap == 0, 0.0, np.round(np.log(a) - np.log(b), STABLE))
+    return found
 
 
 def from_best(values: Array, direction: str) -> Array:
@@ -156,6 +169,7 @@ def _change(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
 def _word_of_change(low: float, high: float, relevant: float, direction: str) -> str:
     if direction == "higher":
         low, high = -high, -low
+    low, high = (0.0 if abs(end) < NEGLIGIBLE * 100 else end for end in (low, high))
     if math.isnan(low) or low <= 0 <= high:
         return "not separated"
     if high < -relevant:

@@ -17,6 +17,7 @@ from rmpc_bench.execution.evaluation import drawn, judge, summarise
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.kinds import save
 from rmpc_bench.report.end_screen import end_screen
+from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 from rmpc_bench.report.summary import Summary, trials_csv, write_csv
 from rmpc_bench.types import Array, DesignError
 
@@ -115,8 +116,8 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
     trials_csv(results.trials, directory / "trials.csv")
     write_csv(results.uncertainty, directory / "uncertainty.csv")
     write_csv(results.series, directory / "series.csv")
-    write_csv(tables.described.drop(columns="never"), directory / "summary.csv")
-    write_csv(tables.compared, directory / "comparisons.csv")
+    write_csv(summary_table(tables.described), directory / "summary.csv")
+    write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
     (directory / "tables" / "summary.md").write_text(tables.to_markdown(), encoding="utf-8")
     names = ("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
     return [directory / name for name in names]

@@ -2,11 +2,19 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rmpc_bench.analysis.rounding import decimal_text, negligible, significant, significant_text, without_noise
+from rmpc_bench.analysis.rounding import (
+    decimal_text,
+    negligible,
+    rounded,
+    significant,
+    significant_text,
+    without_noise,
+)
 
 
 @given(st.integers(1, 10**7 - 1), st.integers(-30, 30), st.sampled_from([-1e-13, 1e-13, 3e-14]))
@@ -53,3 +61,30 @@ def test_digits_that_a_computation_supports():
         1.5,
         math.inf,
     )
+
+
+def test_an_array_is_rounded_as_its_numbers(rng):
+    """Random numbers of all sizes, numbers that stand on a border, and powers of ten from either side."""
+    values = np.concatenate(
+        [
+            rng.standard_normal(2000) * 10.0 ** rng.integers(-40, 40, 2000),
+            rng.integers(0, 10**7, 2000) / 10 ** rng.integers(0, 9, 2000),
+            *([sign * 10.0 ** np.arange(-20, 21) * (1 + noise)] for sign in (1, -1) for noise in (0.0, 1e-15, -1e-15)),
+        ],
+        axis=None,
+    )
+    assert rounded(values).tolist() == [significant(value) for value in values]
+    noise = 1 + rng.uniform(-1e-14, 1e-14, values.shape)
+    assert rounded(values * noise).tolist() == rounded(values).tolist()
+
+
+def test_nothing_is_kept_below_the_scale():
+    """Neither a number nor a digit; a number beside nothing, or beside infinity, keeps its digits."""
+    assert rounded(np.array([1.23456789e-8, 9e-10, -1e-17, 2.0]), 1.0).tolist() == [1.2e-8, 0.0, 0.0, 2.0]
+    assert rounded(np.array([1.23456789e-8, 1e-30]), np.array([0.0, math.inf])).tolist() == [1.23457e-8, 1e-30]
+
+
+def test_an_array_keeps_what_is_no_finite_number():
+    """Zero loses its sign; the largest and the smallest numbers stay what they are."""
+    values = np.array([math.inf, -math.inf, math.nan, -0.0, 1.7e308, 5e-324])
+    assert [repr(value) for value in rounded(values).tolist()] == ["inf", "-inf", "nan", "0.0", "1.7e+308", "5e-324"]
