@@ -29,7 +29,7 @@ def trials(make_trials, rng):
     nearly, second = first * (1 + 1e-7 * rng.standard_normal(12)), first.copy()
     second[:3] *= 0.8
     values = {"A": first, "B": nearly, "C": second, "D": np.full(12, 0.3), "E": first}
-    small = {"A": first - 1.0, "B": nearly - first, "C": np.zeros(12), "D": np.full(12, 0.1), "E": first - 1.0}
+    small = {"A": first - 1.0, "B": nearly - first, "C": np.full(12, 0.05), "D": np.full(12, 0.1), "E": first - 1.0}
     return make_trials(
         {name: {m: [*v] for m, v in data.items()} for name, data in (("mse", values), ("offset", small))}, METRICS
     )
