@@ -14,6 +14,7 @@ PARAMETERS = {
     "mse": [{}, {"of": "state", "to": "N"}, {"of": "estimate"}],
     "mae": [{}, WINDOW],
     "rmse": [{}],
+    "iae": [{}, WINDOW],
     "input_power": [{}, WINDOW],
     "input_roughness": [{}],
     "settling_time": [{}, {"band": 3.0}],
