@@ -25,7 +25,7 @@ MAY_IMPORT = {  # house.md, section 3; a room may always import itself
     "registry": {"types"},
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},
-    "figures": {"analysis", "claims", "types"},
+    "figures": {"analysis", "types"},
     "report": {"figures", "claims", "analysis", "types"},
     "config": {"registry", "expressions", "claims", "metrics", "simulation", "noise", "types"},
     "execution": {

@@ -132,16 +132,17 @@ def _label(config: ExperimentConfig, name: str) -> str:
 
 def _plot(name: str, drawn: Sequence[Any], file: Path) -> None:
     """Draw what has a portrait."""
-    from rmpc_bench.figures import kinds
+    from rmpc_bench.figures.component_plot import draw_component
+    from rmpc_bench.figures.files import FORMATS, save_as
 
-    if file.suffix.lower() not in kinds.FORMATS:
-        endings = ", ".join(kinds.FORMATS)
+    if file.suffix.lower() not in FORMATS:
+        endings = ", ".join(FORMATS)
         raise click.BadParameter(f"{file}: the ending says the format, one of {endings}", param_hint="'--plot'")
     if not drawn:
         having = [f"plants/{kind}" for kind in registry.names("plants") if _portrait("plants", kind)]
         known = ", ".join(having) or "no part"
         raise click.BadParameter(f"{name} has no picture (there is one of {known})", param_hint="'--plot'")
-    kinds.save_as(kinds.portrait(drawn), file)
+    save_as(draw_component(drawn), file)
     click.echo(f"written {file}", err=True)
 
 

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.claim_checks import read_claims
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.figure_checks import check_evaluation, check_figures, check_recording, layout
+from rmpc_bench.config.evaluation_checks import check_evaluation, check_recording
+from rmpc_bench.config.figure_checks import check_figures
+from rmpc_bench.config.result_layout import layout_of
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.sweep_points import Place
@@ -33,14 +35,14 @@ def check(
     """
     first, built = drafts[0], [point for point in points if point is not None]
     places = [] if sweep.problems else _places(drafts, points)
-    seen = layout([point.experiment for point in built], len(points), smoke=lenient) if built else None
-    claims = read_claims(first, first.metric_names, places, seen)
+    layout = layout_of(first, places, [point.experiment for point in built], lenient=lenient)
+    claims = read_claims(first, first.metric_names, places, layout if built else None)
     for draft, point in zip(drafts, points, strict=True):
         if point is not None:
             check_evaluation(draft, point.experiment)
     _check_statistics(first)
     check_recording(first, [None if point is None else point.experiment for point in points])
-    check_figures(first, first.metric_names, places, seen if places else None)
+    check_figures(first, layout)
     _check_columns(first, sweep)
     return claims
 

@@ -40,7 +40,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "references": frozenset({"ny", "Ts"}),
     "noises": frozenset({"n", "Ts"}),
     "metrics": frozenset(),
-    "figures": frozenset({"trials"}),
+    "figures": frozenset(),
 }
 """Parameters of a design that the bench fills in, by group."""
 
@@ -104,6 +104,9 @@ _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False,
 
 def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str, Any]:
     keys = {name: key for name, key in inspect.signature(function).parameters.items() if name not in provided}
+    if inspect.isclass(function):  # its own keys come before the inherited ones
+        own = inspect.get_annotations(function)
+        keys = {name: key for name, key in keys.items() if name in own} | keys
     found = hints(function, {name: key.annotation for name, key in keys.items()})
     fields: dict[str, Any] = {}
     for name, parameter in keys.items():

@@ -15,7 +15,7 @@ from rmpc_bench.claims.table import claims_table
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import drawn, judge, summarise
 from rmpc_bench.execution.results import Results
-from rmpc_bench.figures.kinds import save
+from rmpc_bench.figures.files import save
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 from rmpc_bench.report.summary import Summary, trials_csv, write_csv

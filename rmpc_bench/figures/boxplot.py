@@ -1,53 +1,126 @@
-"""The boxplot: one box per method in the form of zenere2018, Fig. 7; the points of a sweep as panels, as in Fig. 8."""
+"""Boxplot of a metric: one box per method (zenere2018, Fig. 7), the points of a sweep as panels (Fig. 8)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cbook import boxplot_stats
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 
-from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.curves import FAR, make_logarithmic
-from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, typeset, width, with_unit, wrapped
+from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.axes import FAR, make_logarithmic
+from rmpc_bench.figures.labels import (
+    DID_NOT_OCCUR,
+    POINTS_PER_INCH,
+    literal,
+    metric_of,
+    typeset,
+    width,
+    with_unit,
+    wrapped,
+)
 from rmpc_bench.figures.style import BLUE, FONT_SIZE, GREY, RED, style
-from rmpc_bench.figures.sweep_points import short
+from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
 from rmpc_bench.types import Array, MetricInfo
+from rmpc_bench.types.figure import SweepFigure
+from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.result_layout import ResultLayout
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+    from matplotlib.text import Text
+
+    from rmpc_bench.analysis.trials import Trials
+
+WHISKER = 1.5
+"""Longest whisker, in interquartile ranges."""
 
 
-def draw(
-    points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], size: tuple[float, float], *, log: bool
-) -> Figure:
-    """Draw the boxes of one metric; see `figures.boxplot`.
+@dataclass(frozen=True, kw_only=True)
+class Boxplot(SweepFigure):
+    """One box per method: red median, blue quartiles, whiskers to 1.5 interquartile ranges, red outliers.
+
+    Below a box stands the number of runs, as n/total where some failed, and the number of those without a value, such
+    as runs that did not settle; these are not part of the box.  The points of a sweep stand below each other on a
+    common axis; where all have the same numbers of runs, these stand below the last one only.
 
     Parameters
     ----------
-    points : the tables to show from top to bottom
-    info : the metric
-    methods : methods from left to right
-    size : width and height [in]
-    log : logarithmic axis where all values are positive
+    metric : name of the metric; the primary one if not given
+    log : logarithmic axis; linear, with a remark, if a value is not positive
+    height : height of the whole picture [in]; if not given 2.4 and 1.4 for every further point of a sweep; labels wider
+        than their box are turned upright and add to it
+    order : methods to show, from left to right; all if not given
+    at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
     """
+
+    needs_runs: ClassVar[bool] = True
+    metric_keys: ClassVar[tuple[str, ...]] = ("metric",)
+
+    metric: str | None = None
+    log: bool = False
+
+    def check(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add to the common checks: no more points than panels fit."""
+        yield from super().check(layout)
+        example = ", ".join(f"{path}: {value}" for path, value in (layout.points or ({},))[0].items())
+        advice = f"choose with `at`, such as [{{{example}}}]"
+        n = layout.n_points_at(self.at)
+        yield from layout.require_at_most(MOST_PANELS, n, "points of the sweep", "at" if self.at else "", advice)
+
+    def draw(self, results: Trials) -> MplFigure:
+        """Draw the boxes of the points from top to bottom; see `Figure.draw`."""
+        self.require(layout_of(results))
+        points, info = points_at(results, self.at), metric_of(results, self.metric)
+        size = self.size(1.0 + 1.4 * len(points))
+        return _draw(points, info, self.order or results.methods, size, log=self.log)
+
+
+def box_of(values: Array) -> dict[str, Any]:
+    """Compute the numbers of a box.
+
+    Parameters
+    ----------
+    values : (n,) finite values, at least one
+
+    Returns
+    -------
+    quartiles `q1`, `med`, `q3`, ends of the whiskers `whislo`, `whishi`, and the outliers `fliers`
+    """
+    q1, median, q3 = np.percentile(values, [25, 50, 75])
+    reach = WHISKER * (q3 - q1)
+    # Of few values none may lie between a quartile, which is interpolated, and the end of the reach.
+    low = values[values >= q1 - reach].min(initial=q1)
+    high = values[values <= q3 + reach].max(initial=q3)
+    outliers = np.concatenate([values[values < low], values[values > high]])
+    return {"q1": q1, "med": median, "q3": q3, "whislo": low, "whishi": high, "fliers": outliers}
+
+
+def _draw(
+    points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], size: tuple[float, float], *, log: bool
+) -> MplFigure:
+    from matplotlib.figure import Figure as MplFigure
+
     panels = [[point.column(info.name, method) for method in methods] for point in points]
     drawn = np.concatenate([column[np.isfinite(column)] for column in chain(*panels)])
     positive = bool((drawn > 0).all())
     with style():
-        figure = Figure(figsize=size, layout="constrained")
+        figure = MplFigure(figsize=size, layout="constrained")
         rows = list(figure.subplots(len(panels), sharey=True, squeeze=False)[:, 0])
         for axes, columns, point in zip(rows, panels, points, strict=True):
             _draw_boxes(axes, columns)
-            axes.set_title("\n".join(wrapped(literal(short(point)), 0.8 * size[0] * POINTS_PER_INCH)))
+            axes.set_title("\n".join(wrapped(literal(short_title(point)), 0.8 * size[0] * POINTS_PER_INCH)))
         if not len(drawn):
             rows[0].set_yticks([])
         elif log and positive:
             make_logarithmic(rows[0])
         note = " (linear: some values <= 0)" if log and not positive else ""
         name = _name_axis(figure, rows, with_unit(literal(info.name), info.unit) + note)
-        figure.draw_without_rendering()  # tells how wide a box may be
+        # The first layout gives the width of a box.
+        figure.draw_without_rendering()
         slot = rows[0].get_position().width * size[0] * POINTS_PER_INCH / len(methods) - FONT_SIZE / 2
         labels = [typeset(points[0].labels.get(method, method)) for method in methods]
         _label_panels(rows, labels, panels, slot)
@@ -59,7 +132,7 @@ def draw(
     return figure
 
 
-def _name_axis(figure: Figure, rows: Sequence[Axes], text: str) -> Text:
+def _name_axis(figure: MplFigure, rows: Sequence[Axes], text: str) -> Text:
     """Label the axis of a single panel, or the one that panels share."""
     if len(rows) == 1:
         rows[0].set_ylabel(text)
@@ -72,7 +145,7 @@ def _draw_boxes(axes: Axes, columns: Sequence[Array]) -> None:
     for position, column in enumerate(columns, start=1):
         values = column[np.isfinite(column)]
         if len(values):
-            boxes += boxplot_stats(np.clip(values, -FAR, FAR), whis=1.5)
+            boxes.append(box_of(np.clip(values, -FAR, FAR)))
             positions.append(position)
     axes.bxp(
         boxes,
@@ -93,7 +166,7 @@ def _draw_boxes(axes: Axes, columns: Sequence[Array]) -> None:
 
 
 def _label_panels(rows: Sequence[Axes], labels: Sequence[str], panels: Sequence[Sequence[Array]], slot: float) -> None:
-    """Write labels and counts below the last panel; counts below the others, too, where they differ."""
+    """Write labels and counts below the last panel; counts below the others too if they differ."""
     counts = [[_counts(column) for column in columns] for columns in panels]
     for axes, lines in zip(rows[:-1], counts[:-1], strict=True):
         if any(other != lines for other in counts):
@@ -102,9 +175,10 @@ def _label_panels(rows: Sequence[Axes], labels: Sequence[str], panels: Sequence[
 
 
 def _label_boxes(axes: Axes, labels: Sequence[str] | None, counts: Sequence[list[str]], slot: float) -> None:
-    """Write label and counts below each box, upright on one line where they do not fit into `slot` points."""
+    """Write label and counts below each box, upright on one line if they do not fit into `slot` points."""
     heads = [wrapped(label, slot) for label in labels] if labels else [[] for _ in counts]
-    blocks = [head + lines for head, lines in zip(heads, counts, strict=True)]
+    feet = [[line for text in lines for line in wrapped(text, slot)] for lines in counts]
+    blocks = [head + foot for head, foot in zip(heads, feet, strict=True)]
     upright = any(width(line) > slot for line in chain(*blocks))
     if upright:
         heads = [label.splitlines() for label in labels] if labels else heads
@@ -117,8 +191,8 @@ def _label_boxes(axes: Axes, labels: Sequence[str] | None, counts: Sequence[list
 
 
 def _counts(column: Array) -> list[str]:
-    n, never = int((~np.isnan(column)).sum()), int(np.isinf(column).sum())
+    n, n_infinite = int((~np.isnan(column)).sum()), int(np.isinf(column).sum())
     lines = [f"n={n}" if n == len(column) else f"{n}/{len(column)}"]
-    if never:
-        lines.append(f"{never} never")
+    if n_infinite:
+        lines.append(f"{n_infinite} {DID_NOT_OCCUR}")
     return lines if n else ["no value", *lines]

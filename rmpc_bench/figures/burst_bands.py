@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.patches import Patch
 
-from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.curves import Window
+from rmpc_bench.figures.window import Window
 from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from rmpc_bench.analysis.trials import Trials
+    from rmpc_bench.figures.legend import Handle
 
 SIGNAL = "bursts"
 PALE = "#ebebeb"
-"""Paler than the grid, which stays seen on it."""
+"""Paler than the grid, which stays visible on it."""
 
 
 def bursts_of(point: Trials, rows: Mapping[str, Array]) -> Array | None:
-    """Tell the samples at which the noise of the shown runs is in a burst.
+    """Find the samples at which the noise of the shown runs is in a burst.
 
     Parameters
     ----------
@@ -28,10 +31,12 @@ def bursts_of(point: Trials, rows: Mapping[str, Array]) -> Array | None:
 
     Returns
     -------
-    (samples,) whether it is; None where nobody knows, or where some of the runs are and others are not
+    (samples,) whether it is; None if it was not recorded, or if the runs differ
     """
-    kept = [point.traces[name].signals[SIGNAL][shown] for name, shown in rows.items() if _knows(point, name)]
-    if len(kept) < len(rows) or not sum(map(len, kept)):
+    if not all(SIGNAL in point.traces[name].signals for name in rows):
+        return None
+    kept = [point.traces[name].signals[SIGNAL][shown] for name, shown in rows.items()]
+    if not sum(map(len, kept)):
         return None
     flags = np.concatenate(kept)[:, :, 0] > 0.5
     return np.asarray(flags[0]) if (flags == flags[0]).all() else None
@@ -42,7 +47,7 @@ def spans(bursts: Array | None, window: Window) -> list[tuple[float, float]]:
 
     Parameters
     ----------
-    bursts : as `bursts_of` tells them
+    bursts : from `bursts_of`
     window : the samples that are shown
     """
     if bursts is None:
@@ -56,19 +61,17 @@ def spans(bursts: Array | None, window: Window) -> list[tuple[float, float]]:
     ]
 
 
-def shade(panels: Iterable[Axes], bands: Sequence[tuple[float, float]]) -> list[tuple[str, Artist]]:
-    """Draw bands behind the curves of panels over time; return what the legend says of them.
+def shade(panels: Iterable[Axes], bands: Sequence[tuple[float, float]]) -> list[Handle]:
+    """Draw bands behind the curves of panels over time; return their legend entry.
 
     Parameters
     ----------
     panels : with the time on their horizontal axis
-    bands : as `spans` finds them
+    bands : from `spans`
     """
+    from matplotlib.patches import Patch
+
     for axes in panels:
         for start, end in bands:
             axes.axvspan(start, end, color=PALE, lw=0, zorder=0.2)
     return [("burst", Patch(color=PALE, lw=0))] if bands else []
-
-
-def _knows(point: Trials, name: str) -> bool:
-    return SIGNAL in point.traces[name].signals

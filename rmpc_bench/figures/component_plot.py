@@ -1,39 +1,53 @@
-"""Pictures of a part itself, such as the friction of a plant."""
+"""Plots of a component itself, such as the friction of a plant; matplotlib is imported when one is drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from rmpc_bench.figures import curves
+from rmpc_bench.figures.axes import drawable, stacked_panels
 from rmpc_bench.figures.labels import typeset
+from rmpc_bench.figures.legend import finish
 from rmpc_bench.figures.style import COLOURS, FONT_SIZE, style
 from rmpc_bench.types import Array, Line, Panel
 
-ASIDE = 6.5  # from a point to the middle of its note [pt]
-PLAN = 1.2  # height that a panel with equal axes needs beside its share [in]
-MARGIN = 0.12  # about a plan, for notes
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+
+WIDTH = 3.5
+"""Width of the picture [in]."""
+NOTE_DISTANCE = 6.5
+"""From a point to the middle of its note [pt]."""
+EQUAL_AXES_HEIGHT = 1.2
+"""Additional height of a panel with equal axes [in]."""
+MARGIN = 0.12
+"""Share of a panel with equal axes that is left for notes on every side."""
 
 
-def draw(panels: Sequence[Panel], size: tuple[float, float]) -> Figure:
-    """Draw the panels of a part below each other, each with its own axes.
+def draw_component(panels: Sequence[Panel]) -> MplFigure:
+    """Draw the panels of a component below each other, each with its own axes.
 
     Parameters
     ----------
-    panels : what to draw, as the part's `portrait` gives it
-    size : width and height [in]; each panel with equal axes makes it taller
+    panels : data that the component provides, from top to bottom
+
+    Returns
+    -------
+    the picture, for `files.save_as`
     """
-    width, height = size
+    from matplotlib.figure import Figure as MplFigure
+
+    height = 0.4 + 1.6 * len(panels) + EQUAL_AXES_HEIGHT * sum(panel.equal for panel in panels)
     with style():
-        figure = Figure(figsize=(width, height + PLAN * sum(panel.equal for panel in panels)), layout="constrained")
-        handles: dict[str, Artist] = {}  # the same label in several panels is one entry and one colour
+        figure = MplFigure(figsize=(WIDTH, height), layout="constrained")
+        # The same label in several panels is one entry of the legend and has one colour.
+        handles: dict[str, Artist] = {}
         labels = list(dict.fromkeys(line.label for panel in panels for line in panel.lines))
-        for axes, panel in zip(curves.panels(figure, len(panels), sharex=False), panels, strict=True):
+        for axes, panel in zip(stacked_panels(figure, len(panels), sharex=False), panels, strict=True):
             for line in panel.lines:
                 handles[line.label] = _drawn(axes, line, COLOURS[labels.index(line.label) % len(COLOURS)])
             if panel.equal:
@@ -42,16 +56,18 @@ def draw(panels: Sequence[Panel], size: tuple[float, float]) -> Figure:
             axes.set_title(typeset(panel.title))
             axes.set_xlabel(typeset(panel.x_label))
             axes.set_ylabel(typeset(panel.y_label))
-        curves.finish(figure, [*handles.items()])
+        finish(figure, [*handles.items()])
     return figure
 
 
 def _drawn(axes: Axes, line: Line, color: str) -> Artist:
-    """Draw a line or its points, with what is written beside them."""
+    """Draw a line or its points, with the notes beside them."""
     look: dict[str, Any] = {"ls": "none", "marker": "o", "markersize": 3.0} if line.dots else {"linewidth": 1.2}
-    (drawn,) = axes.plot(line.x, curves.drawable(line.y), color=color, **look)
+    (drawn,) = axes.plot(line.x, drawable(line.y), color=color, **look)
     for note, point, aside in zip(line.notes, np.stack([line.x, line.y], axis=1), _outwards(line), strict=False):
-        text = axes.annotate(typeset(note), point, ASIDE * aside, textcoords="offset points", ha="center", va="center")
+        text = axes.annotate(
+            typeset(note), point, NOTE_DISTANCE * aside, textcoords="offset points", ha="center", va="center"
+        )
         text.set_fontsize(FONT_SIZE - 1)
     return drawn
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from rmpc_bench.figures.labels import POINTS_PER_INCH, typeset, width, wrapped
 from rmpc_bench.figures.style import FONT_SIZE, REFERENCE
 from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 LINE = 1.25 * FONT_SIZE
 """Height of a line of text [points]."""

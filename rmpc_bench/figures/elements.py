@@ -1,175 +1,201 @@
-"""The entries of a matrix that a method reports over time, a panel for each, as in Fig. 4 of belda2017."""
+"""Elements of a matrix that methods report, over time: a panel for each, as in the matrix (belda2017, Fig. 4)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
-from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures import burst_bands, curves
-from rmpc_bench.figures.curves import Look, Window
+from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures import burst_bands
+from rmpc_bench.figures.axes import STEPS, drawable
 from rmpc_bench.figures.labels import symbol
-from rmpc_bench.figures.requirements import is_square, not_square
+from rmpc_bench.figures.legend import Handle, finish
+from rmpc_bench.figures.line_styles import LineStyle, are_rough, legend_sample, line_styles
+from rmpc_bench.figures.recorded_runs import find_run, last_sample
 from rmpc_bench.figures.style import FONT_SIZE, GREY, style
-from rmpc_bench.types import Array, DesignError, Status
+from rmpc_bench.figures.sweep_points import point_at
+from rmpc_bench.figures.window import Window, window_of
+from rmpc_bench.types import Array, NonNegative, Status
+from rmpc_bench.types.figure import Index, OnePointFigure
+from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.result_layout import ResultLayout
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.trials import Trials
 
 THINNER = 0.7
 """Width of lines in these small panels, as a share of that in others."""
 ANY = "\N{MIDDLE DOT}"
 
 
-class Entries(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class Elements(OnePointFigure):
+    """All elements of a matrix that methods report, such as Q_yw, over time: a panel for each, as in the matrix.
+
+    The panels of the diagonal have one vertical axis, all others another one.  Bursts of the noise are shaded.  A value
+    that is held over a sample is drawn in steps; there is a gap before the first one.
+
+    Parameters
+    ----------
+    signal : name of the matrix, which must be recorded and square, such as Q_yw
+    run : index of the run, which must be recorded
+    from_ : first time to show [s]
+    to : last time to show [s]
+    width : width of the whole picture [in]; 3.5 holds three columns
+    height : height of the whole picture [in]; if not given 0.7 and 0.8 for every row; legend and title add to it if
+        they need more than a line
+    order : methods to show, later ones above earlier ones; all that report the signal if not given
+    """
+
+    needs_runs: ClassVar[bool] = True
+
+    signal: str
+    run: Index = 0
+    from_: NonNegative | None = None
+    to: NonNegative | None = None
+
+    def check(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add to the common checks: a recorded run of methods that report such a square matrix, which fits."""
+        yield from super().check(layout)
+        yield from layout.require_signals()
+        yield from layout.require_recorded(self.run)
+        if layout.recorded and self.signal not in layout.signal_names:
+            known = ", ".join(layout.signal_names)
+            yield Issue("signal", f"{self.signal!r} is not recorded (recorded: {known})")
+        elif layout.recorded:
+            yield from self._check_matrix(layout)
+        yield from layout.require_window(self.from_, self.to)
+
+    def _check_matrix(self, layout: ResultLayout) -> Iterator[Issue]:
+        shapes = {name: signals[self.signal] for name, signals in layout.signals.items() if self.signal in signals}
+        for name in self.order or ():
+            if name in layout.methods and name not in shapes:
+                yield Issue("order", f"'{name}' does not report {self.signal}")
+        shown = {shapes[name] for name in self.order or shapes if name in shapes}
+        for shape in sorted(shown, key=str):
+            if shape is None or len(shape) != 2 or shape[0] != shape[1]:
+                sizes = f" ({' x '.join(map(str, shape))})" if shape else ""
+                yield Issue("signal", f"{self.signal} is no square matrix{sizes}: show it with trajectories")
+                return
+        if len(shown) > 1:
+            yield Issue("order", f"{self.signal} has not the same size in all methods: name some with `order`")
+        n = max((shape[0] for shape in shown if shape), default=1)
+        least = 0.5 + 0.9 * n
+        if self.width < least:
+            yield Issue("width", f"{n} columns need a width of {least:g} inches (got {self.width:g})")
+
+    def draw(self, results: Trials) -> MplFigure:
+        """Draw the matrices of one run at one point; see `Figure.draw`."""
+        point, title = point_at(results, self.at)
+        layout = layout_of(point)
+        self.require(layout)
+        methods = self.order or [name for name, signals in layout.signals.items() if self.signal in signals]
+        matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
+        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
+        size = self.size(0.7 + 0.8 * matrices[methods[0]].values.shape[1])
+        return _draw(point, title, self.signal, matrices, self.run, window, size)
+
+
+class RecordedMatrix(NamedTuple):
     """A matrix of one method over one run."""
 
     values: Array
-    """(samples, n, n); NaN where there is none yet."""
+    """(samples, n, n); NaN before the first one is reported."""
     held: bool
     """Whether it is constant over a sample."""
     status: str
 
 
-def run_of(point: Trials, name: str, run: int) -> tuple[int, str]:
-    """Find a recorded run: its place in the traces of a method, and its status.
+def matrix_of(point: Trials, name: str, signal: str, run: int) -> RecordedMatrix:
+    """Read the matrix that a method reports in a run.
 
     Parameters
     ----------
     point : the table that is shown
     name : the method
+    signal : name of the matrix
     run : index of the run
-
-    Raises
-    ------
-    DesignError
-        when it is not recorded
     """
-    runs = point.traces[name].runs
-    (rows,) = np.nonzero(runs == run)
-    if not len(rows):
-        raise DesignError(f"run {run} is not recorded (recorded: {', '.join(map(str, runs))})", "run")
-    table = point.frame[(point.frame["method"] == name) & (point.frame["run"] == run)]
-    return int(rows[0]), str(table["status"].iloc[0])
+    traces = point.traces[name]
+    row, status = find_run(point, name, run)
+    values = traces.signals[signal][row].reshape(-1, *traces.shapes[signal])
+    # The last value of a held signal is continued to the last sample.
+    missing = len(traces.r) - len(values)
+    return RecordedMatrix(np.concatenate([values, values[len(values) - missing :]]), bool(missing), status)
 
 
-def entries_of(point: Trials, order: Sequence[str] | None, signal: str, run: int) -> dict[str, Entries]:
-    """Find the matrix of every method.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    order : methods asked for; all that report the signal if not given
-    signal : what they report
-    run : index of the run
-
-    Raises
-    ------
-    DesignError
-        when the run is not recorded, a method does not report the signal, or it is no square matrix
-    """
-    having = [name for name in point.methods if name in point.traces and signal in point.traces[name].signals]
-    if not having:
-        there = ", ".join(dict.fromkeys(each for traces in point.traces.values() for each in traces.signals))
-        raise DesignError(f"'{signal}' is not a recorded signal (recorded: {there})", "signal")
-    for name in order or ():
-        if name not in having:
-            raise DesignError(f"'{name}' does not report {signal}", "order")
-    found = {}
-    for name in order or having:
-        traces = point.traces[name]
-        shape = traces.shapes.get(signal)
-        if shape is None or not is_square(shape):
-            raise DesignError(not_square(signal, shape), "signal")
-        row, status = run_of(point, name, run)
-        values = traces.signals[signal][row].reshape(-1, *shape)
-        missing = len(traces.r) - len(values)
-        found[name] = Entries(np.concatenate([values, values[len(values) - missing :]]), bool(missing), status)
-    if len({entries.values.shape for entries in found.values()}) > 1:
-        raise DesignError(f"{signal} has not the same size in all methods: name some with `order`", "order")
-    return found
-
-
-def draw(
+def _draw(
     point: Trials,
     title: str,
     signal: str,
-    found: Mapping[str, Entries],
+    matrices: Mapping[str, RecordedMatrix],
     run: int,
     window: Window,
     size: tuple[float, float],
-) -> Figure:
-    """Draw the panels; see `recorded_figures.elements`.
+) -> MplFigure:
+    from matplotlib.figure import Figure as MplFigure
 
-    Parameters
-    ----------
-    point : the table that is shown
-    title : the point of the sweep in words
-    signal : name of the matrix
-    found : method -> its matrix, from below to above
-    run : index of the run
-    window : the samples to show
-    size : width and height [in]
-    """
-    looks = curves.looks(point.methods, list(found))
-    n = next(iter(found.values())).values.shape[1]
+    styles = line_styles(point.methods, list(matrices))
+    n = next(iter(matrices.values())).values.shape[1]
     with style():
-        figure = Figure(figsize=size, layout="constrained")
+        figure = MplFigure(figsize=size, layout="constrained")
         grid = _grid(figure, n)
-        _draw_entries(grid, found, window, looks)
+        _draw_elements(grid, matrices, window, styles)
         for place in range(n):
             grid[0, place].set_title(symbol(signal, f"{ANY},{place}"))
             grid[place, 0].set_ylabel(symbol(signal, f"{place},{ANY}"))
-        rows = {name: np.flatnonzero(point.traces[name].runs == run) for name in found}
-        bands = burst_bands.spans(burst_bands.bursts_of(point, rows), window)
-        keys = burst_bands.shade(grid.ravel(), bands)
+        rows = {name: np.flatnonzero(point.traces[name].runs == run) for name in matrices}
+        keys = burst_bands.shade(grid.ravel(), burst_bands.spans(burst_bands.bursts_of(point, rows), window))
         grid[0, 0].set_xlim(*window.limits)
         figure.supxlabel(window.label, fontsize=FONT_SIZE)
-        curves.finish(figure, [*_handles(point, found, looks), *keys], _note(title, run, found), columns=True)
+        handles: list[Handle] = [(point.labels.get(name, name), legend_sample(styles[name])) for name in matrices]
+        finish(figure, [*handles, *keys], _note(title, run, matrices), columns=True)
     return figure
 
 
-def _grid(figure: Figure, n: int) -> Any:
-    """Panels on one horizontal axis; those of the diagonal have one vertical axis, and so have all others."""
+def _grid(figure: MplFigure, n: int) -> Any:
+    """Make panels on one horizontal axis; those of the diagonal share a vertical axis, and so do all others."""
+    from matplotlib.ticker import MaxNLocator
+
     grid: Any = figure.subplots(n, n, sharex=True, squeeze=False)
     for index in np.ndindex(n, n):
         axes, first = grid[index], grid[0, int(index[0] != index[1])]
         axes.grid(color=GREY, linewidth=0.4)
         axes.set_axisbelow(True)
-        axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-        axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+        axes.xaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
+        axes.yaxis.set_major_locator(MaxNLocator(4, steps=STEPS))
         axes.tick_params(pad=2.0, length=2.5)
         if axes is not first:
             axes.sharey(first)
     return grid
 
 
-def _draw_entries(grid: Any, found: Mapping[str, Entries], window: Window, looks: Mapping[str, Look]) -> None:
-    """Draw the matrices of all methods, those that failed at last: they must not shrink the others."""
-    shown = slice(window.first, window.last + 1)
+def _draw_elements(
+    grid: Any, matrices: Mapping[str, RecordedMatrix], window: Window, styles: Mapping[str, LineStyle]
+) -> None:
+    """Draw the matrices of all methods, those that failed last, so that they do not shrink the others."""
     t = window.sample * np.arange(window.first, window.last + 1)
-    failed = {name: entries.status != Status.OK.word for name, entries in found.items()}
-    first = [name for name in found if not failed[name]] or list(found)
-    for names in (first, [name for name in found if name not in first]):
+    failed = {name: matrix.status != Status.OK.word for name, matrix in matrices.items()}
+    first = [name for name in matrices if not failed[name]] or list(matrices)
+    for names in (first, [name for name in matrices if name not in first]):
         limits = [axes.get_ylim() for axes in grid.ravel()]
         for i, j in np.ndindex(grid.shape):
-            values = {name: curves.drawable(found[name].values[shown, i, j]) for name in found}
-            rough = curves.are_rough([values[name] for name in first])
+            values = {name: drawable(matrix.values[window.slice, i, j]) for name, matrix in matrices.items()}
+            rough = are_rough([values[name] for name in first])
             for name in names:
-                line = looks[name].line(held=found[name].held, rough=rough)
+                line = styles[name].line(held=matrices[name].held, rough=rough)
                 grid[i, j].plot(t, values[name], **{**line, "lw": THINNER * line["lw"]})
         if names is not first:
             for axes, limit in zip(grid.ravel(), limits, strict=True):
                 axes.set_ylim(limit)
 
 
-def _handles(point: Trials, found: Mapping[str, Entries], looks: Mapping[str, Look]) -> list[tuple[str, Artist]]:
-    return [(point.labels.get(name, name), curves.sample(looks[name])) for name in found]
-
-
-def _note(title: str, run: int, found: Mapping[str, Entries]) -> str:
-    """Say which run is shown, and which methods failed in it."""
-    failed = [f"{name} {entries.status}" for name, entries in found.items() if entries.status != Status.OK.word]
+def _note(title: str, run: int, matrices: Mapping[str, RecordedMatrix]) -> str:
+    """Name the run, and the methods that failed in it."""
+    failed = [f"{name} {matrix.status}" for name, matrix in matrices.items() if matrix.status != Status.OK.word]
     return "\n".join(filter(None, [title, ", ".join([f"run {run}", *failed])]))

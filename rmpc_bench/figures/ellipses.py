@@ -1,29 +1,35 @@
-"""Covariance ellipses of the methods among the runs, as in Fig. 3 of souto2011."""
+"""Covariance ellipses of the methods among the runs (souto2011, Fig. 3)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from annotated_types import Len
 
-from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures import curves
-from rmpc_bench.figures.labels import literal, with_unit
+from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
+from rmpc_bench.figures.ellipse_outline import Ellipse, outline
+from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of
+from rmpc_bench.figures.legend import Handle, finish
+from rmpc_bench.figures.line_styles import line_styles, paler
 from rmpc_bench.figures.samples import Curve, components
 from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.types import Array, DesignError, MetricInfo
+from rmpc_bench.figures.sweep_points import point_at
+from rmpc_bench.types import Array, DesignError, MetricInfo, Positive
+from rmpc_bench.types.figure import Index, OnePointFigure
+from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.result_layout import ResultLayout
 
-SMOOTH = 181
-"""Points of an ellipse."""
-FLAT = 1e-12
-"""How close to 1 the correlation of a segment is; the rounding of a singular P."""
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.trials import Trials
+
 RINGS: tuple[dict[str, Any], ...] = (
     {"ls": "-", "lw": 1.2},
     {"ls": (0, (4, 2)), "lw": 0.9},
@@ -31,25 +37,71 @@ RINGS: tuple[dict[str, Any], ...] = (
     {"ls": (0, (7, 1.5, 1.2, 1.5)), "lw": 0.7},
 )
 """Lines of the radii, the first one first."""
+Radii = Annotated[tuple[Positive, ...], Len(1, len(RINGS))]
 DOTS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 1.7, "mew": 0.0}
+SERIES = ("mean(x_hat)", "P")
+"""Series that give the centre and the shape of an ellipse."""
 
 
-class Ellipse(NamedTuple):
-    """Where a method believes the state to be."""
+@dataclass(frozen=True, kw_only=True)
+class Ellipses(OnePointFigure):
+    """Covariance ellipses of the methods among the runs, one dot each.
 
-    centre: Array
-    """(2,) estimate."""
-    P: Array
-    """(2, 2) covariance."""
+    The centre of an ellipse (a cross) is the mean of the method's estimates, and its radius is s times the standard
+    deviation of the reported covariance P: (z - c)' P^-1 (z - c) = s^2.  If P is singular, it is a segment.  The dots
+    are grey if all methods have the same values, such as true states; else each method has its own.  Runs that failed
+    have none; the title counts them.
+
+    Parameters
+    ----------
+    x : name of the metric that is the horizontal coordinate of the dots
+    y : name of the metric that is the vertical coordinate of the dots
+    k : the sample whose P and mean are shown; the last one if not given
+    sigmas : radii of the ellipses in standard deviations, 4 at most: solid, dashed, dotted and dash-dotted
+    components : the two states of the ellipses (counted from 0), the horizontal one first
+    height : height of the whole picture [in]; if not given 2.6; legend and title add to it if they need more than a
+        line
+    order : methods to show, later ones above earlier ones; all that have moments and P if not given
+    """
+
+    needs_runs: ClassVar[bool] = True
+    metric_keys: ClassVar[tuple[str, ...]] = ("x", "y")
+
+    x: str
+    y: str
+    k: Index | None = None
+    sigmas: Radii = (1.0, 3.0)
+    components: tuple[Index, Index] = (0, 1)
+
+    def check(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add to the common checks: moments, a method that reports P, and two states."""
+        yield from super().check(layout)
+        yield from layout.require_series(*SERIES)
+        yield from layout.require_series_of(self.order, *SERIES)
+        yield from layout.require_component(
+            "state", self.components, layout.n_states(self.order, *SERIES), "components"
+        )
+        yield from layout.require_pair("state", self.components, "components")
+        if not 1 <= len(self.sigmas) <= len(RINGS) or not all(0 < radius < math.inf for radius in self.sigmas):
+            yield Issue("sigmas", f"must be 1 to {len(RINGS)} positive numbers")
+
+    def draw(self, results: Trials) -> MplFigure:
+        """Draw ellipses and runs of one point; see `Figure.draw`."""
+        point, title = point_at(results, self.at)
+        layout = layout_of(point)
+        self.require(layout)
+        axes_of = metric_of(point, self.x), metric_of(point, self.y)
+        k, ellipses = ellipses_of(point, self.order or layout.methods_having(*SERIES), self.components, self.k)
+        return _draw(point, title, ellipses, axes_of, k, self.sigmas, self.size(2.6))
 
 
 class Dots(NamedTuple):
-    """The runs, all those that ended well and have finite values."""
+    """The runs that did not fail and have finite values."""
 
     x: Array
     y: Array
     n_failed: int
-    n_never: int
+    n_infinite: int
 
 
 def ellipses_of(
@@ -71,18 +123,14 @@ def ellipses_of(
     Raises
     ------
     DesignError
-        when there is no such state or sample
+        when there is no such sample
     """
     P, x_hat = (components(point.series, name, methods) for name in ("P", "mean(x_hat)"))
-    if len(set(pair)) < 2:
-        raise DesignError("must be two different states", "components")
+    entries = [*map(str, pair), *(f"{i},{j}" for i in pair for j in pair)]
     found: dict[str, dict[str, Curve]] = {}
     for name in methods:
         parts = {component: values.best for component, values in (P[name] | x_hat[name]).items()}
-        wanted = [*map(str, pair), *(f"{i},{j}" for i in pair for j in pair)]
-        if not set(wanted) <= set(parts):
-            raise DesignError(f"'{name}' has {len(x_hat[name])} states (they count from 0)", "components")
-        found[name] = {component: parts[component] for component in wanted}
+        found[name] = {component: parts[component] for component in entries}
     last = min(_last(list(parts.values())) for parts in found.values())
     if k is not None and not 0 <= k <= last:
         raise DesignError(f"there is no sample {k} (they go from 0 to {last})", "k")
@@ -96,35 +144,6 @@ def ellipses_of(
         )
         for name, at in values.items()
     }
-
-
-def outline(ellipse: Ellipse, radius: float) -> Array | None:
-    """Find the points z with (z - centre)' P^-1 (z - centre) = radius^2; the segment where P is singular.
-
-    Parameters
-    ----------
-    ellipse : centre and covariance
-    radius : in standard deviations
-
-    Returns
-    -------
-    (points, 2) coordinates, two of them for a segment; None where P is no covariance or not finite
-    """
-    if not (np.isfinite(ellipse.P).all() and np.isfinite(ellipse.centre).all()):
-        return None
-    covariance = (ellipse.P[0, 1] + ellipse.P[1, 0]) / 2
-    if min(ellipse.P[0, 0], ellipse.P[1, 1]) < 0:
-        return None
-    # Each coordinate in its own unit: states of very different sizes make no ellipse degenerate.
-    deviations = np.sqrt(np.diag(ellipse.P))
-    product = float(deviations.prod())
-    if abs(covariance) > (1 + math.sqrt(FLAT)) * product:
-        return None
-    correlation = min(1.0, max(-1.0, covariance / product)) if product else 1.0
-    t = np.array([0.0, math.pi]) if abs(correlation) > 1 - FLAT else np.linspace(0.0, 2 * math.pi, SMOOTH)
-    across = math.sqrt(1 - correlation**2)
-    unit = np.stack([np.cos(t), correlation * np.cos(t) + across * np.sin(t)], axis=1)
-    return np.asarray(ellipse.centre + radius * deviations * unit)
 
 
 def dots_of(point: Trials, methods: Sequence[str], x: str, y: str) -> dict[str, Dots]:
@@ -142,7 +161,7 @@ def dots_of(point: Trials, methods: Sequence[str], x: str, y: str) -> dict[str, 
     return {name: _dots(*found[name], point.n_failed(name)) for name in (methods[:1] if common else methods)}
 
 
-def draw(
+def _draw(
     point: Trials,
     title: str,
     ellipses: dict[str, Ellipse],
@@ -150,39 +169,30 @@ def draw(
     k: int,
     radii: Sequence[float],
     size: tuple[float, float],
-) -> Figure:
-    """Draw ellipses and runs; see `figures.ellipses`.
+) -> MplFigure:
+    from matplotlib.figure import Figure as MplFigure
+    from matplotlib.lines import Line2D
 
-    Parameters
-    ----------
-    point : the table whose runs are shown
-    title : the point of the sweep in words
-    ellipses : method -> ellipse, from below to above
-    axes_of : the metrics of the horizontal and of the vertical axis
-    k : the sample of the ellipses
-    radii : of the ellipses, in standard deviations
-    size : width and height [in]
-    """
     methods = list(ellipses)
-    looks = curves.looks(point.methods, methods)
+    styles = line_styles(point.methods, methods)
     dots = dots_of(point, methods, *(info.name for info in axes_of))
     with style():
-        figure = Figure(figsize=size, layout="constrained")
-        (axes,) = curves.panels(figure, 1)
-        axes.yaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 5, 10]))
-        handles: list[tuple[str, Artist]] = []
+        figure = MplFigure(figsize=size, layout="constrained")
+        (axes,) = stacked_panels(figure, 1)
+        few_ticks(axes)
+        handles: list[Handle] = []
         for name, ellipse in ellipses.items():
-            seen = _draw_ellipse(axes, ellipse, radii, looks[name].color, looks[name].zorder)
+            seen = _draw_ellipse(axes, ellipse, radii, styles[name].color, styles[name].zorder)
             label = point.labels.get(name, name) + ("" if seen else " (no ellipse)")
-            handles.append((label, Line2D([], [], color=looks[name].color, lw=1.3)))
-        keys: list[tuple[str, Artist]] = [
+            handles.append((label, Line2D([], [], color=styles[name].color, lw=1.3)))
+        keys: list[Handle] = [
             (rf"${radius:g}\sigma$", Line2D([], [], color=REFERENCE, **ring))
             for radius, ring in zip(radii, RINGS, strict=False)
         ]
-        keys += _draw_dots(axes, dots, {name: looks[name].color for name in methods})
-        axes.set_xlabel(with_unit(literal(axes_of[0].name), axes_of[0].unit))
-        axes.set_ylabel(with_unit(literal(axes_of[1].name), axes_of[1].unit))
-        curves.finish(figure, handles, "\n".join(filter(None, [title, _note(k, dots)])), keys=keys)
+        keys += _draw_dots(axes, dots, {name: styles[name].color for name in methods})
+        axes.set_xlabel(metric_label(axes_of[0]))
+        axes.set_ylabel(metric_label(axes_of[1]))
+        finish(figure, handles, "\n".join(filter(None, [title, _note(k, dots)])), keys=keys)
     return figure
 
 
@@ -199,8 +209,8 @@ def _same(a: Array, b: Array) -> bool:
 
 def _dots(x: Array, y: Array, n_failed: int) -> Dots:
     finite = np.isfinite(x) & np.isfinite(y)
-    n_never = int((np.isinf(x) | np.isinf(y)).sum())
-    return Dots(curves.drawable(x[finite]), curves.drawable(y[finite]), n_failed, n_never)
+    n_infinite = int((np.isinf(x) | np.isinf(y)).sum())
+    return Dots(drawable(x[finite]), drawable(y[finite]), n_failed, n_infinite)
 
 
 def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: str, zorder: float) -> bool:
@@ -208,18 +218,20 @@ def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: s
     outlines = [outline(ellipse, radius) for radius in radii]
     for points, ring in zip(outlines, RINGS, strict=False):
         if points is not None:
-            x, y = curves.drawable(points).T
+            x, y = drawable(points).T
             axes.plot(x, y, color=color, zorder=zorder, solid_capstyle="round", **ring)
     if outlines[0] is None:
         return False
-    axes.plot(*curves.drawable(ellipse.centre), color=color, zorder=zorder, marker="+", ms=4, mew=0.9)
+    axes.plot(*drawable(ellipse.centre), color=color, zorder=zorder, marker="+", ms=4, mew=0.9)
     return True
 
 
-def _draw_dots(axes: Axes, dots: dict[str, Dots], colours: dict[str, str]) -> list[tuple[str, Artist]]:
-    """Draw the runs below the ellipses; return what the legend says of them."""
+def _draw_dots(axes: Axes, dots: Mapping[str, Dots], colours: Mapping[str, str]) -> list[Handle]:
+    """Draw the runs below the ellipses; return their legend entry."""
+    from matplotlib.lines import Line2D
+
     for name, (x, y, *_) in dots.items():
-        color = REFERENCE if len(dots) == 1 else curves.paler(colours[name], 0.35)
+        color = REFERENCE if len(dots) == 1 else paler(colours[name], 0.35)
         axes.plot(x, y, color=color, zorder=2.0, **DOTS)
     numbers = sorted({len(each.x) for each in dots.values()})
     text = f"{numbers[0]} runs" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]} runs"
@@ -227,7 +239,11 @@ def _draw_dots(axes: Axes, dots: dict[str, Dots], colours: dict[str, str]) -> li
 
 
 def _note(k: int, dots: dict[str, Dots]) -> str:
-    """Say which sample the ellipses belong to, and which runs are missing."""
-    n_failed, n_never = (sum(each[place] for each in dots.values()) for place in (2, 3))
-    parts = [f"at k = {k}", f"{n_failed} failed" if n_failed else "", f"{n_never} never" if n_never else ""]
+    """Name the sample of the ellipses, and count the runs that are missing."""
+    n_failed, n_infinite = (sum(each[place] for each in dots.values()) for place in (2, 3))
+    parts = [
+        f"at k = {k}",
+        f"{n_failed} failed" if n_failed else "",
+        f"{n_infinite} {DID_NOT_OCCUR}" if n_infinite else "",
+    ]
     return ", ".join(filter(None, parts))

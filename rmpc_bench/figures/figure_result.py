@@ -43,7 +43,7 @@ class FigureResult:
         ValueError
             If the ending is not one of these.
         """
-        from rmpc_bench.figures.kinds import FORMATS, save_as
+        from rmpc_bench.figures.files import FORMATS, save_as
 
         file = Path(path)
         if file.suffix.lower() not in FORMATS:

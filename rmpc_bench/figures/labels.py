@@ -1,24 +1,44 @@
-"""Text in figures: formulas where matplotlib can set them, units, and lines no longer than their place."""
+"""Text in figures: formulas where matplotlib can set them, units, and lines that fit into their place."""
 
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
-from matplotlib.cbook import is_math_text
-from matplotlib.font_manager import FontProperties
-from matplotlib.mathtext import MathTextParser
-from matplotlib.textpath import TextToPath
-
-from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.style import FONT, FONT_SIZE
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Trials
+    from rmpc_bench.types import MetricInfo
 
 POINTS_PER_INCH = 72
 GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho", "Lambda": "Lambda", "Pi": "Pi"}
 ACCENTS = ("hat", "breve")
+DID_NOT_OCCUR = "did not occur"
+"""Words for a metric value of inf, such as the settling time of a run that did not settle."""
+LINEAR = "\n(linear: some <= 0)"
+"""Remark at an axis that cannot be logarithmic."""
+
+
+def metric_of(trials: Trials, name: str | None) -> MetricInfo:
+    """Return the metric of a name; the first one for None."""
+    return next(info for info in trials.metrics if name in (None, info.name))
+
+
+def metric_label(info: MetricInfo) -> str:
+    """Label an axis with a metric and its unit."""
+    return with_unit(literal(info.name), info.unit)
+
+
+def unit_of(trials: Trials, component: str) -> str:
+    """Return the unit of a component such as ``y.2``: its own, else that of the signal."""
+    return trials.units.get(component, trials.units.get(component.partition(".")[0], ""))
 
 
 def typeset(text: str) -> str:
     """Keep `$...$` where matplotlib can set it, else make the text literal."""
+    from matplotlib.mathtext import MathTextParser
+
     try:
         for line in text.split("\n"):
             MathTextParser("path").parse(line)
@@ -76,6 +96,10 @@ def wrapped(text: str, limit: float) -> list[str]:
 
 def width(text: str) -> float:
     """Width of one line of a label in points."""
+    from matplotlib.cbook import is_math_text
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextToPath
+
     formula = is_math_text(text)
     font = FontProperties(family=FONT, size=FONT_SIZE)
     line = text if formula else text.replace(r"\$", "$")
@@ -83,5 +107,5 @@ def width(text: str) -> float:
 
 
 def marked(trials: Trials, method: str) -> str:
-    """Name a method in a table; an oracle is marked as one."""
+    """Return the name of a method for a table, where an oracle estimator is marked."""
     return f"{method} (oracle)" if method in trials.oracles else method

@@ -1,15 +1,17 @@
-"""Values over the samples, read from the series of a table, exact or from runs, and cut to what a picture shows."""
+"""Values over the samples, exact or from runs, read from the stored series and cut to the window of a figure."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 
-from rmpc_bench.figures.curves import Window
+from rmpc_bench.figures.window import Window
 from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Curve(NamedTuple):
@@ -24,8 +26,8 @@ class Curve(NamedTuple):
         return float(found[0]) if len(found) else np.nan
 
 
-class Known(NamedTuple):
-    """The same component, known exactly, from runs, or in both ways."""
+class SeriesComponent(NamedTuple):
+    """A component of a series: its exact values, those from runs, or both."""
 
     exact: Curve | None
     runs: Curve | None
@@ -40,8 +42,8 @@ class Known(NamedTuple):
         return found
 
 
-def known(rows: pd.DataFrame) -> Known:
-    """Read one component of one method; of values from runs those count, at every sample, that come from most runs.
+def component_of(rows: pd.DataFrame) -> SeriesComponent:
+    """Read one component of one method; of values from runs, those from most runs count at every sample.
 
     Parameters
     ----------
@@ -49,33 +51,37 @@ def known(rows: pd.DataFrame) -> Known:
     """
     rows = rows.sort_values(["k", "n"])
     exact, sampled = rows[rows["n"] == 0], rows[rows["n"] > 0].drop_duplicates("k", keep="last")
-    return Known(_curve(exact), _curve(sampled), frozenset(map(int, sampled["n"])))
+    return SeriesComponent(_curve(exact), _curve(sampled), frozenset(map(int, sampled["n"])))
 
 
-def components(point_series: pd.DataFrame, quantity: str, methods: Iterable[str]) -> dict[str, dict[str, Known]]:
+def components(
+    point_series: pd.DataFrame, quantity: str, methods: Iterable[str]
+) -> dict[str, dict[str, SeriesComponent]]:
     """Read all components of a quantity.
 
     Parameters
     ----------
     point_series : the series of a point, as `Trials.series` has them
     quantity : name of the quantity
-    methods : the methods that count, in the order wanted
+    methods : names of methods
 
     Returns
     -------
     method -> component -> values; without the methods that do not have the quantity
     """
     table = point_series[point_series["quantity"] == quantity]
-    found: dict[str, dict[str, Known]] = {}
+    found: dict[str, dict[str, SeriesComponent]] = {}
     for name in methods:
         own = table[table["method"] == name]
         if len(own):
-            found[name] = {str(component): known(rows) for component, rows in own.groupby("component", sort=False)}
+            found[name] = {
+                str(component): component_of(rows) for component, rows in own.groupby("component", sort=False)
+            }
     return found
 
 
 def cut(curve: Curve, window: Window) -> Curve | None:
-    """Cut a curve to a window; a constant goes through, of what ends before nothing is left.
+    """Cut a curve to a window: a constant covers it; None if the curve ends before it.
 
     Parameters
     ----------

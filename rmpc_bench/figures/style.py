@@ -1,4 +1,4 @@
-"""The look of every figure: small type, colours that a colour-blind reader can tell apart, the same bytes each time."""
+"""Style of all figures: palette, fonts, and settings of matplotlib that give the same bytes every time."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import matplotlib
-
 RED, BLUE, GREY = "#d7191c", "#0b5ba8", "#d9d9d9"
+BLACK, WHITE = "#000000", "#ffffff"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Of lines, one per method: the palette of Okabe and Ito."""
+"""Palette of the methods, by Okabe and Ito: a colour-blind reader can distinguish them."""
 REFERENCE = "#7f7f7f"
 FONT, FONT_SIZE = "DejaVu Sans", 8  # comes with matplotlib
 STYLE: dict[Any, Any] = {
@@ -33,7 +32,9 @@ STYLE: dict[Any, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw with our parameters on top of matplotlib's own, whatever the user's matplotlibrc says."""
+    """Draw with these settings on top of the defaults of matplotlib; the user's matplotlibrc has no effect."""
+    import matplotlib
+
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(STYLE)

@@ -1,197 +1,221 @@
-"""Signals over time, one panel each: the recorded run of every method, or median and band of several runs."""
+"""Trajectories: recorded signals over time, one panel each, as a single run or as median and band of several."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
+from annotated_types import Ge, Le
 
-from rmpc_bench.analysis.trials import Traces, Trials
-from rmpc_bench.figures import burst_bands, curves
-from rmpc_bench.figures.curves import Look, Window
-from rmpc_bench.figures.labels import symbol, with_unit
-from rmpc_bench.figures.requirements import ERROR, OF_ERROR, usual
+from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures import burst_bands
+from rmpc_bench.figures.axes import stacked_panels
+from rmpc_bench.figures.labels import symbol, unit_of, with_unit
+from rmpc_bench.figures.legend import Handle, finish
+from rmpc_bench.figures.line_styles import LineStyle, are_rough, legend_sample, line_styles
+from rmpc_bench.figures.recorded_runs import (
+    ERROR,
+    OUTPUT,
+    RunSelection,
+    SignalComponent,
+    last_sample,
+    select_runs,
+)
 from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.figures.sweep_points import MOST_SIGNALS
-from rmpc_bench.types import Array, DesignError, Status
+from rmpc_bench.figures.sweep_points import point_at
+from rmpc_bench.figures.window import Window, window_of
+from rmpc_bench.types import Array, NonNegative
+from rmpc_bench.types.figure import OnePointFigure
+from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.result_layout import ResultLayout, Shape
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+    from matplotlib.lines import Line2D
+
+    from rmpc_bench.analysis.trials import Traces, Trials
+
+SingleRuns = Annotated[int, Ge(0), Le(10)]
+USUAL = ("y", "u")
+"""Signals that are shown by default."""
+MOST_SIGNALS = 8
+"""Panels, which may be low: four inputs and three errors are usual."""
 BAND = (0.05, 0.95)
 
 
-class Shown(NamedTuple):
-    """The recorded runs of a method that are shown."""
+@dataclass(frozen=True, kw_only=True)
+class Trajectories(OnePointFigure):
+    """Recorded signals over time, one panel each; the methods share a panel, and the reference is dashed.
 
-    rows: Array
-    """Their places in the traces."""
-    failed: bool
-    """Whether all recorded runs failed, and these are shown for want of better ones."""
-    n_failed: int
+    A single recorded run is drawn as it is.  Of several the figure shows the median (thick), the band from 5 to 95 %
+    and single runs (thin), without the runs that failed.  Bursts of the noise are shaded if they are the same in all
+    runs that are shown.  A method without a signal is left out of its panels.
+
+    Parameters
+    ----------
+    signals : signals to show, from top to bottom, such as y, u, a signal that a method reports, the control error
+        e = r - y or, a single component counted from 0, x_hat.2; the components of a matrix count row by row; y and u
+        if not given
+    from_ : first time to show [s]
+    to : last time to show [s]
+    runs : number of single runs to show beside median and band, from the first one on
+    edges : lines around the bands, which distinguish overlapping bands of several methods
+    height : height of the whole picture [in]; if not given 0.8 and 1.2 for every panel; legend and title add to it if
+        they need more than a line
+    order : methods to show, later ones above earlier ones; all that have recorded runs if not given
+    """
+
+    needs_runs: ClassVar[bool] = True
+
+    signals: list[str] | None = None
+    from_: NonNegative | None = None
+    to: NonNegative | None = None
+    runs: SingleRuns = 1
+    edges: bool = False
+
+    def check(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add to the common checks: recorded signals, as many as panels fit, in a window that holds samples."""
+        yield from super().check(layout)
+        yield from layout.require_signals()
+        yield from layout.require_traces(self.order)
+        if not layout.recorded:
+            return
+        issues, n_panels = [], 0
+        for text in self._names(layout):
+            shape, issue = _shape_of(layout, text)
+            issues += [issue] if issue else []
+            n_panels += 1 if "." in text or shape is None else math.prod(shape)
+        yield from issues
+        if not issues:
+            advice = "choose components such as x.0"
+            yield from layout.require_at_most(MOST_SIGNALS, n_panels, "panels", "signals", advice)
+        if self.signals == []:
+            yield Issue("signals", "must name at least one signal")
+        yield from layout.require_window(self.from_, self.to)
+
+    def draw(self, results: Trials) -> MplFigure:
+        """Draw the recorded runs of one point; see `Figure.draw`."""
+        point, title = point_at(results, self.at)
+        layout = layout_of(point)
+        self.require(layout)
+        methods = self.order or list(layout.signals)
+        components = [each for text in self._names(layout) for each in _components(point, layout, text)]
+        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
+        size = self.size(0.8 + 1.2 * len(components))
+        return _draw(point, title, methods, components, window, self.runs, size, edges=self.edges)
+
+    def _names(self, layout: ResultLayout) -> Sequence[str]:
+        """Signals to show; by default the usual ones that are recorded."""
+        if self.signals is not None:
+            return self.signals
+        return tuple(name for name in USUAL if name in layout.signal_names) or USUAL
 
 
-class Row(NamedTuple):
-    """What a panel shows."""
-
-    signal: str
-    component: int
-    label: str
-
-    def values(self, traces: Traces) -> Array:
-        """Values of the recorded runs, (runs, samples); a signal that is held has none at the last sample."""
-        if self.signal == ERROR:
-            return np.asarray(traces.r[:, self.component] - traces.signals[OF_ERROR][:, :, self.component])
-        return traces.signals[self.signal][:, :, self.component]
-
-    def is_shown(self, traces: Traces) -> bool:
-        """Whether a method has it."""
-        return (OF_ERROR if self.signal == ERROR else self.signal) in traces.signals
-
-    def is_held(self, traces: Traces) -> bool:
-        """Whether it is constant over a sample, as the input is and whatever else the controller says."""
-        return self.is_shown(traces) and self.values(traces).shape[1] < len(traces.r)
+def _shape_of(layout: ResultLayout, text: str) -> tuple[Shape | None, Issue | None]:
+    """Find the shape of a signal, None if it is not known, and what is wrong with a text such as ``x_hat.2``."""
+    name, dot, index = text.partition(".")
+    recorded = OUTPUT if name == ERROR and ERROR not in layout.signal_names else name
+    shapes = [signals[recorded] for signals in layout.signals.values() if recorded in signals]
+    if not shapes:
+        return None, Issue("signals", f"{name!r} is not recorded (recorded: {', '.join(layout.signal_names)})")
+    shape = None if None in shapes else min((each for each in shapes if each is not None), key=math.prod)
+    n = None if shape is None else math.prod(shape)
+    if dot and not (index.isdecimal() and (n is None or int(index) < n)):
+        last = f" to {name}.{n - 1}" if n is not None else ""
+        return shape, Issue("signals", f"{text!r} is not a component (they count from {name}.0{last})")
+    return shape, None
 
 
-def draw(
+def _components(point: Trials, layout: ResultLayout, text: str) -> list[SignalComponent]:
+    """Find the panels of a text such as ``y`` or ``x_hat.2``; a signal stands for all its components."""
+    name, dot, index = text.partition(".")
+    shape, _ = _shape_of(layout, text)
+    assert shape is not None, "recorded signals have known shapes"
+    found = []
+    for component in [int(index)] if dot else range(math.prod(shape)):
+        place = ",".join(map(str, np.unravel_index(component, shape))) if math.prod(shape) > 1 else ""
+        unit = unit_of(point, f"{OUTPUT if name == ERROR else name}.{component}")
+        found.append(SignalComponent(name, component, with_unit(symbol(name, place), unit)))
+    return found
+
+
+def _draw(
     point: Trials,
     title: str,
     methods: Sequence[str],
-    rows: Sequence[Row],
+    components: Sequence[SignalComponent],
     window: Window,
     n_single: int,
     size: tuple[float, float],
     *,
-    edges: bool = False,
-) -> Figure:
-    """Draw the recorded runs; see `figures.trajectories`.
+    edges: bool,
+) -> MplFigure:
+    from matplotlib.figure import Figure as MplFigure
 
-    Parameters
-    ----------
-    point : the table whose traces are shown
-    title : the point of the sweep in words
-    methods : methods from below to above
-    rows : what the panels show, from top to bottom
-    window : the samples to show
-    n_single : number of single runs beside median and band
-    size : width and height [in]
-    edges : whether bands have lines around them
-    """
-    methods = [name for name in methods if any(row.is_shown(point.traces[name]) for row in rows)]
-    looks = curves.looks(point.methods, methods)
-    shown = {name: _shown(point, name) for name in methods}
+    methods = [name for name in methods if any(each.is_in(point.traces[name]) for each in components)]
+    styles = line_styles(point.methods, methods)
+    runs = {name: select_runs(point, name) for name in methods}
+    rough = [_is_rough(point, component, window, runs) for component in components]
     with style():
-        figure = Figure(figsize=size, layout="constrained")
-        panels = curves.panels(figure, len(rows))
-        rough = [_is_rough(point, row, window, shown) for row in rows]
-        handles: list[tuple[str, Artist]] = []
+        figure = MplFigure(figsize=size, layout="constrained")
+        panels = stacked_panels(figure, len(components))
+        handles: list[Handle] = []
         for name in methods:
-            failed = " (failed)" if shown[name].failed else ""
-            sample = curves.sample(looks[name], rough=all(rough))
+            failed = " (failed)" if runs[name].failed else ""
+            sample = legend_sample(styles[name], rough=all(rough))
             handles.append((point.labels.get(name, name) + failed, sample))
-        for axes, row, solid in zip(panels, rows, rough, strict=True):
-            if row.signal == "y":
-                reference = _draw_reference(axes, point.traces[methods[0]], row, window)
+        for axes, component, solid in zip(panels, components, rough, strict=True):
+            if component.signal == OUTPUT:
+                reference = _draw_reference(axes, point.traces[methods[0]], component, window)
                 handles += [("reference", reference)] if len(handles) == len(methods) else []
-            _draw_panel(axes, point, row, window, shown, looks, n_single, rough=solid, edges=edges)
-        bands = burst_bands.spans(burst_bands.bursts_of(point, {name: one.rows for name, one in shown.items()}), window)
-        handles += burst_bands.shade(panels, bands)
+            _draw_panel(axes, point, component, window, runs, styles, n_single, rough=solid, edges=edges)
+        rows = {name: each.rows for name, each in runs.items()}
+        handles += burst_bands.shade(panels, burst_bands.spans(burst_bands.bursts_of(point, rows), window))
         panels[-1].set_xlim(*window.limits)
         panels[-1].set_xlabel(window.label)
-        note = _note(point, methods, shown, n_single)
-        curves.finish(figure, handles, "\n".join(filter(None, [title, note])))
+        finish(figure, handles, "\n".join(filter(None, [title, _note(point, runs, n_single)])))
     return figure
 
 
-def rows_of(point: Trials, methods: Sequence[str], signals: Sequence[str] | None) -> list[Row]:
-    """Find the panels that signals such as ``y`` or ``x_hat.2`` ask for; a signal stands for all its components."""
-    widths, shapes = _recorded(point, methods)
-    known = widths | ({ERROR: widths[OF_ERROR]} if OF_ERROR in widths else {})
-    found = []
-    for text in usual(widths) if signals is None else signals:
-        name, dot, index = text.partition(".")
-        if name not in known:
-            recorded = ", ".join(widths) or "none"
-            raise DesignError(f"'{name}' is not a recorded signal (recorded: {recorded})", "signals")
-        n = known[name]
-        if dot and not (index.isdecimal() and int(index) < n):
-            raise DesignError(f"'{text}' is not a component: those of {name} are {name}.0 to {name}.{n - 1}", "signals")
-        for component in [int(index)] if dot else range(n):
-            of = OF_ERROR if name == ERROR else name
-            unit = point.units.get(f"{of}.{component}", point.units.get(of, ""))
-            place = ",".join(map(str, np.unravel_index(component, shapes.get(name, (n,))))) if n > 1 else ""
-            found.append(Row(name, component, with_unit(symbol(name, place), unit)))
-    if not 1 <= len(found) <= MOST_SIGNALS:
-        message = f"{len(found)} panels are asked for, there may be 1 to {MOST_SIGNALS}: choose components such as x.0"
-        raise DesignError(message, "signals")
-    return found
-
-
-def _recorded(point: Trials, methods: Sequence[str]) -> tuple[dict[str, int], dict[str, tuple[int, ...]]]:
-    """Numbers of components that every method has of a signal, if it has it, and shapes of what they report."""
-    widths: dict[str, int] = {}
-    shapes: dict[str, tuple[int, ...]] = {}
-    for name in methods:
-        traces = point.traces[name]
-        for signal, values in traces.signals.items():
-            widths[signal] = min(values.shape[2], widths.get(signal, values.shape[2]))
-        shapes |= traces.shapes
-    return widths, shapes
-
-
-def _shown(point: Trials, method: str) -> Shown:
-    """Take the recorded runs that ended well; all where there are none."""
-    runs = point.traces[method].runs
-    table = point.frame[point.frame["method"] == method]
-    failed = np.isin(runs, table.loc[table["status"] != Status.OK.word, "run"].to_numpy())
-    rows = np.arange(len(runs)) if failed.all() else np.flatnonzero(~failed)
-    return Shown(rows, bool(failed.all()), int(failed.sum()))
-
-
-def _curves(traces: Traces, row: Row, window: Window, rows: Array) -> tuple[Array, Array]:
-    """Times and the values of the runs that count; an input, which is held, has a value at its end, too."""
-    values = row.values(traces)[rows]
-    missing = len(traces.r) - values.shape[1]
-    values = np.concatenate([values, np.repeat(values[:, -1:], missing, axis=1)], axis=1)
-    shown = slice(window.first, window.last + 1)
-    return window.sample * np.arange(len(traces.r))[shown], curves.drawable(values[:, shown])
-
-
-def _is_rough(point: Trials, row: Row, window: Window, shown: Mapping[str, Shown]) -> bool:
-    """Whether some method's steps go up and down so much that dashes would be lost in them."""
-    having = [name for name in shown if row.is_held(point.traces[name])]
+def _is_rough(point: Trials, component: SignalComponent, window: Window, runs: Mapping[str, RunSelection]) -> bool:
+    """Whether some method's steps change direction so often that dashes would be lost in them."""
+    having = [name for name in runs if component.is_held(point.traces[name])]
     if not having:
         return False
-    names = [name for name in having if not shown[name].failed] or having
-    main = [np.median(_curves(point.traces[name], row, window, shown[name].rows)[1], axis=0) for name in names]
-    return curves.are_rough(main)
+    names = [name for name in having if not runs[name].failed] or having
+    return are_rough(
+        [np.median(component.curves(point.traces[name], window, runs[name].rows)[1], axis=0) for name in names]
+    )
 
 
 def _draw_panel(
     axes: Axes,
     point: Trials,
-    row: Row,
+    component: SignalComponent,
     window: Window,
-    shown: Mapping[str, Shown],
-    looks: Mapping[str, Look],
+    runs: Mapping[str, RunSelection],
+    styles: Mapping[str, LineStyle],
     n_single: int,
     *,
     rough: bool,
     edges: bool,
 ) -> None:
-    """Draw the methods that have the signal of a panel."""
-    having = [name for name in shown if row.is_shown(point.traces[name])]
-    all_failed = all(one.failed for one in shown.values())
-    for name in sorted(having, key=lambda name: shown[name].failed):
-        t, values = _curves(point.traces[name], row, window, shown[name].rows)
+    """Draw the methods that have the signal of a panel, those that failed last."""
+    having = [name for name in runs if component.is_in(point.traces[name])]
+    all_failed = all(each.failed for each in runs.values())
+    for name in sorted(having, key=lambda name: runs[name].failed):
+        t, values = component.curves(point.traces[name], window, runs[name].rows)
         limits = axes.get_ylim()
-        main = looks[name].line(held=row.is_held(point.traces[name]), rough=rough)
+        main = styles[name].line(held=component.is_held(point.traces[name]), rough=rough)
         _draw_runs(axes, t, values, main, n_single, edges=edges)
-        if shown[name].failed and not all_failed:
-            axes.set_ylim(limits)  # what fails may go far away; it must not shrink the others
-    axes.set_ylabel(row.label)
+        if runs[name].failed and not all_failed:
+            # The values of a failed run may be huge and must not shrink the other curves.
+            axes.set_ylim(limits)
+    axes.set_ylabel(component.label)
 
 
 def _draw_runs(axes: Axes, t: Array, values: Array, main: Mapping[str, Any], n_single: int, *, edges: bool) -> None:
@@ -209,24 +233,22 @@ def _draw_runs(axes: Axes, t: Array, values: Array, main: Mapping[str, Any], n_s
     axes.plot(t, median, **main)
 
 
-def _draw_reference(axes: Axes, traces: Traces, row: Row, window: Window) -> Line2D:
-    shown = slice(window.first, window.last + 1)
-    t, r = window.sample * np.arange(len(traces.r)), traces.r[:, row.component]
-    (line,) = axes.plot(
-        t[shown], r[shown], color=REFERENCE, linestyle=(0, (4, 2)), linewidth=0.9, drawstyle="steps-post", zorder=2.0
-    )
+def _draw_reference(axes: Axes, traces: Traces, component: SignalComponent, window: Window) -> Line2D:
+    t, r = window.sample * np.arange(len(traces.r)), traces.r[:, component.component]
+    look: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 0.9, "drawstyle": "steps-post", "zorder": 2.0}
+    (line,) = axes.plot(t[window.slice], r[window.slice], color=REFERENCE, **look)
     return line
 
 
-def _note(point: Trials, methods: Sequence[str], shown: Mapping[str, Shown], n_single: int) -> str:
-    """Say what lines and bands are, and how many runs failed; nothing where every method has one run that is shown."""
-    counts = [len(shown[name].rows) for name in methods]
+def _note(point: Trials, runs: Mapping[str, RunSelection], n_single: int) -> str:
+    """Explain lines and bands and count failed runs; empty if every method shows one run that did not fail."""
+    counts = [len(each.rows) for each in runs.values()]
     parts = []
     if max(counts) > 1:
         n_runs = f"{min(counts)}" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
         parts.append(f"median and 5\N{EN DASH}95 % band of {n_runs} runs")
-        single = {tuple(point.traces[name].runs[shown[name].rows[:n_single]]) for name in methods}
+        single = {tuple(point.traces[name].runs[each.rows[:n_single]]) for name, each in runs.items()}
         if n_single:
             parts.append("thin: run " + ", ".join(map(str, *single)) if len(single) == 1 else "thin: single runs")
-    n_failed = sum(one.n_failed for one in shown.values())
+    n_failed = sum(each.n_failed for each in runs.values())
     return ", ".join([*parts, *([f"{n_failed} failed"] if n_failed else [])])

@@ -1,213 +1,177 @@
-"""One run among the sets that the methods believed it to be in, in a plane of two states or over time.
-
-Figs. 1 to 3 of ma2025: a trajectory with its ellipses, one panel per method.
-"""
+"""Tubes: one run among the sets that the methods report for its state (ma2025, Figs. 1 to 3)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from annotated_types import Gt, Len, Lt
 
-from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.claims.matrices import distance
-from rmpc_bench.claims.values import EvaluationError, Value
-from rmpc_bench.figures import curves
-from rmpc_bench.figures.curves import Window
-from rmpc_bench.figures.ellipses import Ellipse, outline
-from rmpc_bench.figures.keys import NO_BELIEF, NO_STATES, other_states
-from rmpc_bench.figures.labels import symbol, typeset, with_unit, wrapped
-from rmpc_bench.figures.requirements import LACKING, believed
-from rmpc_bench.figures.style import FONT_SIZE, REFERENCE, style
-from rmpc_bench.types import Array, DesignError, Status
+from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
+from rmpc_bench.figures.ellipse_outline import Ellipse, outline
+from rmpc_bench.figures.labels import POINTS_PER_INCH, symbol, typeset, unit_of, with_unit, wrapped
+from rmpc_bench.figures.legend import Handle, finish
+from rmpc_bench.figures.line_styles import line_styles, paler
+from rmpc_bench.figures.recorded_runs import last_sample
+from rmpc_bench.figures.reported_sets import EDGE, Tube, reported_set, tube_of
+from rmpc_bench.figures.style import BLACK, FONT_SIZE, REFERENCE, WHITE, style
+from rmpc_bench.figures.sweep_points import MOST_PANELS, point_at
+from rmpc_bench.figures.window import Window, window_of
+from rmpc_bench.types import Array, Count, NonNegative, Status
+from rmpc_bench.types.figure import Index, OnePointFigure
+from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.result_layout import ResultLayout
 
-BLACK, WHITE = "#000000", "#ffffff"
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.trials import Trials
+
+OneOrTwo = Annotated[tuple[Index, ...], Len(1, 2)]
+Level = Annotated[float, Gt(0), Lt(1)]
+NO_SET = "no method reports a set M or a covariance P"
 MOST_ELLIPSES = 12
-"""In a panel, unless told how far they are apart."""
+"""Ellipses in a panel by default."""
 EDGES: dict[bool, dict[str, Any]] = {False: {"ls": "-", "lw": 0.8}, True: {"ls": (0, (3, 1.5)), "lw": 0.8}}
 """Lines around a set, and around the ellipsoid of a covariance."""
 FILL = 0.75
 """Share of white in the inside of a set."""
-TRUTH: dict[str, Any] = {"color": BLACK, "lw": 0.7, "zorder": 2.6}
+TRUE_STATE: dict[str, Any] = {"color": BLACK, "lw": 0.7, "zorder": 2.6}
 INSIDE: dict[str, Any] = {"ls": "", "marker": "o", "ms": 2.6, "mew": 0.6, "mfc": BLACK, "mec": BLACK, "zorder": 2.8}
 OUTSIDE: dict[str, Any] = {**INSIDE, "ms": 3.2, "mfc": WHITE}
-EDGE = 1e-9
-"""How far beyond the edge a state is still inside: rounding."""
 
 
-class Tube(NamedTuple):
-    """What a method believed of a run, at the samples that are shown."""
+@dataclass(frozen=True, kw_only=True)
+class Tubes(OnePointFigure):
+    """One run among the sets that the methods report for its state, one panel per method, all of one scale.
 
-    x: Array
-    """(samples, components) the truth."""
-    x_hat: Array
-    """(samples, components)."""
-    S: Array
-    """(samples, components, components): x is believed to lie in E(x_hat, S)."""
-    gaussian: bool
-    """Whether S is that of a confidence ellipsoid."""
-    status: str
-
-    def outside(self) -> Array:
-        """Whether x lies outside, sample by sample; DesignError where S is no shape of an ellipsoid."""
-        try:
-            gap = distance(Value(self.x, "k"), Value(self.x_hat, "k"), Value(self.S, "k")).array
-        except EvaluationError as error:
-            raise DesignError(f"what a method believes is no ellipsoid: {error}", "") from None
-        return np.asarray(gap > 1.0 + EDGE)
-
-
-def methods_of(point: Trials, order: Sequence[str] | None) -> Sequence[str]:
-    """Methods to show, all of which are recorded and believe something.
+    A set is the ellipsoid about the estimate whose shape is the reported set M; a method without M has the confidence
+    ellipsoid of its reported covariance P at the level (dashed).  If there are more states than are shown, it is the
+    projection of the ellipsoid.  A true state outside of its projected set is hollow.
 
     Parameters
     ----------
-    point : the table that is shown
-    order : methods asked for; all that can be shown if not given
-
-    Raises
-    ------
-    DesignError
-        when none can be shown, or one that is asked for cannot
+    over : plane shows both states and some ellipses; time shows every state with the band from its smallest to its
+        largest value in the set, which is easier to read
+    run : index of the run, which must be recorded with the signals x and x_hat
+    components : the states (counted from 0), the horizontal one first; over time there may be one
+    from_ : first time to show [s]
+    to : last time to show [s]
+    every : samples from one ellipse of a plane to the next; if not given, so many that at most 12 are drawn
+    level : of the ellipsoid of P, such as 95%
+    height : height of the whole picture [in]; if not given 0.8 and 1.6 for every plane or 1.2 for every band; legend
+        and title add to it if they need more than a line
+    order : methods to show, from top to bottom; all that are recorded and have M or P if not given
     """
-    kept = [name for name, traces in point.traces.items() if {"x", "x_hat"} <= set(traces.signals)]
-    if not kept:
-        raise DesignError(NO_STATES, "")
-    known = set(point.series.loc[point.series["quantity"].isin(["M", "P"]), "method"])
-    for name in order or ():
-        if name not in known:
-            raise DesignError(f"'{name}' {LACKING}", "order")
-    shown = [name for name in (order or point.methods) if name in known and name in kept]
-    if not shown:
-        raise DesignError(NO_BELIEF, "")
-    return shown
+
+    needs_runs: ClassVar[bool] = True
+
+    over: Literal["plane", "time"] = "plane"
+    run: Index = 0
+    components: OneOrTwo = (0, 1)
+    from_: NonNegative | None = None
+    to: NonNegative | None = None
+    every: Count | None = None
+    level: Level = 0.95
+
+    @property
+    def panels_per_method(self) -> int:
+        """Panels that a method has."""
+        return 1 if self.over == "plane" else len(self.components)
+
+    def check(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add to the common checks: a recorded run, methods that report a set of its states, panels that fit."""
+        yield from super().check(layout)
+        yield from layout.require_signals("x", "x_hat")
+        if not {"x", "x_hat"} <= set(layout.signal_names):
+            return
+        sizes = _sizes(layout)
+        if not sizes:
+            yield Issue("", NO_SET)
+            return
+        for name in self.order or ():
+            if name in layout.methods and name not in sizes:
+                yield Issue("order", f"'{name}' reports neither a set M nor a covariance P")
+        yield from layout.require_recorded(self.run)
+        shown = [name for name in self.order or sizes if name in sizes]
+        for name in shown:
+            x = layout.signals.get(name, {}).get("x")
+            if x is not None and x[0] != sizes[name]:
+                message = f"x_hat of '{name}' has {sizes[name]} components and x of the plant {x[0]}"
+                yield Issue("order" if self.order else "", f"{message}: leave the method out with `order`")
+        n = min((sizes[name] for name in shown), default=None)
+        yield from layout.require_component("state", self.components, n, "components")
+        n_different = 2 if self.over == "plane" else len(self.components)
+        yield from layout.require_pair("state", self.components, "components", n_different)
+        advice = "name fewer methods or states"
+        yield from layout.require_at_most(MOST_PANELS, len(shown) * self.panels_per_method, "panels", "order", advice)
+        yield from layout.require_window(self.from_, self.to)
+
+    def draw(self, results: Trials) -> MplFigure:
+        """Draw one run at one point; see `Figure.draw`."""
+        point, title = point_at(results, self.at)
+        layout = layout_of(point)
+        self.require(layout)
+        methods = self.order or list(_sizes(layout))
+        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
+        tubes = {name: tube_of(point, name, self.run, self.components, window, self.level) for name in methods}
+        n_panels = len(methods) * self.panels_per_method
+        size = self.size(0.8 + (1.6 if self.over == "plane" else 1.2) * n_panels)
+        n_samples = window.last + 1 - window.first
+        return _draw(self, point, title, tubes, window, size, self.every or -(-n_samples // MOST_ELLIPSES))
 
 
-def tube_of(point: Trials, name: str, run: int, components: Sequence[int], window: Window, level: float) -> Tube:
-    """Find what a method believed of a run.
-
-    Parameters
-    ----------
-    point : the table that is shown
-    name : the method
-    run : index of the run
-    components : the states
-    window : the samples
-    level : of the ellipsoid of P, for a method without M
-
-    Raises
-    ------
-    DesignError
-        when the run is not recorded, there is no such state, or the states are not those of the plant
-    """
-    traces = point.traces[name]
-    (rows,) = np.nonzero(traces.runs == run)
-    if not len(rows):
-        raise DesignError(f"run {run} is not recorded (recorded: {', '.join(map(str, traces.runs))})", "run")
-    x, x_hat = (traces.signals[signal][rows[0]] for signal in ("x", "x_hat"))
-    if x.shape != x_hat.shape:
-        raise DesignError(other_states(name, x_hat.shape[1], x.shape[1]), "order")
-    n = x.shape[1]
-    if max(components) >= n:
-        raise DesignError(f"there is no state {max(components)} (they count from 0 to {n - 1})", "components")
-    S, gaussian = _shape(point, name, level)
-    shown = slice(window.first, window.last + 1)
-    S = S[shown] if len(S) > 1 else np.repeat(S, window.last + 1 - window.first, axis=0)
-    table = point.frame[(point.frame["method"] == name) & (point.frame["run"] == run)]
-    chosen = list(components)
-    pair = S[:, chosen][:, :, chosen]  # the shadow of an ellipsoid has this part of its shape
-    return Tube(x[shown][:, chosen], x_hat[shown][:, chosen], pair, gaussian, str(table["status"].iloc[0]))
+def _sizes(layout: ResultLayout) -> dict[str, int]:
+    """Count the states of the reported sets of recorded methods; without methods that report none."""
+    shapes = {name: reported_set(layout.arrays.get(name, {})) for name in layout.methods if name in layout.signals}
+    return {name: shape[-1] for name, shape in shapes.items() if shape is not None}
 
 
-def distance_of(window: Window) -> int:
-    """Choose how many samples lie between two ellipses, so that at most `MOST_ELLIPSES` are drawn."""
-    return -(-(window.last + 1 - window.first) // MOST_ELLIPSES)
-
-
-def draw(
+def _draw(
+    keys: Tubes,
     point: Trials,
     title: str,
     tubes: dict[str, Tube],
-    components: Sequence[int],
     window: Window,
     size: tuple[float, float],
-    *,
-    run: int,
-    level: float,
     every: int,
-    plane: bool,
-) -> Figure:
-    """Draw the panels; see `tube_figure.tubes`.
+) -> MplFigure:
+    from matplotlib.figure import Figure as MplFigure
 
-    Parameters
-    ----------
-    point : the table that is shown
-    title : the point of the sweep in words
-    tubes : method -> what it believed, from top to bottom
-    components : the states, the horizontal one of a plane first
-    window : the samples that are shown
-    size : width and height [in]
-    run : index of the run
-    level : of the ellipsoids of P
-    every : samples from one ellipse of a plane to the next
-    plane : whether the panels are planes; else the time is their horizontal axis, and every state has its own
-    """
-    looks = curves.looks(point.methods, list(tubes))
-    labels = [_label(point, i, point.traces[next(iter(tubes))].signals["x"].shape[2]) for i in components]
-    rows = [(name, None if plane else place) for place in range(1 if plane else len(components)) for name in tubes]
+    plane = keys.over == "plane"
+    styles = line_styles(point.methods, list(tubes))
+    n_states = point.traces[next(iter(tubes))].signals["x"].shape[2]
+    labels = [with_unit(symbol("x", str(i) if n_states > 1 else ""), unit_of(point, f"x.{i}")) for i in keys.components]
+    rows = [(name, None if plane else place) for place in range(keys.panels_per_method) for name in tubes]
     with style():
-        figure = Figure(figsize=size, layout="constrained")
-        panels, seen_outside = curves.panels(figure, len(rows)), False
+        figure = MplFigure(figsize=size, layout="constrained")
+        panels, any_outside = stacked_panels(figure, len(rows)), False
         for axes, (name, place) in zip(panels, rows, strict=True):
-            axes.yaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 5, 10]))
+            few_ticks(axes)
             if place is None:
-                outside = _draw_plane(axes, tubes[name], every, looks[name].color)
+                outside = _draw_plane(axes, tubes[name], every, styles[name].color)
             else:
-                outside = _draw_band(axes, tubes[name], place, window, looks[name].color)
-            seen_outside |= bool(outside.any())
+                outside = _draw_band(axes, tubes[name], place, window, styles[name].color)
+            any_outside |= bool(outside.any())
             axes.set_ylabel(labels[-1 if place is None else place])
-            _write_beside(axes, point.labels.get(name, name), looks[name].color, size[1] / len(rows))
+            _write_beside(axes, point.labels.get(name, name), styles[name].color, size[1] / len(rows))
         _align(panels, [row[1] for row in rows], [tubes[name].status == Status.OK.word for name, _ in rows])
         panels[-1].set_xlabel(labels[0] if plane else window.label)
         if not plane:
             panels[-1].set_xlim(*window.limits)
-        note = _note(tubes, run, window if plane else None, every)
-        keys = _keys(list(tubes.values()), level, plane, outside=seen_outside)
-        curves.finish(figure, keys, "\n".join(filter(None, [title, note])))
+        note = _note(tubes, keys.run, window if plane else None, every)
+        handles = _handles(list(tubes.values()), keys.level, plane, outside=any_outside)
+        finish(figure, handles, "\n".join(filter(None, [title, note])))
     return figure
 
 
-def _shape(point: Trials, name: str, level: float) -> tuple[Array, bool]:
-    """Return the shape matrices of what a method believes, axis 0 = k, and whether they are made of P."""
-    known = point.series.loc[point.series["method"] == name, "quantity"].unique()
-    quantity = believed({quantity: quantity for quantity in known})
-    assert quantity is not None  # `methods_of` has looked
-    values = point.matrix_series(quantity, name)
-    return (_quantile(level, values.shape[-1]) * values, True) if quantity == "P" else (values, False)
-
-
-def _quantile(level: float, n: int) -> float:
-    """Quantile of chi-square with n degrees of freedom."""
-    from scipy.special import gammaincinv
-
-    return 2.0 * float(gammaincinv(n / 2.0, level))
-
-
-def _label(point: Trials, i: int, n: int) -> str:
-    unit = point.units.get(f"x.{i}", point.units.get("x", ""))
-    return with_unit(symbol("x", str(i) if n > 1 else ""), unit)
-
-
 def _write_beside(axes: Axes, label: str, color: str, height: float) -> None:
-    """Name a panel on its right, in the colour of its method, and no longer than it is high."""
-    lines = wrapped(typeset(label), 0.7 * height * 72)
+    """Write the name of a panel on its right, in the colour of its method, in lines as long as the panel is high."""
+    lines = wrapped(typeset(label), 0.7 * height * POINTS_PER_INCH)
     place: dict[str, Any] = {"xy": (1.0, 0.5), "xycoords": "axes fraction", "xytext": (3.0, 0.0)}
     where: dict[str, Any] = {"textcoords": "offset points", "ha": "left", "va": "center", "rotation": 270}
     axes.annotate("\n".join(lines), **place, **where, color=color, fontsize=FONT_SIZE)
@@ -215,46 +179,46 @@ def _write_beside(axes: Axes, label: str, color: str, height: float) -> None:
 
 def _draw_plane(axes: Axes, tube: Tube, every: int, color: str) -> Array:
     """Draw both trajectories, and the ellipses of some samples with their true states; return which lie outside."""
-    axes.plot(*curves.drawable(tube.x).T, **TRUTH)
-    axes.plot(*curves.drawable(tube.x_hat).T, color=color, lw=0.9, zorder=2.7)
+    axes.plot(*drawable(tube.x).T, **TRUE_STATE)
+    axes.plot(*drawable(tube.x_hat).T, color=color, lw=0.9, zorder=2.7)
     some = tube._replace(x=tube.x[::every], x_hat=tube.x_hat[::every], S=tube.S[::every])
     for centre, S in zip(some.x_hat, some.S, strict=True):
         points = outline(Ellipse(centre, S), 1.0)
         if points is not None:
-            x, y = curves.drawable(points).T
-            axes.fill(x, y, facecolor=curves.paler(color, FILL), alpha=0.5, zorder=2.1, lw=0)
+            x, y = drawable(points).T
+            axes.fill(x, y, facecolor=paler(color, FILL), alpha=0.5, zorder=2.1, lw=0)
             axes.plot(x, y, color=color, zorder=2.2, **EDGES[tube.gaussian])
-    for x, x_hat in zip(curves.drawable(some.x), curves.drawable(some.x_hat), strict=True):
+    for x, x_hat in zip(drawable(some.x), drawable(some.x_hat), strict=True):
         axes.plot(*np.stack([x, x_hat]).T, color=REFERENCE, lw=0.5, zorder=2.5)
     outside = some.outside()
     _draw_states(axes, some.x[:, 0], some.x[:, 1], outside)
-    axes.plot(*curves.drawable(some.x_hat).T, ls="", marker="+", ms=4, mew=0.9, color=color, zorder=2.75)
+    axes.plot(*drawable(some.x_hat).T, ls="", marker="+", ms=4, mew=0.9, color=color, zorder=2.75)
     return outside
 
 
 def _draw_band(axes: Axes, tube: Tube, place: int, window: Window, color: str) -> Array:
-    """Draw one state and its estimate over time, and how far the sets reach; return where it lies beyond them."""
+    """Draw one state, its estimate and the band of the sets over time; return where the state lies outside."""
     t = window.sample * np.arange(window.first, window.last + 1)
     x, x_hat = tube.x[:, place], tube.x_hat[:, place]
     half = np.sqrt(np.maximum(tube.S[:, place, place], 0.0))
-    low, high = curves.drawable(x_hat - half), curves.drawable(x_hat + half)
-    axes.fill_between(t, low, high, color=curves.paler(color, FILL), linewidth=0, zorder=2.1)
+    low, high = drawable(x_hat - half), drawable(x_hat + half)
+    axes.fill_between(t, low, high, color=paler(color, FILL), linewidth=0, zorder=2.1)
     for edge in (low, high):
         axes.plot(t, edge, color=color, zorder=2.2, **{**EDGES[tube.gaussian], "lw": 0.5})
-    axes.plot(t, curves.drawable(x_hat), color=color, lw=0.9, zorder=2.7)
-    axes.plot(t, curves.drawable(x), **TRUTH)
+    axes.plot(t, drawable(x_hat), color=color, lw=0.9, zorder=2.7)
+    axes.plot(t, drawable(x), **TRUE_STATE)
     beyond = np.abs(x - x_hat) > half * (1.0 + EDGE)
     _draw_states(axes, t[beyond], x[beyond], beyond[beyond])
     return np.asarray(beyond)
 
 
 def _draw_states(axes: Axes, x: Array, y: Array, outside: Array) -> None:
-    for which, look in ((~outside, INSIDE), (outside, OUTSIDE)):
-        axes.plot(curves.drawable(x[which]), curves.drawable(y[which]), **look)
+    for which, marker in ((~outside, INSIDE), (outside, OUTSIDE)):
+        axes.plot(drawable(x[which]), drawable(y[which]), **marker)
 
 
 def _align(panels: Sequence[Axes], places: Sequence[int | None], ok: Sequence[bool]) -> None:
-    """Give panels of the same states the same limits; what fails may go far away and must not shrink the others."""
+    """Give panels of the same states the same limits, which a failed run does not change: its values may be huge."""
     for place in set(places):
         group = [number for number, each in enumerate(places) if each == place]
         good = [panels[number].dataLim for number in group if ok[number]] or [panels[group[0]].dataLim]
@@ -266,34 +230,36 @@ def _align(panels: Sequence[Axes], places: Sequence[int | None], ok: Sequence[bo
 
 
 def _padded(intervals: Sequence[Array]) -> tuple[float, float]:
-    """Limits that hold all intervals, with some room."""
+    """Return limits that contain all intervals, with some room."""
     low, high = float(np.min(intervals)), float(np.max(intervals))
     room = 0.05 * (high - low) or 1.0
     return low - room, high + room
 
 
-def _keys(tubes: Sequence[Tube], level: float, plane: bool, *, outside: bool) -> list[tuple[str, Artist]]:
-    """Say what lines, areas and dots mean; what has the colour of the method is grey."""
+def _handles(tubes: Sequence[Tube], level: float, plane: bool, *, outside: bool) -> list[Handle]:
+    """Make the legend entries of lines, areas and dots, in grey what has the colour of its method."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
     dot: dict[str, Any] = {"marker": "o", "ms": 2.6} if plane else {}
     cross: dict[str, Any] = {"marker": "+", "ms": 4.0} if plane else {}
-    found: list[tuple[str, Artist]] = [
-        ("true state", Line2D([], [], **TRUTH, **dot)),
+    found: list[Handle] = [
+        ("true state", Line2D([], [], **TRUE_STATE, **dot)),
         ("estimate", Line2D([], [], color=REFERENCE, lw=0.9, **cross)),
     ]
     for gaussian, text in ((False, "set $M$"), (True, rf"{100 * level:g} % of $P$")):
         if any(tube.gaussian == gaussian for tube in tubes):
-            fill = curves.paler(REFERENCE, FILL)
+            fill = paler(REFERENCE, FILL)
             found.append((text, Patch(facecolor=fill, edgecolor=REFERENCE, **EDGES[gaussian])))
     return [*found, ("outside", Line2D([], [], **OUTSIDE))] if outside else found
 
 
 def _note(tubes: dict[str, Tube], run: int, window: Window | None, every: int) -> str:
-    """Say which run is shown, of what is in a plane the samples, and which methods failed."""
+    """Name the run, the samples of a plane, and the methods that failed."""
     parts = [f"run {run}"]
     if window is not None:
-        seconds = window.label != "$k$"
         first, last = (f"{end:g}" for end in window.limits)
-        parts.append(f"t = {first} to {last} s" if seconds else f"k = {first} to {last}")
+        parts.append(f"t = {first} to {last} s" if window.in_seconds else f"k = {first} to {last}")
         parts.append("every sample" if every == 1 else f"ellipses every {every} samples")
     parts += [f"{name} {tube.status}" for name, tube in tubes.items() if tube.status != Status.OK.word]
     return ", ".join(parts)

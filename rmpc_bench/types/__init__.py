@@ -24,6 +24,7 @@ from rmpc_bench.types.basics import (
 )
 from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.figure import Figure, OnePointFigure, SweepFigure
 from rmpc_bench.types.issue import Issue, issues_of, no_such_component
 from rmpc_bench.types.method import Method
 from rmpc_bench.types.metric import (
@@ -39,7 +40,7 @@ from rmpc_bench.types.metric import (
 from rmpc_bench.types.model import Model
 from rmpc_bench.types.noise import Noise
 from rmpc_bench.types.plant import Plant
-from rmpc_bench.types.plot_records import Line, Panel, ResultLayout
+from rmpc_bench.types.plot_records import Line, Panel
 from rmpc_bench.types.records import (
     Channel,
     Command,
@@ -51,6 +52,7 @@ from rmpc_bench.types.records import (
     Period,
 )
 from rmpc_bench.types.reference import Reference
+from rmpc_bench.types.result_layout import ResultLayout
 
 __all__ = [
     "Array",
@@ -63,6 +65,10 @@ __all__ = [
     "DesignError",
     "Direction",
     "Estimate",
+    "Figure",
+    "OnePointFigure",
+    "ResultLayout",
+    "SweepFigure",
     "Estimator",
     "GainSchedule",
     "Horizon",

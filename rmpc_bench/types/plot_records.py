@@ -1,8 +1,7 @@
-"""What is drawn of a part, and what the results of an experiment will have."""
+"""Data a component provides for plots of itself."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 from jaxtyping import Float
@@ -32,22 +31,3 @@ class Panel(NamedTuple):
     lines: tuple[Line, ...]
     equal: bool = False
     """Whether a unit is as long on both axes, as in a plan."""
-
-
-class ResultLayout(NamedTuple):
-    """What the results of an experiment will have, as far as that is known before it runs."""
-
-    signals: Mapping[str, int | None]
-    """Recorded signal -> number of its components, None where that is not known."""
-    end: float
-    """Last time [s]; 0 in a smoke run, which is shorter than its figures ask for."""
-    series: Mapping[str, tuple[int, ...]]
-    """Series of the designs -> shape of an entry."""
-    n_points: int
-    """Points of the sweep."""
-    arrays: Mapping[str, Mapping[str, tuple[int, ...]]] = {}
-    """Method -> series at the first point -> shape, axis 0 = k, of length 1 where it is the same at all k."""
-    n_recorded: int = 0
-    """Runs whose signals are kept, the first ones."""
-    reports: Mapping[str, Mapping[str, tuple[int, ...]]] = {}
-    """Method -> recorded signal that it reports of itself -> shape of an entry."""

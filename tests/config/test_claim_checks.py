@@ -177,7 +177,7 @@ def messages():
         shapes = dict.fromkeys(("P", *series), (2, 2)) | {
             name: (2, 2) for own in (arrays or {}).values() for name in own
         }
-        layout = ResultLayout({}, end, shapes, len(places) or 1, arrays or {})
+        layout = ResultLayout(end=end, series=shapes, arrays=arrays or {})
         read_claims(draft, metrics, places, layout)
         assert all(path == ["claims", 0, "check"] for path, _ in found)
         return [message for _, message in found]

@@ -8,7 +8,7 @@ from small_experiment import write
 
 from rmpc_bench import load_config, run
 from rmpc_bench.claims.verdict import judge
-from rmpc_bench.figures.tube_figure import tubes
+from rmpc_bench.figures.tubes import Tubes
 from rmpc_bench.types import ConfigError
 
 SYSTEM = "A: [['0.9 + 0.1*sin(k)', 0.2], [0, 0.7]], B: [[1], [0.3]], C: [[0.2, 1]]"
@@ -84,7 +84,7 @@ def test_claims_of_the_width_of_the_runs_and_of_the_size_of_sets(trials, tmp_pat
 
 def test_tubes_of_real_trials(trials):
     """Oracle: one panel for each of the three; only the Kalman filter's ellipses are dashed."""
-    axes = tubes(trials, every=5).axes
+    axes = Tubes(every=5).draw(trials).axes
     assert [each.texts[0].get_text() for each in axes] == ["KF", "ESM", "MIX"]
     dashed = [any(line.get_linestyle() == "--" for line in each.lines) for each in axes]
     assert dashed == [True, False, False]

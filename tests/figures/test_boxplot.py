@@ -8,8 +8,14 @@ import pytest
 
 from rmpc_bench.config.schema import model_of
 from rmpc_bench.figures import style
-from rmpc_bench.figures.kinds import boxplot, save
+from rmpc_bench.figures.boxplot import Boxplot
+from rmpc_bench.figures.files import save
 from rmpc_bench.types import DesignError, MetricInfo
+
+
+def boxplot(trials, **keys):
+    return Boxplot(**keys).draw(trials)
+
 
 INF = math.inf
 
@@ -63,8 +69,8 @@ def test_boxes_against_brute_force(make_trials):
     assert labels(figure) == ["A\nn=101", "B\nn=101", "C\nn=101"]
 
 
-def test_failed_and_never(make_trials):
-    """Never is counted but not drawn; a method without a finite value leaves its place empty."""
+def test_failed_and_infinite(make_trials):
+    """Infinite values are counted but not drawn; a method without a finite value leaves its place empty."""
     columns = {
         "A": [1.0, 2.0, 3.0, INF],
         "B": ["diverged"] * 4,
@@ -72,7 +78,7 @@ def test_failed_and_never(make_trials):
         "D": [1.0, "diverged", "out-of-range", 2.0],
     }
     figure = boxplot(make_trials({"mse": columns}))
-    assert labels(figure) == ["A\nn=4\n1 never", "B\nno value\n0/4", "C\nn=4\n4 never", "D\n2/4"]
+    assert labels(figure) == ["A\nn=4\n1 did not\noccur", "B\nno value\n0/4", "C\nn=4\n4 did not\noccur", "D\n2/4"]
     medians = lines(figure, color=style.RED, linestyle="-")
     assert [(line[:, 0].mean(), line[0, 1]) for line in medians] == [(1, 2), (4, 1.5)]
     assert figure.axes[0].get_xlim() == (0.5, 4.5)
@@ -103,8 +109,8 @@ def test_metric_order_size_and_log(make_trials):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"metric": "mae"}, "'mae' is not a metric of this experiment (known: mse)"),
-        ({"order": ["A", "C"]}, "'C' is not a method of this experiment (known: A, B)"),
+        ({"metric": "mae"}, "'mae' is not a known metric of this configuration; did you mean 'mse'?"),
+        ({"order": ["A", "C"]}, "'C' is not a known method; known: A, B"),
         ({"order": ["A", "A"]}, "must name at least one method, and each one once"),
         ({"order": []}, "must name at least one method, and each one once"),
         ({"width": 0.0}, "must be at least 1 inch (got 0)"),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from rmpc_bench.figures.kinds import FORMATS, portrait, save_as
+from rmpc_bench.figures.component_plot import draw_component
+from rmpc_bench.figures.files import FORMATS, save_as
 from rmpc_bench.types import Line, Panel
 
 PANELS = (
@@ -14,7 +15,7 @@ PANELS = (
 
 def test_panels_are_drawn_as_they_are():
     """Every line, each panel on its own axes; a legend with every label once."""
-    figure = portrait(PANELS)
+    figure = draw_component(PANELS)
     for axes, panel in zip(figure.axes, PANELS, strict=True):
         assert (axes.get_title(), axes.get_xlabel()) == (panel.title, panel.x_label)
         for drawn, line in zip(axes.lines, panel.lines, strict=True):
@@ -36,9 +37,9 @@ PLAN = Panel(
 
 def test_a_plan_has_equal_axes_and_marks_with_notes():
     """Dots instead of a curve, each with its text on the side away from the middle; a unit is as long either way."""
-    figure = portrait((PLAN,))
+    figure = draw_component((PLAN,))
     (axes,) = figure.axes
-    assert axes.get_aspect() == 1.0 and figure.get_figheight() > portrait(PANELS[:1]).get_figheight()
+    assert axes.get_aspect() == 1.0 and figure.get_figheight() > draw_component(PANELS[:1]).get_figheight()
     way, marks = axes.lines
     assert (way.get_marker(), marks.get_marker(), marks.get_linestyle()) == ("None", "o", "None")
     assert [text.get_text() for text in axes.texts] == ["0 s", "$t_1$", "2 s"]
@@ -53,7 +54,7 @@ def test_a_plan_has_equal_axes_and_marks_with_notes():
 def test_a_label_has_one_colour_in_all_panels():
     """The same thing looks the same, whatever stands before it."""
     first = Panel("one", "x", "y", (PLAN.lines[1], PLAN.lines[0]))
-    one, other = portrait((first, PLAN)).axes
+    one, other = draw_component((first, PLAN)).axes
     assert [line.get_color() for line in one.lines] == [line.get_color() for line in reversed(other.lines)]
 
 
@@ -62,7 +63,7 @@ def test_same_bytes_in_every_format(tmp_path, ending):
     """No date, no version; the ending may be in capitals."""
     files = [tmp_path / f"one{ending}", tmp_path / f"other{ending.upper()}"]
     for file in files:
-        save_as(portrait(PANELS), file)
+        save_as(draw_component(PANELS), file)
     one, other = (file.read_bytes() for file in files)
     assert one == other
     assert not any(word in one for word in (b"matplotlib.org", b"Matplotlib v", b"CreationDate", b"dc:date"))

@@ -10,10 +10,15 @@ from matplotlib.patches import Rectangle
 from rmpc_bench.analysis.trials import Traces
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.curves import COLOURS
-from rmpc_bench.figures.kinds import save_as
-from rmpc_bench.figures.recorded_figures import elements
+from rmpc_bench.figures.elements import Elements
+from rmpc_bench.figures.files import save_as
+from rmpc_bench.figures.style import COLOURS
 from rmpc_bench.types import DesignError
+
+
+def elements(trials, **keys):
+    return Elements(**keys).draw(trials)
+
 
 N, RUNS = 50, 2
 NAMES = ("constant", "tuned", "KF")
@@ -128,15 +133,15 @@ def test_a_method_that_failed_does_not_shrink_the_others(trials, matrices):
 @pytest.mark.parametrize(
     ("given", "parameter", "message"),
     [
-        ({"signal": "Q"}, "signal", "'Q' is not a recorded signal (recorded: y, bursts, Q_yw, r)"),
+        ({"signal": "Q"}, "signal", "'Q' is not recorded (recorded: y, bursts, Q_yw, r)"),
         ({"signal": "r"}, "signal", "r is no square matrix (4): show it with trajectories"),
-        ({"signal": "y"}, "signal", "y is no square matrix: show it with trajectories"),
+        ({"signal": "y"}, "signal", "y is no square matrix (3): show it with trajectories"),
         ({"signal": "Q_yw", "run": 2}, "run", "run 2 is not recorded (recorded: 0, 1)"),
         ({"signal": "Q_yw", "order": ["KF"]}, "order", "'KF' does not report Q_yw"),
         (
             {"signal": "Q_yw", "order": ["D"]},
             "order",
-            "'D' is not a method of this experiment (known: constant, tuned, KF)",
+            "'D' is not a known method; known: constant, tuned, KF",
         ),
         ({"signal": "Q_yw", "to": 0.0}, "to", "fewer than two samples lie between `from` and `to` (there are 0 to 5)"),
         ({"signal": "Q_yw", "width": 2.5}, "width", "3 columns need a width of 3.2 inches (got 2.5)"),

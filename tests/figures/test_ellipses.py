@@ -9,13 +9,18 @@ from conftest import ROUND
 from rmpc_bench.config.component import plain_data
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.curves import COLOURS, paler
-from rmpc_bench.figures.ellipses import Ellipse, outline
-from rmpc_bench.figures.ensemble_figures import ellipses
-from rmpc_bench.figures.keys import NO_MOMENTS, NO_P
-from rmpc_bench.figures.kinds import save
-from rmpc_bench.figures.style import REFERENCE
+from rmpc_bench.figures.ellipse_outline import Ellipse, outline
+from rmpc_bench.figures.ellipses import Ellipses
+from rmpc_bench.figures.files import save
+from rmpc_bench.figures.line_styles import paler
+from rmpc_bench.figures.style import COLOURS, REFERENCE
 from rmpc_bench.types import DesignError, MetricInfo
+from rmpc_bench.types.result_layout import NO_MOMENTS, NO_P
+
+
+def ellipses(trials, **keys):
+    return Ellipses(**keys).draw(trials)
+
 
 INFOS = (MetricInfo("x0_end", "m", "zero"), MetricInfo("x1_end", "m/s^2", "zero"))
 ROBUST = np.array([[14.4, -22.7], [-22.7, 76.4]])  # souto2011, section 5
@@ -78,7 +83,7 @@ def distances(points, centre, P):
 
 @pytest.mark.parametrize("k", [None, 0, 7])
 def test_points_satisfy_the_equation(trials, k):
-    """(z - c)' P^-1 (z - c) = s^2, all around; the last sample unless told otherwise; exact centres count."""
+    """(z - c)' P^-1 (z - c) = s^2, all around; the last sample by default; exact centres count."""
     figure = ellipses(trials, x="x0_end", y="x1_end", k=k)
     at = N if k is None else k
     for color, method in zip(COLOURS, ("classic", "robust"), strict=False):
@@ -131,10 +136,10 @@ def test_values_that_depend_on_the_method(trials, runs):
     assert set(dots(figure)) == {paler(color, 0.35) for color in COLOURS[:2]}
     assert np.array_equal(dots(figure)[paler(COLOURS[0], 0.35)], runs)
     assert np.array_equal(dots(figure)[paler(COLOURS[1], 0.35)], (runs + [[1], [0]])[:, 3:])
-    assert figure.axes[0].get_title() == "at k = 20, 2 failed, 1 never" and "27 to 30 runs" in legend(figure)
+    assert figure.axes[0].get_title() == "at k = 20, 2 failed, 1 did not occur" and "27 to 30 runs" in legend(figure)
 
 
-def test_a_failed_run_does_not_make_the_truth_depend_on_the_method(trials, runs):
+def test_a_failed_run_does_not_make_the_true_state_depend_on_the_method(trials, runs):
     """What both methods finished is compared."""
     frame = trials.frame.copy()
     frame.loc[(frame["method"] == "classic") & (frame["run"] == 4), ["status", "x0_end"]] = ["diverged", np.nan]
@@ -202,14 +207,14 @@ def test_a_method_without_P(trials):
 @pytest.mark.parametrize(
     ("given", "parameter", "message"),
     [
-        ({"x": "mse"}, "x", "'mse' is not a metric of this experiment (known: x0_end, x1_end)"),
-        ({"y": "mse"}, "y", "'mse' is not a metric of this experiment (known: x0_end, x1_end)"),
+        ({"x": "mse"}, "x", "'mse' is not a known metric of this configuration; known: x0_end, x1_end"),
+        ({"y": "mse"}, "y", "'mse' is not a known metric of this configuration; known: x0_end, x1_end"),
         ({"k": 21}, "k", "there is no sample 21 (they go from 0 to 20)"),
-        ({"components": (0, 2)}, "components", "'classic' has 2 states (they count from 0)"),
+        ({"components": (0, 2)}, "components", "there is no state 2 (they count from 0 to 1)"),
         ({"components": (1, 1)}, "components", "must be two different states"),
         ({"sigmas": ()}, "sigmas", "must be 1 to 4 positive numbers"),
         ({"sigmas": (1, -1)}, "sigmas", "must be 1 to 4 positive numbers"),
-        ({"order": ["D"]}, "order", "'D' is not a method of this experiment (known: classic, robust)"),
+        ({"order": ["D"]}, "order", "'D' is not a known method; known: classic, robust"),
         ({"height": 0.5}, "height", "must be at least 1 inch (got 0.5)"),
     ],
 )

@@ -8,11 +8,22 @@ from matplotlib.colors import to_rgb
 
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.curves import COLOURS, paler
-from rmpc_bench.figures.ensemble_figures import means, variance_with_bound
-from rmpc_bench.figures.keys import NO_MOMENTS, NO_P
-from rmpc_bench.figures.kinds import save
+from rmpc_bench.figures.files import save
+from rmpc_bench.figures.line_styles import paler
+from rmpc_bench.figures.means import Means
+from rmpc_bench.figures.style import COLOURS
+from rmpc_bench.figures.variance_with_bound import VarianceWithBound
 from rmpc_bench.types import DesignError
+from rmpc_bench.types.result_layout import NO_MOMENTS, NO_P
+
+
+def means(trials, **keys):
+    return Means(**keys).draw(trials)
+
+
+def variance_with_bound(trials, **keys):
+    return VarianceWithBound(**keys).draw(trials)
+
 
 THREE = {"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0], "C": [3.0, 4.0]}}
 K = np.arange(31.0)
@@ -72,7 +83,7 @@ def sample(figure, text):
 
 
 def test_variance_and_bound(trials):
-    """Solid: the exact one; pale: from runs; dashed: the own P, the constant one through the whole panel."""
+    """Solid: the exact one; pale: from runs; dashed: the reported one, which covers the panel if it is constant."""
     figure = variance_with_bound(trials)
     for i in (0, 1):
         for color, method in zip(COLOURS, "AB", strict=False):
@@ -90,16 +101,19 @@ def test_variance_and_bound(trials):
 def test_the_legend_says_which_is_which(trials):
     """Methods by colour in the first row, the kinds of lines in grey in the second."""
     figure = variance_with_bound(trials)
-    assert sorted(legend(figure)) == ["A", "from 500 runs", "own P", "robust", "variance"]
+    assert sorted(legend(figure)) == ["A", "from 500 runs", "reported covariance", "robust", "variance"]
     assert sample(figure, "robust").get_color() == COLOURS[1]
-    assert (sample(figure, "own P").get_linestyle(), sample(figure, "variance").get_linestyle()) == ("--", "-")
+    assert (sample(figure, "reported covariance").get_linestyle(), sample(figure, "variance").get_linestyle()) == (
+        "--",
+        "-",
+    )
     thin, thick = sample(figure, "from 500 runs"), sample(figure, "variance")
     assert thin.get_linewidth() < thick.get_linewidth()
     assert sum(to_rgb(thin.get_color())) > sum(to_rgb(thick.get_color()))
     boxes = {text.get_text(): text.get_window_extent() for text in figure.legends[0].get_texts()}
     middles = {text: box.y0 + box.y1 for text, box in boxes.items()}
     assert middles["A"] == pytest.approx(middles["robust"], abs=2) and middles["A"] > middles["variance"] + 10
-    assert middles["variance"] == pytest.approx(middles["own P"], abs=3)
+    assert middles["variance"] == pytest.approx(middles["reported covariance"], abs=3)
 
 
 def test_exact_lines_lie_above_all_that_is_rough(trials):
@@ -146,7 +160,7 @@ def test_from_runs_only(trials):
     figure = variance_with_bound(only(trials, lambda table: (table["n"] > 0) | (table["quantity"] == "P")))
     (solid,) = drawn(figure, 0, COLOURS[0], linestyle="-")
     assert np.array_equal(solid[:, 1], rough(variance("A", 0))) and drawn(figure, 0, paler(COLOURS[0])) == []
-    assert sorted(legend(figure)) == ["A", "own P", "robust", "variance from 500 runs"]
+    assert sorted(legend(figure)) == ["A", "reported covariance", "robust", "variance from 500 runs"]
     figure = means(only(trials, lambda table: table["n"] > 0))
     assert sorted(legend(figure)) == ["A", "mean from 500 runs", "robust", "true state"]
 
@@ -154,7 +168,7 @@ def test_from_runs_only(trials):
 def test_exact_only(trials):
     """Nothing is said of runs."""
     figure = variance_with_bound(only(trials, lambda table: table["n"] == 0))
-    assert sorted(legend(figure)) == ["A", "own P", "robust", "variance"]
+    assert sorted(legend(figure)) == ["A", "reported covariance", "robust", "variance"]
 
 
 def test_exact_of_one_method_only(trials):
@@ -218,7 +232,7 @@ def test_a_point_of_a_sweep(trials, make_sweep):
         (means, {"component": 2}, "there is no state 2 (they count from 0 to 1)"),
         (variance_with_bound, {"component": -1}, "there is no state -1 (they count from 0 to 1)"),
         (means, {"order": ["C"]}, "'C' has no mean(x), mean(x_hat) (those that have: A, B)"),
-        (variance_with_bound, {"order": ["D"]}, "'D' is not a method of this experiment (known: A, B, C)"),
+        (variance_with_bound, {"order": ["D"]}, "'D' is not a known method; known: A, B, C"),
         (variance_with_bound, {"order": []}, "must name at least one method, and each one once"),
         (means, {"from_": 30.0}, "fewer than two samples lie between `from` and `to` (there are 0 to 30)"),
         (means, {"width": 0.5}, "must be at least 1 inch (got 0.5)"),
@@ -235,7 +249,7 @@ def test_more_states_than_panels(make_trials, with_series):
     """One has to be chosen."""
     series = [("A", name, f"{i},{i}", K + 1, 0) for i in range(7) for name in ("cov(e)", "P")]
     table = with_series(make_trials(THREE), *series)
-    with pytest.raises(DesignError, match="there are 7 states, at most 6 fit: choose one of 0 to 6"):
+    with pytest.raises(DesignError, match="7 states do not fit .* .at most 6.: choose one of 0 to 6"):
         variance_with_bound(table)
     assert len(variance_with_bound(table, component=6).axes) == 1
 
@@ -274,7 +288,7 @@ def test_legend_covers_nothing(make_trials, with_series, n):
         assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1 + 1
         assert panel.y1 <= box.y0 and panel.height > 50 and len(legend(figure)) == n + 3
         bottom = {each.get_text(): each.get_window_extent().y0 for each in figure.legends[0].get_texts()}
-        grey = [bottom.pop(word) for word in ("variance", "own P", "from 500 runs")]
+        grey = [bottom.pop(word) for word in ("variance", "reported covariance", "from 500 runs")]
         bottom.pop("", None)
         assert min(bottom.values()) > max(grey)
 

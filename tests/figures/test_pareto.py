@@ -11,11 +11,17 @@ from matplotlib.colors import to_hex
 
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.curves import COLOURS, FAR
-from rmpc_bench.figures.kinds import pareto, save_as
-from rmpc_bench.figures.pareto import dots_of, not_dominated
-from rmpc_bench.figures.style import REFERENCE
+from rmpc_bench.figures.axes import FAR
+from rmpc_bench.figures.files import save_as
+from rmpc_bench.figures.pareto import Pareto
+from rmpc_bench.figures.pareto_front import dots_of, not_dominated
+from rmpc_bench.figures.style import COLOURS, REFERENCE
 from rmpc_bench.types import DesignError, MetricInfo
+
+
+def pareto(trials, **keys):
+    return Pareto(**keys).draw(trials)
+
 
 ERROR, EFFORT = MetricInfo("error", "mm", "lower"), MetricInfo("effort", "N m", "lower")
 SCORE, BIAS, RATIO = MetricInfo("score", "", "higher"), MetricInfo("bias", "mm", "zero"), MetricInfo("nees", "x", "one")
@@ -71,7 +77,7 @@ def legend(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_medians_with_the_middle_half(trials):
+def test_medians_with_the_interquartile_range(trials):
     """The quartiles of numpy in both directions, labels beside the dots, metrics with their units on the axes."""
     figure = draw(trials)
     expected = []
@@ -84,7 +90,7 @@ def test_medians_with_the_middle_half(trials):
     assert texts(figure) == ["A", "B", "C", "D"] and legend(figure) == ["not dominated"]
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("error [mm]", "effort [N m]")
-    assert axes.get_title() == "medians, bars: middle half, 9 runs"
+    assert axes.get_title() == "medians, bars: interquartile range, 9 runs"
 
 
 def test_means_with_standard_errors(trials):
@@ -149,8 +155,8 @@ def test_metrics_that_are_best_at_zero_or_one(make_trials):
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("|bias| [mm]", "|log nees|")
 
 
-def test_failed_and_never(make_trials):
-    """Failed runs do not count, and the label says so; a bar to never goes to the edge, such a median is left out."""
+def test_failed_and_infinite(make_trials):
+    """Failed runs do not count, and the label says so; an infinite bar ends at the edge."""
     nan = "diverged"
     table = make_trials(
         {
@@ -162,7 +168,7 @@ def test_failed_and_never(make_trials):
     figure = draw(table)
     ((x, y, _),) = dots(figure)[COLOURS[0]]
     assert (x, y) == (2.0, 4.0) and texts(figure) == ["A, 3/4", "B, n=4"]
-    assert figure.axes[0].get_title() == "medians, bars: middle half; left out: C"
+    assert figure.axes[0].get_title() == "medians, bars: interquartile range; left out: C"
     assert [bar for bar in bars(figure) if max(bar[0]) > 1e99] == [[[1.0, FAR], [2.5, 2.5]]]
     assert COLOURS[2] not in dots(figure) and max(figure.axes[0].get_xlim()) < 5
 
@@ -229,10 +235,10 @@ def test_labels_cover_nothing(make_trials, n):
 @pytest.mark.parametrize(
     ("given", "parameter", "message"),
     [
-        ({"x": "mse"}, "x", "'mse' is not a metric of this experiment (known: error, effort)"),
+        ({"x": "mse"}, "x", "'mse' is not a known metric of this configuration; known: error, effort"),
         ({"y": "error"}, "y", "must be another metric than x"),
-        ({"order": ["Z"]}, "order", "'Z' is not a method of this experiment (known: A, B, C, D)"),
-        ({"at": [{"kp": 1}]}, "at", "this experiment has no sweep to choose from"),
+        ({"order": ["Z"]}, "order", "'Z' is not a known method; known: A, B, C, D"),
+        ({"at": [{"kp": 1}]}, "at", "nothing is swept in this configuration"),
         ({"width": 0.5}, "width", "must be at least 1 inch (got 0.5)"),
     ],
 )
@@ -244,12 +250,15 @@ def test_errors_show_the_choices(trials, given, parameter, message):
 
 
 def test_no_dot_and_too_many(make_trials, trials, make_sweep):
-    """Nothing to draw, or nothing that could be told apart."""
+    """Nothing to draw, or too much to be distinguished."""
     failed = make_trials({"error": {"A": ["diverged"]}, "effort": {"A": ["diverged"]}}, infos=(ERROR, EFFORT))
     with pytest.raises(DesignError, match="no method has a value of both error and effort"):
         draw(failed)
     points = [({"kp": str(n)}, replace(trials, keys={name: f"{name}{n}" for name in "ABCD"})) for n in range(16)]
-    with pytest.raises(DesignError, match="64 points cannot be told apart .at most 60.: name some points of the sweep"):
+    with pytest.raises(
+        DesignError,
+        match="64 points of methods do not fit .* .at most 60.: choose some points of the sweep",
+    ):
         draw(make_sweep(*points))
 
 

@@ -10,11 +10,15 @@ from matplotlib.colors import to_hex
 from rmpc_bench.analysis.trials import Traces
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.curves import COLOURS
-from rmpc_bench.figures.kinds import save_as
-from rmpc_bench.figures.recorded_figures import plane
-from rmpc_bench.figures.style import GREY, REFERENCE
+from rmpc_bench.figures.files import save_as
+from rmpc_bench.figures.plane import Plane
+from rmpc_bench.figures.style import COLOURS, GREY, REFERENCE
 from rmpc_bench.types import DesignError
+
+
+def plane(trials, **keys):
+    return Plane(**keys).draw(trials)
+
 
 N, RUNS, TS = 80, 2, 0.1
 NAMES = ("A", "B")
@@ -148,8 +152,8 @@ def test_a_run_that_failed(trials):
         ({"run": 2}, "run", "run 2 is not recorded (recorded: 0, 1)"),
         ({"components": (0, 3)}, "components", "there is no output 3 (they count from 0 to 2)"),
         ({"components": (1, 1)}, "components", "must be two different outputs"),
-        ({"marks": 0.1}, "marks", "more than 50 time marks cannot be told apart: name a longer time"),
-        ({"order": ["D"]}, "order", "'D' is not a method of this experiment (known: A, B)"),
+        ({"marks": 0.1}, "marks", "more than 50 time marks overlap: choose a longer time between two marks"),
+        ({"order": ["D"]}, "order", "'D' is not a known method; known: A, B"),
         ({"from_": 8.0}, "from", "fewer than two samples lie between `from` and `to` (there are 0 to 8)"),
         ({"height": 0.5}, "height", "must be at least 1 inch (got 0.5)"),
     ],
@@ -165,8 +169,8 @@ def test_nothing_to_draw(trials):
     """The way out is a key of the configuration."""
     blind = {name: each._replace(signals={"u": np.zeros((RUNS, N, 1))}) for name, each in trials.traces.items()}
     for table, message in (
-        (replace(trials, traces={}), "no run is recorded; record some with `record: {runs: 1}`"),
-        (replace(trials, traces=blind), "needs recorded outputs: record: {runs: 1, signals: [y]}"),
+        (replace(trials, traces={}), "needs recorded y: record: {runs: 1, signals: [y]}"),
+        (replace(trials, traces=blind), "needs recorded y: record: {runs: 1, signals: [y]}"),
     ):
         with pytest.raises(DesignError) as error:
             plane(table)

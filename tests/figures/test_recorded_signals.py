@@ -8,10 +8,16 @@ from conftest import ROUND
 from matplotlib.patches import Rectangle
 
 from rmpc_bench.figures.burst_bands import PALE
-from rmpc_bench.figures.curves import COLOURS
-from rmpc_bench.figures.kinds import save, trajectories
+from rmpc_bench.figures.files import save
 from rmpc_bench.figures.labels import symbol
+from rmpc_bench.figures.style import COLOURS
+from rmpc_bench.figures.trajectories import Trajectories
 from rmpc_bench.types import DesignError
+
+
+def trajectories(trials, **keys):
+    return Trajectories(**keys).draw(trials)
+
 
 TWO = {"mse": {"A": [1.0] * 3, "B": [2.0] * 3}}
 N = 40
@@ -91,8 +97,8 @@ def test_there_is_no_error_of_an_output_that_is_not_recorded(trials):
     """Nor of a component that y does not have."""
     without = {name: each._replace(signals={"u": each.signals["u"]}) for name, each in trials.traces.items()}
     for table, signal, message in (
-        (replace(trials, traces=without), "e", "'e' is not a recorded signal (recorded: u)"),
-        (trials, "e.1", "'e.1' is not a component: those of e are e.0 to e.0"),
+        (replace(trials, traces=without), "e", "'e' is not recorded (recorded: u)"),
+        (trials, "e.1", "'e.1' is not a component (they count from e.0 to e.0)"),
     ):
         with pytest.raises(DesignError) as error:
             trajectories(table, signals=[signal])

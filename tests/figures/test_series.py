@@ -8,9 +8,15 @@ import pytest
 
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.curves import COLOURS
-from rmpc_bench.figures.kinds import save, series
+from rmpc_bench.figures.files import save
+from rmpc_bench.figures.series import Series
+from rmpc_bench.figures.style import COLOURS
 from rmpc_bench.types import DesignError
+
+
+def series(trials, **keys):
+    return Series(**keys).draw(trials)
+
 
 THREE = {"mse": {"A": [1.0], "B": [2.0], "C": [3.0]}}
 
@@ -106,12 +112,12 @@ def test_methods_and_points(trials, make_sweep):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"quantity": "M"}, "'M' is not a series of these methods (known: L, theta, var, P)"),
-        ({"quantity": "L", "component": "2,0"}, "L has no component '2,0' (known: 0,0; 1,0)"),
-        ({"quantity": "L", "component": 2}, "L has no component '2' (known: 0,0; 1,0)"),
-        ({"quantity": "P"}, "P has 16 components, at most 6 fit: choose one of 0,0; 0,1; 0,2"),
-        ({"quantity": "theta", "order": ["A", "B"]}, "'A' has no series theta (those that have: B, C)"),
-        ({"quantity": "L", "order": ["D"]}, "'D' is not a method of this experiment (known: A, B, C)"),
+        ({"quantity": "M"}, "'M' is no series of these methods (they have L, theta, var, P)"),
+        ({"quantity": "L", "component": "2,0"}, "'2,0' is no component of L: they go from 0,0 to 1,0"),
+        ({"quantity": "L", "component": 2}, "2 is no component of L: they go from 0,0 to 1,0"),
+        ({"quantity": "P"}, "16 components do not fit into one figure (at most 6): choose one with `component`"),
+        ({"quantity": "theta", "order": ["A", "B"]}, "'A' has no theta (those that have: B, C)"),
+        ({"quantity": "L", "order": ["D"]}, "'D' is not a known method; known: A, B, C"),
         ({"quantity": "L", "from_": 30.0}, "fewer than two samples lie between `from` and `to` (there are 0 to 30)"),
     ],
 )
@@ -127,7 +133,7 @@ def test_errors_show_the_choices(trials, given, message):
 
 def test_no_series_at_all(make_trials):
     """Methods without designs that tell something."""
-    with pytest.raises(DesignError, match=r"'L' is not a series of these methods \(known: none\)"):
+    with pytest.raises(DesignError, match=r"'L' is no series of these methods \(they have none\)"):
         series(make_trials(THREE), quantity="L")
 
 

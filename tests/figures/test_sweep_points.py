@@ -4,9 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from rmpc_bench.figures.kinds import boxplot
-from rmpc_bench.figures.sweep_points import chosen, only, short
+from rmpc_bench.figures.boxplot import Boxplot
+from rmpc_bench.figures.sweep_points import point_at, points_at, short_title
 from rmpc_bench.types import DesignError
+
+
+def boxplot(trials, **keys):
+    return Boxplot(**keys).draw(trials)
+
 
 TABLE = {"mse": {"A": [1.0, 2.0]}}
 
@@ -37,7 +42,7 @@ def sweep(make_trials, make_sweep):
 )
 def test_points_are_found_by_their_values(sweep, at, places):
     """Numbers as numbers, words as words, each point once, in the order of `at`."""
-    assert chosen(sweep, at) == tuple(sweep.points[place] for place in places)
+    assert list(points_at(sweep, at)) == [sweep.points[place] for place in places]
 
 
 @pytest.mark.parametrize(
@@ -50,19 +55,19 @@ def test_points_are_found_by_their_values(sweep, at, places):
 )
 def test_one_point_says_which_it_is(sweep, at, place, title):
     """And that there are others, where nothing chose between them."""
-    assert only(sweep, at) == (sweep.points[place], title)
+    assert point_at(sweep, at) == (sweep.points[place], title)
 
 
 def test_without_a_sweep(make_trials):
     """The table itself, without a title."""
     table = make_trials(TABLE)
-    assert chosen(table, None) == (table,) and only(table, None) == (table, "")
+    assert points_at(table, None) == (table,) and point_at(table, None) == (table, "")
 
 
 def test_short_names_only_where_they_are_unique(make_trials, make_sweep):
     """Two paths that end alike are written in full."""
     table = sweep_of(make_trials, make_sweep, [{"methods.A.estimator.c": "1", "methods.B.estimator.c": "2"}])
-    assert short(table.points[0]) == "methods.A.estimator.c=1, methods.B.estimator.c=2"
+    assert short_title(table.points[0]) == "methods.A.estimator.c=1, methods.B.estimator.c=2"
 
 
 @pytest.mark.parametrize(
@@ -77,7 +82,7 @@ def test_short_names_only_where_they_are_unique(make_trials, make_sweep):
 )
 def test_a_value_of_several_words_stands_for_itself(make_trials, make_sweep, point, text):
     """Where it is the only one; arithmetic, single words and components keep their paths."""
-    assert short(sweep_of(make_trials, make_sweep, [point]).points[0]) == text
+    assert short_title(sweep_of(make_trials, make_sweep, [point]).points[0]) == text
 
 
 @pytest.mark.parametrize(
@@ -92,21 +97,23 @@ def test_values_with_a_name_together(make_trials, make_sweep, title, text):
     """The name stands for what changes together, beside the other paths."""
     point = {"reference.values": "pi first", "controller.Hp": "10", "name": "R/Q 1e-5", "controller.R": "1"}
     table = sweep_of(make_trials, make_sweep, [point]).points[0]
-    assert short(replace(table, title=title)) == text
+    assert short_title(replace(table, title=title)) == text
 
 
 @pytest.mark.parametrize(
     ("at", "message"),
     [
-        ([{"Hp": 10}], "'Hp' is not a path of the sweep (known: controller.Hp, estimator)"),
+        ([{"Hp": 10}], "'Hp' is not a known path of the sweep; known: controller.Hp, estimator"),
         (
             [{"controller.Hp": 12}],
-            "no point of the sweep has controller.Hp=12 (there are Hp=10, estimator=kalman; Hp=15, estimator=kalman; "
-            "Hp=1e-1, estimator=robust)",
+            "controller.Hp has no value 12 in the sweep (it has 10, 15, 1e-1)",
         ),
-        ([{"estimator": None}], "no point of the sweep has estimator=null"),
-        ([{"estimator": True}], "no point of the sweep has estimator=true"),
-        ([{"estimator": {"kind": "kalman"}}], "no point of the sweep has estimator={kind: kalman}"),
+        ([{"estimator": None}], "estimator has no value null in the sweep (it has kalman, robust)"),
+        ([{"estimator": True}], "estimator has no value true in the sweep (it has kalman, robust)"),
+        (
+            [{"estimator": {"kind": "kalman"}}],
+            "estimator has no value {kind: kalman} in the sweep (it has kalman, robust)",
+        ),
         ([], "must name at least one point"),
     ],
 )
@@ -119,7 +126,7 @@ def test_errors_show_the_choices(sweep, at, message):
 
 def test_no_sweep_no_choice(make_trials):
     """A key that would have no effect is an error."""
-    with pytest.raises(DesignError, match="this experiment has no sweep to choose from"):
+    with pytest.raises(DesignError, match="nothing is swept in this configuration"):
         boxplot(make_trials(TABLE), at=[{"controller.Hp": 10}])
 
 
@@ -130,5 +137,5 @@ def test_too_many_points(make_trials, make_sweep):
     with pytest.raises(DesignError, match=r"7 points .* \(at most 6\): choose with `at`, .* \[\{controller.Hp: 10\}\]"):
         boxplot(sweep)
     assert len(boxplot(sweep, at=[{"controller.Hp": hp} for hp in range(10, 16)]).axes) == 6
-    with pytest.raises(DesignError, match="no point .*; ..."):
+    with pytest.raises(DesignError, match="has no value 9 in the sweep .it has 10, 11, 12, 13, 14, 15, 16."):
         boxplot(sweep, at=[{"controller.Hp": 9}])

@@ -8,10 +8,15 @@ from matplotlib.collections import FillBetweenPolyCollection
 
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.curves import COLOURS
-from rmpc_bench.figures.kinds import save, trajectories
-from rmpc_bench.figures.style import REFERENCE
+from rmpc_bench.figures.files import save
+from rmpc_bench.figures.style import COLOURS, REFERENCE
+from rmpc_bench.figures.trajectories import Trajectories
 from rmpc_bench.types import DesignError
+
+
+def trajectories(trials, **keys):
+    return Trajectories(**keys).draw(trials)
+
 
 TWO = {"mse": {"A": [1.0] * 50, "B": [2.0] * 50}}
 
@@ -72,7 +77,7 @@ def test_several_runs_are_median_and_band(make_trials, record):
     assert len(drawn(figure, 0, COLOURS[0])) == 1 and figure.axes[0].get_title().endswith("of 50 runs")
 
 
-def test_bands_have_edges_if_told(make_trials, record):
+def test_bands_have_edges_on_request(make_trials, record):
     """At 5 and 95 %, thinner than the median; of a single run there is no band and no edge."""
     trials = record(make_trials(TWO), {"A": 50, "B": 50})
     values = trials.traces["B"].signals["y"][:, :, 0]
@@ -181,18 +186,21 @@ def test_point_of_a_sweep(make_trials, make_sweep, record):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"signals": ["v"]}, "'v' is not a recorded signal (recorded: y, u, x, x_hat)"),
-        ({"signals": ["x.3"]}, "'x.3' is not a component: those of x are x.0 to x.2"),
-        ({"signals": ["x.-1"]}, "'x.-1' is not a component: those of x are x.0 to x.2"),
-        ({"signals": ["y."]}, "'y.' is not a component: those of y are y.0 to y.0"),
-        ({"signals": []}, "0 panels are asked for, there may be 1 to 8: choose components such as x.0"),
-        ({"signals": ["x", "x", "x"]}, "9 panels are asked for, there may be 1 to 8: choose components such as x.0"),
-        ({"order": ["D"]}, "'D' is not a method of this experiment (known: A, B, C)"),
+        ({"signals": ["v"]}, "'v' is not recorded (recorded: y, u, x, x_hat)"),
+        ({"signals": ["x.3"]}, "'x.3' is not a component (they count from x.0 to x.2)"),
+        ({"signals": ["x.-1"]}, "'x.-1' is not a component (they count from x.0 to x.2)"),
+        ({"signals": ["y."]}, "'y.' is not a component (they count from y.0 to y.0)"),
+        ({"signals": []}, "must name at least one signal"),
+        (
+            {"signals": ["x", "x", "x"]},
+            "9 panels do not fit into one figure (at most 8): choose components such as x.0",
+        ),
+        ({"order": ["D"]}, "'D' is not a known method; known: A, B, C"),
         ({"order": ["A", "C"]}, "no run of 'C' is recorded (recorded: A, B)"),
         ({"order": []}, "must name at least one method, and each one once"),
         ({"from_": 30.0}, "fewer than two samples lie between `from` and `to` (there are 0 to 20)"),
         ({"to": 0.0}, "fewer than two samples lie between `from` and `to` (there are 0 to 20)"),
-        ({"at": {"controller.Hp": 1}}, "this experiment has no sweep to choose from"),
+        ({"at": {"controller.Hp": 1}}, "nothing is swept in this configuration"),
         ({"height": 0.1}, "must be at least 1 inch (got 0.1)"),
     ],
 )

@@ -1,4 +1,4 @@
-"""One run among the sets that the methods believed, read back from the artists."""
+"""One run among the reported sets, read back from the artists."""
 
 from dataclasses import replace
 
@@ -12,12 +12,15 @@ from scipy import stats
 from rmpc_bench.analysis.trials import Traces
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
-from rmpc_bench.figures.curves import COLOURS
-from rmpc_bench.figures.keys import NO_BELIEF, NO_STATES
-from rmpc_bench.figures.kinds import save
-from rmpc_bench.figures.tube_figure import tubes
-from rmpc_bench.figures.tubes import BLACK, MOST_ELLIPSES, WHITE
+from rmpc_bench.figures.files import save
+from rmpc_bench.figures.style import BLACK, COLOURS, WHITE
+from rmpc_bench.figures.tubes import MOST_ELLIPSES, NO_SET, Tubes
 from rmpc_bench.types import DesignError
+
+
+def tubes(trials, **keys):
+    return Tubes(**keys).draw(trials)
+
 
 N, RUNS = 40, 3
 NAMES = ("KF", "ESM", "MIX")
@@ -57,8 +60,8 @@ def trials(make_trials, with_series, states):
     return replace(with_series(table, *entries), traces=traces, Ts=0.5, units={"x": "m"})
 
 
-def believed(name, k, level=0.95):
-    """The shape of what a method believes, by its definition."""
+def reported(name, k, level=0.95):
+    """The shape of the reported set, by its definition."""
     return stats.chi2.ppf(level, 3) * P_KF if name == "KF" else M_of(name, k)
 
 
@@ -78,20 +81,20 @@ def legend(figure):
     return [text for text in (text.get_text() for text in figure.legends[0].get_texts()) if text]
 
 
-def test_a_plane_holds_what_was_and_what_was_believed(trials, states):
+def test_a_plane_shows_the_states_and_the_reported_sets(trials, states):
     """(z - x_hat)' S^-1 (z - x_hat) = 1 with the part of S that belongs to the two states, at every 10th sample."""
     figure = tubes(trials, run=1, every=10)
     x, x_hat = states
     assert len(figure.axes) == len(NAMES)
     for axes, name, color in zip(figure.axes, NAMES, COLOURS, strict=False):
-        (truth,) = lines(axes, BLACK)
-        np.testing.assert_array_equal(truth, x[1][:, :2])
+        (true_state,) = lines(axes, BLACK)
+        np.testing.assert_array_equal(true_state, x[1][:, :2])
         (estimate,) = lines(axes, color, closed=False)
         np.testing.assert_array_equal(estimate, x_hat[name][1][:, :2])
         rings = lines(axes, color, closed=True)
         assert len(rings) == 5
         for k, ring in zip(range(0, N + 1, 10), rings, strict=True):
-            gap, S = ring - x_hat[name][1][k, :2], believed(name, k)[:2, :2]
+            gap, S = ring - x_hat[name][1][k, :2], reported(name, k)[:2, :2]
             np.testing.assert_allclose(np.einsum("pi,ij,pj->p", gap, np.linalg.inv(S), gap), 1.0, rtol=1e-9)
             np.testing.assert_allclose(gap.max(axis=0), np.sqrt(np.diag(S)), rtol=1e-3)  # between two of 181 points
         assert axes.get_ylabel() == "$x$[1] [m]" and axes.texts[0].get_text() == name
@@ -106,7 +109,7 @@ def test_true_states_outside_are_hollow(trials, states):
     x, x_hat = states
     for axes, name in zip(figure.axes, NAMES, strict=True):
         e = (x_hat[name] - x)[2][:, :2]
-        sizes = [e[k] @ np.linalg.solve(believed(name, k, 0.5)[:2, :2], e[k]) for k in range(N + 1)]
+        sizes = [e[k] @ np.linalg.solve(reported(name, k, 0.5)[:2, :2], e[k]) for k in range(N + 1)]
         outside = np.array(sizes) > 1.0
         found = dots(axes)
         np.testing.assert_array_equal(found[WHITE], x[2][outside][:, :2])
@@ -123,7 +126,7 @@ def test_the_legend_says_what_there_is(trials):
     assert "outside" in legend(tubes(trials, order=["KF"], level=0.5)) and len(figure.axes) == 1
 
 
-def test_a_dozen_ellipses_unless_told(trials):
+def test_a_dozen_ellipses_by_default(trials):
     """At most; the ends of the window are in seconds."""
     figure = tubes(trials)
     assert 10 <= len(lines(figure.axes[1], COLOURS[1], closed=True)) <= MOST_ELLIPSES
@@ -141,15 +144,15 @@ def test_over_time_the_band_is_as_wide_as_the_set(trials, states, components, or
     panels = [(i, name) for i in components for name in order]
     for axes, (i, name) in zip(figure.axes, panels, strict=True):
         color, centre = COLOURS[NAMES.index(name)], x_hat[name][0][k, i]
-        half = np.array([np.sqrt(believed(name, each)[i, i]) for each in k])
+        half = np.array([np.sqrt(reported(name, each)[i, i]) for each in k])
         low, high, middle = lines(axes, color)
         np.testing.assert_allclose(low, np.stack([0.5 * k, centre - half], axis=1), **ROUND)
         np.testing.assert_allclose(high, np.stack([0.5 * k, centre + half], axis=1), **ROUND)
         np.testing.assert_array_equal(middle, np.stack([0.5 * k, centre], axis=1))
-        (truth,) = lines(axes, BLACK)
-        np.testing.assert_array_equal(truth[:, 1], x[0][k, i])
+        (true_state,) = lines(axes, BLACK)
+        np.testing.assert_array_equal(true_state[:, 1], x[0][k, i])
         beyond = np.abs(x[0][k, i] - centre) > half
-        np.testing.assert_array_equal(dots(axes)[WHITE], truth[beyond])
+        np.testing.assert_array_equal(dots(axes)[WHITE], true_state[beyond])
         assert len(dots(axes)[BLACK]) == 0
         assert axes.get_ylabel() == f"$x$[{i}] [m]" and axes.texts[0].get_text() == name
     assert figure.axes[-1].get_xlabel() == "$t$ [s]" and figure.axes[-1].get_xlim() == (5.0, 20.0)
@@ -200,7 +203,7 @@ def test_what_is_no_shape(trials):
     series.loc[
         (series["method"] == "MIX") & (series["quantity"] == "M") & (series["component"] == "0,0"), "value"
     ] = -4.0
-    with pytest.raises(DesignError, match="what a method believes is no ellipsoid: .* negative eigenvalue"):
+    with pytest.raises(DesignError, match="a reported set is no ellipsoid: its matrix has a negative eigenvalue"):
         tubes(replace(trials, series=series))
 
 
@@ -212,7 +215,7 @@ def test_what_is_no_shape(trials):
         ({"components": (1, 1)}, "components", "must be two different states"),
         ({"components": (1,)}, "components", "must be two different states"),
         ({"components": (1, 1), "over": "time"}, "components", "must be two different states"),
-        ({"order": ["D"]}, "order", "'D' is not a method of this experiment (known: KF, ESM, MIX)"),
+        ({"order": ["D"]}, "order", "'D' is not a known method; known: KF, ESM, MIX"),
         ({"from_": 20.0}, "from", "fewer than two samples lie between `from` and `to` (there are 0 to 20)"),
         ({"height": 0.5}, "height", "must be at least 1 inch (got 0.5)"),
     ],
@@ -224,15 +227,15 @@ def test_errors_show_the_choices(trials, given, parameter, message):
     assert (str(error.value), error.value.parameter) == (message, parameter)
 
 
-def test_a_method_that_believes_nothing_or_was_not_recorded(trials):
+def test_a_method_that_reports_no_set_or_was_not_recorded(trials):
     """It is not shown unless asked for; without any other there is no figure."""
     silent = replace(trials, series=trials.series[trials.series["method"] != "KF"])
     assert [axes.texts[0].get_text() for axes in tubes(silent).axes] == ["ESM", "MIX"]
-    with pytest.raises(DesignError, match="'KF' tells neither a set M nor a covariance P of its own"):
+    with pytest.raises(DesignError, match="'KF' reports neither a set M nor a covariance P"):
         tubes(silent, order=["KF"])
     for table, message in (
-        (replace(trials, series=trials.series.iloc[:0]), NO_BELIEF),
-        (replace(trials, traces={}), NO_STATES),
+        (replace(trials, series=trials.series.iloc[:0]), NO_SET),
+        (replace(trials, traces={}), "needs recorded x and x_hat: record: {runs: 1, signals: [x, x_hat]}"),
     ):
         with pytest.raises(DesignError) as error:
             tubes(table)
@@ -247,7 +250,7 @@ def test_more_panels_than_fit(trials):
     }
     traces = trials.traces | {"D": trials.traces["KF"]}
     table = replace(trials, methods=(*NAMES, "D"), traces=traces, **also)
-    with pytest.raises(DesignError, match="8 panels do not fit .at most 6.: name fewer methods or states"):
+    with pytest.raises(DesignError, match="8 panels do not fit .* .at most 6.: name fewer methods or states"):
         tubes(table, over="time")
     assert len(tubes(table, over="time", components=(0,)).axes) == 4
 

@@ -1,0 +1,51 @@
+"""The layout of stored results, so that a figure checks them by the rules that it checks a configuration by."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rmpc_bench.types import ResultLayout
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Trials
+
+
+def layout_of(trials: Trials) -> ResultLayout:
+    """Return the names and sizes of a table of trials.
+
+    Parameters
+    ----------
+    trials : the table of an experiment, or of a point of its sweep; the table of a whole sweep has no series or
+        recorded runs of its own
+
+    Returns
+    -------
+    the layout; its `end` is not known
+    """
+    of_points = bool(trials.points)
+    arrays = {} if of_points else _shapes(trials)
+    recorded = {} if of_points else {name: traces for name, traces in trials.traces.items() if len(traces.runs)}
+    common = set.intersection(*(set(traces.runs.tolist()) for traces in recorded.values())) if recorded else set()
+    return ResultLayout(
+        methods=trials.methods,
+        metrics=tuple(info.name for info in trials.metrics),
+        points=tuple(point.point for point in trials.each),
+        has_runs=len(trials.frame) > 0,
+        signals={
+            name: {signal: traces.shapes.get(signal, values.shape[2:]) for signal, values in traces.signals.items()}
+            for name, traces in recorded.items()
+        },
+        recorded=sorted(common),
+        series={name: shape[1:] for shapes in arrays.values() for name, shape in shapes.items()},
+        arrays=arrays,
+    )
+
+
+def _shapes(trials: Trials) -> dict[str, dict[str, tuple[int, ...]]]:
+    """Return method -> series -> shape, axis 0 = k."""
+    found: dict[str, dict[str, tuple[int, ...]]] = {}
+    for (method, quantity), rows in trials.series.groupby(["method", "quantity"], sort=False):
+        entries = [[int(part) for part in text.split(",") if part] for text in rows["component"].unique()]
+        sizes = (max(indices) + 1 for indices in zip(*entries, strict=True))
+        found.setdefault(str(method), {})[str(quantity)] = (rows["k"].nunique(), *sizes)
+    return found

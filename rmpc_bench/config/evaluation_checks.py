@@ -1,0 +1,50 @@
+"""Checks of what is computed and recorded: exact moments that exist, and signals that some method has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.closed_loop import BURSTS, SIGNALS
+from rmpc_bench.simulation.moments import exact_laws
+from rmpc_bench.simulation.recording import has_bursts
+from rmpc_bench.simulation.scenario import Experiment
+
+
+def check_evaluation(draft: DraftConfig, experiment: Experiment) -> None:
+    """Add an error for every method without exact moments if no runs are evaluated: nothing would be computed.
+
+    Parameters
+    ----------
+    draft, experiment : of one point
+    """
+    wanted = draft.values["evaluate"]
+    if "runs" in wanted:
+        return
+    if "moments" not in wanted:
+        draft.note(["evaluate"], "an ensemble is one of runs: evaluate: [runs, ensemble]")
+        return
+    for method in experiment.methods:
+        laws = exact_laws(experiment.plant, method, experiment.scenario)
+        if isinstance(laws, str):
+            draft.note(["evaluate"], f"{method.name} has no exact moments: {laws}; evaluate: [runs, moments]")
+
+
+def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]) -> None:
+    """Add an error for every signal to record that does not exist at any point of the sweep.
+
+    Parameters
+    ----------
+    draft : of the first point
+    experiments : of all points, None for a point that could not be built
+    """
+    found = [experiment for experiment in experiments if experiment is not None]
+    if len(found) < len(experiments):
+        return
+    there = list(SIGNALS)
+    there += [name for experiment in found for method in experiment.methods for name in method.reports]
+    there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
+    for number, name in enumerate(draft.values["record"].signals):
+        if name not in there:
+            draft.note(["record", "signals", number], unknown(name, dict.fromkeys(there), "signal"))

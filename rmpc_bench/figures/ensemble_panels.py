@@ -1,0 +1,212 @@
+"""Panels of ensemble moments over the samples, one per state: exact, from runs, and reported bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rmpc_bench.figures.axes import drawable, make_logarithmic_if_positive, stacked_panels
+from rmpc_bench.figures.legend import Handle, finish
+from rmpc_bench.figures.line_styles import line_styles, paler
+from rmpc_bench.figures.samples import Curve, SeriesComponent, cut
+from rmpc_bench.figures.style import BLACK, REFERENCE, style
+from rmpc_bench.figures.sweep_points import MOST_PANELS
+from rmpc_bench.figures.window import Window
+from rmpc_bench.types import NonNegative
+from rmpc_bench.types.figure import Index, OnePointFigure
+from rmpc_bench.types.issue import Issue
+from rmpc_bench.types.result_layout import ResultLayout
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.trials import Trials
+
+COMMON = ""
+"""Stands for the method of a true state that is the same in all methods."""
+STYLES: dict[str, dict[str, Any]] = {
+    "runs": {"lw": 0.5, "ls": "-", "zorder": 2.0},
+    "true state": {"lw": 1.0, "ls": (0, (1.2, 1.2)), "zorder": 2.3},
+    "bound": {"lw": 1.0, "ls": (0, (4, 2)), "zorder": 2.4},
+    "main": {"lw": 1.1, "ls": "-", "zorder": 2.5},
+}
+"""Kinds of lines and their styles, from below to above; those from runs are pale."""
+ROUGH = 0.7
+"""Factor of the width of a main line that is from runs."""
+EDGE = 1.6
+"""Factor of the width of the true state's line."""
+BOUND = "reported covariance"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnsembleFigure(OnePointFigure):
+    """A figure of ensemble moments with one panel per state.
+
+    Parameters
+    ----------
+    component : index of the state (counted from 0); all (6 at most) if not given
+    from_ : first time to show [s]
+    to : last time to show [s]
+    height : height of the whole picture [in]; if not given 0.8 and 1.2 for every panel; legend and title add to it if
+        they need more than a line
+    order : methods to show, later ones above earlier ones; all that have moments if not given
+    """
+
+    component: Index | None = None
+    from_: NonNegative | None = None
+    to: NonNegative | None = None
+
+    def check_states(self, layout: ResultLayout, moment: str) -> Iterator[Issue]:
+        """Yield an issue for a state that does not exist, for too many panels, and for an empty window.
+
+        Parameters
+        ----------
+        layout : of the results
+        moment : series that has the states
+        """
+        n = layout.n_states(self.order, moment)
+        if self.component is None:
+            advice = f"choose one of 0 to {(n or 1) - 1}"
+            yield from layout.require_at_most(MOST_PANELS, n or 0, "states", "component", advice)
+        else:
+            yield from layout.require_component("state", [self.component], n, "component")
+        yield from layout.require_window(self.from_, self.to)
+
+
+class MomentLine(NamedTuple):
+    """A line of a panel."""
+
+    method: str
+    kind: str
+    """One of `STYLES`."""
+    curve: Curve
+    n_runs: frozenset[int] = frozenset()
+    """Numbers of runs; empty for an exact line."""
+
+
+class MomentPanel(NamedTuple):
+    """The lines of one state."""
+
+    label: str
+    lines: tuple[MomentLine, ...]
+
+
+def count_states(found: Iterable[dict[str, SeriesComponent]]) -> int:
+    """Count the states from the names of the components."""
+    return 1 + max(int(component.split(",")[0]) for entries in found for component in entries)
+
+
+def lines_of(name: str, values: SeriesComponent) -> list[MomentLine]:
+    """Make the lines of a method: the exact values, with those from runs behind them; or these alone as main line."""
+    if values.exact is None:
+        return [MomentLine(name, "main", values.best, values.n_runs)]
+    behind = [MomentLine(name, "runs", values.runs, values.n_runs)] if values.runs else []
+    return [*behind, MomentLine(name, "main", values.exact)]
+
+
+def last_sample(panels: Sequence[MomentPanel]) -> int:
+    """Find the last sample of all panels."""
+    return int(max(line.curve.k[-1] for panel in panels for line in panel.lines))
+
+
+def draw_moments(
+    point: Trials,
+    title: str,
+    methods: Sequence[str],
+    panels: Sequence[MomentPanel],
+    window: Window,
+    size: tuple[float, float],
+    *,
+    words: tuple[str, str],
+    log: bool,
+) -> MplFigure:
+    """Draw the panels.
+
+    Parameters
+    ----------
+    point : the table that the moments belong to
+    title : title of the point of the sweep
+    methods : methods from below to above
+    panels : from top to bottom
+    window : the samples to show
+    size : width and height [in]
+    words : names in the legend of the main lines that are exact, and of those from runs
+    log : logarithmic axes if all values are positive
+    """
+    from matplotlib.figure import Figure as MplFigure
+
+    styles = line_styles(point.methods, methods)
+    colours = {name: styles[name].color for name in methods} | {COMMON: BLACK}
+    places = {name: 0.01 * place for place, name in enumerate([COMMON, *methods])}
+    with style():
+        figure = MplFigure(figsize=size, layout="constrained")
+        rows = stacked_panels(figure, len(panels))
+        drawn: list[MomentLine] = []
+        for axes, panel in zip(rows, panels, strict=True):
+            pieces = [(line, cut(line.curve, window)) for line in panel.lines]
+            shown = [line._replace(curve=piece) for line, piece in pieces if piece is not None]
+            for line in shown:
+                values = drawable(line.curve.values)
+                axes.plot(
+                    window.sample * line.curve.k, values, **_look(line, colours[line.method], places[line.method])
+                )
+            remark = make_logarithmic_if_positive(axes, [one.curve.values for one in shown]) if log else ""
+            axes.set_ylabel(panel.label + remark)
+            drawn += shown
+        rows[-1].set_xlim(*window.limits)
+        rows[-1].set_xlabel(window.label)
+        finish(figure, _of_colours(point, methods, drawn, colours), title, keys=_of_kinds(drawn, words))
+    return figure
+
+
+def _look(line: MomentLine, color: str, place: float) -> dict[str, Any]:
+    look = {"color": color, **STYLES[line.kind]}
+    if line.kind == "runs":
+        look["color"] = paler(color)
+    elif line.kind == "main":
+        # A wider black line is visible on both sides of an estimate that is right, but not of one that is rough.
+        look["lw"] *= ROUGH if line.n_runs else EDGE if line.method == COMMON else 1.0
+    return {**look, "zorder": look["zorder"] + place}
+
+
+def _of_colours(
+    point: Trials, methods: Sequence[str], drawn: Sequence[MomentLine], colours: dict[str, str]
+) -> list[Handle]:
+    """Name the methods by their colours, and mark main lines from runs if others are exact."""
+    from matplotlib.lines import Line2D
+
+    mains = [line for line in drawn if line.kind == "main"]
+    mixed = len({bool(line.n_runs) for line in mains}) > 1
+    handles: list[Handle] = []
+    for name in [COMMON, *methods] if any(line.method == COMMON for line in mains) else methods:
+        label = "true state" if name == COMMON else point.labels.get(name, name)
+        source = _from_runs(line for line in mains if line.method == name) if mixed else ""
+        handles.append((f"{label} ({source})" if source else label, Line2D([], [], color=colours[name], lw=1.3)))
+    return handles
+
+
+def _of_kinds(drawn: Sequence[MomentLine], words: tuple[str, str]) -> list[Handle]:
+    """Name the kinds of lines, in grey."""
+    from matplotlib.lines import Line2D
+
+    kinds = {kind: [line for line in drawn if line.kind == kind] for kind in ("main", "true state", "bound", "runs")}
+    all_from_runs = all(line.n_runs for line in kinds["main"])
+    texts = {
+        "main": f"{words[1]} {_from_runs(kinds['main'])}" if all_from_runs else words[0],
+        "true state": "true state",
+        "bound": BOUND,
+        "runs": _from_runs(kinds["runs"]),
+    }
+    looks = {kind: {**STYLES[kind], "color": REFERENCE} for kind in kinds}
+    # On its own a line as pale as in the panels is hardly visible.
+    looks["runs"] |= {"color": paler(REFERENCE, 0.4), "lw": 0.8}
+    return [(texts[kind], Line2D([], [], **looks[kind])) for kind, lines in kinds.items() if lines]
+
+
+def _from_runs(lines: Iterable[MomentLine]) -> str:
+    numbers = sorted(frozenset().union(*(line.n_runs for line in lines)))
+    if not numbers:
+        return ""
+    few, many = numbers[0], numbers[-1]
+    return f"from {few} runs" if few == many else f"from {few} to {many} runs"

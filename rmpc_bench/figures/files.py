@@ -1,0 +1,51 @@
+"""Files of figures: their formats, with the same bytes every time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rmpc_bench.figures.style import style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MplFigure
+
+FORMATS: dict[str, dict[str, Any]] = {
+    ".svg": {"metadata": {"Date": None, "Creator": None}},
+    ".png": {"metadata": {"Software": None}, "dpi": 200},
+    ".pdf": {"metadata": {"CreationDate": None, "Creator": None, "Producer": None}},
+}
+"""Endings of files, with the settings that make their bytes the same every time."""
+
+
+def save(figure: MplFigure, directory: Path, stem: str) -> list[Path]:
+    """Write a picture as SVG and as PNG (200 dpi), with the same bytes every time.
+
+    Parameters
+    ----------
+    figure : the picture
+    directory : where to write; made if it does not exist
+    stem : file name without ending
+
+    Returns
+    -------
+    the two files
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    files = [directory / f"{stem}.svg", directory / f"{stem}.png"]
+    for file in files:
+        save_as(figure, file)
+    return files
+
+
+def save_as(figure: MplFigure, file: Path) -> None:
+    """Write a picture in the format of the file's ending, with the same bytes every time.
+
+    Parameters
+    ----------
+    figure : the picture
+    file : ending with one of `FORMATS`; replaced
+    """
+    ending = file.suffix.lower()
+    with style():
+        figure.savefig(file, format=ending[1:], **FORMATS[ending])

@@ -1,0 +1,80 @@
+"""Styles of lines: every method has its own colour and dashes, whatever else a figure shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.figures.style import COLOURS
+from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from matplotlib.lines import Line2D
+
+DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)))
+MOST_TRAVEL = 6.0
+"""Total variation of a held signal, relative to its range, up to which it is drawn in dashes."""
+
+
+class LineStyle(NamedTuple):
+    """Style of the lines of one method."""
+
+    color: str
+    linestyle: Any
+    linewidth: float
+    stepwidth: float
+    """Width of the line of a rough signal."""
+    zorder: float
+
+    def line(self, *, held: bool = False, rough: bool = False) -> dict[str, Any]:
+        """Return the keywords of a line: steps for a held signal; no dashes for a rough one, where they are lost."""
+        shape = {"ls": "-", "lw": self.stepwidth} if rough else {"ls": self.linestyle, "lw": self.linewidth}
+        return {"color": self.color, "zorder": self.zorder, "drawstyle": "steps-post" if held else "default", **shape}
+
+
+def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineStyle]:
+    """Give every method its style.
+
+    Later lines lie above earlier ones.  Where curves are equal, a lower line is visible through the gaps of the upper
+    one; of rough signals, whose lines have no gaps, it is wider and visible as an edge.
+
+    Parameters
+    ----------
+    methods : all methods of the experiment, in their order
+    shown : methods to draw
+    """
+    found = {}
+    for place, name in enumerate(shown):
+        number = methods.index(name)
+        stepwidth = 0.6 + min(0.3, 1.2 / len(shown)) * (len(shown) - 1 - place)
+        color, dashes = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
+        found[name] = LineStyle(color, dashes, 1.3, stepwidth, 2.5 + 0.01 * place)
+    return found
+
+
+def paler(color: str, share: float = 0.6) -> str:
+    """Mix a colour with white; unlike a transparent one it does not change where lines cross.
+
+    Parameters
+    ----------
+    color : as "#rrggbb"
+    share : share of white
+    """
+    parts = (int(color[place : place + 2], 16) for place in (1, 3, 5))
+    return "#" + "".join(f"{round(part + share * (255 - part)):02x}" for part in parts)
+
+
+def are_rough(signals: Sequence[Array]) -> bool:
+    """Whether some curve of a panel changes direction so often that dashes would be lost in it."""
+    values = np.concatenate(signals)
+    reach = np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else 0.0
+    return any(bool(np.nansum(np.abs(np.diff(values))) > MOST_TRAVEL * reach) for values in signals)
+
+
+def legend_sample(style: LineStyle, *, rough: bool = False) -> Line2D:
+    """Make a piece of a method's line for the legend, without dashes if all signals are rough."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], **style.line(rough=rough))

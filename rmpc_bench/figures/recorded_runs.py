@@ -1,0 +1,95 @@
+"""Recorded runs of a figure: which of them are shown, and the values of their signals at the samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.figures.axes import drawable
+from rmpc_bench.figures.window import Window
+from rmpc_bench.types import Array, Status
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Traces, Trials
+
+ERROR, OUTPUT = "e", "y"
+"""The control error r - y, which is computed from the recorded output."""
+
+
+class RunSelection(NamedTuple):
+    """The recorded runs of a method that are shown."""
+
+    rows: Array
+    """Their positions in the traces."""
+    failed: bool
+    """Whether all recorded runs failed; they are shown then, as there are no others."""
+    n_failed: int
+
+
+class SignalComponent(NamedTuple):
+    """A component of a recorded signal, the content of one panel."""
+
+    signal: str
+    component: int
+    label: str
+
+    def values(self, traces: Traces) -> Array:
+        """Return the values of the recorded runs, (runs, samples); a held signal has none at the last sample."""
+        if self.signal == ERROR:
+            return np.asarray(traces.r[:, self.component] - traces.signals[OUTPUT][:, :, self.component])
+        return traces.signals[self.signal][:, :, self.component]
+
+    def is_in(self, traces: Traces) -> bool:
+        """Whether the signal is recorded of a method."""
+        return (OUTPUT if self.signal == ERROR else self.signal) in traces.signals
+
+    def is_held(self, traces: Traces) -> bool:
+        """Whether the signal is constant over a sample, as the input and all that a controller reports are."""
+        return self.is_in(traces) and self.values(traces).shape[1] < len(traces.r)
+
+    def curves(self, traces: Traces, window: Window, rows: Array) -> tuple[Array, Array]:
+        """Return times (samples,) and values (runs, samples) in a window; a held signal is continued to the last one.
+
+        Parameters
+        ----------
+        traces : of the method
+        window : the samples
+        rows : positions of the runs in the traces
+        """
+        values = self.values(traces)[rows]
+        missing = len(traces.r) - values.shape[1]
+        values = np.concatenate([values, np.repeat(values[:, -1:], missing, axis=1)], axis=1)
+        times = window.sample * np.arange(len(traces.r))
+        return times[window.slice], drawable(values[:, window.slice])
+
+
+def select_runs(point: Trials, method: str) -> RunSelection:
+    """Select the recorded runs that ended well, or all of them if none did."""
+    runs = point.traces[method].runs
+    table = point.frame[point.frame["method"] == method]
+    failed = np.isin(runs, table.loc[table["status"] != Status.OK.word, "run"].to_numpy())
+    rows = np.arange(len(runs)) if failed.all() else np.flatnonzero(~failed)
+    return RunSelection(rows, bool(failed.all()), int(failed.sum()))
+
+
+def find_run(point: Trials, method: str, run: int) -> tuple[int, str]:
+    """Find a recorded run.
+
+    Parameters
+    ----------
+    point : the table of the run
+    method : name of the method
+    run : index of the run, which is recorded
+
+    Returns
+    -------
+    position in the traces of the method, and the status of the run
+    """
+    table = point.frame[(point.frame["method"] == method) & (point.frame["run"] == run)]
+    return int(np.flatnonzero(point.traces[method].runs == run)[0]), str(table["status"].iloc[0])
+
+
+def last_sample(point: Trials, method: str) -> int:
+    """Return the index of the last recorded sample."""
+    return len(point.traces[method].r) - 1

@@ -1,0 +1,347 @@
+"""What a figure requires and the results will not have is an error of the configuration, at its place."""
+
+import subprocess
+import sys
+
+import pytest
+from small_experiment import write
+
+from rmpc_bench import load_config, registry
+from rmpc_bench.config.reader import parse
+from rmpc_bench.config.schema import model_of, validate
+from rmpc_bench.types import ConfigError, OnePointFigure, ResultLayout
+
+
+@pytest.mark.parametrize(
+    ("figure", "key", "message"),
+    [
+        ("{kind: trajectories, signals: [x]}", "signals", "'x' is not recorded (recorded: y, u)"),
+        ("{kind: trajectories, signals: [y.1]}", "signals", "'y.1' is not a component (they count from y.0 to y.0)"),
+        (
+            "{kind: trajectories, from: 0.5, to: 0.2}",
+            "from",
+            "fewer than two samples lie between `from` and `to` (there are 0 to 1)",
+        ),
+        ("{kind: trajectories, from: 7}", "from", "lie between `from` and `to` (there are 0 to 1)"),
+        ("{kind: trajectories, to: 0}", "to", "fewer than two samples"),
+        ("{kind: series, quantity: gain}", "quantity", "'gain' is no series of these methods (they have K, L, P"),
+        ("{kind: series, quantity: P}", "quantity", "16 components do not fit into one figure (at most 6): choose one"),
+        ("{kind: series, quantity: L, component: '4,0'}", "component", "they go from 0,0 to 3,0"),
+        ("{kind: series, quantity: L, component: 2}", "component", "they go from 0,0 to 3,0"),
+        ("{kind: series, quantity: theta, component: 0}", "component", "it is a number and has none"),
+        ("{kind: boxplot, metric: mes}", "metric", "did you mean 'mse'?"),
+        ("{kind: boxplot, order: [S-MPC, S-MPC]}", "order", "must name at least one method, and each one once"),
+        ("{kind: boxplot, at: [{controller.Hp: 3}]}", "at", "nothing is swept"),
+    ],
+)
+def test_what_is_asked_in_vain(tmp_path, figure, key, message):
+    """One mistake each, with the key to blame."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, record="{runs: 2}", figures=f"[{figure}]"))
+    (problem,) = caught.value.problems
+    assert problem.path == f"figures.0.{key}" and message in problem.message
+
+
+def test_nothing_recorded(tmp_path):
+    """The way out is in the message."""
+    with pytest.raises(ConfigError, match="no run is recorded; record some with `record: {runs: 1}`"):
+        load_config(write(tmp_path, figures="[trajectories]"))
+
+
+def test_more_points_than_panels(tmp_path):
+    """A boxplot of seven points has to choose, and may."""
+    sweep = "{grid: {controller.Hp: [4, 5, 6, 7, 8, 9, 10]}}"
+    with pytest.raises(ConfigError, match="7 points of the sweep do not fit"):
+        load_config(write(tmp_path, sweep=sweep, figures="[boxplot]"))
+    assert load_config(write(tmp_path, sweep=sweep, figures="[{kind: boxplot, at: [{controller.Hp: 4}]}]")).figures
+
+
+@pytest.mark.parametrize(
+    "figure",
+    [
+        "trajectories",
+        "{kind: trajectories, signals: [x_hat.3, x.0]}",
+        "{kind: series, quantity: L}",
+        "{kind: series, quantity: P, component: '3,3'}",
+        "{kind: series, quantity: theta}",
+    ],
+)
+def test_what_there_is(tmp_path, figure):
+    """Nothing to say against it."""
+    record = "{runs: 2, signals: [y, u, x, x_hat]}" if "x_hat" in figure else "{runs: 2}"
+    assert load_config(write(tmp_path, record=record, figures=f"[{figure}]")).figures
+
+
+def test_the_usual_signals_are_shown_whatever_else_is_recorded(tmp_path):
+    """All components of the states would be too many panels, and nobody has asked for them."""
+    record = "{runs: 2, signals: [y, u, x, x_hat]}"
+    assert load_config(write(tmp_path, record=record, figures="[trajectories]")).figures
+    with pytest.raises(ConfigError, match="'y' is not recorded"):
+        load_config(write(tmp_path, record="{runs: 2, signals: [x]}", figures="[trajectories]"))
+
+
+def test_a_smoke_run_is_shorter_than_its_figures(tmp_path):
+    """A window beyond its end is no mistake of the file."""
+    path = write(tmp_path, record="{runs: 2}", figures="[{kind: trajectories, from: 0.7}]", smoke="{runs: 1, steps: 2}")
+    assert load_config(path, smoke=True).figures
+
+
+MOMENTS = {"mean(x)": (2,), "mean(x_hat)": (2,), "mean(e)": (2,), "cov(x)": (2, 2), "cov(e)": (2, 2)}
+P = {"P": (2, 2)}
+NEEDS = ("", "needs ensemble moments: evaluate: [runs, moments]")
+NO_P = ("", "no method reports a covariance P")
+EMPTY = "fewer than two samples lie between `from` and `to` (there are 0 to 10)"
+
+
+def issues(kind, text, **layout):
+    """What a figure finds in a layout."""
+    problems = []
+    keys = validate(model_of("figures", kind), parse(text, "f.yaml"), [], problems)
+    assert not problems
+    figure = registry.get("figures", kind)(**{name: getattr(keys, name) for name in type(keys).model_fields})
+    known = {"metrics": ("a", "b"), "points": ({},), "end": 10.0, "Ts": 0.1}
+    return list(figure.check(ResultLayout(**known | {"methods": tuple(layout.get("arrays", ()))} | layout)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "series", "found"),
+    [
+        ("means", "{}", MOMENTS, []),
+        ("means", "{}", P, [NEEDS]),
+        ("means", "{component: 2}", MOMENTS, [("component", "there is no state 2 (they count from 0 to 1)")]),
+        ("means", "{from: 5, to: 2}", MOMENTS, [("from", EMPTY)]),
+        ("variance-with-bound", "{log: true, component: 1}", MOMENTS | P, []),
+        ("variance-with-bound", "{}", {}, [NEEDS]),
+        ("variance-with-bound", "{}", P, [NEEDS]),
+        ("variance-with-bound", "{}", MOMENTS, [NO_P]),
+        (
+            "variance-with-bound",
+            "{}",
+            {"cov(e)": (7, 7), "P": (7, 7)},
+            [("component", "7 states do not fit into one figure (at most 6): choose one of 0 to 6")],
+        ),
+        ("variance-with-bound", "{component: 6}", {"cov(e)": (7, 7), "P": (7, 7)}, []),
+        ("ellipses", "{x: a, y: b}", MOMENTS | P, []),
+        ("ellipses", "{x: a, y: b}", P, [NEEDS]),
+        ("ellipses", "{x: a, y: b}", MOMENTS, [NO_P]),
+        (
+            "ellipses",
+            "{x: a, y: b, components: [0, 2]}",
+            MOMENTS | P,
+            [("components", "there is no state 2 (they count from 0 to 1)")],
+        ),
+        (
+            "ellipses",
+            "{x: a, y: b, components: [1, 1]}",
+            MOMENTS | P,
+            [("components", "must be two different states")],
+        ),
+    ],
+)
+def test_what_figures_of_an_ensemble_require(kind, text, series, found):
+    """Moments, for a bound or an ellipse also P, and a state that exists."""
+    arrays = {"A": {name: (101, *shape) for name, shape in series.items()}}
+    assert issues(kind, text, series=series, arrays=arrays) == found
+
+
+@pytest.mark.parametrize("figure", ["means", "variance-with-bound", "{kind: ellipses, x: mse, y: input_power}"])
+def test_an_experiment_without_moments(tmp_path, figure):
+    """The way out is in the message, at the figure."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, figures=f"[{figure}]"))
+    (problem,) = caught.value.problems
+    assert (problem.path, problem.message) == ("figures.0", NEEDS[1])
+
+
+SETS = {"KF": {"P": (1, 2, 2)}, "MIX": {"P": (101, 2, 2), "M": (101, 2, 2)}, "LP": {"L": (1, 2, 1)}}
+NEITHER = "reports neither a set M nor a covariance P"
+NEEDS_STATES = ("", "needs recorded x and x_hat: record: {runs: 1, signals: [x, x_hat]}")
+
+
+def of_tubes(text, arrays, signals=("y", "x", "x_hat"), n_recorded=2):
+    """What tubes find in a layout whose methods have the same signals, of a plant with two states."""
+    shapes = {"y": (1,), "u": (1,), "x": (2,), "x_hat": None}
+    kept = {name: {signal: shapes[signal] for signal in signals} for name in arrays}
+    series = {name: shape[1:] for shapes in arrays.values() for name, shape in shapes.items()}
+    return issues("tubes", text, arrays=arrays, signals=kept, series=series, recorded=range(n_recorded))
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{}", []),
+        ("{run: 1, over: time, components: [1], order: [MIX], level: 99%}", []),
+        ("{run: 2}", [("run", "run 2 is not recorded (recorded: 0, 1)")]),
+        ("{order: [LP, MIX]}", [("order", f"'LP' {NEITHER}")]),
+        ("{components: [0, 2]}", [("components", "there is no state 2 (they count from 0 to 1)")]),
+        ("{components: [1]}", [("components", "must be two different states")]),
+        ("{components: [0, 0], over: time}", [("components", "must be two different states")]),
+        ("{from: 5, to: 2}", [("from", EMPTY)]),
+    ],
+)
+def test_what_tubes_require(text, found):
+    """A recorded run, methods that report a set, states that exist."""
+    assert of_tubes(text, SETS) == found
+
+
+@pytest.mark.parametrize("signals", [(), ("y", "u"), ("x",), ("x_hat",)])
+def test_tubes_need_states_and_estimates(signals):
+    """Both; the way out is in the message."""
+    assert of_tubes("{}", SETS, signals=signals) == [NEEDS_STATES]
+
+
+def test_tubes_of_methods_that_cannot_be_shown():
+    """None reports a set; or a filter has other states than the plant."""
+    assert of_tubes("{}", {"LP": {}}) == [("", "no method reports a set M or a covariance P")]
+    other = {"KF": {"P": (1, 2, 2)}, "S": {"P": (1, 4, 4)}}
+    message = "x_hat of 'S' has 4 components and x of the plant 2: leave the method out with `order`"
+    for text, key in (("{}", ""), ("{order: [S, KF]}", "order")):
+        assert of_tubes(text, other) == [(key, message)]
+    assert of_tubes("{order: [KF]}", other) == []
+
+
+def test_more_tubes_than_panels():
+    """Four methods and two states over time; in a plane there is one panel for each method."""
+    arrays = {name: {"P": (1, 2, 2)} for name in "ABCD"}
+    message = "8 panels do not fit into one figure (at most 6): name fewer methods or states"
+    for text, found in (("{over: time}", [("order", message)]), ("{}", []), ("{over: time, components: [0]}", [])):
+        assert of_tubes(text, arrays) == found
+
+
+def test_tubes_of_an_experiment(tmp_path):
+    """Refused at load where nothing is recorded, and for the run that is not."""
+    record = "{runs: 2, signals: [x, x_hat]}"
+    assert load_config(write(tmp_path, record=record, figures="[{kind: tubes, run: 1, components: [0, 3]}]")).figures
+    with pytest.raises(ConfigError, match=r"figures\.0\.run: run 2 is not recorded"):
+        load_config(write(tmp_path, record=record, figures="[{kind: tubes, run: 2}]"))
+    with pytest.raises(ConfigError, match=r"figures\.0: needs recorded x and x_hat"):
+        load_config(write(tmp_path, figures="[tubes]"))
+
+
+COMMON = {"y": (3,), "bursts": (1,)}
+RECORDED = {"A": {**COMMON, "Q_yw": (3, 3), "r": (3,)}, "B": {**COMMON, "Q_yw": (3, 3)}, "C": COMMON}
+LAYOUT = {"methods": tuple(RECORDED), "signals": RECORDED, "recorded": range(2)}
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{signals: [e, Q_yw.8, r.0, bursts]}", []),
+        ("{signals: [e.3]}", [("signals", "'e.3' is not a component (they count from e.0 to e.2)")]),
+        ("{signals: [Q_yw.9]}", [("signals", "'Q_yw.9' is not a component (they count from Q_yw.0 to Q_yw.8)")]),
+        ("{signals: [e, r, u]}", [("signals", "'u' is not recorded (recorded: y, bursts, Q_yw, r)")]),
+        (
+            "{signals: [Q_yw]}",
+            [("signals", "9 panels do not fit into one figure (at most 8): choose components such as x.0")],
+        ),
+        ("{signals: []}", [("signals", "must name at least one signal")]),
+    ],
+)
+def test_trajectories_of_what_is_reported(text, found):
+    """Components of a matrix count row by row; the control error is there where y is."""
+    assert issues("trajectories", text, **LAYOUT) == found
+
+
+def test_components_of_a_signal_of_unknown_size():
+    """Any may exist, and it takes one panel."""
+    layout = {"methods": ("A",), "signals": {"A": {"x_hat": None}}, "recorded": range(1)}
+    assert issues("trajectories", "{signals: [x_hat, x_hat.7]}", **layout) == []
+
+
+def test_the_control_error_needs_the_output():
+    """It is made of it."""
+    found = issues("trajectories", "{signals: [e]}", methods=("A",), signals={"A": {"u": (1,)}}, recorded=range(1))
+    assert found == [("signals", "'e' is not recorded (recorded: u)")]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{signal: Q_yw, run: 1, order: [B]}", []),
+        ("{signal: S}", [("signal", "'S' is not recorded (recorded: y, bursts, Q_yw, r)")]),
+        ("{signal: r}", [("signal", "r is no square matrix (3): show it with trajectories")]),
+        ("{signal: y}", [("signal", "y is no square matrix (3): show it with trajectories")]),
+        ("{signal: Q_yw, run: 2}", [("run", "run 2 is not recorded (recorded: 0, 1)")]),
+        ("{signal: Q_yw, order: [A, C]}", [("order", "'C' does not report Q_yw")]),
+        ("{signal: Q_yw, width: 3}", [("width", "3 columns need a width of 3.2 inches (got 3)")]),
+        ("{signal: Q_yw, to: 0}", [("to", EMPTY)]),
+    ],
+)
+def test_what_elements_require(text, found):
+    """A recorded square matrix of a recorded run, which fits."""
+    assert issues("elements", text, **LAYOUT) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("{}", []),
+        ("{components: [2, 0], run: 1, marks: 0, magnify: 20}", []),
+        ("{run: 5}", [("run", "run 5 is not recorded (recorded: 0, 1)")]),
+        ("{components: [0, 3]}", [("components", "there is no output 3 (they count from 0 to 2)")]),
+        ("{components: [1, 1]}", [("components", "must be two different outputs")]),
+        ("{marks: 0.1}", [("marks", "more than 50 time marks overlap: choose a longer time between two marks")]),
+        ("{marks: 0.1, from: 2, to: 4}", []),
+        ("{from: 5, to: 2}", [("from", EMPTY)]),
+    ],
+)
+def test_what_a_plane_requires(text, found):
+    """A recorded run, two outputs, marks that do not overlap."""
+    assert issues("plane", text, **LAYOUT) == found
+
+
+def test_pictures_of_a_run_need_one():
+    """The way out is in the message."""
+    message = "no run is recorded; record some with `record: {runs: 1}`"
+    assert issues("elements", "{signal: Q_yw}") == [("", message)]
+    message = "needs recorded y: record: {runs: 1, signals: [y]}"
+    assert issues("plane", "{}") == [("", message)]
+    assert issues("plane", "{}", methods=("A",), signals={"A": {"x": (2,)}}, recorded=range(1)) == [("", message)]
+
+
+def test_runs_that_are_recorded_are_listed():
+    """Many by their ends."""
+    layout = LAYOUT | {"recorded": range(200)}
+    assert issues("plane", "{run: 200}", **layout) == [("run", "run 200 is not recorded (recorded: 0 to 199)")]
+
+
+def test_what_a_pareto_figure_requires(tmp_path):
+    """Two metrics that exist, and no more points than can be distinguished."""
+    methods, points = tuple("ABCD"), tuple({"k": str(number)} for number in range(16))
+    assert issues("pareto", "{x: a, y: b}", methods=methods) == []
+    assert issues("pareto", "{x: a, y: a}", methods=methods) == [("y", "must be another metric than x")]
+    many = "64 points of methods do not fit into one figure (at most 60): "
+    many += "choose some points of the sweep, or fewer methods"
+    assert issues("pareto", "{x: a, y: b}", methods=methods, points=points) == [("at", many)]
+    assert issues("pareto", "{x: a, y: b, order: [A]}", methods=methods, points=points) == []
+    assert issues("pareto", "{x: a, y: b, at: [{k: 1}]}", methods=methods, points=points) == []
+    with pytest.raises(ConfigError, match=r"figures\.0\.y: 'mes' is not a known metric .*did you mean 'mse'"):
+        load_config(write(tmp_path, figures="[{kind: pareto, x: input_power, y: mes}]"))
+    assert load_config(write(tmp_path, figures="[{kind: pareto, x: input_power, y: mse}]")).figures
+
+
+@pytest.mark.parametrize("kind", registry.names("figures"))
+def test_names_are_checked_in_the_same_way_by_every_figure(kind):
+    """Methods, metrics and points of the sweep; of an experiment of which nothing else is known."""
+    figure = registry.get("figures", kind)
+    keys = {key: "mes" for key in figure.metric_keys} | ({"quantity": "P"} if kind == "series" else {})
+    keys |= {"signal": "Q"} if kind == "elements" else {}
+    at = {"controller.Hp": 3}
+    single = issubclass(figure, OnePointFigure)
+    wrong = figure(**keys, order=["S-MCP"], at=at if single else [at])
+    layout = ResultLayout(methods=("S-MPC",), metrics=("mse",), points=({},), has_runs=False, is_complete=False)
+    found = [(key, message) for key, message in wrong.check_names(layout) if message]
+    expected = [("", "draws runs, and none are evaluated: add `runs` to `evaluate`")] if figure.needs_runs else []
+    expected += [
+        (key, "'mes' is not a known metric of this configuration; did you mean 'mse'?") for key in figure.metric_keys
+    ]
+    expected += [("order", "'S-MCP' is not a known method; did you mean 'S-MPC'?")]
+    assert found == [*expected, ("at", "nothing is swept in this configuration")]
+
+
+def test_matplotlib_is_imported_when_a_figure_is_drawn_and_not_before():
+    """Nor pandas: `check` imports the figures of a configuration and must stay fast."""
+    modules = [registry.BUILT_IN["figures"][name].split(":")[0] for name in registry.names("figures")]
+    code = f"import sys, importlib; [importlib.import_module(name) for name in {modules}]; "
+    code += "print([name for name in ('matplotlib', 'pandas', 'numba') if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
