@@ -1,17 +1,22 @@
-"""Generalised predictive control, positional, without constraints, with penalties that may follow the noise.
+"""Generalised predictive control: positional form, no constraints, output weight constant or adapted to the noise.
 
-Model   at every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
+Contents
+    1  law with a constant output weight                       Gpc
+    2  law with an output weight adapted to the noise          TunedGpc
+    3  design and checks of the keys                           design, _noise
+
+Model   At every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
         |Q_yw (y(k+j) - r(k+j))|^2 + |Q_u u(k+j-1)|^2, predicted from x_hat(k) with one model over the horizon, and
-        apply u(k) (7).  Q_yw and Q_u are roots: the weights are Q_yw' Q_yw and Q_u' Q_u.  Inputs themselves are
-        weighed, not their moves, so that a reference that needs an input to be held is not quite reached.
-        A model that depends on the state is the one at x_hat(k-1), at k = 0 at x_hat(0); one that varies that of k.
+        apply u(k) (7).  Q_yw and Q_u are roots: the weights are Q_yw' Q_yw and Q_u' Q_u.  The cost weighs the inputs,
+        not their increments: a reference that needs a constant input is reached with an offset.
+        A state-dependent model is evaluated at x_hat(k-1), at k = 0 at x_hat(0); a time-varying model at k.
 Source  belda2017, section III; order of the steps as in its section VI.
-Tuning  `constant`, or `lp-noise` (noise_tuning.py), which finds Q_yw(k) from the last estimates and measurements.
-Limit   without a reference it is lqr with horizon = Np, Q_x = C' Q_yw' Q_yw C and R_u = Q_u' Q_u; with Np = 1, Q_u = 0
-        and C B square y(k+1) = r(k+1).
-Cost    constant penalties of a constant linear model: two small matrix-vector products per run and step; else a
-        square-root recursion over the horizon, some 10 us for six states, four inputs and Np = 10.
-Fails   design error where the cost does not determine the inputs, as Q_u = 0 and more inputs than outputs.
+Tuning  `constant`, or `lp-noise` (noise_tuning.py), which computes Q_yw(k) from recent estimates and measurements.
+Limit   Without a reference lqr with horizon = Np, Q_x = C' Q_yw' Q_yw C and R_u = Q_u' Q_u.  With Np = 1, Q_u = 0 and
+        C B square, y(k+1) = r(k+1).
+Cost    With constant weights and a constant linear model two small matrix-vector products per run and step.  Otherwise
+        a square-root recursion over the horizon, about 10 us for six states, four inputs and Np = 10.
+Fails   Design error if the cost does not determine the inputs, for example Q_u = 0 with more inputs than outputs.
 """
 
 from __future__ import annotations
@@ -34,7 +39,7 @@ OK = np.int8(Status.OK)
 
 
 class Frozen(NamedTuple):
-    """A model held over the horizon."""
+    """A model that is constant over the horizon."""
 
     A: Float[Array, "nx nx"] | Float[Array, "runs nx nx"]
     B: Float[Array, "nx nu"] | Float[Array, "runs nx nu"]
@@ -44,13 +49,13 @@ class Frozen(NamedTuple):
 
 
 class GpcState(NamedTuple):
-    """What the next step needs."""
+    """State of the controller between steps."""
 
     x_previous: Float[Array, "runs nx"]
 
 
 class TunedState(NamedTuple):
-    """What the next step needs, with penalties that follow the noise."""
+    """State of the controller with an adapted output weight between steps."""
 
     x_previous: Float[Array, "runs nx"]
     u_previous: Float[Array, "runs nu"]
@@ -60,15 +65,15 @@ class TunedState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Gpc(Controller):
-    """The law with constant penalties; build it with `design`.
+    """The law with a constant output weight; create it with `design`.
 
     Parameters
     ----------
-    model : what the controller believes, linear or dependent on the state
+    model : design model, linear or state-dependent
     Np : prediction horizon [samples]
-    Q_yw : root of the outputs' weight
-    R_u : upper triangular root of the inputs' weight
-    gains : the law at every k, None where it is another at every k
+    Q_yw : root of the output weight
+    R_u : upper triangular root of the input weight
+    gains : the constant law, None if the law varies with k or with the state
     """
 
     model: Any
@@ -89,11 +94,11 @@ class Gpc(Controller):
 
     @property
     def cost_per_step(self) -> float:
-        """That of the recursion [s]."""
+        """Time of the recursion [s]."""
         return 0.0 if self.gains is not None else 1.2e-6 * self.Np
 
     def init(self, n_runs: int) -> GpcState | TunedState:
-        """Nothing has been estimated yet."""
+        """Start with a previous estimate of 0, which the law does not use at k = 0."""
         return GpcState(np.zeros((n_runs, self._nx)))
 
     def control(
@@ -114,7 +119,7 @@ class Gpc(Controller):
         return GpcState(x_hat), Command(u, np.full(len(u), OK), info)
 
     def warm_up(self) -> None:
-        """Compile what a step calls, before the design goes to workers."""
+        """Compile the kernels of a step before the design is sent to workers."""
         if self.gains is None:
             self._try(0)
 
@@ -125,7 +130,7 @@ class Gpc(Controller):
 
     @cached_property
     def _follows(self) -> bool:
-        """Whether the model depends on the state."""
+        """Whether the model is state-dependent."""
         return isinstance(self.model, StateDependentModel)
 
     @cached_property
@@ -133,7 +138,7 @@ class Gpc(Controller):
         return int(self.model.nx if self._follows else self.model.at(0).nx)
 
     def _frozen(self, k: int, x: Float[Array, "runs nx"]) -> Frozen:
-        """Return the model of a period; one that depends on the state at x."""
+        """Return the model at k; a state-dependent model is evaluated at x."""
         if self._follows:
             (A, B), C = self.model.at_state(x), self.model.C
             return Frozen(A, B, np.zeros(C.shape[1]), C, np.zeros(len(C)))
@@ -147,18 +152,18 @@ class Gpc(Controller):
         x: Float[Array, "runs nx"],
         r: Float[Array, "preview ny"],
     ) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
-        """First inputs and least costs."""
+        """Return the first inputs and the minimal costs."""
         A, B = (matrix if matrix.ndim == 3 else matrix[None] for matrix in (now.A, now.B))
         return track(A, B, now.f, now.C, Q_yw, self.R_u, r[1:] - now.d, x)
 
 
 @dataclass(frozen=True, eq=False)
 class TunedGpc(Gpc):
-    """The law with penalties that follow the noise; build it with `design`.
+    """The law with an output weight adapted to the noise; create it with `design`.
 
     Parameters
     ----------
-    noise : what finds them
+    noise : tuning of the output weight
     """
 
     noise: NoiseTuning
@@ -170,11 +175,11 @@ class TunedGpc(Gpc):
 
     @property
     def cost_per_step(self) -> float:
-        """That of the recursion and of LP2 [s]."""
+        """Time of the recursion and of LP2 [s]."""
         return super().cost_per_step + (25e-6 if self.noise.keys.state_rows else 7e-6)
 
     def init(self, n_runs: int) -> TunedState:
-        """Nothing has been estimated yet, and the penalties are those of the design."""
+        """Start with the output weight of the design and an empty window."""
         Q_yw, nu = np.tile(self.Q_yw, (n_runs, 1, 1)), len(self.R_u)
         return TunedState(np.zeros((n_runs, self._nx)), np.zeros((n_runs, nu)), Q_yw, self.noise.init(n_runs))
 
@@ -186,7 +191,7 @@ class TunedGpc(Gpc):
         estimate: Estimate,
         r: Float[Array, "preview ny"],
     ) -> tuple[Any, Command]:
-        """Find the penalties and apply the first input of the minimiser."""
+        """Compute the output weight and apply the first input of the minimiser."""
         x_hat = estimate.x_hat
         now = self._frozen(k, state.x_previous if k else x_hat)
         before = now if self._follows or k == 0 else self._frozen(k - 1, x_hat)
@@ -199,7 +204,7 @@ class TunedGpc(Gpc):
         return TunedState(x_hat, u, Q_yw, window), Command(u, np.full(len(u), OK), info)
 
     def warm_up(self) -> None:
-        """Compile what a step calls, before the design goes to workers."""
+        """Compile the kernels of a step before the design is sent to workers."""
         self._try(self.noise.start)
 
 
@@ -217,18 +222,18 @@ def design(
 
     Parameters
     ----------
-    model : prediction model, linear or dependent on the state; of an uncertain one the nominal part
-    n_steps : number of control periods; where it is not given, a model that could vary is taken to do so
-    estimator : one that fits a window of samples has to fill it before `lp-noise` fills its own
+    model : prediction model, linear or state-dependent; the nominal part of an uncertain model
+    n_steps : number of control periods; without it, a model that may vary is treated as varying
+    estimator : estimator of the method; `lp-noise` starts after the window of an estimator with a window is full
     Np : prediction horizon [samples]
     Q_yw : root of the weight of the output error: a number, a diagonal or a matrix
     Q_u : root of the weight of the input: a number, a diagonal or a matrix
-    tuning : what Q_yw follows: `{kind: constant}` nothing, `{kind: lp-noise, ..}` bounds of the noise
+    tuning : `{kind: constant}` keeps Q_yw, `{kind: lp-noise, ..}` adapts Q_yw to estimated bounds of the noise
 
     Raises
     ------
     DesignError
-        If a size does not fit, the bounds are crossed, or the cost does not determine the inputs.
+        If a size is inconsistent, the bounds are in the wrong order, or the cost does not determine the inputs.
     """
     model = _constant(model, n_steps)
     now = model if isinstance(model, StateDependentModel) else model.at(0)
@@ -238,7 +243,7 @@ def design(
         try:
             law = gains(model.A, model.B, model.f0, model.C, outputs, inputs, Np)
         except ValueError as error:
-            raise DesignError(f"{error}; choose another one", "Q_u") from None
+            raise DesignError(f"{error}; choose another Q_u", "Q_u") from None
         return Gpc(model, Np, outputs, R_u, law)
     sizes = np.linalg.svd(inputs, compute_uv=False)
     if not sizes[-1] > SMALLEST * sizes[0]:
@@ -256,7 +261,7 @@ def _root(name: str, root: Matrix, n: int) -> Float[Array, "n n"]:
 
 
 def _constant(model: Any, n_steps: int | None) -> Any:
-    """Return the one linear model of all k where there is one, else the model."""
+    """Return the linear model if it is the same at all k, otherwise the given model."""
     if isinstance(model, StateDependentModel | LinearModel) or n_steps is None:
         return model
     first = model.at(0)
@@ -279,7 +284,8 @@ def _noise(keys: LpNoise, estimator: Estimator | None, nx: int, ny: int) -> Nois
 def _linear(
     law: TrackingLaw, x: Float[Array, "runs nx"], w: Float[Array, "Np ny"]
 ) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
-    """First inputs and least costs of constant gains."""
-    ahead = w.reshape(1, -1)  # the same for all runs
+    """Return the first inputs and the minimal costs for constant gains."""
+    # The reference is the same for all runs.
+    ahead = w.reshape(1, -1)
     e = mv(law.E_w, ahead) + law.e_0 - mv(law.E_x, x)
     return mv(law.K_w, ahead) + law.u_0 - mv(law.K_x, x), (e * e).sum(axis=1)

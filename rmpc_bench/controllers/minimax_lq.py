@@ -1,20 +1,20 @@
 """Minimax linear-quadratic control under stochastic and bounded noise.
 
-Model   at every k, with x(k) - x_hat(k) = e in E(0, M(k)) and w_b(t) in E(0, M_w(t)): choose all u(k..k+N-1) such that
-        the largest sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t), in the mean over the stochastic noise, is
-        small, and apply u(k).  No measurement to come is modelled, so that v does not matter (ma2025, (P_k)).
-        M and M_w are those that the estimator believes in; of one without sets the 95 % ellipsoids of its P and Q_w.
-        Towards x = 0; a reference is not followed.
+Model   At every k, with x(k) - x_hat(k) = e in E(0, M(k)) and w_b(t) in E(0, M_w(t)): choose all u(k..k+N-1) that
+        minimise an upper bound of the largest sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t), in the mean over
+        the stochastic noise, and apply u(k).  Future measurements are not modelled, so that v has no effect (ma2025,
+        (P_k)).  M and M_w are the sets of the estimator; for an estimator without sets they are the 95 % ellipsoids of
+        its P and of Q_w.  The law regulates to x = 0 and does not follow a reference.
 Source  ma2025, Theorem 1: the semidefinite program (57), solved exactly by the recursion of numerics/lq_game.py.
-Sets    `stacked`  sum over t of w' M_w^-1 w <= 1, as (62) and (65) are printed: it leaves out allowed noise, so that
-                   rho is no bound for the stated problem.
-        `product`  M_w -> N M_w, which contains every sequence of allowed w(t): rho is a bound.
-        `stages`   one multiplier per stage: rho is the tightest bound of the three (a search for every state: slow).
+Sets    `stacked`  sum over t of w' M_w^-1 w <= 1, as (62) and (65) are printed.  It excludes admissible noise
+                   sequences, so that rho is not a bound for the stated problem.
+        `product`  M_w -> N M_w, which contains every sequence of admissible w(t): rho is a bound.
+        `stages`   one multiplier per stage: rho is the tightest bound of the three (one search per state: slow).
 Limit   M = 0 and M_w = 0 give the control of lqr.
-Cost    stacked, product: tables are made once per method, of all k; a state is then looked up, or where its table does
-        not hold solved for exactly.  stages: a search of its own for every state, 10 to 20 times (N n)^3.
-Fails   design error where a weight is not one, the model has constant parts, or noise grows beyond 1e100 over the
-        horizon.  With R_u 1e-8 of Q_x rho keeps nine digits and u seven.
+Cost    stacked, product: tables for all k are computed once per method.  A state is then evaluated by the table, or
+        solved exactly where the table is not valid.  stages: one search per state, 10 to 20 times (N n)^3.
+Fails   Design error: a weight is not admissible, the model has constant parts, or noise grows beyond 1e100 over the
+        horizon.  With R_u = 1e-8 Q_x nine digits of rho and seven digits of u are correct.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Horizon, M
 
 @dataclass(frozen=True, eq=False)
 class MinimaxLq(Regulator):
-    """The minimax law; build it with `design`.
+    """The minimax law; create it with `design`.
 
     Parameters
     ----------
     stages : system and weights to the end of the last window
     horizon : N
-    set : which sequences of noise the bound counts with
-    M_roots : roots of the sets of e, axis 0 = k; None where they come with the estimates
+    set : noise sequences that the bound includes
+    M_roots : roots of the sets of e, axis 0 = k; None if they depend on the data
     w_roots : roots of the sets of w
     """
 
@@ -58,7 +58,7 @@ class MinimaxLq(Regulator):
     w_roots: Float[Array, "t nx nx"]
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
-        """First inputs of the minimisers at k."""
+        """Return the first inputs of the minimisers at k."""
         M_roots = _stacked_roots(estimate.M) if self.M_roots is None else at_sample(self.M_roots, k)[None]
         x = np.ascontiguousarray(estimate.x_hat)
         first = self._first_of_stages(k, M_roots, x) if self.set == "stages" else self._first(k, M_roots, x)
@@ -66,21 +66,21 @@ class MinimaxLq(Regulator):
 
     @property
     def certifies(self) -> bool:
-        """Whether the sets of the errors are known before any data, so that `certificate` has an answer."""
+        """Whether `certificate` is available: the sets of the errors do not depend on the data."""
         return self.M_roots is not None
 
     def certificate(
         self, k: int, x_hat: Float[Array, "runs nx"], starts: int
     ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
-        """Return rho, and the largest cost that allowed noise is found to cause, both beyond the least without noise.
+        """Return rho and the largest cost found for admissible noise, both minus the minimal cost without noise.
 
         Parameters
         ----------
         k : sample
         x_hat : estimates; the sets are those of the design
-        starts : of the search for the worst noise
+        starts : number of starts of the search for the worst noise
         """
-        assert self.M_roots is not None, "who asks has looked at `certifies`"
+        assert self.M_roots is not None, "`certificate` needs `certifies`"
         window, M_root = slice(k, k + self.horizon), at_sample(self.M_roots, k)
         stages = Stages(*(each[window] for each in self.stages))
         S = window_law(stages, self.horizon, np.zeros((self.horizon, len(M_root), 1))).S[0]
@@ -93,16 +93,17 @@ class MinimaxLq(Regulator):
         return rho, worst
 
     def game(self, k: int) -> Game:
-        """The game at k."""
+        """Return the game at k."""
         return self._game.window(k, self.horizon)
 
     def solution(self, k: int, M_root: Float[Array, "nx nx"], x: Float[Array, " nx"]) -> Solution:
-        """Solve for one state, exactly."""
+        """Solve the game exactly for one state."""
         return (solve_stages if self.set == "stages" else solve)(self.game(k), M_root, x)
 
     def warm_up(self) -> None:
-        """Make the tables, which brings compiled code along, before the design goes to workers."""
-        if self.set != "stages":  # which has no price for all stages
+        """Compute the tables, which loads compiled code, before the design is sent to workers."""
+        # The set `stages` has one multiplier per stage and no tables.
+        if self.set != "stages":
             _ = self._smallest_multipliers if self.M_roots is None else self._tables
 
     @cached_property
@@ -120,12 +121,12 @@ class MinimaxLq(Regulator):
 
     @cached_property
     def _smallest_multipliers(self) -> list[float]:
-        """Smallest prices, all that is known ahead where the sets of e come with the estimates."""
+        """Smallest multipliers at all k, used without tables if the sets of e depend on the data."""
         return [smallest_multiplier(game) for game in self._games()]
 
     @cached_property
     def _tables(self) -> Tables:
-        assert self.M_roots is not None, "sets that come with the estimates make no tables"
+        assert self.M_roots is not None, "tables need sets that do not depend on the data"
         return tables(self._games(), self.M_roots)
 
     def _first(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:
@@ -168,40 +169,40 @@ def design(
 
     Parameters
     ----------
-    model : what the controller believes
-    n_steps : number of control periods; there are games for k = 0..n_steps-1
-    estimator : its sets of the estimation error and of the process noise count
+    model : design model
+    n_steps : number of control periods; the games are those of k = 0..n_steps-1
+    estimator : estimator of the method, for the sets of the estimation error and of the process noise
     horizon : N [samples]
     Q_x : weight of the state: a number, a diagonal or a matrix
     R_u : weight of the input, positive definite
-    set : sequences of noise that count: `stacked` as printed, whose rho is no bound, `product` a valid one, `stages`
-        the tightest one
+    set : admissible noise sequences: `stacked` as printed (rho is not a bound), `product` (rho is a bound), `stages`
+        (rho is the tightest bound)
 
     Raises
     ------
     DesignError
-        If a weight is not one, the model has constant parts, or noise grows beyond all bounds over the horizon.
+        If a weight is not admissible, the model has constant parts, or noise grows beyond 1e100 over the horizon.
     """
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
     if any(model.at(k).f0.any() for k in range(len(stages.A))):
-        raise DesignError("has no place for a known mean of the process noise; take lqr, or a model without it")
+        raise DesignError("does not support a known mean of the process noise; use lqr, or a model without this mean")
     w_roots = noise_roots(model, estimator, stages, horizon)
     return MinimaxLq(stages, horizon, set, _error_roots(estimator), w_roots)
 
 
 def _error_roots(estimator: Estimator) -> Float[Array, "k nx nx"] | None:
-    """Roots of the reported sets of x - x_hat over k; None where every estimate has one that depends on the data."""
+    """Return the roots of the estimator's sets of x - x_hat over k; None if they depend on the data."""
     if estimator.M is not None:
         return psd_sqrt(estimator.M)
     if estimator.P is not None:
         return psd_sqrt(confidence(LEVEL, estimator.P.shape[1]) * estimator.P)
     if not estimator.estimates_set:
-        raise DesignError("the estimator shows neither a set nor a covariance of its error over time")
+        raise DesignError("the estimator reports neither a set nor a covariance of its error over time")
     return None
 
 
 def _stacked_roots(M: Array | None) -> Float[Array, "runs nx nx"]:
-    """Roots of the sets of every run; of a set that is none, in a run that has failed, the whole root is NaN."""
-    assert M is not None, "an estimator with sets gives M"
+    """Return the roots of the sets of every run; NaN if the set is not finite, as in a failed run."""
+    assert M is not None, "an estimator with sets returns M"
     good = np.isfinite(M).all(axis=(1, 2), keepdims=True)
     return np.where(good, psd_sqrt(np.where(good, M, 0.0)), np.nan)

@@ -1,16 +1,16 @@
 """Model predictive control without constraints in the optimisation: a linear law computed once.
 
-Model   minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)|^2_R  over the input increments
-        du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu; predictions start at x_hat(k), the reference is known ahead.
+Model   Minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)|^2_R  over the input increments
+        du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu.  Predictions start at x_hat(k); the reference is known in advance.
         Law: u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k), u(k-1) the applied input, u(-1) = 0.
 Source  zenere2018, cost (2).  The printed solution (4) minimises |u|^2 instead of |du|^2: `law: printed`.
-Chosen  `law: increment`, because (2) is what the text states.  `law: printed` holds the input after Hu, as (2) does
-        (du = 0 is left there), so that the last block column of Theta is the response to a step; the printed entry
-        C A^(Hp-Hu-1) B of that column fits no reading.  It has no memory: K_u = I.
-        `Q`, `R` weigh scaled signals y / scale.y and u / scale.u; an input beyond `limits` is clipped.
-Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly, by either law.
-Cost    three small matrix-vector products per run and step.
-Fails   design error where the moves are not determined (R = 0 and an input without effect).
+Assumed `law: increment`, because the text states (2).  `law: printed` holds the input after Hu, as (2) does (du = 0),
+        so that the last block column of Theta is a step response; the printed entry C A^(Hp-Hu-1) B of that column
+        agrees with no interpretation.  The printed law does not depend on u(k-1): K_u = I.
+        `Q`, `R` weigh the scaled signals y / scale.y and u / scale.u.  An input beyond `limits` is clipped.
+Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly, with either law.
+Cost    Three small matrix-vector products per run and step.
+Fails   Design error if the moves are not determined (R = 0 and an input without effect).
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ OK = np.int8(Status.OK)
 
 @dataclass(frozen=True)
 class Scale:
-    """Spans that make the weighted signals dimensionless.
+    """Scales that make the weighted signals dimensionless.
 
     Parameters
     ----------
-    u : span of the input, a number or one per input
-    y : span of the output, a number or one per output
+    u : scale of the input, a number or one per input
+    y : scale of the output, a number or one per output
     """
 
     u: Positive | list[Positive] = 1.0
@@ -61,8 +61,8 @@ class Limits:
 
     Parameters
     ----------
-    u : [low, high], in the input's unit, for every input
-    enforce : `clip` cuts the optimal unconstrained input off at the bounds
+    u : [low, high] for every input, in the unit of the input
+    enforce : `clip` clips the optimal unconstrained input to the bounds
     """
 
     u: tuple[float, float]
@@ -70,14 +70,14 @@ class Limits:
 
 
 class MpcState(NamedTuple):
-    """What the next step needs."""
+    """State of the controller between steps."""
 
     u_previous: Float[Array, "runs nu"]
 
 
 @dataclass(frozen=True, eq=False)
 class Mpc(Controller):
-    """The receding-horizon law; build it with `design`."""
+    """The receding-horizon law; create it with `design`."""
 
     K_x: Float[Array, "nu nx"]
     K_u: Float[Array, "nu nu"]
@@ -100,8 +100,10 @@ class Mpc(Controller):
     ) -> tuple[MpcState, Command]:
         """Apply the first input of the minimiser."""
         u_previous = state.u_previous
-        ahead = mv(self.K_r, r[1:].reshape(1, -1))  # the same for all runs
-        kept = u_previous - mv(self.K_u, u_previous)  # exactly 0 where K_u = I
+        # The reference is the same for all runs.
+        ahead = mv(self.K_r, r[1:].reshape(1, -1))
+        # Exactly 0 if K_u = I.
+        kept = u_previous - mv(self.K_u, u_previous)
         u = np.clip(kept + ahead - mv(self.K_x, estimate.x_hat), self.low, self.high)
         return MpcState(u), Command(u, np.full(len(u), OK), {})
 
@@ -125,19 +127,20 @@ def design(
 
     Parameters
     ----------
-    model : prediction model; of an uncertain one the nominal part
+    model : prediction model; the nominal part of an uncertain model
     Hp : prediction horizon [samples]
     Hu : control horizon [samples], at most Hp
     Q : weight of the scaled output error: a number, a diagonal or a matrix
-    R : weight of the scaled input increment, or input if the law is `printed`: a number, a diagonal or a matrix
-    scale : spans `u` and `y` that the signals are divided by before they are weighed
+    R : weight of the scaled input increment (of the scaled input for `law: printed`): a number, a diagonal or a matrix
+    scale : divisors `u` and `y` of the signals in the cost
     limits : bounds of the input, `{u: [low, high]}`
-    law : `increment` minimises (2); `printed` is (4), which weighs the inputs themselves; both hold the input after Hu
+    law : `increment` minimises (2); `printed` is (4), which weighs the inputs; both hold the input after Hu
 
     Raises
     ------
     DesignError
-        If Hu > Hp, a weight is not positive semidefinite, the bounds are crossed or the moves are not determined.
+        If Hu > Hp, a weight is not positive semidefinite, the bounds are in the wrong order, or the cost does not
+        determine the moves.
     """
     if Hu > Hp:
         raise DesignError(f"must be at most Hp = {Hp} (got {Hu})", "Hu")
@@ -159,17 +162,18 @@ def design(
 
 
 def _constant(model: Model) -> LinearModel:
-    """Return the one model of all k; of an uncertain one its nominal part."""
+    """Return the constant model; the nominal part of an uncertain model."""
     if isinstance(model, LinearModel):
         return model
-    nominal: LinearModel = model.at(0)  # refused by one that is another at every state
+    # A state-dependent model raises a DesignError here.
+    nominal: LinearModel = model.at(0)
     if model.varies:
-        raise DesignError("predicts with one model; this one is another at every k")
+        raise DesignError("needs a constant prediction model; this model varies with k")
     return nominal
 
 
 def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple[str, str]) -> Float[Array, "n n"]:
-    """Root of a weight, over the span of its signal; ``names`` are the parameters to blame for either."""
+    """Return the root of a weight divided by the scale of its signal; ``names`` are the keys for error messages."""
     blamed = names[0]
     try:
         root = psd_sqrt(as_covariance(weight, n))
@@ -182,13 +186,14 @@ def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple
 def _first_move(
     weighted: Float[Array, "rows moves"], root_R: Float[Array, "moves moves"], nu: int
 ) -> Float[Array, "nu rows"]:
-    """Rows of the pseudo-inverse that give the first move of min |weighted dU - b|^2 + |root_R dU|^2.
+    """Return the rows of the pseudo-inverse for the first move of min |weighted dU - b|^2 + |root_R dU|^2.
 
-    Solved by QR of the stacked matrix: the normal equations would square its condition number.
+    QR factorisation of the stacked matrix, because the normal equations would square its condition number.
     """
     stacked = np.vstack([weighted, root_R])
     orthogonal, upper = np.linalg.qr(stacked)
     pivots = np.abs(np.diag(upper))
-    if pivots.min() <= 1e-13 * pivots.max():  # rounding of the factorisation
+    # A smaller pivot is rounding of the factorisation.
+    if pivots.min() <= 1e-13 * pivots.max():
         raise DesignError("the cost does not determine the input moves; choose R > 0 or a smaller Hu", "R")
     return np.linalg.solve(upper, orthogonal.T)[:nu, : len(weighted)]

@@ -1,29 +1,29 @@
-"""Penalties that follow the noise: its bounds and its correlation over the last samples, by linear programming.
+"""Output weights adapted to the noise: bounds and correlation over the last samples by linear programming.
 
 Model   P y = C x_hat + n,  L x_hat = x_tilde + nu,  x_tilde(k) = A x_hat(k-1) + B u(k-1);  P = I + Pi, L = I + Lambda
         are upper triangular, |n_i| <= r_i and |nu_i| <= rho_i.  LP2, (22)-(27): over the last Ne2 + 1 samples choose
         Pi, Lambda, r and rho with the least sum of all r_i and rho_i.  As n is uniform on its box,
-        C_y = c P^-1 D^2 P^-T, D = diag(r), c = 1/3 (28), and the penalty is kp C_y^-1 = (kp / c) P' D^-2 P (16),
+        C_y = c P^-1 D^2 P^-T, D = diag(r), c = 1/3 (28), and the output weight is kp C_y^-1 = (kp / c) P' D^-2 P (16),
         clipped.
 Source  belda2017, sections III-C and V.
-Solution LP2 falls apart into rows: row i of P asks for the smallest r_i with |e_i + sum_{j>i} pi_ij z_j| <= r_i at all
-        samples, e = y - C x_hat, z = y, a minimax fit of ny - i unknowns; likewise for L.  Lambda and rho reach no
-        control.
-Chosen  `form: corrected` has c = 1/3, the variance of a uniform law of half-width 1, as the text about (28) and C_x
-        have; `printed` has the 1/2 of (28).  (27) is printed with y - C x_hat below, where (24) asks for C x_hat - y;
-        that would give -Pi, and both forms have it right.
-        `on: output` multiplies Pi by y, as (24) does: a shift of the origin changes it, and it sees no correlation of
-        noise that is small beside y.  `on: residual` multiplies it by e, and Lambda by x_hat - x_tilde.
-        `weight: root` takes the penalty for the Q_yw of (7), which is squared there and which the published bounds
-        are for; `square` for Q_yw' Q_yw, as (16) asks for, negative eigenvalues that clipping leaves set to 0.
-        The diagonal is clipped to the bounds, the rest to their upper one with either sign; r and rho below `floor`
-        count as `floor`.  Before k = Ne2 + Ne, when the window is full of estimates from full windows, and where a
-        fit fails or a number is missing, the penalty stays what it was.
-Limit   without noise kp / c is divided by the floor, so that the diagonal is at its upper bound; of one output the
-        penalty is kp / (c max e^2), clipped.
+Solution LP2 separates into rows.  Row i of P minimises r_i such that |e_i + sum_{j>i} pi_ij z_j| <= r_i at all samples,
+        e = y - C x_hat, z = y: a minimax fit of ny - i unknowns.  The rows of L are computed in the same way.  Lambda
+        and rho do not affect the control.
+Assumed `form: corrected` uses c = 1/3, the variance of a uniform distribution of half-width 1, as the text about (28)
+        and C_x do; `printed` uses the 1/2 of (28).  (27) is printed with y - C x_hat in its lower part, but (24)
+        requires C x_hat - y; the printed sign would give -Pi.  Both forms use the sign of (24).
+        `on: output` multiplies Pi by y, as (24) does.  The result depends on the origin, and correlation of noise that
+        is small compared with y has no effect.  `on: residual` multiplies Pi by e, and Lambda by x_hat - x_tilde.
+        `weight: root` uses the result as Q_yw of (7), where it is squared; the published bounds refer to this form.
+        `weight: square` uses it as Q_yw' Q_yw, as in (16), with negative eigenvalues after clipping set to 0.
+        Diagonal entries are clipped to [lower, upper], the others to [-upper, upper].  Values of r and rho below
+        `floor` are replaced by `floor`.  Before k = Ne2 + Ne, when all estimates in the window come from full windows,
+        and if a fit fails or a value is NaN, the weight does not change.
+Limit   Without noise kp / (c floor^2) exceeds the upper bound, so that the diagonal equals that bound.  For one output
+        the weight is kp / (c max e^2), clipped.
 Cost    ny + nx minimax fits of Ne2 + 1 points per run and step: 25 us for three outputs and six states, 7 us without
         `state_rows`.
-Fails   design error where the window has fewer samples than a row has coefficients, or the bounds are crossed.
+Fails   Design error if the window has fewer samples than a row has coefficients, or the bounds are in the wrong order.
 """
 
 from __future__ import annotations
@@ -39,13 +39,14 @@ from rmpc_bench.numerics.minimax import fit
 from rmpc_bench.types import Array, Count, NonNegative, Positive
 
 UNIFORM = 1.0 / 3.0
-"""Variance of a uniform law of half-width 1."""
+"""Variance of a uniform distribution of half-width 1."""
 PRINTED = 1.0 / 2.0
+"""Factor as printed in (28)."""
 
 
 @dataclass(frozen=True)
 class ConstantTuning:
-    """Penalties that stay what they are.
+    """Constant output weight.
 
     Parameters
     ----------
@@ -57,21 +58,21 @@ class ConstantTuning:
 
 @dataclass(frozen=True)
 class LpNoise:
-    """Penalties from bounds of the noise over the last samples.
+    """Output weight from bounds of the noise over the last samples.
 
     Parameters
     ----------
     kind : `lp-noise` has the keys below
-    Ne2 : length of the window, which has Ne2 + 1 samples; 14 unless given
-    kp : factor of the inverse covariance; 1e-7 unless given
-    bounds : [lower, upper] bound of the diagonal of the penalty, whose rest lies between -upper and upper; [0.5, 4.0]
-        unless given
-    form : `corrected` (default) has the variance of a uniform law in (28), `printed` the 1/2 of the paper
-    on : `output` (default) lets the correlation multiply outputs as in (24), `residual` lets it multiply residuals
-    weight : `root` (default) takes the tuned penalty for Q_yw of (7), `square` for Q_yw' Q_yw
-    floor : smallest bound of the noise that counts; 1e-6 unless given
-    state_rows : whether the bounds and the correlation of the process noise are found, too, which they are unless
-        false; no control depends on them
+    Ne2 : length of the window, which has Ne2 + 1 samples (default 14)
+    kp : factor of the inverse covariance (default 1e-7)
+    bounds : [lower, upper] bounds of the diagonal of the weight; other entries lie in [-upper, upper] (default
+        [0.5, 4.0])
+    form : `corrected` (default) uses the variance of a uniform distribution in (28), `printed` the 1/2 of the paper
+    on : `output` (default) multiplies the correlation by outputs as in (24), `residual` by residuals
+    weight : `root` (default) uses the result as Q_yw of (7), `square` as Q_yw' Q_yw
+    floor : lower limit of the bounds of the noise (default 1e-6)
+    state_rows : whether to estimate bounds and correlation of the process noise, too; the control does not depend on
+        them (default true)
     """
 
     kind: Literal["lp-noise"] = "lp-noise"
@@ -86,30 +87,30 @@ class LpNoise:
 
 
 class Sample(NamedTuple):
-    """What LP2 uses of one sample, or of a window with axis 1 = sample."""
+    """Data of LP2 at one sample, or of a window with axis 1 = sample."""
 
     y: Float[Array, "runs *samples ny"]
     y_hat: Float[Array, "runs *samples ny"]
     """C x_hat."""
     x_hat: Float[Array, "runs *samples nx"]
     x_tilde: Float[Array, "runs *samples nx"]
-    """The state that the model predicts from the estimate and the input before."""
+    """State predicted from the previous estimate and input."""
 
 
 class Triangle(NamedTuple):
-    """Upper triangular T with unit diagonal and the half-widths of T z - z + e; NaN where there is none."""
+    """Upper triangular T with unit diagonal and the half-widths of T z - z + e; NaN without a solution."""
 
     T: Float[Array, "runs n n"]
     width: Float[Array, "runs n"]
 
 
 def fitted(e: Float[Array, "runs samples n"], z: Float[Array, "runs samples n"]) -> Triangle:
-    """Choose T row by row so that the largest |e_i + sum_{j>i} T_ij z_j| of the samples is smallest.
+    """Minimise the largest |e_i + sum_{j>i} T_ij z_j| over the samples, row by row of T.
 
     Parameters
     ----------
-    e : what is to be bounded
-    z : what may be added to it
+    e : residuals to be bounded
+    z : signals that the correlation multiplies
     """
     runs, samples, n = e.shape
     T, width, one_group = np.tile(np.eye(n), (runs, 1, 1)), np.empty((runs, n)), np.zeros(samples, dtype=np.int64)
@@ -120,7 +121,7 @@ def fitted(e: Float[Array, "runs samples n"], z: Float[Array, "runs samples n"])
 
 
 def covariance(box: Triangle, c: float) -> Float[Array, "runs n n"]:
-    """Covariance c T^-1 D^2 T^-T of what T times it is uniform with the half-widths D."""  # (28)
+    """Return the covariance c T^-1 D^2 T^-T of n, if T n is uniform with the half-widths D."""  # (28)
     n = box.T.shape[1]
     inverse = np.tile(np.eye(n), (len(box.T), 1, 1))
     for i in range(n - 2, -1, -1):
@@ -130,12 +131,12 @@ def covariance(box: Triangle, c: float) -> Float[Array, "runs n n"]:
 
 
 def precision(box: Triangle, c: float) -> Float[Array, "runs n n"]:
-    """Inverse of the covariance, T' D^-2 T / c, without inverting it."""
+    """Return the inverse of the covariance, T' D^-2 T / c, without a matrix inversion."""
     return _squared(box.T / box.width[:, :, None]) / c
 
 
 def _squared(S: Float[Array, "runs n n"]) -> Float[Array, "runs n n"]:
-    """S' S, added up row by row of S: in an order that does not depend on the number of runs."""
+    """Return S' S as a sum over the rows of S, in an order that does not depend on the number of runs."""
     total = np.zeros_like(S)
     for i in range(S.shape[1]):
         total += S[:, i, :, None] * S[:, i, None, :]
@@ -144,11 +145,11 @@ def _squared(S: Float[Array, "runs n n"]) -> Float[Array, "runs n n"]:
 
 @dataclass(frozen=True, eq=False)
 class NoiseTuning:
-    """LP2 and the penalties that follow from it.
+    """LP2 and the output weight that follows from it.
 
     Parameters
     ----------
-    keys : what the user chose
+    keys : options of the tuning
     start : first sample at which LP2 is solved
     nx, ny : numbers of states and outputs
     """
@@ -167,25 +168,25 @@ class NoiseTuning:
         return found
 
     def init(self, n_runs: int) -> Float[Array, "runs samples numbers"]:
-        """Return a window in which nothing is known yet."""
+        """Return an empty window (NaN)."""
         numbers = 2 * self.ny + (2 * self.nx if self.keys.state_rows else 0)
         return np.full((n_runs, self.keys.Ne2 + 1, numbers), np.nan)
 
     def moved(self, window: Float[Array, "runs samples numbers"], now: Sample) -> Float[Array, "runs samples numbers"]:
-        """Return the window with one more sample, without the oldest."""
+        """Return the window with a new sample appended and the oldest removed."""
         last = np.concatenate(now if self.keys.state_rows else now[:2], axis=1)
         return np.concatenate([window[:, 1:], last[:, None]], axis=1)
 
     def penalties(
         self, k: int, window: Float[Array, "runs samples numbers"], Q_yw: Float[Array, "runs ny ny"]
     ) -> tuple[Float[Array, "runs ny ny"], dict[str, Array]]:
-        """Penalties at k, and what has been found; where nothing can be found the penalties stay.
+        """Return the output weights at k and the solution of LP2; weights without a solution do not change.
 
         Parameters
         ----------
         k : sample
         window : samples up to k
-        Q_yw : penalties of the sample before
+        Q_yw : output weights of the previous sample
         """
         runs = len(window)
         if k < self.start:
@@ -217,5 +218,5 @@ class NoiseTuning:
         return clipped
 
     def _root(self, Q: Float[Array, "runs n n"], good: Bool[Array, " runs"]) -> Float[Array, "runs n n"]:
-        """What stands for Q_yw in (7)."""
+        """Return the Q_yw of (7) for a weight Q."""
         return psd_sqrt(np.where(good[:, None, None], Q, 0.0)) if self.keys.weight == "square" else Q

@@ -12,7 +12,7 @@ from rmpc_bench.types import Array
 
 
 class Prediction(NamedTuple):
-    """Y = Psi x + Upsilon u_previous + Theta dU for y(k+1)..y(k+Hp), stacked: Hp ny rows, Hu nu moves."""
+    """Y = Psi x + Upsilon u_previous + Theta dU for the stacked y(k+1)..y(k+Hp): Hp ny rows, Hu nu moves."""
 
     Psi: Float[Array, "rows nx"]
     Upsilon: Float[Array, "rows nu"]
@@ -20,7 +20,7 @@ class Prediction(NamedTuple):
 
 
 def predict_moves(model: LinearModel, Hp: int, Hu: int) -> Prediction:
-    """Stack the predictions for ``Hu`` input moves, after which the input is held.
+    """Stack the predictions for ``Hu`` input moves, after which the input is constant.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def predict_moves(model: LinearModel, Hp: int, Hu: int) -> Prediction:
 
 
 def predict_inputs(model: LinearModel, Hp: int, Hu: int) -> tuple[Float[Array, "rows nx"], Float[Array, "rows inputs"]]:
-    """Stack the predictions Y = Psi x + Theta U for ``Hu`` inputs, the last of which is held.
+    """Stack the predictions Y = Psi x + Theta U for ``Hu`` inputs, the last of which is constant after Hu.
 
-    The columns of Theta are shifted responses to an impulse, CB, CAB, .., but the last: responses to a step.
+    The columns of Theta are shifted impulse responses, CB, CAB, ..; the last ones are step responses.
     """
     free, step = _responses(model, Hp)
     impulse = [np.zeros_like(step[0]), *(model.C @ power @ model.B for power in _powers(model, Hp)[:-1])]
@@ -55,7 +55,7 @@ def _powers(model: LinearModel, Hp: int) -> list[Array]:
 
 
 def _responses(model: LinearModel, Hp: int) -> tuple[list[Array], list[Array]]:
-    """Outputs after 0..Hp samples: to the state, and to an input of 1 from the start on."""
+    """Return the outputs after 0..Hp samples: responses to the initial state and to a unit step of the input."""
     held = [np.zeros((model.nx, model.nu))]
     for _ in range(Hp):
         held.append(model.A @ held[-1] + model.B)
@@ -63,7 +63,7 @@ def _responses(model: LinearModel, Hp: int) -> tuple[list[Array], list[Array]]:
 
 
 def _fill(Theta: Float[Array, "rows columns"], move: int, response: list[Array], model: LinearModel) -> None:
-    """Write the response that starts with input number ``move`` into its columns."""
+    """Write the response to input number ``move`` into its columns."""
     column = slice(move * model.nu, (move + 1) * model.nu)
     for j in range(move, len(response) - 1):
         Theta[j * model.ny : (j + 1) * model.ny, column] = response[j + 1 - move]

@@ -1,16 +1,17 @@
-"""State feedback over a receding horizon: linear-quadratic (`lqr`) and against a maximiser (`game-gain`).
+"""State feedback over a receding horizon: linear-quadratic (`lqr`) and H-infinity of finite horizon (`game-gain`).
 
-Model   from the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t) of
-        x(t+1) = A_t x + B_t u + d + w, and apply u(k): certainty equivalence, towards x = 0; no reference is followed.
-        lqr        d is the mean of the process noise that the model knows, that the estimator has found (info
-                   `w_mean`), or is not looked at; w = 0.
-        game-gain  w works against the cost at the price tau w' M_w^-1 w, tau = ratio times the smallest price for which
-                   the game is bounded; M_w is the estimator's set of the process noise.  Unlike minimax-lq it answers
-                   to every w(t) as it comes, so that smaller multipliers will do.
+Model   From the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t) of
+        x(t+1) = A_t x + B_t u + d + w, and apply u(k): certainty equivalence.  Both laws regulate to x = 0 and do not
+        follow a reference.
+        lqr        d is the mean of the process noise: known from the model, in addition estimated (`w_mean` of the
+                   estimate), or ignored; w = 0.
+        game-gain  w maximises the cost minus the penalty tau w' M_w^-1 w, where tau is `ratio` times the smallest
+                   multiplier for which the game is bounded.  M_w is the estimator's set of the process noise.  Unlike
+                   in minimax-lq, u(t) may depend on x(t), so that smaller multipliers are sufficient.
 Source  lqr: textbook.  game-gain: H-infinity control of finite horizon, full information (Basar and Bernhard 1995).
 Limit   ratio -> infinity gives lqr; horizon -> infinity of lqr gives the stationary Riccati gain.
-Cost    one small matrix-vector product per run and step.
-Fails   design error where a weight is not one (R_u must be positive definite), or noise grows beyond 1e100.
+Cost    One small matrix-vector product per run and step.
+Fails   Design error: a weight is not admissible (R_u must be positive definite), or noise grows beyond 1e100.
 """
 
 from __future__ import annotations
@@ -43,20 +44,20 @@ from rmpc_bench.types import (
 
 OK = np.int8(Status.OK)
 LARGEST = 1e100
-"""Cost of noise beyond which squares of multipliers overflow."""
+"""Largest effect of noise on the cost; squares of larger multipliers overflow."""
 
 
 class NoState(NamedTuple):
-    """What the next step needs: nothing."""
+    """Empty state of a static controller."""
 
 
 class Regulator(Controller):
-    """A law u(k) of the estimate alone, towards x = 0; a law says `input_of`."""
+    """A static law u(k) of the estimate that regulates to x = 0; subclasses define `input_of`."""
 
     regulates = True
 
     def init(self, n_runs: int) -> NoState:
-        """There is nothing to remember."""
+        """Return the empty state."""
         return NoState()
 
     def control(
@@ -72,7 +73,7 @@ class Regulator(Controller):
         return state, Command(u, np.full(len(u), OK), {})
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
-        """Inputs at k."""
+        """Return the inputs at k."""
         raise NotImplementedError
 
 
@@ -82,12 +83,12 @@ class Lqr(Regulator):
 
     K: Float[Array, "k nu nx"]
     K_d: Float[Array, "k nu nx"] | None
-    """Gain of the mean of the process noise that the estimator has found, None where it is not asked."""
+    """Gain of the estimated mean of the process noise, None if it is not used."""
     u_0: Float[Array, "k nu"]
-    """What the mean that the model knows asks for."""
+    """Input that compensates the mean known from the model."""
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
-        """Inputs at k."""
+        """Return the inputs at k."""
         u: Array = -mv(at_sample(self.K, k), estimate.x_hat) - at_sample(self.u_0, k)
         return u if self.K_d is None else u - mv(at_sample(self.K_d, k), estimate.info["w_mean"])
 
@@ -110,33 +111,33 @@ def lqr(
 
     Parameters
     ----------
-    model : what the controller believes
-    n_steps : number of control periods; gains are made for k = 0..n_steps-1
-    estimator : must find the mean of the process noise where `mean` is estimated
+    model : design model
+    n_steps : number of control periods; gains are computed for k = 0..n_steps-1
+    estimator : estimator of the method; `mean: estimated` needs one that estimates the mean of the process noise
     horizon : N [samples]
     Q_x : weight of the state: a number, a diagonal or a matrix
     R_u : weight of the input, positive definite
-    mean : of the process noise: `known` takes that of the model, `estimated` adds what the estimator has found beside,
-        `ignored` is 0
+    mean : mean of the process noise: `known` uses that of the model, `estimated` adds the estimated one, `ignored`
+        uses 0
 
     Raises
     ------
     DesignError
-        If a weight is not one, or the estimator does not estimate the mean.
+        If a weight is not admissible, or the estimator does not estimate the mean.
     """
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
     nx = stages.A.shape[1]
     f0 = np.array([model.at(k).f0 for k in range(len(stages.A))])[:, :, None]
     law = window_law(stages, horizon, np.concatenate([f0, np.broadcast_to(np.eye(nx), stages.A.shape)], axis=2))
     if mean == "estimated" and not estimator.estimates_mean:
-        raise DesignError("the estimator does not find it; take kalman-disturbance, or `known`", "mean")
+        raise DesignError("the estimator does not estimate the mean; use kalman-disturbance, or `known`", "mean")
     u_0 = np.zeros_like(law.K_d[:, :, 0]) if mean == "ignored" else law.K_d[:, :, 0]
     return Lqr(law.K, law.K_d[:, :, 1:] if mean == "estimated" else None, u_0)
 
 
 @dataclass(frozen=True, eq=False)
 class GameGain(Regulator):
-    """u = -L x_hat, with a gain that expects the worst noise; build it with `game_gain`."""
+    """u = -L x_hat, with the gain for the worst noise of the game; create it with `game_gain`."""
 
     stages: Stages
     G: Float[Array, "t nx nx"]
@@ -145,17 +146,17 @@ class GameGain(Regulator):
     ratio: float
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
-        """Inputs at k."""
+        """Return the inputs at k."""
         return -mv(self.L[k], estimate.x_hat)
 
     @cached_property
     def L(self) -> Float[Array, "k nu nx"]:
-        """Gains over k, made at the first step: the smallest multipliers take a search."""
+        """Gains over k, computed on first use, as the smallest multipliers need a search."""
         multipliers = self.ratio * smallest_multipliers(self.stages, self.G, self.horizon)
         return game_gains(self.stages, self.G, self.horizon, multipliers)
 
     def warm_up(self) -> None:
-        """Make the gains before the design goes to workers."""
+        """Compute the gains before the design is sent to workers."""
         _ = self.L
 
     def series(self) -> dict[str, Array]:
@@ -173,34 +174,34 @@ def game_gain(
     R_u: Matrix,
     ratio: Annotated[float, Gt(1)] = 1.1,
 ) -> GameGain:
-    """Linear-quadratic control against a maximiser who pays for the noise, an H-infinity control of finite horizon.
+    """H-infinity control of finite horizon: linear-quadratic control against penalised worst-case noise.
 
     Parameters
     ----------
-    model : what the controller believes
-    n_steps : number of control periods; gains are made for k = 0..n_steps-1
-    estimator : its set of the process noise counts
+    model : design model
+    n_steps : number of control periods; gains are computed for k = 0..n_steps-1
+    estimator : estimator of the method, for the set of the process noise
     horizon : N [samples]
     Q_x : weight of the state: a number, a diagonal or a matrix
     R_u : weight of the input, positive definite
-    ratio : price of the noise over the smallest one for which the game is bounded
+    ratio : multiplier of the noise divided by the smallest one for which the game is bounded
 
     Raises
     ------
     DesignError
-        If a weight is not one, or noise grows beyond all bounds over the horizon.
+        If a weight is not admissible, or noise grows beyond 1e100 over the horizon.
     """
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
     return GameGain(stages, noise_roots(model, estimator, stages, horizon), horizon, ratio)
 
 
 def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix) -> Stages:
-    """Matrices of the model and weights from k = 0 to the end of the window of k = n_steps - 1.
+    """Return the matrices of the model and the weights from k = 0 to the end of the window of k = n_steps - 1.
 
     Raises
     ------
     DesignError
-        If a weight is not one, or the model has no value within the horizon.
+        If a weight is not admissible, or the model is undefined within the horizon.
     """
     models = [_ahead(model.at, k) for k in range(n_steps + horizon - 1)]
     A, B = np.array([each.A for each in models]), np.array([each.B for each in models])
@@ -216,33 +217,35 @@ def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix
 
 
 def _ahead(what: Callable[[int], Any], k: int) -> Any:
-    """What a model says of a k that only the horizon reaches; its mistakes of earlier k have been refused before."""
+    """Evaluate a model at a k within the horizon; report an error beyond the last step under the key `horizon`."""
     try:
         return what(k)
     except DesignError as error:
+        # An error at k = 0 does not depend on the horizon.
         if k == 0:
-            raise  # the horizon is not to blame
+            raise
         blamed = error.parameter or "matrix"
         raise DesignError(f"reaches k = {k}, where the model's {blamed} {error}", "horizon") from None
 
 
 def noise_roots(model: Model, estimator: Estimator, stages: Stages, horizon: int) -> Float[Array, "t nx nx"]:
-    """Roots of the sets of the process noise that an estimator believes in, or of 95 % ellipsoids of its covariances.
+    """Return the roots of the estimator's sets of the process noise, or of 95 % ellipsoids of the model's covariances.
 
     Raises
     ------
     DesignError
-        If noise grows beyond all bounds over the horizon.
+        If noise grows beyond 1e100 over the horizon.
     """
     sets = estimator.sets or stochastic_sets(model)
     G = psd_sqrt(np.array([_ahead(sets.process, k) for k in range(len(stages.A))]))
-    if not (noise_sizes(stages, G, horizon) < LARGEST).all():  # true for nan
+    # Negated, so that NaN counts as an overflow.
+    if not (noise_sizes(stages, G, horizon) < LARGEST).all():
         message = f"noise grows beyond {LARGEST:g} over {horizon} samples without control; choose fewer"
         raise DesignError(message, "horizon")
     return G
 
 
 def game_of(stages: Stages, G: Float[Array, "t nx nx"]) -> Game:
-    """The game of all stages, of which windows are taken."""
+    """Return the game of all stages; the game of a window is a part of it."""
     S_B = stages.B @ np.linalg.solve(stages.R, stages.B.mT)
     return Game(stages.A, S_B, np.ascontiguousarray(stages.Q), G)

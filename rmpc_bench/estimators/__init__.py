@@ -1,11 +1,11 @@
-"""State estimators: one paper's filter per file, the file's name is the kind.
+"""State estimators: one method per file; the name of the file is the kind.
 
-How to add one whose gains do not depend on the data (most filters of this bench):
+How to add a filter whose gains do not depend on the data:
 
-1. ``estimators/my_filter.py`` with a function ``design(model, n_steps, *, x0, P0, ...)``.  ``model`` is what the
-   estimator believes, ``x0`` and ``P0`` its start; every further keyword is a key of the YAML, validated by its
-   annotation.  Return a `GainScheduleFilter`, for instance through `riccati_schedule`, which asks only for what your
-   filter does to the covariance P of the prediction error before it is used:
+1. ``estimators/my_filter.py`` with a function ``design(model, n_steps, *, x0, P0, ...)``.  ``model`` is the design
+   model, ``x0`` and ``P0`` are mean and covariance of the initial state.  Every further keyword is a key of the YAML
+   and is validated by its annotation.  Return a `GainScheduleFilter`.  The function `riccati_schedule` creates one
+   from a function that modifies the covariance P of the prediction error before it is used:
 
    >>> import numpy as np
    >>> from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule

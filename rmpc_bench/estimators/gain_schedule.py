@@ -1,8 +1,11 @@
-"""The filter shared by every estimator whose gains do not depend on the data.
+"""Linear filter with precomputed gains, used by every estimator whose gains do not depend on the data.
+
+Designs `predictor_schedule` from given gains, `riccati_schedule` by a Riccati recursion with a modified covariance,
+        `mixed_schedule` by a recursion for a covariance and an ellipsoid.
 
 Model   x_pred(k+1) = F_k x_pred(k) + B_k u(k) + f_k + K_k e(k),  x_hat(k) = x_pred(k) + L_k e(k),
         e(k) = y(k) - C_k x_pred(k) - d_k;  K_k = F_k L_k for a filter, L_k = 0 for a one-step predictor.
-Cost    five small matrix-vector products per run and step.
+Cost    Five small matrix-vector products per run and step.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ Form: TypeAlias = Literal["filter", "predictor"]
 
 
 class FilterState(NamedTuple):
-    """What the next step needs."""
+    """State of the filter between steps."""
 
     x_pred: Float[Array, "runs nx"]
     e: Float[Array, "runs ny"]
@@ -39,19 +42,19 @@ class FilterState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GainScheduleFilter(Estimator):
-    """A linear filter with precomputed gains; axis 0 of every array is k, a constant one has length 1.
+    """A linear filter with precomputed gains; axis 0 of every array is k and has length 1 if the array is constant.
 
     Parameters
     ----------
     x0 : (nx,) prediction before the first measurement
     F, B, C : (1 or samples, ...) model matrices
     K, L : (1 or samples, nx, ny) gains of the prediction and of the correction
-    P : (1 or samples, nx, nx) covariance of x_hat - x, None where nothing is said of it
+    P : (1 or samples, nx, nx) covariance of x_hat - x, None if the design reports none
     extra : further series of the design, axis 0 = k
-    f, d : (1 or samples, nx), (1 or samples, ny) constant parts, None where they are zero
-    remarks : what a user should know of this design; `rmpc-bench check` shows it
-    M : (1 or samples, nx, nx) shape of the set that x_hat - x lies in, None where nothing is said of it
-    sets : the sets of the noises that M or P counts with, None where those of the model hold
+    f, d : (1 or samples, nx), (1 or samples, ny) constant parts, None if they are zero
+    remarks : notes on this design that `rmpc-bench check` prints
+    M : (1 or samples, nx, nx) shape matrix of a set that contains x_hat - x, None if the design reports none
+    sets : sets of the noises on which M or P is based, None for those of the model
     """
 
     x0: Float[Array, " nx"]
@@ -83,7 +86,7 @@ class GainScheduleFilter(Estimator):
         return FilterState(state.x_pred, e), Estimate(x_hat, P, M, np.full(len(y), OK), {"e": e})
 
     def predict(self, k: int, state: FilterState, u: Float[Array, "runs nu"]) -> FilterState:
-        """Go to k+1: x_pred+ = F x_pred + B u + K e."""
+        """Predict k+1: x_pred+ = F x_pred + B u + K e."""
         x_pred = mv(at_sample(self.F, k), state.x_pred)
         if self._is_driven:
             x_pred = x_pred + mv(at_sample(self.B, k), u)
@@ -109,22 +112,22 @@ class GainScheduleFilter(Estimator):
 
     @cached_property
     def _is_driven(self) -> bool:
-        """Whether the input matters to the model at any k."""
+        """Whether the input has an effect in the model at any k."""
         return bool(self.B.any())
 
     def series(self) -> dict[str, Array]:
-        """Gains, covariances and sets over k, and rho, the spectral radius of F - K C, made here as few need it."""
+        """Gains, covariances and sets over k, and rho, the spectral radius of F - K C."""
         series = {name: matrices for name, matrices in (("P", self.P), ("M", self.M)) if matrices is not None}
         return {"K": self.K, "L": self.L, **series, "rho": error_radius(self.F, self.K, self.C), **self.extra}
 
 
 def over_time(matrices: Sequence[Array]) -> Array:
-    """Stack the matrices of all k, once where all are the same one."""
+    """Stack the matrices of all k; axis 0 has length 1 if all are the same object."""
     return np.array(matrices[:1] if all(matrix is matrices[0] for matrix in matrices) else matrices)
 
 
 def constant_part(vectors: Sequence[Array]) -> Array | None:
-    """Stack the constant parts of all k; None where they are zero."""
+    """Stack the constant parts of all k; None if they are zero."""
     stacked = over_time(vectors)
     return stacked if stacked.any() else None
 
@@ -139,14 +142,14 @@ def predictor_schedule(
     extra: Mapping[str, Array] | None = None,
     remarks: tuple[str, ...] = (),
 ) -> GainScheduleFilter:
-    """Make a one-step predictor: x_hat(k) = x_pred(k) does not use y(k).
+    """Create a one-step predictor: x_hat(k) = x_pred(k) does not use y(k).
 
     Parameters
     ----------
     models : the nominal model at k = 0..N, for B, C and the constant parts
     x0 : (nx,) prediction before the first measurement
-    K, P : gains and covariances of x_pred - x at k = 0..N
-    F : transition matrices, those of the models unless given
+    K, P : gains, and covariances of x_pred - x, at k = 0..N
+    F : transition matrices (default: A of the models)
     extra, remarks : as in `GainScheduleFilter`
     """
     nx, ny = models[0].nx, models[0].ny
@@ -178,18 +181,18 @@ def riccati_schedule(
 
     Parameters
     ----------
-    model : what the filter believes
-    n_steps : N; gains are made for the samples k = 0..N
-    x0 : (nx,) mean of the prediction of x(0)
-    P0 : (nx, nx) its covariance
-    inflate : maps (k, P_pred) to the covariance V to use and the multiplier theta that led to it
-    form : `filter` uses y(k) for x_hat(k), `predictor` does not: its P is V
-    use_y0 : whether y(0) counts
+    model : design model
+    n_steps : N; gains are computed for k = 0..N
+    x0 : (nx,) prediction of x(0)
+    P0 : (nx, nx) covariance of its error
+    inflate : maps (k, P_pred) to the covariance V that replaces P_pred, and its multiplier theta
+    form : `filter` uses y(k) for x_hat(k); `predictor` does not, and its P is V
+    use_y0 : whether to use y(0)
 
     Raises
     ------
     DesignError
-        If the innovation covariance is singular at some step, a covariance grows beyond 1e100, or the model's noises
+        If the innovation covariance is singular at some step, a covariance exceeds 1e100, or the noises of the model
         are correlated.
     """
     models = uncorrelated(model, n_steps)
@@ -224,24 +227,23 @@ def mixed_schedule(
     rule: Rule = "fixed-point",
     use_y0: bool = True,
 ) -> GainScheduleFilter:
-    """Run a recursion for the covariance P of one part of the error and the ellipsoid E(0, M) of the rest.
+    """Run a recursion for the covariance P of the stochastic error and the ellipsoid E(0, M) of the bounded error.
 
     Parameters
     ----------
-    model : what the filter believes
-    n_steps : N; gains are made for the samples k = 0..N
+    model : design model
+    n_steps : N; gains are computed for k = 0..N
     x0 : (nx,) prediction of x(0)
-    P0 : (nx, nx) covariance of the stochastic part of its error; None leaves all that is stochastic out
-    M0 : (nx, nx) shape of the set of the bounded part
+    P0 : (nx, nx) covariance of the stochastic part of its error; None omits all stochastic noises
+    M0 : (nx, nx) shape matrix of the set of the bounded part
     sets : sets of the bounded noises
-    rule : how the weight q of a correction is found, see `mixed_step`
-    use_y0 : whether y(0) counts
+    rule : computation of the weight q of a correction, see `mixed_step`
+    use_y0 : whether to use y(0)
 
     Raises
     ------
     DesignError
-        If the innovation is without noise at some step, a matrix grows beyond 1e100, or the model's noises are
-        correlated.
+        If the innovation has no noise at some step, a matrix exceeds 1e100, or the noises of the model are correlated.
     """
     models, counted = uncorrelated(model, n_steps), 0.0 if P0 is None else 1.0
     P_pred, M_pred, steps, p, q = [np.zeros_like(M0) if P0 is None else P0], [M0], list[MixedStep](), [], 1.0
@@ -275,21 +277,22 @@ def mixed_schedule(
 
 
 def uncorrelated(model: Model, n_steps: int) -> list[LinearModel]:
-    """Return the model at k = 0..N and insist on process and measurement noise without correlation."""
+    """Return the model at k = 0..N; raise a DesignError if process and measurement noise are correlated."""
     models = [model.at(k) for k in range(n_steps + 1)]
     if any(each.S_wv.any() for each in models):
-        raise DesignError("this filter needs process and measurement noise without correlation; use kalman-predictor")
+        raise DesignError("this filter needs uncorrelated process and measurement noise; use kalman-predictor")
     return models
 
 
 def singular_innovation(k: int) -> DesignError:
-    """Say that the measurement at k has a part without noise."""
-    return DesignError(f"the covariance of the innovation is singular at k = {k}: give the model measurement noise")
+    """Return the error for a singular innovation at k."""
+    return DesignError(f"the covariance of the innovation is singular at k = {k}: the model needs measurement noise")
 
 
 def refuse_overflow(P_pred: Sequence[Array], noun: str = "covariance") -> None:
-    """Insist on matrices that are numbers, and not so large that their gains are none."""
-    fits = (np.abs(np.array(P_pred)) < LARGEST).all(axis=(1, 2))  # false for nan
+    """Raise a DesignError if a matrix is not finite or exceeds the range in which gains can be computed."""
+    # False for NaN.
+    fits = (np.abs(np.array(P_pred)) < LARGEST).all(axis=(1, 2))
     if not fits.all():
         raise DesignError(
             f"the {noun} of the prediction grows beyond {LARGEST:g} at k = {np.flatnonzero(~fits)[0]}: the "

@@ -1,14 +1,14 @@
-"""Kalman filter on the nominal model, or on one that is made anew at the latest estimate.
+"""Kalman filter on the nominal model, or on a state-dependent model linearised at the latest estimate.
 
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k),  w ~ N(0, Q_w), v ~ N(0, R_v), white, independent.
-        P is the covariance of x_hat - x, P_pred that of x_pred - x (the paper's P_t).  A and B may depend on the state:
-        they are then taken at x_hat(k), run by run, as if they were constant over the sample.
+        P is the covariance of x_hat - x, P_pred that of x_pred - x (the paper's P_t).  If A and B depend on the state,
+        they are evaluated at x_hat(k) of each run and held constant over the sample.
 Source  zenere2018, (5)-(8).
-Limit   this is the limit the other filters are tested against; with a state-dependent model it becomes that of a linear
-        one where A and B do not change.
-Cost    as every gain schedule; with a state-dependent model a Riccati step per run and step.
-Fails   design error where C P_pred C' + R_v is singular; with a state-dependent model, where R_v is.  There a run has
-        diverged as soon as the model says that its estimate is too large.
+Limit   The other filters are tested against this one.  With a state-dependent model whose A and B do not change it is
+        the filter of the linear model.
+Cost    As every gain schedule; a Riccati step per run and step with a state-dependent model.
+Fails   Design error: C P_pred C' + R_v is singular, or R_v for a state-dependent model.  With a state-dependent model a
+        run gets status `diverged` if its estimate exceeds the model's limit.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 
 
 class RelinearisedState(NamedTuple):
-    """What the next step needs; before a correction x_hat and P are those of the prediction."""
+    """State of the filter between steps; before a correction x_hat and P are those of the prediction."""
 
     x_hat: Float[Array, "runs nx"]
     P: Float[Array, "runs nx nx"]
@@ -38,13 +38,13 @@ class RelinearisedState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RelinearisedFilter(Estimator):
-    """A filter that has another model at every estimate.
+    """Kalman filter that evaluates a state-dependent model at every estimate.
 
     Parameters
     ----------
-    model : state dependent
-    x0, P0 : prediction before the first measurement, and the covariance of its error
-    use_y0 : whether y(0) counts
+    model : state-dependent model
+    x0, P0 : prediction before the first measurement and covariance of its error
+    use_y0 : whether to use y(0)
     """
 
     model: StateDependentModel
@@ -73,11 +73,12 @@ class RelinearisedFilter(Estimator):
             rest = np.eye(self.model.nx) - np.einsum("rij,jk->rik", L, C)
             P = symmetrise(_sandwiched(rest, P_pred) + _sandwiched(L, np.broadcast_to(R_v, (len(y), *R_v.shape))))
             after = RelinearisedState(x_pred + mv(L, e), P)
-        sound = ~(np.abs(after.x_hat) > self.model.largest).any(axis=1)  # true of NaN, which the loop notices itself
+        # True for NaN, which the closed loop detects itself.
+        sound = ~(np.abs(after.x_hat) > self.model.largest).any(axis=1)
         return after, Estimate(after.x_hat, after.P, None, np.where(sound, OK, DIVERGED), {"e": e})
 
     def predict(self, k: int, state: RelinearisedState, u: Float[Array, "runs nu"]) -> RelinearisedState:
-        """Go to k+1 with the model at x_hat(k)."""
+        """Predict k+1 with the model at x_hat(k)."""
         A, B = self.model.at_state(state.x_hat)
         return RelinearisedState(mv(A, state.x_hat) + mv(B, u), symmetrise(_sandwiched(A, state.P) + self.model.Q_w))
 
@@ -100,24 +101,24 @@ def design(
     noise: NoiseKind = "nominal",
     use_y0: bool = True,
 ) -> GainScheduleFilter | RelinearisedFilter:
-    """Kalman filter, time varying from P0 on; a state-dependent model is linearised at the latest estimate.
+    """Time-varying Kalman filter; a state-dependent model is evaluated at the latest estimate.
 
     Parameters
     ----------
-    model : what the filter believes
-    n_steps : number of control periods N; gains are made for k = 0..N
+    model : design model
+    n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
-    P0 : (nx, nx) its covariance
-    M0 : (nx, nx) shape of the ellipsoid of a bounded part of x(0) - x0, none unless given
+    P0 : (nx, nx) covariance of the initial state
+    M0 : (nx, nx) shape matrix of the ellipsoid of a bounded part of x(0) - x0 (default: no bounded part)
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
-    noise : `nominal` knows the stochastic noises only; `matched` adds the covariance of bounded ones that are uniform
-        on their ellipsoids, M / (n + 2)
-    use_y0 : `false` takes x0 and P0 for the estimate at k = 0 itself and leaves y(0) out
+    noise : `nominal` uses the stochastic noises only; `matched` adds the covariance M / (n + 2) of bounded noises that
+        are uniform on their ellipsoids
+    use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises
     ------
     DesignError
-        If an innovation covariance is singular, or a key does not go with a state-dependent model.
+        If an innovation covariance is singular, or a key is not available for a state-dependent model.
     """
     if isinstance(model, StateDependentModel):
         return _relinearised(model, x0, P0, form, noise, use_y0)
@@ -130,9 +131,9 @@ def _relinearised(
 ) -> RelinearisedFilter:
     for name, value, wanted in (("form", form, "filter"), ("noise", noise, "nominal")):
         if value != wanted:
-            raise DesignError(f"{value} does not go with a model that depends on the state; choose {wanted}", name)
+            raise DesignError(f"{value} is not available for a state-dependent model; choose {wanted}", name)
     try:
         np.linalg.cholesky(model.R_v)
     except np.linalg.LinAlgError:
-        raise DesignError("its R_v is singular: give the state-dependent model measurement noise", "") from None
+        raise DesignError("R_v is singular: the state-dependent model needs measurement noise", "") from None
     return RelinearisedFilter(model, x0, P0, use_y0)

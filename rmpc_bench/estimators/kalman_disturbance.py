@@ -1,12 +1,12 @@
-"""Kalman filter that estimates the mean of the process noise, too.
+"""Kalman filter that also estimates the mean of the process noise.
 
 Model   x(k+1) = A x(k) + B u(k) + f0 + d(k) + w(k),  y(k) = C x(k) + d0 + v(k),  d(k+1) = d(k) + xi(k),
         w ~ N(0, Q_w), v ~ N(0, R_v), xi ~ N(0, drift I), white, independent; d(0) ~ N(0, D0).
-        P is the covariance of x_hat - x; d_hat is `w_mean` in what the estimate tells, what f0 has not told already.
-Source  ours; the baseline for noise whose mean is not zero, which ma2025 leaves out.
+        P is the covariance of x_hat - x.  The entry `w_mean` of the estimate is d_hat, the mean in addition to f0.
+Source  Additional method: a baseline for noise with non-zero mean, which ma2025 does not include.
 Limit   D0 = 0 and drift = 0 give the Kalman filter.
-Cost    as a gain schedule with twice the states.
-Fails   design error where the covariance of the innovation is singular.
+Cost    As a gain schedule with twice the number of states.
+Fails   Design error if the covariance of the innovation is singular.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Mo
 
 @dataclass(frozen=True, eq=False)
 class DriftingModel(Model):
-    """A model whose process noise has an unknown mean, which is part of the state: [x; d]."""
+    """A model with the unknown mean of the process noise as an additional state: [x; d]."""
 
     model: Model
     drift: float
@@ -37,7 +37,7 @@ class DriftingModel(Model):
         return self.model.varies
 
     def at(self, k: int) -> LinearModel:
-        """The model at k."""
+        """Return the model at k."""
         now = self.model.at(k)
         nx, nothing, same = now.nx, np.zeros((now.nx, now.nx)), np.eye(now.nx)
         return LinearModel(
@@ -54,7 +54,7 @@ class DriftingModel(Model):
 
 @dataclass(frozen=True, eq=False)
 class DisturbanceFilter(Estimator):
-    """A filter for [x; d] that hands out x; `w_mean` is its d."""
+    """A filter for [x; d] whose estimate is x; the entry `w_mean` of the estimate is d."""
 
     full: GainScheduleFilter
     sets: NoiseSets
@@ -73,7 +73,7 @@ class DisturbanceFilter(Estimator):
         return covariance
 
     def init(self, n_runs: int) -> FilterState:
-        """Start every run at ``x0`` without a mean."""
+        """Start every run at ``x0`` with d = 0."""
         return self.full.init(n_runs)
 
     def correct(self, k: int, state: FilterState, y: Float[Array, "runs ny"]) -> tuple[FilterState, Estimate]:
@@ -84,7 +84,7 @@ class DisturbanceFilter(Estimator):
         return state, Estimate(x_hat, _of(full.P)[:nx, :nx], None, full.status, {**full.info, "w_mean": w_mean})
 
     def predict(self, k: int, state: FilterState, u: Float[Array, "runs nu"]) -> FilterState:
-        """Go to k+1."""
+        """Predict k+1."""
         return self.full.predict(k, state, u)
 
     def series(self) -> dict[str, Array]:
@@ -109,26 +109,26 @@ def design(
     noise: NoiseKind = "nominal",
     use_y0: bool = True,
 ) -> DisturbanceFilter:
-    """Kalman filter for the state and the mean of the process noise, time varying from P0 and D0 on.
+    """Time-varying Kalman filter for the state and the mean of the process noise.
 
     Parameters
     ----------
-    model : what the filter believes; its f0 is the part of the mean that is known
-    n_steps : number of control periods N; gains are made for k = 0..N
+    model : design model; f0 contains the known part of the mean
+    n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
-    P0 : (nx, nx) its covariance
-    M0 : (nx, nx) shape of the ellipsoid of a bounded part of x(0) - x0, none unless given
-    drift : variance that each component of the mean gains in a step; 0 takes the mean for constant
-    D0 : (nx, nx) covariance of the mean before any data
-    noise : `nominal` knows the stochastic noises only; `matched` adds the covariance of bounded ones that are uniform
-        on their ellipsoids, M / (n + 2)
-    use_y0 : `false` takes x0 and P0 for the estimate at k = 0 itself and leaves y(0) out
+    P0 : (nx, nx) covariance of the initial state
+    M0 : (nx, nx) shape matrix of the ellipsoid of a bounded part of x(0) - x0 (default: no bounded part)
+    drift : increase per step of the variance of each component of the mean; 0 for a constant mean
+    D0 : (nx, nx) covariance of the mean at k = 0
+    noise : `nominal` uses the stochastic noises only; `matched` adds the covariance M / (n + 2) of bounded noises that
+        are uniform on their ellipsoids
+    use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
 
     Raises
     ------
     DesignError
-        If D0 is no covariance, the covariance of the innovation is singular at some step, a covariance grows beyond
-        1e100, or the model's noises are correlated.
+        If D0 is not a covariance, the covariance of the innovation is singular at some step, a covariance exceeds
+        1e100, or the noises of the model are correlated.
     """
     nx = len(x0)
     try:

@@ -1,13 +1,13 @@
 """One-step Kalman predictor on the nominal model, with correlated noises.
 
 Model   x(k+1) = A x(k) + B u(k) + f0 + w~(k),  y(k) = C x(k) + d0 + v~(k),  w~ and v~ white with covariances Q_w and
-        R_v and cross-covariance E w~ v~' = S_wv; an uncertain model is taken at its nominal part.
-        P is the covariance of x_pred - x as this model has it: with uncertainty it is no bound of anything.
+        R_v and cross-covariance E w~ v~' = S_wv.  The uncertainty of an uncertain model is ignored.
+        P is the covariance of x_pred - x under the nominal model; it does not bound the error of an uncertain system.
 Source  Anderson and Moore, Optimal Filtering (1979); the classic predictor of souto2011, section 5.
-Limit   without correlation the predictor form of `kalman`.
-Cost    as every gain schedule.
-Fails   design error where R is not the covariance of a v~ with this S_wv, and with `gain: steady` where the model
-        varies or the algebraic Riccati equation has no stabilising solution.
+Limit   Without correlation the predictor form of `kalman`.
+Cost    As every gain schedule.
+Fails   Design error: R and S_wv do not form a joint covariance; with `gain: steady` the model varies or the algebraic
+        Riccati equation has no stabilising solution.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from rmpc_bench.numerics.linalg import as_covariance, symmetrise
 from rmpc_bench.numerics.riccati import predictor_step
 from rmpc_bench.types import Array, DesignError, Matrix, Model
 
-_STABLE = 1.0 - 1e-7  # an eigenvalue on the unit circle comes out of the pencil right to the root of a rounding
+# The pencil gives an eigenvalue on the unit circle with an error of about the square root of the rounding unit.
+_STABLE = 1.0 - 1e-7
 
 
 def design(
@@ -40,16 +41,16 @@ def design(
     Parameters
     ----------
     model : nominal model, or an uncertain one, whose uncertainty is ignored
-    n_steps : number of control periods N; gains are made for k = 0..N
+    n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
-    P0 : (nx, nx) its covariance
-    R : (ny, ny) covariance that the predictor takes for that of the measurement noise v~, the model's unless given
-    gain : `steady` takes the gain and P of the algebraic Riccati equation at every k
+    P0 : (nx, nx) covariance of the initial state
+    R : (ny, ny) covariance of the measurement noise v~ in the design (default: that of the model)
+    gain : `steady` uses the gain and P of the algebraic Riccati equation at every k
 
     Raises
     ------
     DesignError
-        If R does not fit, or there is no steady gain.
+        If R is not admissible, or there is no steady gain.
     """
     models = [model.at(k) for k in range(n_steps + 1)]
     given = None if R is None else _given(R, models)
@@ -69,7 +70,7 @@ def design(
 
 
 def _given(R: Matrix, models: list[LinearModel]) -> Float[Array, "ny ny"]:
-    """Expand R and insist on noises that have it."""
+    """Expand R; raise a DesignError if it is not consistent with the cross-covariance."""
     try:
         given = as_covariance(R, models[0].ny)
     except ValueError as error:
@@ -79,18 +80,19 @@ def _given(R: Matrix, models: list[LinearModel]) -> Float[Array, "ny ny"]:
         try:
             as_covariance(symmetrise(J), len(J))
         except ValueError:
-            raise DesignError("no v~ with this covariance has the model's cross-covariance with w~", "R") from None
+            message = "is not consistent with the cross-covariance S_wv of the model"
+            raise DesignError(message, "R") from None
     return given
 
 
 def _joint(now: LinearModel, R: Array | None) -> tuple[Array, Array]:
-    """A over C, and the covariance of w~ over v~."""
+    """Return [A; C] and the covariance of [w~; v~]."""
     J = np.block([[now.Q_w, now.S_wv], [now.S_wv.T, now.R_v if R is None else R]])
     return np.vstack([now.A, now.C]), J
 
 
 def _steady(models: list[LinearModel], R: Array | None) -> tuple[Array, Array]:
-    """Gain and covariance of the stabilising solution."""
+    """Return gain and covariance of the stabilising solution."""
     from scipy.linalg import solve_discrete_are
 
     M, J = _joint(models[0], R)

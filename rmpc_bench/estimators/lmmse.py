@@ -1,14 +1,14 @@
-"""Best linear predictor of an uncertain system whose uncertainty is white with a known law.
+"""Linear minimum mean-square error predictor for an uncertain system with white uncertainty of known moments.
 
-Model   the system of uncertain_system.py; every F is zero but for its diagonal, whose entries are independent of each
-        other, over time and of everything else, with one mean and one variance.
-        P is the exact covariance of x_pred - x over noises and uncertainty, X the second moment E x x' (here u = 0:
-        inputs make x larger, and with H_A or H_C also the error).
-Source  linear least-squares estimation with multiplicative white noise: Nahi, IEEE Trans. Information Theory 15 (1969);
-        De Koning, Automatica 20 (1984); written for this system from the moments of [x(k+1); y(k)] given the past.
-Limit   without uncertainty, or with variance 0, the Kalman predictor of the mean system.
-Cost    as every gain schedule.
-Fails   design error where E x x' overflows: the system is not stable in the mean square.
+Model   The system of uncertain_system.py.  Every F is zero except on its diagonal, whose entries are independent of
+        each other, over time and of all other variables, with common mean and variance.
+        P is the exact covariance of x_pred - x over noises and uncertainty for u = 0; X is the second moment E x x'.
+        An input increases X and, with H_A or H_C, the error.
+Source  Linear least-squares estimation with multiplicative white noise: Nahi, IEEE Trans. Information Theory 15 (1969);
+        De Koning, Automatica 20 (1984); derived for this system from the moments of [x(k+1); y(k)] given the past.
+Limit   Without uncertainty, or with variance 0, the Kalman predictor of the mean system.
+Cost    As every gain schedule.
+Fails   Design error if E x x' overflows: the system is not stable in the mean square.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from rmpc_bench.types import Array, DesignError, Model, NonNegative
 
 @dataclass(frozen=True)
 class EntryLaw:
-    """Law of the diagonal entries of the F, `{low: -1, high: 1}` or `{mean: 0, variance: 1/3}`.
+    """Distribution of the diagonal entries of the F, `{low: -1, high: 1}` or `{mean: 0, variance: 1/3}`.
 
     Parameters
     ----------
-    low, high : bounds of a uniform law
-    mean, variance : all that the predictor needs of any other law
+    low, high : bounds of a uniform distribution
+    mean, variance : moments of any other distribution
     """
 
     low: float | None = None
@@ -44,7 +44,7 @@ class EntryLaw:
     variance: NonNegative | None = None
 
     def __post_init__(self) -> None:
-        """Insist on one of the two ways to say it."""
+        """Check that exactly one of the two forms is given."""
         uniform, moments = (self.low, self.high), (self.mean, self.variance)
         if None in (moments if uniform == (None, None) else uniform) or (None, None) not in (uniform, moments):
             raise ValueError("give either low and high or mean and variance")
@@ -60,13 +60,13 @@ class EntryLaw:
 
 
 class Source(NamedTuple):
-    """An uncertain part of [x(k+1); y] without its mean: H (F - E F) G times something."""
+    """The zero-mean uncertain part of [x(k+1); y] due to a signal q: H (F - E F) G q."""
 
     H: Float[Array, "nz r"]
     G: Float[Array, "s n"]
 
     def covariance(self, second: Float[Array, "n n"], variance: float) -> Float[Array, "nz nz"]:
-        """Return H diag(variance (G E[q q'] G')_ii) H' for the second moment of q."""
+        """Return H diag(variance (G E[q q'] G')_ii) H' for the second moment E[q q']."""
         r = min(self.H.shape[1], len(self.G))
         H, G = self.H[:, :r], self.G[:r]
         product: Array = (H * (variance * (G.dot(second) * G).sum(axis=1))).dot(H.T)
@@ -81,15 +81,15 @@ def design(
     P0: Float[Array, "nx nx"],
     law: EntryLaw | None = None,
 ) -> GainScheduleFilter:
-    """Best linear predictor under white uncertainty of a known law.
+    """Linear minimum mean-square error predictor under white uncertainty.
 
     Parameters
     ----------
     model : uncertain model
-    n_steps : number of control periods N; gains are made for k = 0..N
+    n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
-    P0 : (nx, nx) its covariance
-    law : of the diagonal entries of the F: `{low: -1, high: 1}` is uniform, and taken unless one is given; else
+    P0 : (nx, nx) covariance of the initial state
+    law : distribution of the diagonal entries of the F: `{low: -1, high: 1}` is uniform (default), or
         `{mean: 0, variance: 1/3}`
 
     Raises
@@ -115,7 +115,8 @@ def design(
         nx = len(mu)
         mu = mean_system.model.A.dot(mu) + mean_system.model.f0
         cov = symmetrise(mean_system.model.A.dot(cov).dot(mean_system.model.A.T) + J[:nx, :nx])
-        if not cov.trace() + mu.dot(mu) < LARGEST:  # true for nan
+        # Negated, so that NaN counts as an overflow.
+        if not cov.trace() + mu.dot(mu) < LARGEST:
             raise DesignError(
                 f"the second moment of the state grows beyond {LARGEST:g} at k = {k + 1}: the system is not stable in "
                 "the mean square; choose a smaller variance or fewer steps"
@@ -124,7 +125,7 @@ def design(
 
 
 class MeanSystem:
-    """The system in the mean at one k, and the covariance of what is left."""
+    """The mean system at one k, and the covariance of the deviation from it."""
 
     def __init__(self, system: DesignSystem, mean: float, variance: float) -> None:
         self.system, self.variance = system, variance
@@ -146,12 +147,12 @@ class MeanSystem:
         self.model = LinearModel(self.M[:nx], m.B, self.M[nx:], Q, R, S_wv=S, f0=f0, d0=d0)
 
     def noise(self, second: Float[Array, "nx nx"]) -> Float[Array, "nz nz"]:
-        """Covariance of what enters [x(k+1); y] beside its mean, for E x x'."""
+        """Return the covariance of the total noise in [x(k+1); y] for the second moment E x x'."""
         return self.J + self.x.covariance(second, self.variance)
 
 
 def _mean_part(source: Source, mean: float) -> Float[Array, "nz n"]:
-    """H E[F] G."""
+    """Return H E[F] G."""
     r = min(source.H.shape[1], len(source.G))
     product: Array = mean * source.H[:, :r].dot(source.G[:r])
     return product

@@ -1,21 +1,21 @@
-"""State from the last samples by linear programming: noises of least bounds, which nobody has to know.
+"""Moving-window estimator by linear programming: it minimises the bounds of the noises, which need not be known.
 
-Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k);  w and v uniform on boxes of unknown half-widths rho, r,
-        constant over a window.  The most probable states, rho and r of the last Ne + 1 samples have the least sum of
-        all rho_i and r_j, (17)-(19).  A state-dependent model is linearised at x_hat(k), from which it moves to k+1;
-        the pairs of a window are those of their own times.
+Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k).  w and v are uniform on boxes of unknown half-widths rho
+        and r, constant over a window.  The maximum a posteriori estimate of the states, rho and r of the last Ne + 1
+        samples minimises the sum of all rho_i and r_j, (17)-(19).  A state-dependent model is evaluated at x_hat(k) for
+        the step to k+1; every step of a window uses the matrices of its own time.
 Source  belda2017, section IV, LP1.
-Chosen  `start: free` leaves the first state of the window without a state equation, as the input before it is not among
-        the data of (17); `anchored` takes (19) at its word and inserts the estimate before the window.  Then there are
-        many optima; of these, and wherever else there may be more than one, a weighted sum of absolute noises chooses.
-        x_hat(0) is x0; y(0) counts in a free window.  With fewer than ceil(nx / ny) + 1 samples the estimate is the
-        prediction, its measured part taken halfway to y: x_pred + C^+ (y - C x_pred) / 2.
-        (18) adds up units that differ: another unit of a state or an output is another estimate.
-Limit   without noise the state itself.  With Ne = 3 a chain of double integrators has rho = 0.
-Cost    9 us per run and step for Ne = 3, 6 states and 3 outputs; 1.6 ms where rho = 0 is not certain.
-Fails   where the window has a number missing or a solver fails, the estimate is as in the beginning, where y(k) itself
-        is missing the prediction, and `fallback` is 1; diverged after more than 50 of them in a row, or where a
-        state-dependent model says that the estimate is too large.
+Assumed `start: free`: the first state of the window has no state equation, as (17) does not contain the input before
+        it.  `start: anchored`: as (19) is printed, the estimate before the window replaces the unknown state.  The
+        optimum is then not unique.  If it is not unique, the solution minimises a weighted sum of the absolute noises.
+        x_hat(0) is x0; a free window uses y(0).  With fewer than ceil(nx / ny) + 1 samples the estimate is the
+        prediction plus half of the measured correction: x_pred + C^+ (y - C x_pred) / 2.
+        (18) adds quantities of different units: the estimate depends on the units of states and outputs.
+Limit   Without noise the exact state.  With Ne = 3 a chain of double integrators has rho = 0.
+Cost    9 us per run and step for Ne = 3, 6 states and 3 outputs; 1.6 ms if rho = 0 cannot be certified.
+Fails   If the window contains NaN or a solver fails, the estimate is that of a short window (the prediction if y(k)
+        itself is NaN) and `fallback` is 1.  Status `diverged`: more than 50 consecutive fallbacks, or the estimate
+        exceeds the limit of a state-dependent model.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Mod
 
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 PATIENCE = 50
-"""Most samples in a row without a fit."""
+"""Largest number of consecutive samples without a fit."""
 
 Start: TypeAlias = Literal["free", "anchored"]
 
 
 class WindowState(NamedTuple):
-    """What the next step needs; the newest sample of a window is its last."""
+    """State of the estimator between steps; the newest sample of a window is the last one."""
 
     x_pred: Float[Array, "runs nx"]
     x_hat: Float[Array, "runs nx"]
     y: Float[Array, "runs places ny"]
-    """Without the constant part of the model."""
+    """Outputs without the constant part d of the model."""
     A: Float[Array, "runs places nx nx"]
     c: Float[Array, "runs places nx"]
     """B u and the constant part."""
     before: Float[Array, "runs places nx"]
-    """Estimates from which the pairs move on."""
+    """Estimates x_hat at which the matrices of each step are evaluated."""
     missed: Int[Array, " runs"]
-    """How many estimates in a row came without a fit."""
+    """Number of consecutive estimates without a fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +64,11 @@ class LpWindow(Estimator):
 
     Parameters
     ----------
-    model : linear or state dependent
+    model : linear or state-dependent model
     x0 : (nx,) estimate at k = 0
     C, d : (1 or samples, ny, nx), (1 or samples, ny) output matrix and constant part of the output
     Ne : length of the window, which has Ne + 1 samples
-    start : what is known of its first state
+    start : treatment of the first state of the window
     """
 
     model: Model | StateDependentModel
@@ -82,7 +82,7 @@ class LpWindow(Estimator):
 
     @property
     def reports(self) -> Mapping[str, tuple[int, ...]]:
-        """Half-widths of a window, NaN without a fit, and whether an estimate did without where one was due."""
+        """Half-widths of a window (NaN without a fit), and whether a required fit was not available."""
         ny, nx = self.C.shape[1:]
         return {"rho": (nx,), "r": (ny,), "fallback": ()}
 
@@ -108,7 +108,7 @@ class LpWindow(Estimator):
         return state._replace(x_hat=x_hat, missed=missed), estimate
 
     def predict(self, k: int, state: WindowState, u: Float[Array, "runs nu"]) -> WindowState:
-        """Go to k+1 from x_hat(k)."""
+        """Predict k+1 from x_hat(k)."""
         pair = pair_at(self.model, k, state.x_hat)
         c = mv(pair.B, u)
         if not self._depends:
@@ -117,7 +117,7 @@ class LpWindow(Estimator):
         return WindowState(mv(pair.A, state.x_hat) + c, state.x_hat, state.y, *moved, state.missed)
 
     def warm_up(self) -> None:
-        """Compile the kernels (or load them from the cache) by a window of one run."""
+        """Compile the kernels (or load them from the cache) with a window of one run."""
         self.model.warm_up()
         ny, nx = self.C.shape[1:]
         window = SampleWindow(*(np.zeros((1, 2, *shape)) for shape in ((ny,), (nx, nx), (nx,), (nx,))))
@@ -125,12 +125,12 @@ class LpWindow(Estimator):
 
     @property
     def cost_per_step(self) -> float:
-        """Mostly that of the fits [s]; windows of four samples hardly ever need a linear program."""
+        """Time of the fits [s]; windows of four samples rarely need a linear program."""
         return 9e-6 if self.start == "free" and self.Ne <= 3 else 4e-4 * (self.Ne + 1)
 
     @property
     def least(self) -> int:
-        """Length of the shortest window that has as many outputs as states, and one sample more."""
+        """Smallest Ne for which the Ne outputs before the last sample determine the state."""
         ny, nx = self.C.shape[1:]
         return ceil(int(nx) / int(ny))
 
@@ -154,19 +154,19 @@ class LpWindow(Estimator):
         return fit_free(window, C, points) if self.start == "free" else fit_anchored(window, C, points)
 
     def _halfway(self, k: int, state: WindowState) -> Float[Array, "runs nx"]:
-        """Prediction, its measured part averaged with y; the prediction alone where y is no number."""
+        """Prediction plus half of the measured correction; the prediction alone if y is NaN."""
         e = state.y[:, -1] - mv(at_sample(self.C, k), state.x_pred)
         x = state.x_pred + 0.5 * mv(at_sample(self._inverse, k), e)
         return np.where(np.isfinite(x).all(axis=1, keepdims=True), x, state.x_pred)
 
 
 def _pushed(window: Array, newest: Array) -> Array:
-    """Window (runs, places, ..) with a newest entry and without the oldest."""
+    """Return the window (runs, places, ..) with the newest entry appended and the oldest removed."""
     return np.concatenate([window[:, 1:], newest[:, None]], axis=1)
 
 
 def _nothing(state: WindowState) -> WindowFits:
-    """What is found where there are too few samples."""
+    """Return a result without solutions, for too few samples."""
     nan = np.full_like(state.x_hat, np.nan)
     return WindowFits(nan, nan, np.full_like(state.y[:, 0], np.nan), np.zeros(len(nan), dtype=bool))
 
@@ -179,20 +179,20 @@ def design(
     Ne: Count = 3,
     start: Start = "free",
 ) -> LpWindow:
-    """Fit the states of the last samples by linear programming; bounds of the noises are found, not given.
+    """Estimate the state from the last samples by linear programming; the bounds of the noises are estimated, too.
 
     Parameters
     ----------
-    model : what the estimator believes, linear or state dependent; its covariances do not matter
+    model : design model, linear or state-dependent; its covariances have no effect
     n_steps : number of control periods N
     x0 : (nx,) estimate at k = 0
-    Ne : length of the window, which has the samples k - Ne to k
-    start : `free` lets the first state of the window be what it likes, `anchored` ties it to the estimate before it
+    Ne : length of the window, which contains the samples k - Ne to k
+    start : `free` does not constrain the first state of the window; `anchored` relates it to the estimate before it
 
     Raises
     ------
     DesignError
-        If the window has too few samples to find a state.
+        If the window has too few samples to determine the state.
     """
     if isinstance(model, StateDependentModel):
         C, d = model.C[None], np.zeros((1, len(model.C)))
@@ -202,5 +202,5 @@ def design(
     estimator = LpWindow(model, x0, C, d, Ne, start)
     if Ne < estimator.least:
         ny, nx = C.shape[1:]
-        raise DesignError(f"{nx} states need a window of {estimator.least} at least, as {ny} are measured", "Ne")
+        raise DesignError(f"must be at least {estimator.least} for {nx} states and {ny} outputs", "Ne")
     return estimator

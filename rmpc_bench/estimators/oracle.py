@@ -1,14 +1,14 @@
-"""Kalman filter or predictor that is told every F: a floor for those that have to guess them.
+"""Oracle estimator: Kalman filter or predictor that knows the true uncertainty matrices F at every step.
 
-Floor   with gaussian noises whose covariances the model knows, no one-step predictor (`form: filter`: no filter) has a
-        smaller mean square error; otherwise no linear one.
-
-Model   the plant's own matrices with the F of the run, A + H_A F_x G_x and so on, which it learns at k, and the model's
-        covariances of w and v.  P is the covariance of x_pred - x given the F of the run.
-Source  the Kalman filter, with correlated noises; as a floor beside souto2011.
-Limit   without uncertainty it is the Kalman predictor.
-Cost    a Riccati step per run and step.
-Fails   the plant must be of a kind with uncertain matrices.
+Bound   A lower bound of the error for estimators without this knowledge: with Gaussian noises of known covariance no
+        one-step predictor (with `form: filter` no filter) has a smaller mean square error; with other noises no linear
+        one.
+Model   The matrices of the plant with the F of the run, A + H_A F_x G_x and so on, and the covariances of w and v of
+        the design model.  F(k) is known at k.  P is the covariance of x_pred - x given the F of the run.
+Source  Kalman filter with correlated noises; a lower bound in addition to souto2011.
+Limit   Without uncertainty the Kalman predictor.
+Cost    One Riccati step per run and step.
+Fails   Design error if plant and model are not of a kind with uncertain matrices.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ OK = np.int8(Status.OK)
 
 
 class OracleState(NamedTuple):
-    """What the next step needs."""
+    """State of the estimator between steps."""
 
     x_pred: Float[Array, "runs nx"]
     P: Float[Array, "runs nx nx"]
@@ -47,9 +47,9 @@ class Oracle(Estimator):
 
     Parameters
     ----------
-    system : the plant's matrices
-    model : its noises
-    x0, P0 : prediction before the first measurement, and its covariance
+    system : matrices of the plant
+    model : design model, for the noises
+    x0, P0 : prediction before the first measurement and covariance of its error
     form : whether x_hat(k) uses y(k)
     """
 
@@ -62,7 +62,7 @@ class Oracle(Estimator):
     knows_uncertainty = True
 
     def init(self, n_runs: int, delta: Any = ()) -> OracleState:
-        """Start every run at ``x0``; ``delta`` has the F of all runs."""
+        """Start every run at ``x0``; ``delta`` contains the F of all runs."""
         nx, ny = self.system.size("nx"), self.system.size("ny")
         return OracleState(
             np.tile(self.x0, (n_runs, 1)),
@@ -73,7 +73,7 @@ class Oracle(Estimator):
         )
 
     def correct(self, k: int, state: OracleState, y: Float[Array, "runs ny"]) -> tuple[OracleState, Estimate]:
-        """Find the gain that y(k) deserves; a predictor's estimate is x_pred(k)."""
+        """Compute the gain of every run and use y(k); the estimate of a predictor is x_pred(k)."""
         m, x_pred, P = self.system.at(k), state.x_pred, state.P
         A, C = _sum(m.A, m.H_A, state.F_x[:, k], m.G_x), _sum(m.C, m.H_C, state.F_x[:, k], m.G_x)
         B = np.concatenate(
@@ -87,7 +87,8 @@ class Oracle(Estimator):
         Y = _abc(C, P, C) + R
         K = _gain(_abc(A, P, C) + _abc(B, joint, D), Y)
         rest, noise = A - _ab(K, C), B - _ab(K, D)
-        P_next = _abc(rest, P, rest) + _abc(noise, joint, noise)  # Joseph form
+        # Joseph form, which keeps P positive semidefinite under rounding.
+        P_next = _abc(rest, P, rest) + _abc(noise, joint, noise)
         e = y - mv(C, x_pred) - np.einsum("rij,j->ri", D, mean)
         moved = mv(A, x_pred) + np.einsum("rij,j->ri", B, mean)
         after = state._replace(x_pred=moved, P=symmetrise(P_next), e=e, K=K)
@@ -99,7 +100,7 @@ class Oracle(Estimator):
         return after, Estimate(x_hat, P_hat, None, np.full(len(y), OK), {"e": e})
 
     def predict(self, k: int, state: OracleState, u: Float[Array, "runs nu"]) -> OracleState:
-        """Go to k+1."""
+        """Predict k+1."""
         B = self.system.at(k).B
         return state._replace(x_pred=state.x_pred + mv(state.K, state.e) + mv(B, u))
 
@@ -138,21 +139,21 @@ def design(
     P0: Float[Array, "nx nx"],
     form: Form = "predictor",
 ) -> Oracle:
-    """Kalman filter or predictor that is told every F: a floor, no method.
+    """Kalman filter or predictor that knows every F: a lower bound for comparison, not a realisable method.
 
     Parameters
     ----------
-    model : an uncertain linear model, whose noises it believes
+    model : uncertain linear model with the covariances of the noises
     n_steps : number of control periods N
-    plant : the true system, whose matrices it knows
+    plant : uncertain linear plant, whose matrices the estimator uses
     x0 : (nx,) mean of the initial state
-    P0 : (nx, nx) its covariance
-    form : `predictor` does not use y(k) for x_hat(k), as the predictors it is compared with; `filter` does
+    P0 : (nx, nx) covariance of the initial state
+    form : `predictor` does not use y(k) for x_hat(k); `filter` does
 
     Raises
     ------
     DesignError
-        If the plant has no uncertain matrices, or the model no noises w and v, or others than the plant.
+        If plant or model has no uncertain matrices, or their sizes differ.
     """
     if not isinstance(model, UncertainModel) or plant.system is None:
         raise DesignError("needs plant and model of a kind with uncertain matrices, such as uncertain-linear")

@@ -1,13 +1,13 @@
-"""Risk-sensitive filter: the robust Kalman filter with its multiplier held constant.
+"""Risk-sensitive filter: the robust Kalman filter with a constant multiplier.
 
-Model   as in robust_kalman.py, but the divergence is a penalty of weight 1/theta instead of a constraint.
-        V, theta, P_pred, P and rho as there.
+Model   As in robust_kalman.py, but the divergence is a penalty of weight 1/theta instead of a constraint.
+        V, theta, P_pred, P and rho are defined there.
 Source  zenere2018, Theorem 2, (17), (18); tau = 1 is (19), V = F exp(theta F'F) F' with P_pred = F F'.
-Chosen  theta as in (18), which follows from (17) with twice the divergence (10); from (17) as printed, V has 2 theta.
-Limit   theta -> 0 gives the Kalman filter; theta = the robust filter's steady multiplier gives its steady gains.
-Cost    as every gain schedule; theta_from runs the robust filter until it is steady.
-Fails   design error at the first step where theta * (1 - tau) * lambda_max(P_pred) >= 1, where V is undefined
-        (Remark 2), or where V overflows, which is what remains at tau = 1.
+Assumed theta as in (18), which follows from (17) with twice the divergence (10); (17) as printed gives V with 2 theta.
+Limit   theta -> 0 gives the Kalman filter.  theta = steady multiplier of the robust filter gives its steady gains.
+Cost    As every gain schedule; theta_from runs the robust filter until it is steady.
+Fails   Design error at the first step with theta * (1 - tau) * lambda_max(P_pred) >= 1, where V is undefined
+        (Remark 2), or where V overflows (possible for all tau).
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from rmpc_bench.numerics.kl_ball import Inflation, Interpretation, Tau, inflate,
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.types import Array, DesignError, Model, Positive
 
-_STEADY = 1e-13  # relative change of theta per step; what is left is rounding, which grows with c
+# Relative change of theta per step that counts as rounding, which grows with c.
+_STEADY = 1e-13
 _MAX_STEPS = 100_000
 
 
 @dataclass(frozen=True)
 class Radius:
-    """Take theta from the robust filter with this radius, run to convergence.
+    """Radius of the robust filter whose steady multiplier is used as theta.
 
     Parameters
     ----------
@@ -55,18 +56,18 @@ def design(
     Parameters
     ----------
     model : nominal model
-    n_steps : number of control periods N; gains are made for k = 0..N
+    n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
-    P0 : (nx, nx) its covariance
+    P0 : (nx, nx) covariance of the initial state
     theta : risk sensitivity [1 / unit of P_pred]
-    theta_from : `{c: 0.1}` takes the steady theta of the robust Kalman filter with radius c, reading kl and this tau
-    tau : divergence of the penalty: 0 is Kullback and Leibler's, (18), 1 the one of (19), defined for any P
+    theta_from : `{c: 0.1}` uses the steady theta of the robust Kalman filter with radius c, interpretation kl and tau
+    tau : divergence of the penalty: 0 is the Kullback-Leibler divergence, (18); 1 is that of (19), defined for any P
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
 
     Raises
     ------
     DesignError
-        If both or none are given, or V is undefined or overflows at some step.
+        If both or neither of theta and theta_from are given, or V is undefined or overflows at some step.
     """
     if (theta is None) == (theta_from is None):
         raise DesignError("give either theta or theta_from: {c: ...}")
@@ -88,19 +89,20 @@ def design(
 
 
 def steady_theta(model: Model, P0: Float[Array, "nx nx"], c: float, tau: float = 0.0) -> float:
-    """Multiplier of the robust Kalman filter after convergence, with ``c`` on the right of (16); the model at k = 0.
+    """Return the steady multiplier of the robust Kalman filter, for the model at k = 0 and right side ``c`` of (16).
 
     Raises
     ------
     DesignError
-        If theta still moves after 100,000 steps.
+        If theta has not converged after 100,000 steps.
     """
     now, P_pred, last, quiet = model.at(0), P0, 0.0, 0
     for _ in range(_MAX_STEPS):
         V, theta = inflate_to_radius(P_pred, c, tau)  # (13), (16)
         P_pred = filter_step(now.A, now.C, now.Q_w, now.R_v, V).P_next  # (14), (15)
         quiet = quiet + 1 if abs(theta - last) <= _STEADY * max(1.0, c) * theta else 0
-        if quiet == 10:  # one small change may be a turning point
+        # A single small change may be an extremum of theta over k.
+        if quiet == 10:
             return theta
         last = theta
     raise DesignError(f"the robust filter with c = {c:g} has no steady theta after {_MAX_STEPS} steps; give theta")

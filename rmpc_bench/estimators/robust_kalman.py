@@ -1,16 +1,16 @@
-"""Robust Kalman filter over a ball of densities.
+"""Robust Kalman filter for model errors in a divergence ball around the nominal density.
 
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k), nominally w ~ N(0, Q_w), v ~ N(0, R_v).  At every step
-        nature may choose any density of (x(k+1), y(k)) given the past within divergence `c` of the nominal one.
-        V is the covariance of the prediction error under the worst density, theta the multiplier of the constraint,
-        P_pred the paper's P_t; P is the covariance of x_hat - x that follows from V; rho is the spectral radius of
-        A - K C.
-Source  zenere2018, Theorem 1, (5), (6), (13)-(16); without input Levy and Nikoukhah (2013).  With tau > 0 the
-        Kullback-Leibler divergence gives way to the tau-divergence; tau = 1 leads to the form of V in (19).
-Chosen  (16) as printed, although half of its left side is the divergence (10) between Gaussians: `kl: half`.
+        the conditional density of (x(k+1), y(k)) given the past may be any density within divergence `c` of the nominal
+        one.  V is the covariance of the prediction error under the least favourable density, theta the multiplier of
+        the constraint, P_pred the paper's P_t, P the covariance of x_hat - x that follows from V, and rho the spectral
+        radius of A - K C.
+Source  zenere2018, Theorem 1, (5), (6), (13)-(16); without input Levy and Nikoukhah (2013).  tau > 0 replaces the
+        Kullback-Leibler divergence by the tau-divergence; tau = 1 gives V as in (19).
+Assumed (16) as printed, although half of its left side is the divergence (10) between Gaussians; see `kl: half`.
 Limit   c -> 0 gives the Kalman filter.
-Cost    as every gain schedule; the design solves one scalar equation per step.
-Fails   design error where C V C' + R_v is singular.
+Cost    As every gain schedule; the design solves one scalar equation per step.
+Fails   Design error if C V C' + R_v is singular.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ def design(
     tau: Tau = 0.0,
     form: Form = "filter",
 ) -> GainScheduleFilter:
-    """Robust Kalman filter over a ball of radius c.
+    """Robust Kalman filter for a divergence ball of radius c.
 
     Parameters
     ----------
     model : nominal model, the centre of the ball
-    n_steps : number of control periods N; gains are made for k = 0..N
+    n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
-    P0 : (nx, nx) its covariance, singular allowed
-    c : radius of the ball: the tolerance for model error, per step
-    kl : `printed` is (16) as printed; `half` has the factor 1/2 of the divergence (10), as if c were twice as large
-    tau : divergence that the ball is made of: 0 is Kullback and Leibler's, 1 the one of (19)
+    P0 : (nx, nx) covariance of the initial state; may be singular
+    c : radius of the ball, the tolerance of model error per step
+    kl : `printed` is (16) as printed; `half` has the factor 1/2 of the divergence (10), which is equivalent to 2 c
+    tau : divergence of the ball: 0 is the Kullback-Leibler divergence, 1 is that of (19)
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
     """
     bound = right_side(c, kl)

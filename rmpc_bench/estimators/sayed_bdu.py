@@ -2,16 +2,16 @@
 
 Model   x(k+1) = (A + M Delta E_f) x(k) + B u(k) + f0 + (Bw + M Delta E_g) w(k),  y(k) = C x(k) + d0 + v~(k), with any
         Delta of norm at most 1, M = [H_A H_Bw], E_f = [G_x; 0], E_g = [0; G_w]; w and v~ white and uncorrelated.
-        Every step estimates (x(k), w(k)) from y(k+1) by least squares under the worst Delta.  P is the matrix of that
-        problem's quadratic form, not a bound of the error covariance.
+        Every step estimates (x(k), w(k)) from y(k+1) by least squares under the worst Delta.  P is the matrix of the
+        quadratic form of this problem; it does not bound the error covariance.
 Source  A. H. Sayed, A framework for state-space estimation with uncertain models, IEEE Trans. Automatic Control 46
-        (2001) 998-1013: the filter in time- and measurement-update form; here E_f' E_g = 0, which leaves G as it is.
-Chosen  lam = (1 + alpha) lam_l with lam_l = |M' C' R^-1 C M|, the paper's way around a search for lam.  Uncertainty in
-        C, Bv, Dw and Dv has no place in this filter and is ignored; give R for what H_Dv adds.  The paper's noises
-        have mean zero; means enter by f0 and d0, as if the uncertainty did not see them.
+        (2001) 998-1013: the filter in time- and measurement-update form; here E_f' E_g = 0, so that G does not change.
+Assumed lam = (1 + alpha) lam_l with lam_l = |M' C' R^-1 C M|, the paper's approximation that avoids a search for lam.
+        The filter ignores uncertainty in C, Bv, Dw and Dv; use R to account for H_Dv.  The paper's noises have mean
+        zero; here means enter through f0 and d0 without uncertainty.
 Limit   C M = 0 or no uncertainty gives the Kalman filter.
-Cost    as every gain schedule.
-Fails   design error where R is singular although lam is needed, or w~ and v~ are correlated.
+Cost    As every gain schedule.
+Fails   Design error: R is singular although lam is needed, or w~ and v~ are correlated.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative
 
 
 class Multiplier(NamedTuple):
-    """What the uncertainty of one step asks for; it does not depend on P."""
+    """Terms of one step that follow from the uncertainty and do not depend on P."""
 
     lam: float
-    """0 where y(k+1) does not see the uncertainty."""
+    """Multiplier; 0 if the uncertainty has no effect on y(k+1)."""
     surplus: Float[Array, "ny ny"]
-    """What R loses at k+1, C M M' C' / lam."""
+    """Matrix subtracted from R at k+1, C M M' C' / lam."""
     noise: Float[Array, "nx nx"]
     """Covariance of the modified noise in x(k+1)."""
 
@@ -51,26 +51,26 @@ def design(
     R: Matrix | None = None,
     form: Form = "filter",
 ) -> GainScheduleFilter:
-    """Sayed's robust filter; a model without uncertainty makes it the Kalman filter.
+    """Sayed's robust filter; equal to the Kalman filter if the model has no uncertainty.
 
     Parameters
     ----------
     model : uncertain model
-    n_steps : number of control periods N; gains are made for k = 0..N
+    n_steps : number of control periods N; gains are computed for k = 0..N
     x0 : (nx,) mean of the initial state
-    P0 : (nx, nx) its covariance
-    alpha : how far lam lies above its lower bound
-    R : (ny, ny) covariance that the filter takes for that of the measurement noise, the model's unless given
+    P0 : (nx, nx) covariance of the initial state
+    alpha : relative excess of lam over its lower bound
+    R : (ny, ny) covariance of the measurement noise in the design (default: that of the model)
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
 
     Raises
     ------
     DesignError
-        If R does not fit or is singular, the noises are correlated, or P overflows.
+        If R is not admissible or singular, the noises are correlated, or P overflows.
     """
     systems = design_systems(model, n_steps)
     if any(now.nominal.S_wv.any() for now in systems):
-        raise DesignError("this filter needs process and measurement noise without correlation; use kalman-predictor")
+        raise DesignError("this filter needs uncorrelated process and measurement noise; use kalman-predictor")
     R_given = _given(R, systems[0].nominal.ny)
     noise = [now.nominal.R_v if R_given is None else R_given for now in systems]
     P_pred, P, L, K, F, lam = [P0], [], [], [], [], []
@@ -81,7 +81,7 @@ def design(
             step = filter_step(now.m.A, now.m.C, now.nominal.Q_w, R_hat, P_pred[-1])
         except np.linalg.LinAlgError:
             refuse_overflow(P_pred)
-            raise DesignError(f"the covariance of the innovation is singular at k = {k}: give R", "R") from None
+            raise DesignError(f"the covariance of the innovation is singular at k = {k}: set R", "R") from None
         after = min(k + 1, n_steps)
         if last is None or now is not last[0] or systems[after] is not last[1]:
             last = now, systems[after]
@@ -109,7 +109,7 @@ def _given(R: Matrix | None, ny: int) -> Array | None:
 
 
 def _multiplier(now: DesignSystem, C: Array, R: Array, alpha: float) -> Multiplier:
-    """Choose lam, Step 1; C and R are those of k+1."""
+    """Compute lam, Step 1; C and R are those of k+1."""
     m = now.m
     CM = C.dot(np.hstack([m.H_A if m.G_x.any() else 0.0 * m.H_A, m.H_Bw if m.G_w.any() else 0.0 * m.H_Bw]))
     if not CM.any():
@@ -120,7 +120,8 @@ def _multiplier(now: DesignSystem, C: Array, R: Array, alpha: float) -> Multipli
         raise DesignError(_SINGULAR, "R") from None
     if not 0.0 < lam < LARGEST:
         raise DesignError(_SINGULAR, "R")
-    rest = now.nominal.Q_w - m.Bw.dot(now.W).dot(m.Bw.T)  # what v adds to the state
+    # Contribution of v to the covariance of the process noise.
+    rest = now.nominal.Q_w - m.Bw.dot(now.W).dot(m.Bw.T)
     noise = symmetrise(m.Bw.dot(_shrunk(now.W, m.G_w, lam)).dot(m.Bw.T) + rest)
     return Multiplier(lam, symmetrise(CM.dot(CM.T)) / lam, noise)
 
@@ -135,7 +136,7 @@ def _predict(now: DesignSystem, chosen: Multiplier, P: Array) -> tuple[Array, Ar
     return F, symmetrise(A.dot(P).dot(A.T) + chosen.noise)
 
 
-_SINGULAR = "the covariance of the measurement noise is singular, but lam needs its inverse: give the filter an R"
+_SINGULAR = "the covariance of the measurement noise is singular, but lam needs its inverse: set R of this filter"
 
 
 def _shrunk(P: Float[Array, "n n"], G: Float[Array, "s n"], lam: float) -> Float[Array, "n n"]:

@@ -1,19 +1,19 @@
-"""Set-membership filter: an ellipsoid that contains the state, for noises of which only bounds are known.
+"""Set-membership filter: an ellipsoid that contains the state, for noises with known bounds.
 
 Model   x(k+1) = A_k x(k) + B_k u(k) + w,  y(k) = C_k x(k) + v,  w in E(0, M_w), v in E(0, M_v), x(0) - x0 in E(0, M0),
-        plus Gaussian noises, which `inflate` counts as noises in their confidence ellipsoids: every set becomes the
-        ellipsoid of least trace around the sum of both.  x_hat - x is in E(0, M); there is no P.
-Source  ma2025, section V (ESM, from its [25]): (16)-(24) without what is stochastic; the inflation, which the paper
-        does not mention, is what its Table I fits.  Maksarov and Norton (1996) for the other update.
-Update  linear: y moves the centre with a gain that minimises tr M and is known before any data.
-        maksarov-norton: the smallest combination of the predicted set and of the states that y allows, which depends on
-        the data; y shrinks M the more, the less likely it was.
-Limit   a measurement without information (M_v -> infinity) leaves the prediction; without stochastic noises and with
-        q at its fixed point, the linear update is the filter `mixed`.
-Cost    linear: as every gain schedule; maksarov-norton: two searches over one number, about 30 us per run and step.
-Fails   linear: design error where the innovation is without noise in some direction, also where its values are
-        consistent, as for M_v of rank 1 with ny > nx + 1.  maksarov-norton: design error where M_v is flat, empty-set
-        where no predicted state explains y; without `inflate` Gaussian noise leads there.
+        plus Gaussian noises.  With `inflate` a Gaussian noise is represented by its confidence ellipsoid, and every set
+        becomes the ellipsoid of least trace that contains the sum of both.  x_hat - x is in E(0, M); there is no P.
+Source  ma2025, section V (ESM, from its [25]): (16)-(24) without the stochastic terms.  The paper does not mention the
+        inflation, but its Table I agrees with it.  Maksarov and Norton (1996) for the other update.
+Update  linear           corrects the centre with a gain that minimises tr M and does not depend on the data.
+        maksarov-norton  computes the smallest fusion of the predicted set with the set of states that are consistent
+                         with y.  It depends on the data: M shrinks more for a less likely y.
+Limit   A measurement without information (M_v -> infinity) leaves the prediction.  Without stochastic noises and with q
+        at its fixed point the linear update is the filter `mixed`.
+Cost    linear: as every gain schedule.  maksarov-norton: two scalar searches, about 30 us per run and step.
+Fails   linear: design error if the innovation has no noise in some direction, even if its values are always consistent,
+        as for M_v of rank 1 with ny > nx + 1.  maksarov-norton: design error if M_v is singular; status `empty-set` if
+        no predicted state is consistent with y, which Gaussian noise can cause without `inflate`.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ Level: TypeAlias = Annotated[float, Gt(0), Lt(1)]
 
 
 class SetState(NamedTuple):
-    """What the next step needs."""
+    """State of the filter between steps."""
 
     x: Float[Array, "runs nx"]
-    """Centre of the set: before a correction x_pred, after it x_hat."""
+    """Centre of the set: x_pred before a correction, x_hat after it."""
     M: Float[Array, "runs nx nx"]
-    """Its shape."""
+    """Shape matrix of the set."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +52,12 @@ class IntersectionFilter(Estimator):
 
     Parameters
     ----------
-    x0, M0 : (nx,), (nx, nx) centre and shape of the set of x(0)
-    models : the model at k = 0..N, once where nothing varies
-    M_w, M_v : (1 or samples, ...) shapes of the sets of the noises
-    sets : what these sets are made of
-    criterion : what a correction makes smallest
-    use_y0 : whether y(0) counts
+    x0, M0 : (nx,), (nx, nx) centre and shape matrix of the set of x(0)
+    models : the model at k = 0..N, a single one if it is constant
+    M_w, M_v : (1 or samples, ...) shape matrices of the sets of the noises
+    sets : sets from which M_w and M_v are computed
+    criterion : size measure that a correction minimises
+    use_y0 : whether to use y(0)
     """
 
     x0: Float[Array, " nx"]
@@ -76,7 +76,7 @@ class IntersectionFilter(Estimator):
         return SetState(np.tile(self.x0, (n_runs, 1)), np.tile(self.M0, (n_runs, 1, 1)))
 
     def correct(self, k: int, state: SetState, y: Float[Array, "runs ny"]) -> tuple[SetState, Estimate]:
-        """Enclose the predicted states that explain y(k)."""
+        """Enclose the predicted states that are consistent with y(k)."""
         now = self._at(k)
         e = y - mv(now.C, state.x) - now.d0
         if k == 0 and not self.use_y0:
@@ -87,7 +87,7 @@ class IntersectionFilter(Estimator):
         return state, Estimate(state.x, None, state.M, np.where(met, OK, EMPTY_SET), {"e": e, "lam": lam})
 
     def predict(self, k: int, state: SetState, u: Float[Array, "runs nu"]) -> SetState:
-        """Go to k+1."""
+        """Predict k+1."""
         now = self._at(k)
         x = mv(now.A, state.x) + mv(now.B, u) + now.f0
         moved = np.einsum("rik,jk->rij", np.einsum("ij,rjk->rik", now.A, state.M), now.A)
@@ -110,40 +110,40 @@ def design(
     criterion: Criterion = "trace",
     use_y0: bool = True,
 ) -> GainScheduleFilter | IntersectionFilter:
-    """Ellipsoid that contains the state.
+    """Filter that computes an ellipsoid that contains the state.
 
     Parameters
     ----------
-    model : what the filter believes; one without sets has no bounded noise
+    model : design model; a model without sets has no bounded noise
     n_steps : number of control periods N
-    x0 : (nx,) centre of the initial state
-    P0 : (nx, nx) covariance of the stochastic part of its error, which counts if `inflate`
-    M0 : (nx, nx) shape of the ellipsoid of the bounded part
-    inflate : whether stochastic noises count as bounded ones
-    level : confidence of the ellipsoids that then stand for them
-    update : `linear` corrects with gains known before any data; `maksarov-norton` intersects predicted and measured set
-    criterion : what `maksarov-norton` makes smallest, the `trace` of the shape or the `volume`
-    use_y0 : `false` takes x0, P0 and M0 for the estimate at k = 0 itself and leaves y(0) out
+    x0 : (nx,) estimate of the initial state before y(0)
+    P0 : (nx, nx) covariance of the stochastic part of its error, used if `inflate`
+    M0 : (nx, nx) shape matrix of the ellipsoid of the bounded part of its error
+    inflate : whether confidence ellipsoids represent the stochastic noises
+    level : probability of these confidence ellipsoids
+    update : `linear` uses gains that do not depend on the data; `maksarov-norton` fuses predicted and measured set
+    criterion : size measure that `maksarov-norton` minimises, `trace` of the shape matrix or `volume`
+    use_y0 : `false` starts from x0, P0 and M0 as the estimate at k = 0 and does not use y(0)
 
     Raises
     ------
     DesignError
-        If the innovation is without noise at some step, a matrix grows beyond 1e100, the model's noises are correlated,
-        or a measurement that `maksarov-norton` shall intersect has no noise in some direction.
+        If the innovation has no noise at some step, a matrix exceeds 1e100, the noises of the model are correlated, or
+        M_v is singular for `maksarov-norton`.
     """
     sets = NoiseSets(model, level if inflate else None)
     start = sets.initial(P0, M0)
     if update == "linear":
         if criterion != "trace":
-            raise DesignError("the linear update minimises the trace; only maksarov-norton has a choice", "criterion")
+            message = "the linear update minimises the trace; other criteria need `update: maksarov-norton`"
+            raise DesignError(message, "criterion")
         return mixed_schedule(model, n_steps, x0, None, start, sets, use_y0=use_y0)
     models = uncorrelated(model, n_steps)
     M_w, M_v = ([made(k) for k in range(n_steps + 1)] for made in (sets.process, sets.measurement))
     for k, M in enumerate(M_v):
-        if np.linalg.eigvalsh(M)[0] <= 1e-12 * np.abs(M).max():  # rounding of eigvalsh is about n * 1e-16 * scale
-            raise DesignError(
-                f"the set of the measurement noise is flat at k = {k}; maksarov-norton needs one that is not"
-            )
+        # The rounding of eigvalsh is about n * 1e-16 * scale.
+        if np.linalg.eigvalsh(M)[0] <= 1e-12 * np.abs(M).max():
+            raise DesignError(f"M_v is singular at k = {k}; maksarov-norton needs a full-rank M_v")
     constant = all(each is models[0] for each in models)
     return IntersectionFilter(
         x0, start, tuple(models[:1] if constant else models), over_time(M_w), over_time(M_v), sets, criterion, use_y0

@@ -1,1 +1,1 @@
-"""Mathematics without control: arrays in, arrays out."""
+"""Numerical algorithms on arrays; no plant, model, estimator or controller is imported here."""

@@ -1,11 +1,20 @@
-"""The compiled inner loops of the soft-constrained linear-quadratic game; lq_game.py says what is computed.
+"""Compiled solution of the soft-constrained linear-quadratic game; lq_game.py defines the problem.
 
-A problem is (A, S_B, Q, G, M_root): axis 0 of the first four is the stage t = 0..N-1, A the transition from stage t,
-S_B = B R^-1 B', Q the weight of the state after it, G G' = M_w the set of its noise, M_root the root of the set of the
-first state's error.  Every matrix is n x n.  Prices of noise are tau_t > 0; the scalar form has one for all stages.
+Phases
+    1  small dense matrices: products, solve, Cholesky factor    _mul, _tmul, _symmetric, _solve, _cholesky
+    2  smallest multiplier for which the maximiser is bounded    smallest_multiplier_kernel, _fits, _alone
+    3  backward recursion for given multipliers                  backward_kernel, _carry
+    4  worst error of the first state, with its multiplier       _first_error
+    5  optimal multiplier of the noise (scalar root)             _optimum
+    6  entry points: one problem, table nodes, all rows          solve_kernel, nodes_kernel, rows_kernel
 
-The module is imported at the first step only, because it brings numba along, and it is one file, because numba's cache
-does not see that a function from another one has changed.
+A problem is (A, S_B, Q, G, M_root).  Axis 0 of the first four is the stage t = 0..N-1: A is the transition matrix,
+S_B = B R^-1 B', Q the weight of the next state, G G' = M_w the set of the noise.  M_root is the root of the set of the
+error of the first state.  Every matrix is n x n.  The Lagrange multipliers of the noise are tau_t > 0 (``price`` in the
+code); the scalar form has the same one at all stages.
+
+Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
+function in another file.
 """
 
 from __future__ import annotations
@@ -16,9 +25,10 @@ from typing import Any
 import numba
 import numpy as np
 
-PI, DELTA, Y, D_PI, D_Y, FIRST = 0, 1, 2, 3, 4, 5  # places of what a backward pass finds
-NEAREST, FARTHEST = -30.0, 60.0  # of s = log(tau / tau_min - 1); exp(-30) is a few hundred roundings
-MOST_STEPS = 100  # of a root; four to six are usual
+PI, DELTA, Y, D_PI, D_Y, FIRST = 0, 1, 2, 3, 4, 5  # indices of the results of a backward pass
+# Range of s = log(tau / tau_min - 1); exp(-30) is a few hundred roundings.
+NEAREST, FARTHEST = -30.0, 60.0
+MOST_STEPS = 100  # of a root search; four to six are usual
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -47,7 +57,7 @@ def _tmul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
 
 @numba.njit(cache=True, error_model="numpy")
 def _symmetric(a: Any) -> None:  # pragma: no cover
-    """Drop what rounding has moved off the mirror."""
+    """Symmetrise a."""
     for i in range(len(a)):
         for j in range(i):
             a[i, j] = a[j, i] = 0.5 * (a[i, j] + a[j, i])
@@ -83,7 +93,7 @@ def _solve(F: Any, b: Any, out: Any) -> None:  # pragma: no cover
 
 @numba.njit(cache=True, error_model="numpy")
 def _cholesky(W: Any) -> bool:  # pragma: no cover
-    """Turn the lower half of W into its factor; whether W is positive definite."""
+    """Replace the lower triangle of W by its Cholesky factor; return whether W is positive definite."""
     n = len(W)
     for i in range(n):
         for j in range(i + 1):
@@ -101,9 +111,9 @@ def _cholesky(W: Any) -> bool:  # pragma: no cover
 
 @numba.njit(cache=True, error_model="numpy")
 def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any) -> bool:  # pragma: no cover
-    """One stage of the maximiser alone: A' X (I - M_w X / tau)^-1 A, T = (I - M_w X / tau)^-1 A and p = G' X T.
+    """One stage without control: A' X (I - M_w X / tau)^-1 A, T = (I - M_w X / tau)^-1 A and p = G' X T.
 
-    Whether tau is above what the stage needs; in the form that keeps symmetry and sign beside the edge.
+    Returns whether tau is large enough for the stage.  This form keeps symmetry and sign close to the boundary.
     """
     n = len(A)
     XA, GXA, W, XG = s[0], s[1], s[2], s[3]
@@ -143,10 +153,10 @@ def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any)
 
 @numba.njit(cache=True, error_model="numpy")
 def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: Any) -> bool:  # pragma: no cover
-    """Write the matrices of the first stage into X (6, n, n); whether all prices are above what the game needs.
+    """Write the matrices of the first stage into X (6, n, n); return whether all multipliers are large enough.
 
-    D_PI, D_Y are derivatives by a common change of all prices.  ``paths`` (2, N, n, n) gets T and Pi T of the
-    game, unless N is 0 in it.
+    D_PI, D_Y are derivatives with respect to a common change of all multipliers.  ``paths`` (2, N, n, n) receives T
+    and Pi T of the game, unless its N is 0.
     """
     N, n = A.shape[0], A.shape[1]
     s = np.empty((14, n, n))
@@ -176,7 +186,7 @@ def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: A
         for i in range(n):
             F[i, i] += 1.0
         _solve(F, A[t], T_S)
-        # Delta = Pi - S has a recursion of its own, without which large states would cancel.
+        # Delta = Pi - S has its own recursion, because the difference would cancel for large states.
         _mul(M, S_now, s[12])
         _mul(Pi, s[12], s[13])
         s[13][:] += Delta
@@ -210,10 +220,10 @@ def _carry(T: Any, p: Any, tau: float, dX: Any, s: Any) -> None:  # pragma: no c
 
 @numba.njit(cache=True, error_model="numpy")
 def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float, float, float]:  # pragma: no cover
-    """Choose the price tau_1 of the first state's error for given prices of the noise.
+    """Minimise over the multiplier tau_1 of the error of the first state, for given multipliers of the noise.
 
-    Writes the worst first state x_w = x + e and the direction ``top`` in which tau_1 cannot be lower.  Returns tau_1,
-    the slack 1 - e' M^-1 e that the edge of the domain leaves, and the cost beyond that without noise.
+    Writes the worst first state x_w = x + e and the direction ``top`` that bounds tau_1 from below.  Returns tau_1, the
+    slack 1 - e' M^-1 e at the boundary of the domain, and the cost minus that without noise.
     """
     n = len(x)
     lam, V = np.linalg.eigh(M_root.T.dot(X[PI]).dot(M_root))
@@ -224,7 +234,8 @@ def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float
     for i in range(n):
         if g[i] != 0.0:
             size += (g[i] / (tau - lam[i])) ** 2 if tau > lam[i] else inf
-    if size > 1.0:  # the optimum lies inside the domain: sum (g / (tau - lam))^2 = 1, from below
+    # If size > 1, the optimum is in the interior: Newton's method from below on sum (g / (tau - lam))^2 = 1.
+    if size > 1.0:
         for i in range(n):
             tau = max(tau, lam[i] + abs(g[i]))
         for _ in range(MOST_STEPS):
@@ -251,10 +262,11 @@ def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float
 def _optimum(
     A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, s: float, X: Any
 ) -> float:  # pragma: no cover
-    """Optimal s = log(tau / tau_min - 1): D(s) = 1 for the slope D, how fast the cost falls as the price rises.
+    """Return the optimal s = log(tau / tau_min - 1), where D(s) = 1 for D = -d(rho - tau) / d tau.
 
-    A secant, halving where it leaves the bracket: on log D, nearly a straight line, but where the worst error is about
-    to leave its ellipsoid, and D is steep, on D - 1 over the slope of the edge.  The optimum may be the edge itself.
+    Secant steps on log D, which is nearly linear in s, with bisection if a step leaves the bracket.  Where D is steep,
+    close to the point at which the worst error reaches its ellipsoid, secant steps on (D - 1) / edge, with the slope of
+    the boundary.  The optimum may be the boundary itself.
     """
     n = len(x)
     tau, x_w, top, paths = np.empty(len(A)), np.empty(n), np.empty(n), np.empty((2, 0, n, n))
@@ -276,7 +288,8 @@ def _optimum(
             low = s
         else:
             high, corner = s, slack == 0.0
-        if corner and exp(high) - exp(low) <= 1e-13:  # off the edge, hence insensitive, as long as the edge lies below
+        # In the interior the result is insensitive to s, as long as the boundary lies below.
+        if corner and exp(high) - exp(low) <= 1e-13:
             return high
         if number == 0:
             new = s + 0.5 * value
@@ -296,7 +309,7 @@ def _optimum(
 
 @numba.njit(cache=True, error_model="numpy")
 def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cover
-    """Whether the maximiser alone is bounded at the price tau at all stages."""
+    """Return whether the cost without control is bounded for the multiplier tau at all stages."""
     X = Q[len(A) - 1].copy()
     for t in range(len(A) - 1, -1, -1):
         if not _alone(A[t], G[t], tau, X, s[4], s[5], s[6], s):
@@ -309,9 +322,10 @@ def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cov
 
 @numba.njit(cache=True, error_model="numpy")
 def smallest_multiplier_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
-    """Smallest price that bounds the maximiser alone, from above: the norm of the map from noise to cost.
+    """Return the smallest multiplier with a bounded cost without control, the norm of the map from noise to cost.
 
-    It lies between the trace of that map and the trace over its size; halved until neighbours are left.
+    It lies between the trace of that map divided by its size, and the trace.  Bisection until adjacent numbers are
+    left; the result is the upper one.
     """
     N, n = A.shape[0], A.shape[1]
     X, s, high = Q[N - 1].copy(), np.empty((7, n, n)), 0.0
@@ -325,7 +339,8 @@ def smallest_multiplier_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no c
             X += Q[t - 1]
     if not 0.0 < high < inf:
         return high
-    low, high = high / (n * N) * (1.0 - 1e-9), high * (1.0 + 1e-9)  # rounding of the sum
+    # Margins for the rounding of the sum.
+    low, high = high / (n * N) * (1.0 - 1e-9), high * (1.0 + 1e-9)
     while True:
         middle = sqrt(low * high) if high > 1.1 * low else 0.5 * (low + high)
         if not low < middle < high:
@@ -337,7 +352,7 @@ def smallest_multiplier_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no c
 def solve_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, guess: float, first: Any, x_w: Any
 ) -> tuple[float, float, float]:  # pragma: no cover
-    """Solve one problem exactly: (rho, tau_1, tau_2); ``first`` gets Pi_1 T x_w, so that u = -R^-1 B' first."""
+    """Solve one problem exactly: (rho, tau_1, tau_2); writes ``first`` = Pi_1 T x_w, so that u = -R^-1 B' first."""
     n = len(x)
     X, tau, top, paths = np.empty((6, n, n)), np.ones(len(A)), np.empty(n), np.empty((2, 0, n, n))
     price = 0.0
@@ -357,7 +372,7 @@ def solve_kernel(
 def nodes_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, tau_min: float, offsets: Any, M_root: Any, found: Any
 ) -> float:  # pragma: no cover
-    """Backward passes at the optimal s for x_hat = 0 plus each offset, into ``found`` (nodes, 6, n, n); that s."""
+    """Return the optimal s for x_hat = 0; write the backward passes at s + offset into ``found`` (nodes, 6, n, n)."""
     n = len(M_root)
     tau, paths, zero = np.empty(len(A)), np.empty((2, 0, n, n)), np.zeros(n)
     s = _optimum(A, S_B, Q, G, M_root, zero, tau_min, 0.0, found[0])
@@ -372,7 +387,7 @@ def nodes_kernel(
 def rows_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, M_roots: Any, tau_min: float, guess: float, x: Any, rows: Any, first: Any
 ) -> None:  # pragma: no cover
-    """Solve the problems of some rows of x, each by itself, and write their rows of ``first``."""
+    """Solve the problems of some rows of x independently and write these rows of ``first``."""
     x_w = np.empty(x.shape[1])
     for row in rows:
         M_root = M_roots[row if len(M_roots) > 1 else 0]

@@ -1,11 +1,11 @@
-"""Compiled lookup in tables of the soft-constrained linear-quadratic game; game_table.py makes them.
+"""Compiled evaluation of tables of the soft-constrained linear-quadratic game; game_table.py computes them.
 
-On the edge of the domain the optimum depends on the run by x_hat alone, and all else by s: so functions of s stand in a
-table, Chebyshev series in z = (offset - middle) / half, where offset is s less its optimum for x_hat = 0.  Rows of a
-table (1 + 3 n^2, nodes): what makes the slope D of a state (1, then n^2 of a quadratic form), times exp(2 offset), so
-that it is nearly constant; e' M^-1 e (n^2); ``first`` (n^2, a matrix).
+At the boundary of the domain the solution of a run depends only on x_hat and s.  A table therefore contains functions
+of s: Chebyshev series in z = (offset - middle) / half, where offset is s minus its optimum for x_hat = 0.  Rows of a
+table (1 + 3 n^2, nodes): the slope D of a state (1 constant, n^2 of a quadratic form), times exp(2 offset), so that it
+is nearly constant; e' M^-1 e (n^2 of a quadratic form); ``first`` (n^2 of a matrix).
 
-Imported at the first step only, as game_kernel.py is, and for the same reason without calls into another file.
+Imported at the first step only, as game_kernel.py, and for the same reason without calls into another file.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ import numba
 import numpy as np
 
 MOST_STEPS = 30  # four to five are usual
-CANCELLED = 1e3  # times the slope; where its terms are larger it has lost three digits
-REACH = 0.999  # of a window: beyond its last node, at 0.9994, nothing has been looked at
+# Largest ratio of the terms of the slope to the slope: beyond it three digits are lost by cancellation.
+CANCELLED = 1e3
+# Share of the half width in which a table is valid; the last node is at 0.9994.
+REACH = 0.999
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _series(c: Any, z: float) -> float:  # pragma: no cover
-    """Sum a Chebyshev series at z."""
+    """Evaluate a Chebyshev series at z by Clenshaw's recursion."""
     a, b = 0.0, 0.0
     for j in range(len(c) - 1, 0, -1):
         a, b = 2.0 * z * a - b + c[j], a
@@ -32,7 +34,7 @@ def _series(c: Any, z: float) -> float:  # pragma: no cover
 
 @numba.njit(cache=True, error_model="numpy")
 def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: Any) -> bool:  # pragma: no cover
-    """Solve one problem; whether the answer holds: found inside the window, with tau_1 on the edge of the domain."""
+    """Solve one problem; return whether the result is valid: s in the table, tau_1 on the boundary of the domain."""
     n, offset, last_offset, last = len(x), 0.0, nan, nan
     c[:] = table[0]
     for i in range(n):
@@ -61,7 +63,7 @@ def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: An
 
 @numba.njit(cache=True, error_model="numpy")
 def lookup_kernel(table: Any, middle: float, half: float, x: Any, first: Any, holds: Any) -> None:  # pragma: no cover
-    """Write ``first`` for every row of x, and whether it holds."""
+    """Write ``first`` for every row of x, and whether it is valid."""
     c = np.empty(table.shape[1])
     for row in range(len(x)):
         holds[row] = _looked_up(table, middle, half, x[row], first[row], c)

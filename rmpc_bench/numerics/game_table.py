@@ -1,10 +1,10 @@
-"""Tables of games: everything that runs share, as functions of s; game_lookup.py reads them.
+"""Tables of games: the functions of s that all runs share; game_lookup.py evaluates them.
 
-On the edge of the domain, tau_1 = lambda_max(M^1/2 Y_0 M^1/2), a state enters the slope D and the first control as a
-quadratic and a linear form whose matrices depend on s alone.  Chebyshev series of these at `NODES` points of a window
-about the optimum for x_hat = 0 are fixed by the design: no result depends on which runs share a block.  A series whose
-last coefficients are not small (nearly double eigenvalues do that) is not used; nor is one for a state whose optimum
-lies outside the window or off the edge: these problems are solved one by one.
+At the boundary of the domain, tau_1 = lambda_max(M^1/2 Y_0 M^1/2), the slope D is a quadratic form and the first
+control a linear form of the state, whose matrices depend on s alone.  Chebyshev series of these matrices with `NODES`
+points, around the optimum for x_hat = 0, are computed by the design, so that no result depends on the runs of a block.
+A table is not used if the last coefficients of a series are not small, as with nearly double eigenvalues, and not for a
+state whose optimum is outside the range of s or in the interior of the domain.  These problems are solved individually.
 """
 
 from __future__ import annotations
@@ -19,36 +19,36 @@ from rmpc_bench.numerics.lq_game import Game, smallest_multiplier
 from rmpc_bench.types import Array
 
 NODES = 44
-"""The last coefficients are then a few roundings where no eigenvalues cross."""
+"""Number of nodes; the last coefficients are then a few roundings if no eigenvalues cross."""
 BELOW, ABOVE = 1.5, 5.5
-"""Window of s about the optimum for x_hat = 0: larger states want larger s."""
+"""Range of s around the optimum for x_hat = 0; larger states have larger optimal s."""
 TAIL = 1e-12
-"""Largest relative error of the first control, as the last coefficients tell it."""
+"""Largest relative error of the first control, estimated from the last coefficients."""
 ROUGH = 1e-6
-"""Largest share of the last coefficients in what leads to s, and to whether the optimum is on the edge."""
+"""Largest relative size of the last coefficients of the functions that determine s and the validity of the table."""
 TINY = 1e-300
 MIDDLE, HALF = 0.5 * (ABOVE - BELOW), 0.5 * (ABOVE + BELOW)
 
 
 class Tables(NamedTuple):
-    """Axis 0 is k."""
+    """Tables of all k; axis 0 is k."""
 
     tau_min: Float[Array, " k"]
-    """Smallest price of noise."""
+    """Smallest multiplier of the noise."""
     s: Float[Array, " k"]
-    """Its optimal logarithm for x_hat = 0."""
+    """Optimal s = log(tau / tau_min - 1) for x_hat = 0."""
     series: Float[Array, "k rows nodes"]
-    """As game_lookup.py says."""
+    """Chebyshev coefficients; game_lookup.py describes the rows."""
     usable: Bool[Array, " k"]
 
 
 def tables(games: Sequence[Game], M_roots: Float[Array, "k n n"]) -> Tables:
-    """Make the tables of all k.
+    """Compute the tables of all k.
 
     Parameters
     ----------
     games : the games of k = 0..
-    M_roots : roots of the sets of e(k), of length 1 where they are the same at all k
+    M_roots : roots of the sets of e(k), of length 1 if they are the same at all k
     """
     found = [_table(game, M_roots[k if len(M_roots) > 1 else 0]) for k, game in enumerate(games)]
     tau_min, s, series, usable = zip(*found, strict=True)
@@ -64,13 +64,14 @@ def _table(game: Game, M_root: Float[Array, "n n"]) -> tuple[float, float, Array
     s = nodes_kernel(*game, tau_min, offsets, M_root, found) if tau_min > 0.0 else np.nan
     if not np.isfinite(found).all():
         return tau_min, 0.0, np.zeros((1 + 3 * n * n, NODES)), False
-    with np.errstate(all="ignore"):  # what is not finite is not used
+    # A table with values that are not finite is not used.
+    with np.errstate(all="ignore"):
         groups = [_coefficients(values) for values in _functions(found, M_root, offsets)]
         return tau_min, s, np.concatenate(groups), _is_resolved(*groups)
 
 
 def _functions(found: Float[Array, "nodes 6 n n"], M_root: Float[Array, "n n"], offsets: Array) -> list[Array]:
-    """Values of the functions at the nodes, group by group."""
+    """Return the values of the functions at the nodes, by groups."""
     Pi, _, Y, d_Pi, d_Y, first = np.moveaxis(found, 1, 0)
     lam, V = np.linalg.eigh(M_root @ Pi @ M_root)
     edge, U = np.linalg.eigh(M_root @ Y @ M_root)
@@ -85,7 +86,7 @@ def _functions(found: Float[Array, "nodes 6 n n"], M_root: Float[Array, "n n"], 
 
 
 def _coefficients(values: Float[Array, "nodes rows"]) -> Float[Array, "rows nodes"]:
-    """Chebyshev series through values at the nodes."""
+    """Return the coefficients of the Chebyshev series through the values at the nodes."""
     degrees = np.arange(NODES)
     basis = np.cos(np.pi * np.outer(degrees, degrees + 0.5) / NODES) * (2.0 / NODES)
     basis[0] *= 0.5
@@ -94,12 +95,13 @@ def _coefficients(values: Float[Array, "nodes rows"]) -> Float[Array, "rows node
 
 
 def _is_resolved(alone: Array, D: Array, E: Array, first: Array) -> bool:
-    """Whether the last coefficients say that no more are needed.
+    """Return whether the last coefficients are small enough.
 
-    An error of the slope moves s by as much, relative, and that moves the first control by its derivative: beside the
-    edge of the domain the slope has few digits, but the first control hardly depends on s there.
+    A relative error of the slope causes an error of s of the same size, which affects the first control through its
+    derivative.  Close to the smallest multiplier the slope has few digits, but the first control hardly depends on s.
     """
     tails = [np.abs(each[:, -4:]).max() / max(np.abs(each).max(), TINY) for each in (alone, D, E, first)]
-    change = (np.abs(first) * np.arange(NODES)).sum(axis=1).max() / HALF  # bounds the derivative
+    # An upper bound of the derivative of the first control with respect to s.
+    change = (np.abs(first) * np.arange(NODES)).sum(axis=1).max() / HALF
     scale = np.abs(first).max()
     return bool(tails[3] <= TAIL and max(tails[:2]) * change <= TAIL * scale and max(tails[:3]) <= ROUGH)

@@ -1,20 +1,22 @@
-"""The linear-quadratic game behind a minimax control law: a scalar problem per state, no semidefinite program.
+"""Linear-quadratic game of a minimax control law: a scalar problem per state instead of a semidefinite program.
 
-Problem  minimise over U, for the worst e in E(0, M) and w(0..N-1), the cost sum_{t=0..N-1} x(t+1)' Q x(t+1) + u' R u of
-         x(t+1) = A x + B u + w, x(0) = x_hat + e.  The S-procedure prices the noise: rho = min over tau of
-         tau_1 + tau_2 - x_hat' S x_hat + min over U of max over e, w of [cost - tau_1 e' M^-1 e - tau_2 w' M_w^-1 w],
-         the last term summed over t; S is the LQ Riccati matrix, so that rho is the cost beyond that without noise.
-Solution For fixed prices it is a linear-quadratic game.  Pi_N = Q,
-         Pi_t = Q + A' Pi (I + (B R^-1 B' - M_w / tau_2) Pi)^-1 A with Q dropped at t = 0; the maximiser alone (B = 0)
-         has Y_t, and the domain is tau_2 M_w^-1 > Y_t at all t, tau_1 >= lambda_max(M^1/2 Y_0 M^1/2).  The optimum
-         usually lies on the edge of the latter, so that the gradient is not zero there.  tau_2 solves log D(s) = 0 for
-         D = -d(rho - tau_2)/d tau_2 and s = log(tau_2 / tau_min - 1), which is nearly a straight line.
-         No matrix M or M_w is inverted, so both may be singular.
-Sets     one price for all stages belongs to the set sum over t of w' M_w^-1 w <= 1, a price of its own for every stage
-         to every w(t) in its own ellipsoid (stage_multipliers.py).
-Source   ma2025, Theorem 1; the reduction is ours (tests: it equals the semidefinite program and a dense form of it).
-Cost     the smallest price takes some fifty short passes over the horizon, once; a state then five passes, or, from a
-         table, (1 + 3 n^2) polynomials.
+Problem  Minimise over U, for the worst e in E(0, M) and w(0..N-1), the cost sum_{t=0..N-1} x(t+1)' Q x(t+1) + u' R u of
+         x(t+1) = A x + B u + w, x(0) = x_hat + e.  The S-procedure with Lagrange multipliers tau_1, tau_2 gives
+         rho = min over tau of tau_1 + tau_2 - x_hat' S x_hat
+               + min over U of max over e, w of [cost - tau_1 e' M^-1 e - sum over t of tau_2 w' M_w^-1 w].
+         S is the LQ Riccati matrix, so that rho is the cost minus the minimal cost without noise.
+Solution For fixed multipliers it is a linear-quadratic game: Pi_N = Q,
+         Pi_t = Q + A' Pi (I + (B R^-1 B' - M_w / tau_2) Pi)^-1 A without Q at t = 0.  The same recursion with B = 0
+         gives Y_t.  The domain is tau_2 M_w^-1 > Y_t at all t, tau_1 >= lambda_max(M^1/2 Y_0 M^1/2).  The optimum is
+         usually on the boundary of the second constraint, where the gradient is not zero.  tau_2 solves log D(s) = 0
+         for D = -d(rho - tau_2)/d tau_2 and s = log(tau_2 / tau_min - 1), and log D(s) is nearly linear.
+         M and M_w are not inverted and may be singular.
+Sets     One multiplier for all stages corresponds to the set sum over t of w' M_w^-1 w <= 1, one multiplier per stage
+         to separate ellipsoids for every w(t) (stage_multipliers.py).
+Source   ma2025, Theorem 1.  The reduction is an addition; tests compare it with the semidefinite program and with a
+         dense form of it.
+Cost     The smallest multiplier takes about fifty short passes over the horizon, once per game.  A state then takes
+         five passes, or, from a table, (1 + 3 n^2) polynomials.
 """
 
 from __future__ import annotations
@@ -39,18 +41,19 @@ class Game(NamedTuple):
     """Root of the set of w(t)."""
 
     def window(self, first: int, length: int) -> Game:
-        """Stages from ``first`` on."""
+        """Return ``length`` stages starting at ``first``."""
         return Game(*(each[first : first + length] for each in self))
 
 
 class Solution(NamedTuple):
-    """Where a game ends."""
+    """Solution of a game."""
 
     rho: float
-    """Bound of the cost beyond that without noise."""
+    """Bound of the cost minus the minimal cost without noise."""
     tau_1: float
+    """Multiplier of the error of the first state."""
     tau: Float[Array, " N"]
-    """Price of the noise of every stage; all the same, their sum counted once, unless every stage has its own."""
+    """Multiplier of the noise of every stage; N equal entries, of which rho contains one, for a common multiplier."""
     x_w: Float[Array, " n"]
     """The worst first state, x_hat + e."""
     first: Float[Array, " n"]
@@ -58,14 +61,14 @@ class Solution(NamedTuple):
 
 
 def smallest_multiplier(game: Game) -> float:
-    """Smallest price tau_min of noise for which the maximiser alone is bounded."""
+    """Return the smallest multiplier tau_min of the noise for which the cost without control is bounded."""
     from rmpc_bench.numerics.game_kernel import smallest_multiplier_kernel
 
     return float(smallest_multiplier_kernel(game.A, game.Q, game.G))
 
 
 def solve(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
-    """Solve the game with one price of noise.
+    """Solve the game with a common multiplier of the noise at all stages.
 
     Parameters
     ----------
@@ -82,13 +85,13 @@ def solve(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Sol
 
 
 def plan(game: Game, feedback: Float[Array, "N nu n"], solution: Solution) -> Float[Array, "N nu"]:
-    """All controls of a game, of which the first one is applied.
+    """Return all controls of a game, of which the first one is applied.
 
     Parameters
     ----------
     game : the game
     feedback : R^-1 B' of every stage
-    solution : of the game
+    solution : solution of the game
     """
     from rmpc_bench.numerics.game_kernel import backward_kernel
 

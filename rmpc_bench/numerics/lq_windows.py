@@ -1,11 +1,11 @@
-"""Linear-quadratic control and games over a receding horizon of a system that varies: the windows of all k at once.
+"""Linear-quadratic control and games over a receding horizon of a time-varying system, for all k at once.
 
-Cost     sum_{t=k..k+N-1} x(t+1)' Q_t x(t+1) + u(t)' R_t u(t), from x(k) on; nothing weighs x(k), nothing else the end.
-Source   the Riccati recursion of x' S x + 2 x' s d for x(t+1) = A x + B u + F d with a known vector d.
-Game     x(t+1) = A x + B u + w with w at the price tau w' M_w^-1 w, M_w = G G': Pi_t = Q + A' Pi T,
-         T = (I + (B R^-1 B' - M_w / tau) Pi)^-1 A, where every tau M_w^-1 - Pi_{t+1} must be positive definite, or the
-         noise is unbounded.
-Effort   N steps on stacks of k matrices; the smallest price takes forty times as many.
+Cost     sum_{t=k..k+N-1} x(t+1)' Q_t x(t+1) + u(t)' R_t u(t), without a weight of x(k) or a further terminal weight.
+Source   Riccati recursion of x' S x + 2 x' s d for x(t+1) = A x + B u + F d with a known vector d.
+Game     x(t+1) = A x + B u + w with the penalty tau w' M_w^-1 w, M_w = G G': Pi_t = Q + A' Pi T,
+         T = (I + (B R^-1 B' - M_w / tau) Pi)^-1 A.  The game is bounded if every tau M_w^-1 - Pi_{t+1} is positive
+         definite.
+Effort   N steps on stacks of k matrices; the smallest multiplier takes forty times as many.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ class Stages(NamedTuple):
 
 
 class WindowLaw(NamedTuple):
-    """The first control of every window, u = -K x - K_d d, and what it leads to."""
+    """The first control of every window, u = -K x - K_d d, and the minimal cost."""
 
     K: Float[Array, "k nu nx"]
     K_d: Float[Array, "k nu m"]
     S: Float[Array, "k nx nx"]
-    """The least cost from x is x' S x for d = 0."""
+    """Matrix of the minimal cost x' S x for d = 0."""
 
 
 def window_law(stages: Stages, horizon: int, F: Float[Array, "t nx m"]) -> WindowLaw:
-    """First controls of all windows of a length.
+    """Return the first controls of all windows.
 
     Parameters
     ----------
     stages : system and weights
-    horizon : N
-    F : how a known vector d enters x(t+1)
+    horizon : length N of a window
+    F : matrix of the known vector d in x(t+1)
     """
     n_windows = len(stages.A) - horizon + 1
     S, s = stages.Q[horizon - 1 :], np.zeros((n_windows, *F.shape[1:]))
@@ -64,29 +64,35 @@ def window_law(stages: Stages, horizon: int, F: Float[Array, "t nx m"]) -> Windo
 
 
 def game_gains(stages: Stages, G: Float[Array, "t nx nx"], horizon: int, multipliers: Float[Array, " k"]) -> Array:
-    """First gains R^-1 B' Pi_1 T of the games of all windows: u = -L x.
+    """Return the first gains R^-1 B' Pi_1 T of the games of all windows: u = -L x.
 
     Parameters
     ----------
     stages : system and weights
     G : roots of the sets of the noise
-    horizon : N
-    multipliers : of the noise, one per window, above the smallest ones
+    horizon : length N of a window
+    multipliers : multipliers of the noise, one per window, above the smallest ones
+
+    Raises
+    ------
+    ValueError
+        If a game is not bounded.
     """
     first, bounded = _game(stages, G, horizon, multipliers)
     if not bounded.all():
-        raise ValueError("a price lies below the smallest one")
+        raise ValueError("a multiplier is below the smallest one of its game")
     n_windows = len(multipliers)
     gains: Array = np.linalg.solve(stages.R[:n_windows], stages.B[:n_windows].mT @ first)
     return gains
 
 
 def smallest_multipliers(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
-    """Smallest price of noise for which the game of each window is bounded: the square of an H-infinity norm.
+    """Return the smallest multiplier with a bounded game of each window: the square of an H-infinity norm.
 
-    Found by halving; 0 where no noise costs anything.
+    Found by bisection; 0 if noise has no effect on the cost.
     """
-    high = noise_sizes(stages, G, horizon)  # without control noise does more
+    # An upper bound, as the effect of the noise is larger without control.
+    high = noise_sizes(stages, G, horizon)
     low = np.zeros_like(high)
     while (high - low > 1e-12 * high).any():
         middle = 0.5 * (low + high)
@@ -96,10 +102,14 @@ def smallest_multipliers(stages: Stages, G: Float[Array, "t nx nx"], horizon: in
 
 
 def noise_sizes(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Float[Array, " k"]:
-    """Trace of the map from all noise to the cost of each window, without control: above any smallest price."""
+    """Return the trace of the map from all noise to the cost of each window without control.
+
+    It is an upper bound of the smallest multiplier; not finite if the cost overflows.
+    """
     n_windows = len(stages.A) - horizon + 1
     Y, total = stages.Q[horizon - 1 :], np.zeros(n_windows)
-    with np.errstate(over="ignore", invalid="ignore"):  # who asks refuses what is not finite
+    # The caller checks for values that are not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
         for t in range(horizon - 1, -1, -1):
             A, now = stages.A[t : t + n_windows], G[t : t + n_windows]
             total += np.trace(now.mT @ Y @ now, axis1=1, axis2=2)
@@ -110,11 +120,12 @@ def noise_sizes(stages: Stages, G: Float[Array, "t nx nx"], horizon: int) -> Flo
 def _game(
     stages: Stages, G: Float[Array, "t nx nx"], horizon: int, multipliers: Float[Array, " k"]
 ) -> tuple[Float[Array, "k nx nx"], Bool[Array, " k"]]:
-    """Pi_1 T of every window, and whether its game is bounded; without noise at the price 0."""
+    """Return Pi_1 T of every window, and whether its game is bounded; a multiplier 0 means no noise."""
     n_windows, nx = len(multipliers), stages.A.shape[1]
     share = np.divide(1.0, multipliers, out=np.zeros(n_windows), where=multipliers > 0.0)[:, None, None]
     Pi, first, bounded = stages.Q[horizon - 1 :], np.zeros(0), np.ones(n_windows, dtype=bool)
-    with np.errstate(all="ignore"):  # of windows whose game is not bounded
+    # Windows with an unbounded game may overflow.
+    with np.errstate(all="ignore"):
         for t in range(horizon - 1, -1, -1):
             A, B, now, R = (each[t : t + n_windows] for each in (stages.A, stages.B, G, stages.R))
             bounded &= np.linalg.eigvalsh(share * (now.mT @ Pi @ now))[:, -1] < 1.0

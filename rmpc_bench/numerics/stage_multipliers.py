@@ -1,15 +1,17 @@
-"""The linear-quadratic game with a price of its own for the noise of every stage: the tightest bound of the three.
+"""Linear-quadratic game with one Lagrange multiplier per stage: the tightest of the three bounds.
 
-Problem  lq_game.py's, with tau_t at stage t: every w(t) has its own ellipsoid, and rho = min over all multipliers.
-Form     in noises v of unit size, e = M_root v_0 and w(t) = G_t v_{t+1}, with T v the states that they cause without
-         control, each times the root of its weight, F v and f what control leaves of T v and of x_hat:
-         rho(tau) = sum of tau + h' (D(tau) - S)^-1 h, with h = T' f, S = T' F and D the multipliers along the diagonal,
-         where D(tau) >= C = T' T.  It is convex and smooth inside; the optimum lies on the edge as a rule.
-Solution a primal-dual path inside the domain, with the steps of Mehrotra: Z of W = D - C and eta = (D - S)^-1 h, with
-         |eta_t|^2 + trace Z_tt = 1 for every block at the optimum.  Any Z and eta scaled to that give a lower bound,
-         2 h' eta + eta' S eta + trace C Z, so that the search knows how far it is.
-Source   the multipliers of ma2025, Theorem 1, taken apart; tests: it equals the semidefinite program.
-Cost     some 10 to 20 steps of (N n)^3 multiplications each.
+Problem  That of lq_game.py with multiplier tau_t at stage t: every w(t) has its own ellipsoid, and rho is the minimum
+         over all multipliers.
+Form     With noises v of unit size, e = M_root v_0 and w(t) = G_t v_{t+1}: T v are the states caused by the noise
+         without control, each times the root of its weight.  F v and f are the parts of T v and of the response to
+         x_hat that remain with optimal control.  rho(tau) = sum of tau + h' (D(tau) - S)^-1 h, with h = T' f,
+         S = T' F and D the block-diagonal matrix of the multipliers, subject to D(tau) >= C = T' T.  rho is convex,
+         and smooth in the interior; the optimum is usually on the boundary.
+Solution Primal-dual interior-point method with predictor and corrector steps (Mehrotra): dual matrix Z of W = D - C and
+         eta = (D - S)^-1 h, with |eta_t|^2 + trace Z_tt = 1 for every block at the optimum.  Any Z and eta, scaled to
+         satisfy this, give the lower bound 2 h' eta + eta' S eta + trace C Z, which bounds the distance to the optimum.
+Source   ma2025, Theorem 1, with separate multipliers; tests compare it with the semidefinite program.
+Cost     10 to 20 steps of (N n)^3 multiplications each.
 """
 
 from __future__ import annotations
@@ -24,47 +26,48 @@ from rmpc_bench.numerics.lq_game import Game, Solution, solve
 from rmpc_bench.types import Array
 
 GAP = 1e-9
-"""Distance of the two bounds, relative, at which the search ends."""
+"""Relative duality gap at which the search ends."""
 MOST_STEPS = 100
 START = 0.3
-"""Of the gap that Z starts with, over rho."""
+"""Initial duality gap divided by rho."""
 BEFORE = 0.98
-"""Share of the way to the edge that a step may go."""
+"""Largest share of the step to the boundary."""
 NOTHING = 1e-30
-"""Share of the largest effect below which noise has none; it moves the bound by the root of that."""
+"""Noise with a smaller share of the largest effect is omitted; it changes the bound by the root of that share."""
 NEXT_TO_NOTHING = 1e-20
-"""Price of noise without effect, over rho: a recursion divides by it."""
+"""Multiplier, divided by rho, of noise without effect; not zero, because a recursion divides by it."""
 
 
 class Form(NamedTuple):
-    """The game as one step in noises of unit size, that of the first state before those of the stages."""
+    """The game as a single step with noises of unit size; the error of the first state precedes the noises."""
 
     T: Float[Array, "states noises"]
-    """States, each times the root of its weight, that noise causes without control."""
+    """States caused by noise without control, each times the root of its weight."""
     F: Float[Array, "states noises"]
-    """What control leaves of them."""
+    """States caused by noise with optimal control."""
     f: Float[Array, " states"]
-    """What control leaves of those that x_hat causes."""
+    """States caused by x_hat with optimal control."""
 
 
 class StageMultipliers(NamedTuple):
-    """What the search has found."""
+    """Result of the search."""
 
     rho: float
     tau: Float[Array, " blocks"]
+    """Multiplier of every block."""
     eta: Float[Array, " noises"]
-    """The worst noise, of unit size in every block at most."""
+    """The worst noise; the norm of every block is at most 1."""
     low: float
-    """A lower bound of the least rho."""
+    """A lower bound of the minimal rho."""
 
 
 def solve_stages(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Solution:
-    """Solve the game with one price per stage.
+    """Solve the game with one multiplier per stage.
 
-    The search ends within 1e-9 of the least bound, relative, as its lower bound shows: in all of 4000 states tried,
-    with flat sets, missing noise, A_0 = 0 and N up to 100.  Where it finds nothing better, the result is the optimum of
-    one price for all stages, in which w fills N M_w.  Noise without effect has a price of 1e-20 rho.  With a flat M the
-    recursion at the same multipliers of the stages may have tau_1 so far away that rho moves by 2e-7, by rounding.
+    The duality gap at the end is below 1e-9 rho; this held for all 4000 test states, with singular sets, missing noise,
+    A_0 = 0 and N up to 100.  If the search does not improve it, the result is the solution with a common multiplier
+    for the set N M_w.  Noise without effect has the multiplier 1e-20 rho.  With a singular M, the recursion with these
+    multipliers may give another tau_1, which changes rho by up to 2e-7 by rounding.
 
     Parameters
     ----------
@@ -93,7 +96,7 @@ def solve_stages(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"])
 
 
 def make_form(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Form:
-    """Write the game as one step.
+    """Write the game as a single step.
 
     Parameters
     ----------
@@ -111,7 +114,7 @@ def make_form(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) ->
 def search(
     T: Float[Array, "states noises"], F: Float[Array, "states noises"], f: Float[Array, " states"], n: int
 ) -> StageMultipliers:
-    """Find the multipliers of some blocks of noise, by a primal-dual path.
+    """Compute the multipliers of the blocks of noise by a primal-dual method.
 
     Parameters
     ----------
@@ -120,7 +123,8 @@ def search(
     """
     C, S, h = symmetrise(T.T @ T), symmetrise(T.T @ F), T.T @ f
     size = np.sqrt(_traces(C, n))
-    tau = 2.0 * size * size.sum() + np.linalg.norm(h.reshape(-1, n), axis=1)  # inside, by Cauchy and Schwarz
+    # In the interior of the domain, by the Cauchy-Schwarz inequality.
+    tau = 2.0 * size * size.sum() + np.linalg.norm(h.reshape(-1, n), axis=1)
     found, Z = StageMultipliers(np.inf, tau, h, -np.inf), np.zeros_like(C)
     for number in range(MOST_STEPS):
         try:
@@ -137,7 +141,8 @@ def search(
             if found.rho - found.low <= GAP * found.rho:
                 break
             d_tau, d_Z = _step(D - C, L_inv, Z, G_inv, eta, n)
-        except np.linalg.LinAlgError:  # rounding has reached the edge
+        # Rounding has led to the boundary: the best solution so far is the result.
+        except np.linalg.LinAlgError:
             break
         tau, Z = tau + d_tau, Z + d_Z
     return found
@@ -151,9 +156,9 @@ def _step(
     eta: Float[Array, " d"],
     n: int,
 ) -> tuple[Float[Array, " m"], Float[Array, "d d"]]:
-    """Change of tau and Z: Newton's on W Z = mu, first for mu = 0, which says how small mu may be, then for that mu.
+    """Return the change of tau and Z: Newton steps on W Z = mu, for mu = 0, which determines mu, then for that mu.
 
-    Both go equally far, at most to just before the edge; with lengths of their own some cases take three times longer.
+    Both have the same step length, which ends before the boundary; separate lengths took up to three times more steps.
     """
     W_inv, (d, m) = L_inv.T @ L_inv, (len(eta), len(eta) // n)
     mu, Z_inv = np.vdot(W, Z) / d, np.linalg.inv(np.linalg.cholesky(Z))
@@ -183,19 +188,19 @@ def _lower(
     eta: Float[Array, " d"],
     n: int,
 ) -> float:
-    """Lower bound of rho(tau) for all tau, by Z and eta, scaled so that every block counts one."""
+    """Return a lower bound of rho(tau) for all tau from Z and eta, scaled so that |eta_t|^2 + trace Z_tt = 1."""
     scale = np.repeat(1.0 / np.sqrt((eta.reshape(-1, n) ** 2).sum(axis=1) + _traces(Z, n)), n)
     z = scale * eta
     return float(2.0 * h @ z + z @ S @ z + scale @ (C * Z) @ scale)
 
 
 def _traces(X: Float[Array, "d d"], n: int) -> Float[Array, " m"]:
-    """Traces of the blocks along the diagonal."""
+    """Return the traces of the diagonal blocks."""
     return np.asarray(np.diag(X).reshape(-1, n).sum(axis=1))
 
 
 def _reach(game: Game, first: Float[Array, "n k"], maps: Float[Array, "N n n"]) -> Float[Array, "states inputs"]:
-    """States, each times the root of its weight, by first states and by what enters at every stage, without control."""
+    """Return the weighted states without control as responses to the first state and to the inputs of every stage."""
     N, n = game.A.shape[:2]
     weight, width = psd_sqrt(game.Q), first.shape[1]
     now, rows = np.zeros((n, width + N * n)), np.empty((N, n, width + N * n))
@@ -208,7 +213,7 @@ def _reach(game: Game, first: Float[Array, "n k"], maps: Float[Array, "N n n"]) 
 
 
 def _costate(game: Game, y: Float[Array, "N n"]) -> Float[Array, " n"]:
-    """Half the slope of the cost by x(1), of the states times the roots of their weights."""
+    """Return half the gradient of the cost with respect to x(1), from the weighted states."""
     weighted = np.einsum("tij,tj->ti", psd_sqrt(game.Q), y)
     slope = weighted[-1]
     for t in range(len(y) - 2, -1, -1):

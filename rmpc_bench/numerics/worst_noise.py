@@ -1,9 +1,9 @@
-"""The worst that bounded noise can do to a fixed sequence of controls, from below, by local maximisation.
+"""Worst bounded noise for a fixed sequence of controls: a lower bound of the largest cost by local maximisation.
 
-Problem  maximise sum_t x(t+1)' Q x(t+1) + u' R u of x(t+1) = A x + B u + w, x(0) = x_hat + e over e in E(0, M) and
+Problem  Maximise sum_t x(t+1)' Q x(t+1) + u' R u of x(t+1) = A x + B u + w, x(0) = x_hat + e over e in E(0, M) and
          every w(t) in E(0, M_w(t)): a convex function on a product of ellipsoids, whose maxima are extreme points.
-Method   go to the point of every ellipsoid that the gradient points to, all at once.  A convex function lies above
-         its tangent planes, so that no step goes down.  What is found is a lower bound of the worst, which is NP-hard.
+Method   Every step moves to the maximiser of the linearised cost on each ellipsoid.  A convex function lies above its
+         tangent planes, so that no step decreases the cost.  The result is a lower bound; the maximum is NP-hard.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rmpc_bench.types import Array
 
 MOST_STEPS = 10_000
 GAIN = 1e-13
-"""A step that raises the cost by less, relative to it, is the last one."""
+"""The search ends when a step increases the cost by less than this share."""
 
 
 def worst_cost(
@@ -27,16 +27,16 @@ def worst_cost(
     G: Float[Array, "N nx nx"],
     starts: int,
 ) -> float:
-    """Largest cost found from a number of starts.
+    """Return the largest cost found from several starts.
 
     Parameters
     ----------
     stages : system and weights over the horizon
-    U : the controls
+    U : controls
     x : estimate x_hat
     M_root : root of the set of e
     G : roots of the sets of w(t)
-    starts : random first noises, the same at every call
+    starts : number of random initial noises, the same at every call
     """
     N, nx = stages.A.shape[:2]
     generator = np.random.Generator(np.random.PCG64(starts))
@@ -58,7 +58,7 @@ def worst_cost(
 def _cost(
     stages: Stages, forced: Float[Array, "N nx"], x: Float[Array, " nx"], noise: Float[Array, "b stages nx"]
 ) -> tuple[Float[Array, " b"], Float[Array, "b stages nx"]]:
-    """Cost of the states, and half its gradient by the noise, e first."""
+    """Return the cost of the states and half its gradient with respect to the noise, e first."""
     now, cost, weighted = x + noise[:, 0], np.zeros(len(noise)), []
     for t, push in enumerate(forced):
         now = now @ stages.A[t].T + push + noise[:, t + 1]

@@ -1,8 +1,8 @@
-"""A linear system as the truth.
+"""Linear plant.
 
-Model   x(k+1) = A_k x + B_k u + w,  y(k) = C_k x + v,  with the noises of the section `noise`.
+Model   x(k+1) = A_k x + B_k u + w,  y(k) = C_k x + v.  The section `noise` defines w and v.
 Source  ma2025, (3), (4).
-Cost    that of an uncertain linear system without its uncertainty.
+Cost    As `uncertain-linear` without uncertainty.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ NONE = Uncertainty("fixed", value=0.0)
 
 
 def design(Ts: float, n_steps: int, *, A: SystemMatrix, B: SystemMatrix = None, C: SystemMatrix) -> UncertainLinear:
-    """Linear system, every noise on its own state or output.
+    """Linear system with one noise per state and one per output.
 
-    A matrix that is not given is zero; a number is that number times the identity, a list the diagonal; entries may
-    depend on the time index k.
+    A missing matrix is zero.  A number stands for that number times the identity, a list for a diagonal matrix.
+    Entries may depend on the time index k.
 
     Parameters
     ----------
@@ -32,6 +32,6 @@ def design(Ts: float, n_steps: int, *, A: SystemMatrix, B: SystemMatrix = None, 
     Raises
     ------
     DesignError
-        If sizes do not fit together, or an entry has no value at some k.
+        If the sizes are inconsistent, or an entry is undefined at some k.
     """
     return UncertainLinear(uncertain_system(n_steps, {"A": A, "B": B, "C": C, "Bw": 1.0, "Dv": 1.0}), NONE, Ts)

@@ -1,15 +1,15 @@
-"""The parallel robot of models/moving_slide.py as it is taken to be in truth, moved by Runge and Kutta's method.
+"""Parallel robot of models/moving_slide.py as a plant, integrated by the Runge-Kutta method of order 4.
 
-Model   M(y) v' + N(y, v) v = J' tau with the torques held over a sample; what is drawn of w is added to the state
-        x = [x_c, y_c, psi, and their velocities] at the end of the sample, and y = (x_c, y_c, psi) + v.
+Model   M(y) v' + N(y, v) v = J' tau with a zero-order hold of the torques.  The process noise w is added to the state
+        x = [x_c, y_c, psi, and their velocities] at the end of the sample; y = (x_c, y_c, psi) + v.
 Source  belda2017, section VI, (29); the experiment has measurement noise only.
-Chosen  every number, as the paper prints none; RK4 with two equal steps in a sample, which at 0.01 s leaves an error of
-        about 1e-12 m.
-Cost    2.2 us per run and sample of two steps, a seventh of what NumPy takes for a block of 50 runs.
-Fails   status `out-of-range` where a drawn mass, inertia or length is not positive, a damping is negative, or an arm
-        would be longer than `arm` or shorter than `l_min`; `singular` where the smallest singular value of J is below
-        0.02: the torques cannot move the platform every way, as in the middle with |psi| = acos(b/a) = 74.5
-        degrees; `diverged` where the state is no number or |x_c| or |y_c| exceeds 1 m.
+Assumed All parameter values, as the paper prints none; two equal integration steps per sample, which leave an error of
+        about 1e-12 m at a sampling time of 0.01 s.
+Cost    2.2 us per run and sample of two steps, a seventh of the time of NumPy for a block of 50 runs.
+Fails   Status `out-of-range`: a drawn mass, inertia or length is not positive, a damping is negative, or an arm is
+        longer than `arm` or shorter than `l_min`.  Status `singular`: the smallest singular value of J is below 0.02,
+        so that the torques cannot move the platform in every direction; in the centre this happens at
+        |psi| = acos(b/a) = 74.5 degrees.  Status `diverged`: the state is not finite, or |x_c| or |y_c| exceeds 1 m.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from rmpc_bench.plants.moving_slide_plot import robot_on_its_path
 from rmpc_bench.types import Array, Count, DesignError, Motion, NonNegative, Panel, Plant, Positive, Status, Statuses
 
 LEAST_SIGMA = 0.02
-"""Smallest singular value of J below which a pose counts as singular; the kernel has its own copy."""
+"""A pose counts as singular if the smallest singular value of J is below this; the kernel has its own copy."""
 MAY_BE_ZERO = ("d_rot", "d_sl")
 UNITS = {"y.0": "m", "y.1": "m", "y.2": "rad", "x.0": "m", "x.1": "m", "x.2": "rad"}
 UNITS |= {"x.3": "m/s", "x.4": "m/s", "x.5": "rad/s"}
 
 
 class SlideDelta(NamedTuple):
-    """Numbers of every run as the kernel takes them, the shortest and the longest arm last."""
+    """Parameters of every run in the order of the kernel; shortest and longest arm are the last two."""
 
     numbers: Float[Array, "runs 10"]
     status: Statuses
@@ -60,7 +60,7 @@ class MovingSlide(Plant):
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
     ) -> SlideDelta:
-        """Make the numbers of every run; one without meaning gets the nominal ones and a status."""
+        """Return the parameters of every run; a run with invalid parameters gets the nominal ones and a status."""
         good = np.ones(len(next(iter(parameters.values()))), dtype=bool)
         for name, values in parameters.items():
             good &= np.isfinite(values) & ((values >= 0.0) if name in MAY_BE_ZERO else (values > 0.0))
@@ -76,7 +76,7 @@ class MovingSlide(Plant):
         u: Float[Array, "runs 4"],
         w: Float[Array, "runs 6"],
     ) -> Motion:
-        """Move over one sample with the torques held, then add the process noise."""
+        """Advance one sample with constant torques, then add the process noise."""
         from rmpc_bench.models.moving_slide_kernel import slide_step_kernel
 
         x, u, w = map(as_compiled, (x, u, w))
@@ -96,7 +96,7 @@ class MovingSlide(Plant):
         return np.asarray(sigma_kernel(as_compiled(y), _numbers(self.nominal)))
 
     def unreachable(self, r: Float[Array, "samples 3"]) -> str | None:
-        """Say where a reference is out of reach of the nominal robot, or singular; None where it is neither."""
+        """Describe where a reference is out of reach of the nominal robot or singular; None if it is neither."""
         p = self.nominal
         _, lengths, J = arms(r, p["a"], p["b"])
         outside = (lengths < p["l_min"]) | (lengths > p["arm"])
@@ -106,15 +106,15 @@ class MovingSlide(Plant):
             k = int(np.argmax(sigma < LEAST_SIGMA))
             pose = ", ".join(f"{value:.4g}" for value in r[k])
             return (
-                f"at {k * self.Ts:g} s the pose ({pose}) is singular: the torques cannot move the platform every way "
-                f"(smallest singular value of J {sigma[k]:.2g}, below {LEAST_SIGMA:g}); turn it less"
+                f"at {k * self.Ts:g} s the pose ({pose}) is singular: the torques cannot move the platform in every "
+                f"direction (smallest singular value of J {sigma[k]:.2g}, below {LEAST_SIGMA:g}); reduce the angle"
             )
         if reached == len(r):
             return None
         arm = int(np.argmax(outside[reached]))
         return (
-            f"at {reached * self.Ts:g} s arm {arm + 1} would be {lengths[reached, arm]:.4g} m long; it can be "
-            f"{p['l_min']:g} to {p['arm']:g} m: stay closer to the middle"
+            f"at {reached * self.Ts:g} s arm {arm + 1} would be {lengths[reached, arm]:.4g} m long; its range is "
+            f"{p['l_min']:g} to {p['arm']:g} m: stay closer to the centre"
         )
 
     @property
@@ -127,7 +127,7 @@ class MovingSlide(Plant):
         return robot_on_its_path(self.nominal["a"], self.nominal["b"])
 
     def warm_up(self) -> None:
-        """Compile the kernel (or load it from the cache) by moving one run over one sample."""
+        """Compile the kernel (or load it from the cache) by simulating one sample of one run."""
         one = {name: np.array([value]) for name, value in self.nominal.items()}
         x = np.zeros((1, 6))
         self.step(0, self.draw(one, [], 1), x, np.zeros((1, 4)), x)
@@ -154,28 +154,28 @@ def design(
     arm: Positive = 0.50,
     l_min: Positive = 0.05,
 ) -> MovingSlide:
-    """Parallel robot; `perturb` and `set` act on the parameters given here, `substeps` excepted.
+    """Parallel robot; `perturb` and `set` accept all parameters listed here except `substeps`.
 
     Parameters
     ----------
     Ts : sampling time [s]
-    substeps : steps of Runge and Kutta's method in a sample
+    substeps : Runge-Kutta steps per sample
     mass : factor on all masses and inertias
     a : half side of the square of the base joints [m]
     b : half side of the platform [m]
     m_p : mass of the platform [kg]
-    I_p : its inertia [kg m^2]
+    I_p : inertia of the platform [kg m^2]
     m_s : mass of a slide [kg]
     I_arm : inertia of an arm about its base joint [kg m^2]
     d_rot : viscous damping of a base joint [N m s]
     d_sl : viscous damping of a slide [N s/m]
-    arm : length of an arm, which its slide must not leave [m]
-    l_min : distance that a slide keeps from the base joint [m]
+    arm : length of an arm and largest distance of its slide from the base joint [m]
+    l_min : smallest distance of a slide from the base joint [m]
 
     Raises
     ------
     DesignError
-        If an arm leaves no room for its slide.
+        If l_min is not below the length of an arm.
     """
     given = locals()
     nominal = {name: float(given[name]) for name in ("mass", *NUMBERS, "arm", "l_min")}

@@ -1,4 +1,4 @@
-"""The parallel robot from above, at the start and half way along the S that it follows: Fig. 1 of belda2017."""
+"""Top view of the parallel robot at the start and at half time of the S-shaped reference: Fig. 1 of belda2017."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ POINTS = 400
 
 
 def robot_at(y: Float[Array, " 3"], a: float, b: float) -> tuple[Float[Array, " points"], Float[Array, " points"]]:
-    """Outline of the arms and of the platform, with gaps between them.
+    """Outline of the arms and of the platform, separated by NaN.
 
     Parameters
     ----------
-    y : (3,) place [m] and angle [rad] of the platform
+    y : (3,) position [m] and angle [rad] of the platform
     a, b : half sides of the squares of the base joints and of the platform [m]
 
     Returns
     -------
     tuple
-        Horizontal and vertical places [m].
+        Horizontal and vertical coordinates [m].
     """
     joints = arms(y[None], a, b).joints[0]
     gap = np.full((1, 2), np.nan)
@@ -33,7 +33,7 @@ def robot_at(y: Float[Array, " 3"], a: float, b: float) -> tuple[Float[Array, " 
 
 
 def robot_on_its_path(a: float, b: float) -> tuple[Panel, Panel]:
-    """Draw the robot at the start and at half time, and the S with where it is at every second.
+    """Plot records of the robot at the start and at half time, and of the reference with a mark at every second.
 
     Parameters
     ----------

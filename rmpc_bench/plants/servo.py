@@ -1,21 +1,20 @@
-"""The servomechanism as it is taken to be in truth: armature inductance and dry friction on load and motor.
+"""Nonlinear servomechanism with armature inductance and dry friction on load and motor.
 
-Model   as in models/servo.py with L > 0 and T_f(w) = (alpha_0 + alpha_1 exp(-alpha_2 |w|)) sgn(w) on both bodies.
-        At w = 0 the friction is the whole interval [-(alpha_0 + alpha_1), alpha_0 + alpha_1] (Filippov): a body sticks
-        as long as some torque of the interval holds it, and its velocity is then exactly zero.
-        State x = [th_l, w_l, th_m, w_m, I]: the linear model's four and the armature current [A].
+Model   As in models/servo.py with L > 0 and T_f(w) = (alpha_0 + alpha_1 exp(-alpha_2 |w|)) sgn(w) on both bodies.
+        At w = 0 the friction torque is set-valued, the interval [-(alpha_0 + alpha_1), alpha_0 + alpha_1] (Filippov).
+        A body sticks, with velocity exactly zero, as long as a torque of this interval balances the other torques.
+        State x = [th_l, w_l, th_m, w_m, I]: the four states of the linear model and the armature current [A].
 Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
-Chosen  process noise kicks the first four states at the end of a sample, and a sample starts from the state alone;
-        integration by Taylor series from one friction event to the next (plants/servo_kernel.py), so that what is left
-        of the error is rounding: 1e-14 rad in the load angle of the closed loops of Fig. 7.
-Cost    1.0 us per run and sample of 0.1 s in Fig. 7 (`make perf`: 0.16 s for its 160,000); below 0.1 H in inverse
-        proportion to L: 0.27 ms at 1e-3 H.
-Fails   status `out-of-range` where a drawn inertia, resistance, inductance or gear ratio is not positive, another
-        parameter is negative, or a mode of the linear part is faster than a sample by more than 20,000;
-        `too-many-events` where friction stops and releases a body more than 1000 times in a sample, or the sample takes
-        more than 20,000 series; a run of such samples costs up to 60 ms each (seconds with alpha_2 > 1e50).
-
-`servo-linear`, the model without dry friction and inductance, is a plant here too.
+Assumed Process noise is added to the first four states at the end of a sample.  The mode of each body (stick or slip)
+        is determined from the state alone at the start of a sample.  Integration by Taylor series between friction
+        events (servo_kernel.py) leaves only rounding errors: 1e-14 rad in the load angle of the loops of Fig. 7.
+Cost    1.0 us per run and sample of 0.1 s in Fig. 7 (`make perf`: 0.16 s for its 160,000).  Below 0.1 H the time is
+        inversely proportional to L: 0.27 ms at 1e-3 H.
+Fails   Status `out-of-range`: a drawn inertia, resistance, inductance or gear ratio is not positive, another parameter
+        is negative, or |eigenvalue| Ts of the linear part exceeds 20,000.  Status `too-many-events`: friction stops and
+        releases a body more than 1000 times in a sample, or a sample needs more than 20,000 series.  Such a sample
+        costs up to 60 ms (seconds with alpha_2 > 1e50).
+Linear  This module also contains the plant `servo-linear`, without dry friction and inductance.
 """
 
 from __future__ import annotations
@@ -45,14 +44,14 @@ from rmpc_bench.types import (
 )
 
 TOLERANCE = 1e-15
-"""Last terms of a Taylor series relative to its largest: rounding, for a third more time than 1e-9 takes."""
+"""Last terms of a Taylor series relative to its largest term: rounding, for a third more time than with 1e-9."""
 MOST_RATE = 20_000.0
-"""Largest |eigenvalue| of the linear part in a sample: about 5000 Taylor series, 10 ms per run and sample."""
+"""Largest |eigenvalue| Ts of the linear part: about 5000 Taylor series, 10 ms per run and sample."""
 FRICTION = ("alpha_l0", "alpha_l1", "alpha_l2", "alpha_m0", "alpha_m1", "alpha_m2")
 
 
 class LinearDelta(NamedTuple):
-    """Sampled dynamics of every run: x(k+1) = E x(k) + G inputs."""
+    """Sampled dynamics of every run: x(k+1) = E x(k) + G u(k)."""
 
     E: Float[Array, "runs nx nx"]
     G: Float[Array, "runs nx inputs"]
@@ -68,10 +67,10 @@ class ServoDelta(NamedTuple):
 
 
 def coefficients(p: Mapping[str, float]) -> tuple[Float[Array, " 9"], Float[Array, "2 3"]]:
-    """Coefficients of the equations of motion as the kernel takes them, torques divided by inertias.
+    """Coefficients of the equations of motion in the order of the kernel, torques divided by inertias.
 
-    The first array has those of the twist th_m / rho - th_l, the load (twist, w_l), the motor (twist, w_m, I) and the
-    current (I, w_m, V), the second those of the friction (load and motor, alpha_0 to alpha_2).
+    First array: twist th_m / rho - th_l, load (twist, w_l), motor (twist, w_m, I), current (I, w_m, V).  Second array:
+    friction, rows load and motor, columns alpha_0 to alpha_2.
     """
     load, motor, current = p["J_l"], p["J_m"], p["L"]
     linear = [1.0 / p["rho"], p["k_theta"] / load, p["beta_l"] / load]
@@ -95,7 +94,7 @@ def with_current(p: Mapping[str, float]) -> tuple[Float[Array, "5 5"], Float[Arr
 def _rows(
     parameters: Mapping[str, Float[Array, " runs"]], nominal: Mapping[str, float]
 ) -> tuple[list[dict[str, float]], Statuses]:
-    """Split the parameters into one record per run; a run without meaning gets the nominal ones and a status."""
+    """Split the parameters into one record per run; invalid parameters give the nominal ones and a status."""
     good = admissible(parameters)
     rows = [
         {name: float(values[i]) for name, values in parameters.items()} if good[i] else dict(nominal)
@@ -105,7 +104,7 @@ def _rows(
 
 
 def _slow_enough(rows: Sequence[Mapping[str, float]], Ts: float) -> Bool[Array, " runs"]:
-    """Whether the kernel can follow the fastest mode of the linear part of each run."""
+    """Whether the fastest mode of the linear part of each run is within the range of the kernel."""
     A = np.stack([with_current(p)[0] for p in rows])
     finite = np.isfinite(A).all(axis=(1, 2))
     rates = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], A, 0.0))).max(axis=1)
@@ -114,7 +113,7 @@ def _slow_enough(rows: Sequence[Mapping[str, float]], Ts: float) -> Bool[Array, 
 
 @dataclass(frozen=True, eq=False)
 class Servo(Plant):
-    """The nonlinear servomechanism; build it with `design`."""
+    """The nonlinear servomechanism; create it with `design`."""
 
     Ts: float
     nominal: Mapping[str, float]
@@ -129,7 +128,7 @@ class Servo(Plant):
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
     ) -> ServoDelta:
-        """Make the coefficients of every run."""
+        """Return the coefficients of every run."""
         rows, status = _rows(parameters, self.nominal)
         slow = _slow_enough(rows, self.Ts)
         made = [coefficients(p if good else self.nominal) for p, good in zip(rows, slow, strict=True)]
@@ -147,7 +146,7 @@ class Servo(Plant):
         u: Float[Array, "runs 1"],
         w: Float[Array, "runs 4"],
     ) -> Motion:
-        """Move over one sample with the voltage held, then add the process noise."""
+        """Advance one sample with constant voltage, then add the process noise."""
         from rmpc_bench.plants.servo_kernel import servo_step_kernel
 
         x_next, status = servo_step_kernel(x, u, delta.linear, delta.friction, self.Ts, TOLERANCE)
@@ -169,7 +168,7 @@ class Servo(Plant):
         return friction_profiles(self.nominal)
 
     def warm_up(self) -> None:
-        """Compile the kernel (or load it from the cache) by moving one run over one sample."""
+        """Compile the kernel (or load it from the cache) by simulating one sample of one run."""
         one = {name: np.array([value]) for name, value in self.nominal.items()}
         delta = self.draw(one, [], 1)
         self.step(0, delta, np.zeros((1, 5)), np.zeros((1, 1)), np.zeros((1, 4)))
@@ -177,7 +176,7 @@ class Servo(Plant):
 
 @dataclass(frozen=True, eq=False)
 class ServoLinear(Plant):
-    """The linear servomechanism as a plant; build it with `design_linear`."""
+    """The linear servomechanism as a plant; create it with `design_linear`."""
 
     Ts: float
     nominal: Mapping[str, float]
@@ -205,7 +204,7 @@ class ServoLinear(Plant):
         u: Float[Array, "runs 1"],
         w: Float[Array, "runs 4"],
     ) -> Motion:
-        """Move over one sample with the voltage held, then add the process noise."""
+        """Advance one sample with constant voltage, then add the process noise."""
         return Motion(mv(delta.E, x) + mv(delta.G, u) + w, delta.status)
 
     def output(
@@ -238,7 +237,7 @@ def design(
     alpha_m1: NonNegative = 2.0,
     alpha_m2: NonNegative = 0.5,
 ) -> Servo:
-    """Nonlinear servomechanism; `perturb` and `set` act on the parameters given here.
+    """Nonlinear servomechanism; `perturb` and `set` accept all parameters listed here.
 
     Parameters
     ----------
@@ -254,20 +253,20 @@ def design(
     beta_l : viscous friction of the load [N m s]
     alpha_l0 : Coulomb friction of the load [N m]
     alpha_l1 : additional friction of the load near standstill [N m]
-    alpha_l2 : its decay with the velocity [s/rad]
+    alpha_l2 : decay rate of alpha_l1 with the velocity [s/rad]
     alpha_m0 : Coulomb friction of the motor [N m]
     alpha_m1 : additional friction of the motor near standstill [N m]
-    alpha_m2 : its decay with the velocity [s/rad]
+    alpha_m2 : decay rate of alpha_m1 with the velocity [s/rad]
 
     Raises
     ------
     DesignError
-        If a mode of the linear part is too fast to follow: the inductance or an inertia is too small.
+        If a mode of the linear part is too fast for the kernel: the inductance or an inertia is too small.
     """
     given = locals()
     nominal = {name: float(given[name]) for name in ("L", *TABLE_1, *FRICTION)}
     if not _slow_enough([nominal], Ts)[0]:
-        raise DesignError(f"a mode is faster than a sample by more than {MOST_RATE:,.0f}: enlarge L or an inertia", "L")
+        raise DesignError(f"|eigenvalue| Ts of the linear part exceeds {MOST_RATE:,.0f}: increase L or an inertia", "L")
     return Servo(Ts, nominal)
 
 

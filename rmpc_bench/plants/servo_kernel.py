@@ -1,23 +1,33 @@
-"""The compiled inner loop of the servomechanism: Taylor series between friction events, for the rows of a block.
+"""Compiled simulation of the servomechanism: Taylor series between friction events, for all rows of a block.
 
-Each body slips forwards (mode 1), backwards (-1) or sticks (0).  As long as no mode changes the equations are smooth,
-and the state is a power series in the time tau in [0, 1], scaled to the rest of the sample, whose coefficients follow
-by recursion.  They are dense output, too: an event is the first zero of a polynomial in tau.  The array ``c`` holds
+Phases
+    1  one sample: loop over the pieces between events        servo_step_kernel, _sample
+    2  mode of each body from the state (stick or slip)       _begin, _mode
+    3  Taylor series of one piece, shortened until accurate   _series, _expand, _converge, _brake, _shrink
+    4  recursion of the coefficients                          _prepare, _accelerations, _slip
+    5  first event: smallest zero of a polynomial             _first_event, _first_fall, _walk, _stride
+    6  state at the end of the piece                          _evaluate
 
-    row 0..4   coefficients of the state [th_l, w_l, th_m, w_m, I]
-    row 5, 6   of the accelerations of load and motor without dry friction, a
-    row 7, 8   of the derivatives of their velocities, d, without the first one
-    row 9, 10  of e = exp(-alpha_2 s w), s the mode, in reverse and followed by zeros: column ORDER holds the first
+Model
+    Each body slips forwards (mode 1), slips backwards (-1) or sticks (0).  As long as the modes are constant the
+    equations are smooth, and the state is a power series in the time tau in [0, 1], scaled to the rest of the sample.
+    The coefficients follow from a recursion and serve as dense output: an event is the first zero of a polynomial in
+    tau.  A slipping body stops when its velocity reaches zero.  A sticking body starts to slip when the torque on it
+    exceeds the largest friction torque.
 
-so that rows 7 + b and 9 + b, shifted, multiply element by element.  Torques are divided by their inertia; the columns
-of ``linear`` (runs, 9) and ``friction`` (runs, 2, 3) are those of `plants.servo.coefficients`.
+Arrays
+    ``c`` contains
+        row 0..4   coefficients of the state [th_l, w_l, th_m, w_m, I]
+        row 5, 6   coefficients of the accelerations of load and motor without dry friction, a
+        row 7, 8   coefficients of the derivatives of their velocities, d, without the first one
+        row 9, 10  coefficients of e = exp(-alpha_2 s w), s the mode, in reverse order and followed by zeros: the first
+                   coefficient is in column ORDER, so that rows 7 + b and 9 + b, shifted, multiply element by element
+    Torques are divided by inertias.  The columns of ``linear`` (runs, 9) and ``friction`` (runs, 2, 3) are those of
+    `plants.servo.coefficients`.
 
-A body that slips stops where its velocity falls to zero; one that sticks breaks away where its torque outgrows the
-friction.
-
-The module is imported at the first step only, because it brings numba along.  The helpers in the inner loop are written
-into their callers (``inline``), because a call costs as much as the work.  All of it is one file, because numba's cache
-does not see that a function from another one has changed.
+The module is imported at the first step only, as it loads numba.  Functions of the inner loop are inlined, because a
+call takes as much time as the work.  All functions are in one file, because numba's cache does not detect a change of a
+function in another file.
 """
 
 from __future__ import annotations
@@ -28,18 +38,27 @@ from typing import Any
 import numba
 import numpy as np
 
-OK, TOO_MANY_EVENTS = 0, 3  # of types.Status, which compiled code cannot read
-NO_NUMBERS = -1  # becomes NaN and OK: it is closed_loop that marks such a run
-ORDER = 28  # a multiple of 4; a sample of 0.1 s needs 20 at the parameters of the paper's tables
+# Values of types.Status, which compiled code cannot read.
+OK, TOO_MANY_EVENTS = 0, 3
+# The kernel writes NaN with status OK for such a run; the closed loop detects NaN and sets the status `diverged`.
+NO_NUMBERS = -1
+# Largest order of a series, a multiple of 4.  A sample of 0.1 s needs order 20 with the parameters of the paper.
+ORDER = 28
 INVERSE = 1.0 / np.maximum(1.0, np.arange(ORDER + 1.0))
-LEAST_ORDER = 8  # two small terms before it may be an accident
-MOST_EVENTS = 1000  # in one sample
-MOST_PIECES = 20_000  # in one sample; about 20 ms
-TIE = 1e-13  # relative; a torque that exceeds the friction by no more, a few hundred roundings, does not exceed it
-FAST, STILL_FAST = 45.0, 38.0  # values of alpha_2 |w|; exp(-38) = 3e-17 is lost beside the friction at rest
-NOTHING = 1e-250  # far below any rounding and far enough above underflow
-MOST_STRIDES = 60  # along a polynomial; one to ten are usual, sixty lead into a double zero
-LARGEST = 1e100  # beyond it closed_loop gives a run up, and here squares overflow
+# Two small terms at a lower order may be a coincidence.
+LEAST_ORDER = 8
+MOST_EVENTS = 1000  # per sample
+MOST_PIECES = 20_000  # per sample; about 20 ms
+# Relative tolerance, a few hundred roundings: a torque this close to the friction limit does not exceed it.
+TIE = 1e-13
+# Values of alpha_2 |w|: exp(-38) = 3e-17 is below the rounding of the friction at rest.
+FAST, STILL_FAST = 45.0, 38.0
+# Zero in the search for events: far below any rounding and far above underflow.
+NOTHING = 1e-250
+# Steps of the root search: one to ten are usual; sixty occur only close to a double zero.
+MOST_STRIDES = 60
+# The closed loop stops such a run as `diverged`; larger values overflow here when squared.
+LARGEST = 1e100
 
 
 @numba.njit(cache=True, inline="always")
@@ -57,7 +76,7 @@ def _slip(
 ) -> tuple[float, float]:  # fmt: skip  # pragma: no cover
     """Write and return coefficients n + 1 of the velocity and of e, from e' = rate w' e, of a body that slips.
 
-    The sum over products has a constant length and four parts: that is what a processor does at once.
+    The sum of products has a constant length and four partial sums, so that the compiler can vectorise it.
     """
     p_0 = p_1 = p_2 = p_3 = 0.0
     for j in range(0, ORDER, 4):
@@ -74,7 +93,7 @@ def _slip(
 
 @numba.njit(cache=True)
 def _prepare(c: Any, friction: Any) -> None:  # pragma: no cover
-    """Clear what the recursion adds to and set the first coefficient of e: 0 for a body so fast that e is lost."""
+    """Clear the sums of the recursion and set the first coefficient of e, 0 if e is below rounding."""
     for b in range(2):
         drop = friction[b, 2] * abs(c[1 + 2 * b, 0])
         c[9 + b, ORDER] = exp(-drop) if drop < FAST else 0.0
@@ -87,10 +106,11 @@ def _prepare(c: Any, friction: Any) -> None:  # pragma: no cover
 def _expand(
     c: Any, u: float, h: float, mode: Any, eased: Any, linear: Any, friction: Any, tolerance: float
 ) -> tuple[int, float]:  # fmt: skip  # pragma: no cover
-    """Fill the coefficients over a time h from the state c[:, 0]; return the order and the size of the series.
+    """Compute the coefficients over a time h from the state c[:, 0]; return the order and the size of the series.
 
-    The series ends after two small terms in a row of velocities and current (the angles then have ended); the order is
-    ORDER + 1 if it has not.  A body that has just broken away (``eased``) has exactly no acceleration.
+    The series ends after two consecutive small terms of velocities and current (those of the angles are then small,
+    too).  The order is ORDER + 1 if the series has not ended.  A body that has just started to slip (``eased``) has
+    acceleration exactly zero.
     """
     _prepare(c, friction)
     e_l, e_m, d_l, d_m, w_l, w_m = c[9, ORDER], c[10, ORDER], 0.0, 0.0, 0.0, 0.0
@@ -118,12 +138,13 @@ def _expand(
             _accelerations(c, n + 1, linear)
             return n + 1, size_l + size_m + size_i
     _accelerations(c, ORDER, linear)
-    return ORDER + 1, size_l + size_m + size_i + term_l + term_m + term_i  # the last is NaN if one has been
+    # The last terms make the size NaN if any coefficient is NaN.
+    return ORDER + 1, size_l + size_m + size_i + term_l + term_m + term_i
 
 
 @numba.njit(cache=True)
 def _shrink(c: Any, order: int, factor: float) -> None:  # pragma: no cover
-    """Scale the time by a factor."""
+    """Rescale the series to a shorter time; a factor of the time multiplies coefficient n by factor^n."""
     power = 1.0
     for n in range(1, order + 1):
         power *= factor
@@ -133,7 +154,7 @@ def _shrink(c: Any, order: int, factor: float) -> None:  # pragma: no cover
 
 @numba.njit(cache=True)
 def _converge(c: Any, tolerance: float) -> float:  # pragma: no cover
-    """Cut a series that has not ended by ORDER to a time over which it does; return the factor."""
+    """Shorten the time of a series that has not ended at ORDER until its last terms are small; return the factor."""
     total = 1.0
     while total > 1e-300:
         excess = 0.0
@@ -154,9 +175,9 @@ def _converge(c: Any, tolerance: float) -> float:  # pragma: no cover
 
 @numba.njit(cache=True)
 def _brake(c: Any, order: int, friction: Any) -> float:  # pragma: no cover
-    """Cut the time so that no body loses so much speed that e, too small to be seen at first, matters in the end.
+    """Limit the loss of speed within a piece, so that e stays negligible if it is at the start; return the factor.
 
-    Where e is lost altogether, the body stays fast enough for that.  Return the factor.
+    A body with e set to zero stays so fast that e remains below rounding until the end of the piece.
     """
     total = 1.0
     for b in range(2):
@@ -176,7 +197,7 @@ def _brake(c: Any, order: int, friction: Any) -> float:  # pragma: no cover
 def _series(
     c: Any, u: float, h: float, mode: Any, eased: Any, linear: Any, friction: Any, tolerance: float
 ) -> tuple[int, float]:  # fmt: skip  # pragma: no cover
-    """Return the order of the series and the fraction of h it is scaled to; order 0 if there are no numbers."""
+    """Return the order of the series and the fraction of h that it covers; order 0 if no finite series exists."""
     fraction = 1.0
     while fraction > 1e-200:
         order, size = _expand(c, u, fraction * h, mode, eased, linear, friction, tolerance)
@@ -185,13 +206,14 @@ def _series(
                 order = ORDER
                 fraction *= _converge(c, tolerance)
             return order, fraction * _brake(c, order, friction)
-        fraction *= 1e-2  # overflow
+        # The series overflows: try a shorter time.
+        fraction *= 1e-2
     return 0, 0.0
 
 
 @numba.njit(cache=True)
 def _evaluate(c: Any, order: int, t: float) -> None:  # pragma: no cover
-    """Put the state at t in the place of that at 0, by five Horner schemes side by side."""
+    """Replace the state at 0 by the state at t, by five Horner schemes in parallel."""
     th_l = w_l = th_m = w_m = current = 0.0
     for n in range(order, -1, -1):
         th_l, w_l, th_m = th_l * t + c[0, n], w_l * t + c[1, n], th_m * t + c[2, n]
@@ -201,7 +223,7 @@ def _evaluate(c: Any, order: int, t: float) -> None:  # pragma: no cover
 
 @numba.njit(cache=True)
 def _stride(value: float, slope: float, curvature: float) -> float:  # pragma: no cover
-    """How far it is to the first zero of a parabola that starts above zero; infinite if there is none."""
+    """Return the distance to the first zero of a parabola that starts above zero; infinity if there is none."""
     root = slope * slope - 2.0 * curvature * value
     if root < 0.0 or (curvature >= 0.0 and slope >= 0.0):
         return np.inf
@@ -212,10 +234,11 @@ def _stride(value: float, slope: float, curvature: float) -> float:  # pragma: n
 def _walk(
     c: Any, row: int, order: int, first: int, start: float, end: float, sign: float
 ) -> tuple[float, bool]:  # pragma: no cover
-    """Walk along g = start - sign (c[row, first + 1] t + c[row, first + 2] t^2 ...), see `_first_fall`.
+    """Search the first zero of g = start - sign (c[row, first + 1] t + c[row, first + 2] t^2 ...), see `_first_fall`.
 
-    Bounds are nested: what follows a coefficient counts only as far as it is negative.  Where the first stride is very
-    short the bounds are those of a piece too long, and the walk ends earlier.
+    The lower bounds of g and of its curvature are nested: the terms after a coefficient enter only if their bound is
+    negative.  If the first step is very short, the bounds over the whole piece are too coarse, and the search covers
+    a shorter piece.
     """
     stride, slope = 0.0, -sign * c[row, first + 1]
     while stride < end / 32.0:
@@ -249,15 +272,16 @@ def _walk(
 def _first_fall(
     c: Any, row: int, order: int, end: float, level: float, sign: float
 ) -> tuple[float, bool]:  # pragma: no cover
-    """Walk along g = level - sign c[row] over [0, end) until it falls through zero; return where and whether it did.
+    """Find the first sign change of g = level - sign c[row] from + to - over [0, end); return its time and existence.
 
-    A g whose first coefficients are zero starts at a known zero, which is divided out.  The walk cannot pass another:
-    from a point with value and slope it goes to the first zero of the parabola whose curvature is a lower bound for
-    the whole way.  It ends early, without a fall, where g only touches zero.
+    If the first coefficients of g are zero, g starts at a known zero, which is divided out.  The search cannot pass
+    another zero: each step goes to the first zero of the parabola with the value and slope of g, whose curvature is a
+    lower bound of that of g on the whole interval.  The search ends early, without a sign change, at a double zero.
     """
     start, first = level - sign * c[row, 0], 0
     if level > 0.0 and start < 0.0:
-        start = 0.0  # by TIE at most
+        # A negative start within TIE is rounding.
+        start = 0.0
     while abs(start) < NOTHING:
         first += 1
         if first > order:
@@ -268,14 +292,15 @@ def _first_fall(
     rest, more = abs(c[row, order]), 0.0
     for n in range(first + 1, order, 2):
         rest, more = rest + abs(c[row, n]), more + abs(c[row, n + 1])
-    if first == order or rest + more < start:  # a rough bound first: most polynomials stay far from zero
+    # A coarse bound first, as most polynomials stay far from zero.
+    if first == order or rest + more < start:
         return end, False
     return _walk(c, row, order, first, start, end, sign)
 
 
 @numba.njit(cache=True)
 def _first_event(c: Any, order: int, mode: Any, friction: Any) -> tuple[float, int, float]:  # pragma: no cover
-    """Return where the piece ends, the body with an event there (-1: none) and its new direction (0: it stops)."""
+    """Return the end of the piece, the body with an event there (-1: none) and its new direction (0: it stops)."""
     end, body, direction = 1.0, -1, 0.0
     for b in range(2):
         level = friction[b, 0] + friction[b, 1]
@@ -295,7 +320,7 @@ def _first_event(c: Any, order: int, mode: Any, friction: Any) -> tuple[float, i
 
 @numba.njit(cache=True)
 def _mode(w: float, acceleration: float, level: float) -> float:  # pragma: no cover
-    """Mode of a body; one without friction has none and counts as slipping forwards."""
+    """Return the mode of a body; a body without friction always has mode 1."""
     if level == 0.0 or w > 0.0:
         return 1.0
     if w == 0.0 and abs(acceleration) <= level * (1.0 + TIE):
@@ -305,7 +330,7 @@ def _mode(w: float, acceleration: float, level: float) -> float:  # pragma: no c
 
 @numba.njit(cache=True)
 def _begin(c: Any, body: int, mode: Any, linear: Any, friction: Any) -> None:  # pragma: no cover
-    """Derive the mode of a body from the state alone."""
+    """Determine the mode of a body from the state alone."""
     _accelerations(c, 0, linear)
     mode[body] = _mode(c[1 + 2 * body, 0], c[5 + body, 0], friction[body, 0] + friction[body, 1])
 
@@ -314,7 +339,7 @@ def _begin(c: Any, body: int, mode: Any, linear: Any, friction: Any) -> None:  #
 def _sample(
     c: Any, mode: Any, eased: Any, u: float, linear: Any, friction: Any, Ts: float, tolerance: float
 ) -> int:  # fmt: skip  # pragma: no cover
-    """Move the state c[:, 0] over one sample; return the status, or NO_NUMBERS."""
+    """Advance the state c[:, 0] by one sample; return the status, or NO_NUMBERS."""
     rest, events, size = Ts, 0, abs(u)
     for i in range(5):
         size += abs(c[i, 0])
@@ -349,9 +374,9 @@ def _sample(
 def servo_step_kernel(
     x: Any, u: Any, linear: Any, friction: Any, Ts: float, tolerance: float
 ) -> tuple[Any, Any]:  # pragma: no cover
-    """Move every row of ``x`` (runs, 5) over one sample with the voltage ``u`` (runs, 1) held; with statuses.
+    """Advance every row of ``x`` (runs, 5) by one sample with constant voltage ``u`` (runs, 1); return also statuses.
 
-    ``tolerance`` is the largest last term of a series relative to its largest term.
+    ``tolerance`` bounds the last terms of a series relative to its largest term.
     """
     x_next, status = np.empty(x.shape), np.zeros(len(x), np.int8)
     c, mode, eased = np.zeros((11, 2 * ORDER + 1)), np.zeros(2), np.zeros(2)

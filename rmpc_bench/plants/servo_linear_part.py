@@ -1,4 +1,4 @@
-"""The servomechanism without its dry friction, for comparison with a linear model, and the range of its parameters."""
+"""Linear part of the servomechanism (no dry friction), for the model mismatch, and valid ranges of its parameters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rmpc_bench.types import Array, LinearPlant
 
 
 def admissible(parameters: Mapping[str, Float[Array, " runs"]]) -> Bool[Array, " runs"]:
-    """Whether the parameters of each run mean something: inertias and the like are positive, none is negative.
+    """Whether the parameters of each run are valid: divisors are positive, no parameter is negative.
 
     Parameters
     ----------
@@ -29,20 +29,20 @@ def admissible(parameters: Mapping[str, Float[Array, " runs"]]) -> Bool[Array, "
 def linear_part(
     continuous: Callable[[Mapping[str, float]], tuple[Array, Array]], parameters: Mapping[str, float], Ts: float
 ) -> LinearPlant | None:
-    """Sample the linear part with the voltage held.
+    """Sample the linear part with a zero-order hold of the voltage.
 
-    The first four states are the model's; a fifth one, the armature current, is unknown to it.
+    The first four states are those of the model; the fifth, the armature current, is not part of it.
 
     Parameters
     ----------
-    continuous : parameters -> continuous-time matrices; the voltage is the first of the inputs
-    parameters : the parameters of one run
+    continuous : parameters -> continuous-time matrices; the voltage is the first input
+    parameters : parameters of one run
     Ts : sampling time [s]
 
     Returns
     -------
     LinearPlant or None
-        None where a parameter is out of range, as in the status of the run.
+        None if a parameter is out of range.
     """
     if not admissible({name: np.array([value]) for name, value in parameters.items()})[0]:
         return None

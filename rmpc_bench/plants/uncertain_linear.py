@@ -1,11 +1,11 @@
-"""An uncertain linear system as the truth.
+"""Uncertain linear plant.
 
 Model   x(k+1) = (A + H_A F_x G_x) x + B u + w~,  w~ = (Bw + H_Bw F_w G_w) w + (Bv + H_Bv F_v G_v) v,
         y(k)   = (C + H_C F_x G_x) x + v~,        v~ = (Dw + H_Dw F_w G_w) w + (Dv + H_Dv F_v G_v) v.
-        Noises w and v come from the section `noise`; F_x, F_w and F_v follow the law `uncertainty`.  Through the
-        uncertain matrices w~ and v~ have uncertain means, covariances and cross-covariance.
-Source  souto2011, (20)-(25), (34)-(38); B is ours.
-Cost    the noises of a block are mixed at once; a step is then five small products per run.
+        The section `noise` defines w and v; the law `uncertainty` defines F_x, F_w and F_v.  The uncertain matrices
+        make the means, the covariances and the cross-covariance of w~ and v~ uncertain.
+Source  souto2011, (20)-(25), (34)-(38); the input B u is an addition.
+Cost    The noises w~ and v~ of a block are computed at once; a step is then five small products per run.
 """
 
 from __future__ import annotations
@@ -70,23 +70,23 @@ class UncertainLinear(Plant):
 
     @property
     def opponent(self) -> tuple[str, float] | None:
-        """Name of the method that a greedy law works against, and the largest norm of its F."""
+        """Name of the method whose error the greedy law maximises, and the largest norm of its F."""
         against, radius = self.uncertainty.against, self.uncertainty.radius
         return None if against is None or radius is None else (against, radius)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a user should know of the truth."""
+        """Warn if F exceeds the norm for which robust methods are designed."""
         law = self.uncertainty
         largest = {"fixed": max(map(abs, law.fixed.values())), "greedy": law.radius or 0.0}.get(
             law.law, max(map(abs, law.bounds))
         )
         if largest <= 1.0:
             return ()
-        return (f"F reaches a norm of {largest:g}; what is designed for F' F <= I has no guarantee here",)
+        return (f"F reaches a norm of {largest:g}; designs for F' F <= I have no guarantee here",)
 
     def drawn(self, delta: Sequences) -> dict[str, Float[Array, " runs"]]:
-        """Uncertain values that a run has once and for all, by name, such as ``F_x.0``."""
+        """Uncertain values that are constant within a run, by name, such as ``F_x.0``."""
         if self.uncertainty.per != "run":
             return {}
         found = {}
@@ -112,7 +112,7 @@ class UncertainLinear(Plant):
     def mix(
         self, delta: Sequences, w: Float[Array, "runs samples nw"], v: Float[Array, "runs samples nv"]
     ) -> tuple[Float[Array, "runs samples nx"], Float[Array, "runs samples ny"]]:
-        """Turn w and v into w~ and v~, of all samples at once."""
+        """Compute w~ and v~ from w and v for all samples at once."""
         if not self.system.varies:
             return self._mixed(self.system.at(0), delta, slice(None), w, v)
         parts = [self._mixed(self.system.at(k), delta, slice(k, k + 1), w, v) for k in range(w.shape[1])]
@@ -129,7 +129,7 @@ class UncertainLinear(Plant):
             seen_v = mv(delta.F_v[:, window].reshape(-1, *delta.F_v.shape[2:]), mv(m.G_v, v_rows))
 
         def total(*terms: tuple[Array, Array | None]) -> Array:
-            """Sum what matrices make of noises, but for matrices that are zero."""
+            """Sum matrix times noise over the terms, skipping zero matrices."""
             parts = [mv(matrix, noise) for matrix, noise in terms if noise is not None and matrix.any()]
             mixed: Array = sum(parts) if parts else np.zeros((len(w_rows), len(terms[0][0])))  # type: ignore[assignment]
             return mixed.reshape(*w.shape[:2], -1)
@@ -147,7 +147,7 @@ class UncertainLinear(Plant):
         u: Float[Array, "runs nu"],
         w: Float[Array, "runs nx"],
     ) -> Motion:
-        """Move to x(k+1); ``w`` is w~ of `mix`."""
+        """Return x(k+1); ``w`` is w~ of `mix`."""
         m = self.system.at(k)
         x_next = mv(m.A, x) + w
         if "x" in self.system.active:
@@ -167,7 +167,7 @@ class UncertainLinear(Plant):
         return y + v
 
     def period(self, k: int) -> Period | None:
-        """How (x, [w; v]) becomes (x(k+1), y(k)), with mean and variance of F; None where F is not white."""
+        """Return the map from (x, [w; v]) to (x(k+1), y(k)) with mean and variance of F; None if F is not white."""
         if not self.uncertainty.white:
             return None
         return self._period(k) if self.system.varies or self.worst is not None else self._always
@@ -196,8 +196,9 @@ class UncertainLinear(Plant):
         return mean * np.eye(*self.shapes[number]), variance
 
     def facts(self) -> list[tuple[str, str]]:
-        """What is known of the system before any run: label and text."""
-        from rmpc_bench.models.uncertain_facts import facts  # only whoever asks needs the solvers behind it
+        """Analyse the system before any run: pairs of label and text."""
+        # Imported on use, because it loads SciPy's solvers.
+        from rmpc_bench.models.uncertain_facts import facts
 
         known = self.uncertainty.law != "greedy" and self.uncertainty.white
         entries = {name: self.uncertainty.entry(name) for name in NAMES} if known else None
@@ -205,7 +206,7 @@ class UncertainLinear(Plant):
 
 
 def _through(H: Float[Array, "n r"], F: Float[Array, "runs r s"], seen: Float[Array, "runs s"]) -> Array:
-    """Return H F z of every run; the usual scalar F needs no sums."""
+    """Return H F z of every run, without sums in the frequent case of a scalar F."""
     if F.shape[1:] == (1, 1):
         return (F[:, 0] * seen) * H[:, 0]
     return mv(H, mv(F, seen))
@@ -221,20 +222,20 @@ def design(
 ) -> UncertainLinear:
     """Uncertain linear system.
 
-    A matrix that is not given is zero; a number is that number times the identity, a list the diagonal; entries may
-    depend on the time index k.
+    A missing matrix is zero.  A number stands for that number times the identity, a list for a diagonal matrix.
+    Entries may depend on the time index k.
 
     Parameters
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
     matrices : the matrices of the system
-    uncertainty : law of the F: {law: uniform|extremes, low: -1, high: 1, per: step|run}, {law: fixed, value: 1} or
-        {law: greedy, against: METHOD}
+    uncertainty : law of the matrices F: {law: uniform|extremes, low: -1, high: 1, per: step|run},
+        {law: fixed, value: 1} or {law: greedy, against: METHOD}
 
     Raises
     ------
     DesignError
-        If sizes do not fit together.
+        If the sizes are inconsistent.
     """
     return UncertainLinear(uncertain_system(n_steps, matrices), uncertainty, Ts)

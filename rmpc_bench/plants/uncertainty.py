@@ -1,9 +1,11 @@
-"""Laws of the uncertain matrices F of a linear system: what is drawn for every run, and the moments of what is white.
+"""Laws of the uncertain matrices F of a linear system: draws for every run, and moments of white laws.
 
-Model   F (r x s) is zero but for its diagonal, whose entries delta are independent; within [-1, 1], F' F <= I (larger
-        bounds are taken as they are given).  An adversary's F is a full matrix.
-Laws    uniform: delta uniform on [low, high]; extremes: delta = low or high, equally likely; both fresh at every step,
-        or one draw per run.  fixed: delta is a number for ever.  greedy: see simulation/adversary.py.
+Model   F (r x s) is zero except on its diagonal, whose entries delta are independent.  Entries within [-1, 1] give
+        F' F <= I; larger bounds are accepted.  The F of the greedy law is a full matrix.
+Laws    uniform   delta is uniform on [low, high].
+        extremes  delta is low or high with equal probability.  Both laws draw at every step or once per run.
+        fixed     delta is a constant.
+        greedy    see simulation/adversary.py.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ NAMES = ("x", "w", "v")
 
 
 class Sequences(NamedTuple):
-    """The uncertain matrices of a block, or of any run alike: axis 0 = run, axis 1 = k."""
+    """The uncertain matrices of a block: axis 0 = run, axis 1 = k."""
 
     F_x: Float[Array, "runs samples rx sx"]
     F_w: Float[Array, "runs samples rw sw"]
@@ -30,16 +32,16 @@ class Sequences(NamedTuple):
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How the uncertain matrices F behave.
+    """Law of the uncertain matrices F.
 
     Parameters
     ----------
     law : `uniform` on [low, high], `extremes` low or high, `fixed` at value, or `greedy` against a method
-    low, high : bounds of the entries, -1 and 1 unless given
-    per : `step` draws every k afresh, `run` once
-    value : of a fixed law: a number, or one by channel, such as `{x: 1, w: 0, v: -1}` (1 where not given)
-    against : of a greedy law, the method whose error is made as large as can be
-    radius : of a greedy law, the largest norm of F, 1 unless given
+    low, high : bounds of the entries (default -1 and 1)
+    per : `step` draws at every k (default), `run` once per run
+    value : value of a fixed law: a number, or one per channel, such as `{x: 1, w: 0, v: -1}` (default 1)
+    against : method whose error the greedy law maximises
+    radius : largest norm of F of the greedy law (default 1)
     """
 
     law: Literal["uniform", "extremes", "fixed", "greedy"] = "uniform"
@@ -51,7 +53,7 @@ class Uncertainty:
     radius: Positive | None = None
 
     def __post_init__(self) -> None:
-        """Fill in what a law has and refuse what it has not."""
+        """Set the defaults of the law and reject keys of other laws."""
         random = self.law in ("uniform", "extremes")
         own = {"fixed": ("value",), "greedy": ("against", "radius")}.get(self.law, ("low", "high", "per"))
         for name in ("low", "high", "per", "value", "against", "radius"):
@@ -65,7 +67,7 @@ class Uncertainty:
         if self.law == "fixed" and self.value is None:
             object.__setattr__(self, "value", 1.0)
         if self.law == "greedy" and not self.against:
-            raise ValueError("against must name the method that the greedy law works against")
+            raise ValueError("against must name the method whose error the greedy law maximises")
         if self.law == "greedy" and self.radius is None:
             object.__setattr__(self, "radius", 1.0)
 
@@ -76,11 +78,11 @@ class Uncertainty:
 
     @property
     def white(self) -> bool:
-        """Whether F(k) is independent of what was before k, so that ensemble moments follow a closed recursion."""
+        """Whether F(k) is independent of the past, so that ensemble moments follow a closed recursion."""
         return self.per != "run"
 
     def entry(self, channel: str) -> tuple[float, float]:
-        """Mean and variance of a diagonal entry; of a law per run those over the runs."""
+        """Return mean and variance of a diagonal entry (over the runs, if drawn once per run)."""
         low, high = self.bounds
         if self.law == "fixed":
             return self.fixed[channel], 0.0
@@ -95,11 +97,11 @@ class Uncertainty:
         return dict.fromkeys(NAMES, self.value or 0.0)
 
     def draw(self, rngs: Sequence[np.random.Generator], n_samples: int, shapes: Sequence[tuple[int, int]]) -> Sequences:
-        """Draw the matrices of a block; of a law that is not random all runs share one sequence.
+        """Draw the matrices of a block; all runs share the sequence of a fixed law.
 
         Parameters
         ----------
-        rngs : one generator per run; a longer draw begins with the shorter one
+        rngs : one generator per run; more samples extend a shorter draw without changing it
         n_samples : number of samples k
         shapes : (r, s) of F_x, F_w, F_v
         """

@@ -290,5 +290,5 @@ def test_keys_inside_a_key_are_described():
     """Oracle: the fields of the dataclasses, with their meanings, and the default as YAML."""
     shown = cli("describe", "plants/uncertain-linear").stdout
     assert "(default {law: uniform, low: -1, high: 1, per: step})" in shown
-    assert "        against : of a greedy law, the method whose error is made as large as can be\n" in shown
-    assert "        w : added to the largest singular value" in cli("describe", "enhanced-robust").stdout
+    assert "        against : method whose error the greedy law maximises\n" in shown
+    assert "        w : excess over the largest singular value" in cli("describe", "enhanced-robust").stdout

@@ -59,7 +59,7 @@ WRONG = {
     ),
     "nobody": (
         {"plant": law("{law: greedy}")},
-        "plant.uncertainty: against must name the method that the greedy law works against",
+        "plant.uncertainty: against must name the method whose error the greedy law maximises",
     ),
     "radius": (
         {"plant": law("{law: greedy, against: KF, radius: -1}")},
@@ -107,7 +107,7 @@ WRONG = {
     ),
     "a model over time": (
         {"plant": B.replace("0.7", '"0.7*cos(k)"'), "controller": MPC, "methods": ONE},
-        "controller: predicts with one model; this one is another at every k",
+        "controller: needs a constant prediction model; this model varies with k",
     ),
 }  # fmt: skip
 

@@ -145,7 +145,7 @@ def test_mistakes_are_refused():
     known = mixed_model(STEPS, A=np.eye(2), B=[[1.0], [0.3]], C=[[0.2, 1.0]], w_mean=0.1)
     with pytest.raises(DesignError, match="known mean"):
         design(known, STEPS, estimator, horizon=5, Q_x=1.0, R_u=1.0)
-    with pytest.raises(DesignError, match="asked for"):
+    with pytest.raises(DesignError, match="is needed"):
         design(paper_model(5), STEPS, estimator, horizon=40, Q_x=1.0, R_u=1.0)  # A is given for fewer k
 
 

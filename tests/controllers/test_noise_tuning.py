@@ -265,6 +265,6 @@ def test_the_manual_states_the_defaults():
     """Oracle: the fields of the dataclass."""
     text = " ".join(inspect.getdoc(LpNoise).split())
     for name, value in (("Ne2", "14"), ("kp", "1e-7"), ("bounds", "[0.5, 4.0]"), ("floor", "1e-6")):
-        assert re.search(rf"{name} : [^:]*; {re.escape(value)} unless given", text)
+        assert re.search(rf"{name} : [^:]*\(default {re.escape(value)}\)", text)
         default = getattr(LpNoise(), name)
         assert (list(default) if isinstance(default, tuple) else default) == eval(value)

@@ -275,7 +275,7 @@ def test_bad_parameters_are_design_errors():
         with pytest.raises(DesignError) as error:
             design(model, 5, x0=X0, P0=P0, **keys)
         assert error.value.parameter == parameter
-    with pytest.raises(DesignError, match="without correlation"):
+    with pytest.raises(DesignError, match="uncorrelated"):
         design(benchmark(5, S=[[0.1]]), 5, x0=X0, P0=P0)
     unstable = uncertain_model(
         300, A=[[3.0]], C=[[0.0]], H_A=[[0.1]], G_x=[[1.0]], Bw=[[1.0]], W=1.0, Dv=[[1.0]], V=1.0

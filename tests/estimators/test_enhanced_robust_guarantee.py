@@ -36,7 +36,9 @@ def test_a_system_that_is_not_quadratically_stable_is_refused():
     with pytest.raises(DesignError) as error:
         design(benchmark(10), 10, x0=X0, P0=P0, rule="state")
     assert error.value.parameter == "design_scale"
-    assert "norm of G_x (zI - A)^-1 H_A times design_scale is 1.00458, and must be < 1, or no" in str(error.value)
+    assert "norm of G_x (zI - A)^-1 H_A times design_scale is 1.00458, and must be < 1, otherwise no" in str(
+        error.value
+    )
     assert str(error.value).endswith("no bound of this kind holds for all k; design_scale must be below 0.995441")
     with pytest.raises(DesignError, match=r"1\.00458.*below 1\.99088"):
         design(benchmark(10, rho=0.5), 10, x0=X0, P0=P0, rule="state", design_scale=2.0)
@@ -83,7 +85,9 @@ def test_the_printed_rule_is_none():
     np.testing.assert_allclose(np.diag(of_error(S)), [709.1, 3792.9], rtol=1e-4)
     np.testing.assert_allclose(ratios[1500], 58.4, atol=0.05)
     assert [k for k in range(18) if ratios[k] > 1] == [16, 17]
-    assert filter_.remarks == ("the bound is no guarantee beyond k = 5, where (47) fails (rule: state keeps it)",)
+    assert filter_.remarks == (
+        "the bound P is not guaranteed after k = 5, where (47) fails; `rule: state` avoids this",
+    )
     short = design(benchmark(120), 120, x0=X0, P0=P0, eps=0.1)
     worst, trace = worst_of_an_adversary(benchmark(120), short, 120)
     assert worst > 10 and trace > 1125
@@ -107,10 +111,12 @@ def test_the_remark_names_the_step_where_47_fails():
         X = m.A @ widened(X, m.G_x, filter_.extra["a_x"][k]) @ m.A.T
         X = X + lemma_1(m, model.W, model.V, start(0 * P0), 0 * P0, np.zeros((2, 1)), *a(filter_, k))[:2, :2]
         k += 1
-    assert filter_.remarks == (f"the bound is no guarantee beyond k = {k}, where (47) fails (rule: state keeps it)",)
+    assert filter_.remarks == (
+        f"the bound P is not guaranteed after k = {k}, where (47) fails; `rule: state` avoids this",
+    )
     assert design(benchmark(40, rho=0.01), 40, x0=X0, P0=P0, eps=0.1).remarks == ()
     (remark,) = design(benchmark(40), 40, x0=X0, P0=P0, rule="state", design_scale=0.5).remarks
-    assert remark == "the bound is a guarantee for 0.5 times the uncertainty of the model only"
+    assert remark == "the bound P is guaranteed only for 0.5 times the uncertainty of the model"
 
 
 @pytest.mark.parametrize(

@@ -164,7 +164,7 @@ def test_a_window_that_is_too_short_is_a_design_error():
         design(Mass(), 5, x0=np.zeros(2), Ne=1)
     assert caught.value.parameter == "Ne" and "2" in str(caught.value)
     three = LinearModel(np.eye(3), np.ones((3, 1)), np.ones((1, 3)), np.eye(3), np.eye(1))
-    with pytest.raises(DesignError, match="window of 3"):
+    with pytest.raises(DesignError, match="must be at least 3 for 3 states and 1 outputs"):
         design(three, 5, x0=np.zeros(3), Ne=2)
     design(three, 5, x0=np.zeros(3), Ne=3)
 

@@ -195,14 +195,14 @@ def test_the_predictor_form_predicts(rng):
 
 def test_bad_parameters_are_design_errors(rng):
     """Oracle: the interface; the benchmark has no nominal measurement noise, so that R must be given."""
-    with pytest.raises(DesignError, match="give the filter an R") as error:
+    with pytest.raises(DesignError, match="set R of this filter") as error:
         design(benchmark(5), 5, x0=X0, P0=P0)
     assert error.value.parameter == "R"
     design(benchmark(5), 5, x0=X0, P0=P0, R=2e4)
     with pytest.raises(DesignError, match="does not fit") as error:
         design(benchmark(5), 5, x0=X0, P0=P0, R=[1.0, 2.0])
     assert error.value.parameter == "R"
-    with pytest.raises(DesignError, match="without correlation"):
+    with pytest.raises(DesignError, match="uncorrelated"):
         design(system(rng, Dw=rng.standard_normal((1, 2, 2))), 8, x0=np.zeros(3), P0=np.eye(3))
 
 

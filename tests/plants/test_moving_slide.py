@@ -186,8 +186,8 @@ def test_a_reference_out_of_reach():
     plant, r = design(0.01), np.zeros((500, 3))
     assert plant.unreachable(r) is None
     r[342:, 0] = 0.23  # A_2 = (-0.3, 0.3) is (0.45, -0.22) away from its corner
-    assert "at 3.42 s arm 2 would be 0.5009 m long; it can be 0.05 to 0.5 m" in str(plant.unreachable(r))
-    assert "it can be 0.05 to 0.45 m" in str(design(0.01, arm=0.45).unreachable(r))
+    assert "at 3.42 s arm 2 would be 0.5009 m long; its range is 0.05 to 0.5 m" in str(plant.unreachable(r))
+    assert "its range is 0.05 to 0.45 m" in str(design(0.01, arm=0.45).unreachable(r))
     r[100:, :2] = 0.20  # A_1 is 0.028 m from the corner
     assert "at 1 s arm 1 would be 0.02828 m long" in str(plant.unreachable(r))
 

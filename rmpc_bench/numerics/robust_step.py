@@ -1,0 +1,141 @@
+"""One step of the enhanced robust predictor: bounds of the error and of the state under uncertainty of norm at most 1.
+
+Model   estimators/enhanced_robust.py, with all symbols.
+Source  souto2011, Table 2, (46)-(49), (51), (59), (75)-(80), (85)-(87).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.numerics.noise_pair import FREE, NoisePair, Noises
+from rmpc_bench.numerics.norm_bound import Excess, Widening, keep_a, spectrum, widen
+from rmpc_bench.numerics.riccati import predictor_gain, predictor_step
+from rmpc_bench.types import Array
+
+
+@dataclass(frozen=True)
+class ParameterRules:
+    """Rules for the free parameters of Table 2.
+
+    Parameters
+    ----------
+    x, w, v : excess of a_x, a_w, a_v
+    state : whether a_x follows from the bound X of the state instead of P
+    tuned : whether a_w and a_v minimise the trace of the next P
+    printed : whether Step 5 is used as printed
+    """
+
+    x: Excess
+    w: Excess
+    v: Excess
+    state: bool
+    tuned: bool
+    printed: bool
+
+
+class RobustBounds(NamedTuple):
+    """Gains at k and bounds at k+1, by one step of Table 2."""
+
+    K: Float[Array, "nx ny"]
+    Phi: Float[Array, "nx nx"]
+    P_next: Float[Array, "nx nx"]
+    X_next: Float[Array, "nx nx"] | None
+    """None after (47) has failed."""
+    a: tuple[float, float, float]
+    """a_x, a_w, a_v; 0 without such uncertainty."""
+    noises: Noises
+
+
+class RobustStep:
+    """Table 2 for one system; quantities that depend only on the system are computed once.
+
+    Parameters
+    ----------
+    A, C : (nx, nx), (ny, nx) matrices of the nominal system
+    H : (nz, r) stacked matrix [H_A; H_C] with which F_x enters [x(k+1); y]
+    G : (s, nx) matrix on the right of F_x
+    noises : both noises with their uncertainty
+    rules : rules for the free parameters
+    """
+
+    def __init__(
+        self,
+        A: Float[Array, "nx nx"],
+        C: Float[Array, "ny nx"],
+        H: Float[Array, "nz r"],
+        G: Float[Array, "s nx"],
+        noises: NoisePair,
+        rules: ParameterRules,
+    ) -> None:
+        self.A, self.C, self.G, self.noises, self.rules = A, C, G, noises, rules
+        self.M: Array = np.vstack([A, C])
+        self.HH: Array = H.dot(H.T)
+        self.uncertain = bool(H.any() and G.any())
+        bounds_X = rules.tuned and rules.state
+        self.within = noises.no_worse(A, G, rules.w, rules.v) if bounds_X else (FREE, FREE)
+
+    def first_noises(self) -> Noises:
+        """Bound the noises with the given excesses, (86), (87), or with initial values if they are tuned."""
+        pair, rules = self.noises, self.rules
+        if rules.tuned:
+            return pair.at(*(float(channel.lam[-1]) for channel in pair))
+        return pair.at(pair.w.excess(rules.w), pair.v.excess(rules.v))
+
+    def step(self, P: Array, X: Array | None, noises: Noises) -> RobustBounds:
+        """Compute the bounds at k+1 from those at k."""
+        Pc, Xc, Phi, a_x, L = P, X, self.A, 0.0, None
+        if self.uncertain:
+            of_P, of_X = self._widenings(P, X)
+            PG, a_x = P.dot(self.G.T), of_P.a  # Step 1
+            seen = PG.dot(of_P.inverse)
+            Pc, L = symmetrise(P + seen.dot(PG.T)), seen.dot(self.G)  # Step 2, (75)
+            Xc = None
+            if X is not None and of_X is not None:
+                XG = X.dot(self.G.T)
+                Xc = X + XG.dot(of_X.inverse).dot(XG.T)  # (59)
+        K, P_next, J, noises = self._gain(Pc, a_x, noises)
+        if L is not None:
+            Phi = Phi + (self.A - K.dot(self.C)).dot(L)  # Step 4, (79), (80)
+        nx = len(P)
+        X_next = None if Xc is None else symmetrise(self.A.dot(Xc).dot(self.A.T) + J[:nx, :nx])  # (51)
+        if self.rules.printed:
+            P_next = self._as_printed(Pc, J, noises.U)
+        a = a_x, self.noises.w.a(noises.t_w), self.noises.v.a(noises.t_v)
+        return RobustBounds(K, Phi, P_next, X_next, a, noises)
+
+    def _widenings(self, P: Array, X: Array | None) -> tuple[Widening, Widening | None]:
+        """Compute a_x and invert a_x I - G P G' and a_x I - G X G'; None if (47) fails or has failed."""
+        GPG = symmetrise(self.G.dot(P).dot(self.G.T))
+        if X is None:
+            return widen(GPG, self.rules.x), None  # (76), (85)
+        GXG = symmetrise(self.G.dot(X).dot(self.G.T))
+        if not self.rules.state:
+            of_P = widen(GPG, self.rules.x)
+            return of_P, keep_a(of_P, GPG - GXG)
+        of_X = widen(GXG, self.rules.x)  # (47)
+        # Not negative, as X >= P.
+        lam, U = spectrum(GXG - GPG)
+        return keep_a(of_X, (U * lam).dot(U.T)) or of_X, of_X
+
+    def _gain(self, Pc: Array, a_x: float, noises: Noises) -> tuple[Array, Array, Array, Noises]:
+        """Return K, P_next, their J and the noises; if tuned, a_w and a_v alternate with K."""
+        own = a_x * self.HH  # Step 1
+        if self.rules.tuned:
+            (K, P_next), noises = self.noises.tuned_step(self.M, own, Pc, noises, self.within)
+            return K, P_next, noises.J + own, noises
+        J = noises.J + own
+        K, P_next = predictor_step(self.M, J, Pc)  # Step 4, and Step 5 in Joseph form
+        return K, P_next, J, noises
+
+    def _as_printed(self, Pc: Array, J: Array, U: Array) -> Array:
+        """Step 5 as printed, with Delta_1 instead of Psi_1."""
+        nx = len(Pc)
+        Y = self.M.dot(Pc).dot(self.M.T) + J
+        N = Y[:nx, nx:] - U[:nx, nx:]
+        return symmetrise(Y[:nx, :nx] - predictor_gain(N, Y[nx:, nx:]).dot(N.T))  # Step 5
