@@ -1,9 +1,9 @@
-"""Dry run of a claim on placeholder data before any run: finds what no results could answer."""
+"""Dry run of a claim on placeholder results, before anything has run: finds what no results could answer."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,71 +11,106 @@ from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
 from rmpc_bench.claims.values import EvaluationError, NoSample, NoValue
 from rmpc_bench.expressions.arithmetic import Node
-from rmpc_bench.types import Array, MetricInfo
+from rmpc_bench.types import Array, MetricInfo, ResultLayout
 
-_RUNS = 2
+_N_RUNS = 2
 _PLACES = ("at", "since", "upto", "entry", "quantile")
 """Functions whose second argument must lie in a range."""
 
 
 @dataclass(frozen=True)
-class Expected:
-    """What stands in for the table of trials.
+class PlaceholderResults:
+    """Ones and identity matrices in the layout of the results; an evaluator reads them as it reads `Trials`.
 
     Parameters
     ----------
-    methods : names
-    metrics : one record per column
-    shapes : method -> series -> shape of the array, axis 0 = k; without the methods of which it is not known
+    layout : names and shapes that the results will have
+    known : methods whose series have the shapes of the layout at this point
     point, keys : as those of `Trials`
-    points : the tables of a sweep's points; empty for one of them
+    points : the placeholder results of a sweep's points; empty for one of them
     """
 
-    methods: Sequence[str]
-    metrics: Sequence[MetricInfo]
-    shapes: Mapping[str, Mapping[str, tuple[int, ...]]]
+    layout: ResultLayout
+    known: frozenset[str]
     point: Mapping[str, str]
     keys: Mapping[str, str]
-    points: tuple[Expected, ...] = ()
+    points: tuple[PlaceholderResults, ...] = ()
     confidence: float = 0.95
     seed: int = 0
 
     @property
-    def each(self) -> Sequence[Expected]:
-        """The tables of all points."""
+    def methods(self) -> Sequence[str]:
+        """Names of the methods."""
+        return tuple(self.keys)
+
+    @property
+    def metrics(self) -> Sequence[MetricInfo]:
+        """One record per column."""
+        return [MetricInfo(name, "", "") for name in self.layout.metrics]
+
+    @property
+    def each(self) -> Sequence[PlaceholderResults]:
+        """The placeholder results of all points."""
         return self.points or (self,)
 
     @property
     def runs(self) -> Array:
         """Indices of the runs."""
-        return np.arange(_RUNS)
+        return np.arange(_N_RUNS)
 
     def column(self, metric: str, method: str, /) -> Array:
-        """Ones, whatever they are asked of."""
-        return np.ones(_RUNS)
+        """Ones for every metric and method."""
+        return np.ones(_N_RUNS)
 
     def n_failed(self, method: str, /) -> int:
-        """One, which may be divided by."""
+        """One, since a claim may divide by it."""
         return 1
 
     def matrix_series(self, quantity: str, method: str, /) -> Array:
         """Views of ones, and of the identity where entries are square; KeyError where there is no such series."""
-        if method not in self.shapes:
+        if method not in self.known or method not in self.layout.arrays:
             raise NoValue(f"the series of {method} are not known")
-        shape = self.shapes[method][quantity]
+        shape = self.layout.arrays[method][quantity]
         if 0 in shape:
             raise KeyError(quantity)
         square = len(shape) == 3 and shape[1] == shape[2]
         return np.broadcast_to(np.eye(shape[1]) if square else np.ones(shape[1:]), shape)
 
 
-def dry_run(node: Node, expected: Expected, at: Mapping[str, str], *, pooled: bool, short: bool) -> list[str]:
-    """Evaluate a check, or the expression of a size, with the right shapes in place of results.
+def placeholder_results(
+    layout: ResultLayout, points: Sequence[tuple[Mapping[str, str], Mapping[str, str]]]
+) -> PlaceholderResults:
+    """Make placeholder results for all points of a sweep.
+
+    Parameters
+    ----------
+    layout : names and shapes that the results will have; the series are those of the first point
+    points : coordinates and method keys of every point, as `point` and `keys` of `Trials`; at least one
+
+    Returns
+    -------
+    the results; at a point the series are known of the methods that are the same as at the first one
+    """
+    first = points[0][1]
+    tables = [
+        PlaceholderResults(
+            layout=layout,
+            known=frozenset(name for name, key in keys.items() if key == first.get(name)),
+            point=coordinates,
+            keys=keys,
+        )
+        for coordinates, keys in points
+    ]
+    return replace(tables[0], points=tuple(tables))
+
+
+def dry_run(node: Node, results: PlaceholderResults, at: Mapping[str, str], *, pooled: bool, short: bool) -> list[str]:
+    """Evaluate a check, or the expression of a size, on placeholder results.
 
     Parameters
     ----------
     node : the tree
-    expected : the shapes
+    results : the placeholder results
     at, pooled : as of `Evaluator`
     short : whether the series are shorter than what the claim was written for
 
@@ -89,9 +124,10 @@ def dry_run(node: Node, expected: Expected, at: Mapping[str, str], *, pooled: bo
     found = []
     for statement in statements:
         if any(call.function in _PLACES and tree.terms(call.arguments[1]) for call in tree.calls(statement)):
-            continue  # a place that depends on results
+            # The place depends on results.
+            continue
         try:
-            _evaluate(statement, Evaluator(expected, statement, at, pooled=pooled))
+            _evaluate(statement, Evaluator(results, statement, at, pooled=pooled))
         except NoValue:
             continue
         except EvaluationError as error:

@@ -71,7 +71,7 @@ class Evaluator:
     trials : the table of trials
     node : the tree that is about to be evaluated, or the part of it that is one statement
     at : point of a sweep for terms that name none
-    pooled : whether a term may speak of several points, whose runs are then taken together
+    pooled : whether a term may be about several points, whose runs are then taken together
 
     Raises
     ------
@@ -90,7 +90,7 @@ class Evaluator:
             if term.quantity in metrics
         }
         if len({len(column) for column in self.columns.values()}) > 1:
-            raise EvaluationError("the terms speak of different numbers of runs")
+            raise EvaluationError("the terms are about different numbers of runs")
         missing = [np.isnan(column) for column in self.columns.values()]
         self.shared: Array = ~np.any(missing, axis=0) if missing else np.zeros(0, dtype=bool)
         self.n = int(self.shared.sum())
@@ -254,7 +254,7 @@ class Evaluator:
 
 
 def _tables(trials: Table, term: tree.Term, at: Mapping[str, str], *, pooled: bool) -> list[Table]:
-    """Points of a sweep that a term speaks of: one, or all that it leaves open where they are pooled."""
+    """Points of a sweep that a term is about: one, or all that it leaves open where they are pooled."""
     wanted = {**at, **dict(term.point)}
     found = [table for table in trials.each if lies_at(table.point, wanted)]
     where = ", ".join(f"{path}={value}" for path, value in wanted.items())

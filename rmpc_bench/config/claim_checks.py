@@ -1,13 +1,13 @@
-"""The claims of a configuration: read, and checked against what the experiment will have to say."""
+"""The claims of a configuration: read, and checked against the layout of the results."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 from rmpc_bench.claims.claim import Claim, Finding, Stated
-from rmpc_bench.claims.dry_run import Expected, dry_run
+from rmpc_bench.claims.dry_run import PlaceholderResults, dry_run, placeholder_results
 from rmpc_bench.claims.grammar import COUNTS, ExpressionError, parse, parse_expression
 from rmpc_bench.claims.tree import (
     MOMENTS,
@@ -24,53 +24,35 @@ from rmpc_bench.config.sweep_points import Place, nowhere
 from rmpc_bench.config.tree import Map, plain
 from rmpc_bench.expressions.arithmetic import Node
 from rmpc_bench.registry import unknown
-from rmpc_bench.types import MetricInfo, ResultLayout
+from rmpc_bench.types import ResultLayout
 from rmpc_bench.types.sweep_points import lies_at, value_text
 
 
 def read_claims(
     draft: DraftConfig, metrics: Sequence[str], places: Sequence[Place], layout: ResultLayout | None
 ) -> tuple[Claim, ...]:
-    """Turn the claims of a draft into statements; what is wrong with them is noted.
+    """Read the claims of a draft; their errors are added to the problems of the draft.
 
     Parameters
     ----------
     draft : of the first point
     metrics : names of the metrics
-    places : the points of the sweep; empty where something is wrong with it
-    layout : what the results will have; None where it is not known because something else is wrong
+    places : the points of the sweep; empty where the sweep has an error
+    layout : names and shapes that the results will have; None where another error leaves them unknown
+
+    Returns
+    -------
+    the claims; those with an error are of no use
     """
     claims = []
-    expected = _expected(draft, metrics, places, layout) if layout else None
+    results = None
+    if layout is not None and places and all(place.keys for place in places):
+        results = placeholder_results(layout, [(place.coordinates, place.keys) for place in places])
     for number, keys in enumerate(draft.claims):
         if keys is not None:
-            checker = _Checker(draft, number, metrics, places, layout, expected)
+            checker = _Checker(draft, number, metrics, places, layout, results)
             claims.append(checker.claim(keys))
     return tuple(claims)
-
-
-def _expected(
-    draft: DraftConfig, metrics: Sequence[str], places: Sequence[Place], layout: ResultLayout
-) -> Expected | None:
-    """What stands in for the results: of series where a method is what it is at the first point; None if unknown."""
-    if not places or not all(place.keys for place in places):
-        return None
-    columns = [MetricInfo(name, "", "") for name in metrics]
-    tables = [
-        Expected(
-            methods=list(draft.methods),
-            metrics=columns,
-            shapes={
-                name: shapes
-                for name, shapes in layout.arrays.items()
-                if place.keys.get(name) == places[0].keys.get(name)
-            },
-            point=place.coordinates,
-            keys=place.keys,
-        )
-        for place in places
-    ]
-    return replace(tables[0], points=tuple(tables))
 
 
 class _Checker:
@@ -83,9 +65,9 @@ class _Checker:
         metrics: Sequence[str],
         places: Sequence[Place],
         layout: ResultLayout | None,
-        expected: Expected | None,
+        results: PlaceholderResults | None,
     ) -> None:
-        self.draft, self.places, self.expected = draft, places, expected
+        self.draft, self.places, self.results = draft, places, results
         self.smoke = layout is not None and layout.end == 0
         self.of_runs = (*metrics, *COUNTS) if "runs" not in draft.values["evaluate"] else ()
         self.series = [name for name in layout.series if name not in metrics] if layout else []
@@ -121,7 +103,7 @@ class _Checker:
         self.draft.note([*self.path, *key.split(".")], message)
 
     def _at(self, given: Any) -> tuple[dict[str, str], ...]:
-        """Read one point or a list of them; what names no point is noted and left out."""
+        """Read one point or a list of them; what names no point is reported."""
         if given is None:
             return ()
         if self.places and not self.places[0].coordinates:
@@ -149,7 +131,7 @@ class _Checker:
         return tuple(found)
 
     def _terms(self, claim: Claim, text: str, key: str, grammar: Callable[[str], Node]) -> None:
-        """Check that a text can be read, speaks of what is there, and asks for nothing that no results could answer."""
+        """Check that a text can be read, names what exists, and can be answered by some results."""
         before = self.noted
         try:
             tree = grammar(text)
@@ -171,21 +153,22 @@ class _Checker:
             for at in claim.at or ({},):
                 counts = [self._place(claim, term, {**at, **dict(term.point)}, key) for term in named]
                 if 0 not in counts and len(set(counts)) > 1:
-                    self._note(key, "the terms speak of different numbers of points")
-        if self.noted == before and self.expected is not None and not self.misplaced:
+                    self._note(key, "the terms are about different numbers of points")
+        if self.noted == before and self.results is not None and not self.misplaced:
             for message in self._dry_run(claim, tree):
                 self._note(key, message)
 
     def _dry_run(self, claim: Claim, tree: Node) -> list[str]:
-        assert self.expected is not None  # its caller has looked
-        points = [dry_run(tree, self.expected, at, pooled=claim.pooled, short=self.smoke) for at in claim.at or ({},)]
+        assert self.results is not None
+        points = [dry_run(tree, self.results, at, pooled=claim.pooled, short=self.smoke) for at in claim.at or ({},)]
         return list(dict.fromkeys(message for messages in points for message in messages))
 
     def _moment(self, term: Term, function: str) -> str:
         """Say what is wrong with a signal, or with what stands in a function of signals; "" for nothing."""
         signal = term.quantity in self.signals
         if not self.known or not (signal or term.quantity in self.known):
-            return ""  # what it is is not known, or has been noted as such
+            # An unknown name has been reported already.
+            return ""
         message = misuse(term, function, signal=signal)
         if message or not signal:
             return message
@@ -202,7 +185,8 @@ class _Checker:
             self._note(key, f"{what}: {nowhere(self.places, wanted)}")
             return 0
         if not all(place.keys for place in found):
-            return 1  # something else is wrong, and what the points share is not known
+            # With another error it is not known what the points share.
+            return 1
         different = len({place.keys.get(term.method, "") for place in found})
         if not claim.pooled and different > 1:
             self._note(key, f"{what} may be at any of {len(found)} points of the sweep: {self._way_out(term, found)}")

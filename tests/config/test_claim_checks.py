@@ -87,7 +87,7 @@ CASES = [
     ("1 < 2", "{}", "at", "must be a mapping from paths to values"),
     # what no judgement could be made of later
     (f"mean(mse[S-MPC, {HP}=long]) < mean(mse[R-MPC])", "all", "check",
-     "the terms speak of different numbers of points"),
+     "the terms are about different numbers of points"),
     ("last(trace(P[R-MPC])) < 1", "all", "check", "P[R-MPC] is a series, of one point: name one, as P[R-MPC, "),
     (OF % "S-MPC", "all", "check", "mse[S-MPC] is the same at several points, and would count more than once"),
 ]  # fmt: skip
@@ -109,7 +109,7 @@ def test_one_mistake_is_reported_once_at_its_place(load, check, at, key, message
 
 
 def test_the_size_is_checked_like_a_check(load, tmp_path):
-    """Its expression must speak of one point, too."""
+    """Its expression must be about one point, too."""
     stated = "[{says: s, check: '1 < 2', stated: {of: 'mean(mse[S-MPC])', value: 1}}]"
     with pytest.raises(ConfigError, match=r"claims.0.stated.of: mse\[S-MPC\] may be at any of 2 points"):
         load_config(write(tmp_path, sweep=HORIZONS, claims=stated))
@@ -177,7 +177,7 @@ def messages():
         shapes = dict.fromkeys(("P", *series), (2, 2)) | {
             name: (2, 2) for own in (arrays or {}).values() for name in own
         }
-        layout = ResultLayout(end=end, series=shapes, arrays=arrays or {})
+        layout = ResultLayout(metrics=metrics, end=end, series=shapes, arrays=arrays or {})
         read_claims(draft, metrics, places, layout)
         assert all(path == ["claims", 0, "check"] for path, _ in found)
         return [message for _, message in found]
