@@ -17,7 +17,7 @@ NONE: Interval = (math.nan, math.nan)
 
 
 def standard_error(values: Array) -> float:
-    """Compute the standard error of the mean; NaN below two values or where one is never."""
+    """Compute the standard error of the mean; NaN below two values or where one is infinite."""
     if len(values) < 2 or not np.isfinite(values).all():
         return math.nan
     with np.errstate(over="ignore", invalid="ignore"):
@@ -34,7 +34,7 @@ def student(values: Array, confidence: float) -> Interval:
 
     Returns
     -------
-    low, high; NaN below two values or where one is never
+    low, high; NaN below two values or where one is infinite
     """
     from scipy import stats
 
@@ -114,7 +114,7 @@ def quantile(values: Array, q: float) -> Array:
 
 
 def difference(a: Array, b: Array) -> Array:
-    """Subtract entry by entry, where never against never is 0."""
+    """Subtract entry by entry, where inf against inf is 0."""
     with np.errstate(invalid="ignore"):
         return np.where(a == b, 0.0, a - b)
 

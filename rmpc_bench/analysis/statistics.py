@@ -27,7 +27,7 @@ from rmpc_bench.types import Array, MetricInfo
 
 __all__ = ["comparisons", "format_with_error", "sentence", "summary", "wilson"]
 
-SUMMARY = "method metric n n_failed mean se ci_low ci_high median q25 q75 min max never".split()
+SUMMARY = "method metric n n_failed mean se ci_low ci_high median q25 q75 min max did_not_occur".split()
 COMPARISONS = (
     "method baseline metric change_pct ci_low ci_high won lost tied superiority p_wilcoxon_holm n_pairs word".split()
 )
@@ -43,8 +43,9 @@ def summary(trials: Trials) -> pd.DataFrame:
 
     Returns
     -------
-    one row per method and metric with the columns `SUMMARY`; `n` counts the runs that have a value and `never` those
-    of them that are inf; where there is one, or could be, mean, se and interval (Student t) are NaN
+    one row per method and metric with the columns `SUMMARY`; `n` counts the runs that have a value and
+    `did_not_occur` those of them that are inf; where there is one, or could be, mean, se and interval (Student t) are
+    NaN
     """
     rows = [_describe(trials, method, info) for method in trials.methods for info in trials.metrics]
     return pd.DataFrame(rows, columns=SUMMARY)
@@ -69,7 +70,7 @@ def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
         "q75": float(quantile(values, 0.75)),
         "min": float(quantile(values, 0.0)),
         "max": float(quantile(values, 1.0)),
-        "never": int(np.isinf(values).sum()),
+        "did_not_occur": int(np.isinf(values).sum()),
     }
 
 
@@ -84,7 +85,7 @@ def comparisons(trials: Trials) -> pd.DataFrame:
     Returns
     -------
     one row per metric and method but the baseline with the columns `COMPARISONS`; change and interval in per cent of
-    the baseline, NaN where a run of the pairs is never; `superiority` is the share of better runs, a run that does
+    the baseline, NaN where a value of the pairs is inf; `superiority` is the share of better runs, a run that does
     not differ counting half; `p_wilcoxon_holm` is a text, empty without pairs
     """
     rows: list[dict[str, Any]] = []
@@ -101,7 +102,7 @@ def _compare(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
     a, b = from_best(a, info.direction), from_best(b, info.direction)
     change, (low, high) = _change(a, b, trials.confidence)
     gap = _gap(a, b)
-    # Two infs have gap 0; a finite value against an infinite baseline is never close to it.
+    # Two infs have gap 0; a finite value against an infinite baseline is not close to it.
     tied = (gap == 0) | (np.isfinite(gap) & (np.abs(gap) <= trials.relevant * np.abs(b)))
     better = gap > 0 if info.direction == "higher" else gap < 0
     won, lost = int((better & ~tied).sum()), int((~better & ~tied).sum())
@@ -178,7 +179,7 @@ def _word_of_change(low: float, high: float, relevant: float, direction: str) ->
 
 
 def _word_of_counts(won: int, lost: int, confidence: float) -> str:
-    """Word where no change exists; ties are left out, or two methods that never settle would differ."""
+    """Word where no change exists; ties are left out, or two methods that do not settle would differ."""
     low, high = wilson(won, won + lost, confidence)
     if low > 0.5:
         return "better"
@@ -242,12 +243,12 @@ def format_with_error(value: float, se: float) -> str:
     Returns
     -------
     such as "0.1186(15)", the bracket being the error of the last digits: two of them up to 35, else one; inf is
-    "never", NaN is "-", and an error that is 0 or unknown leaves four digits without a bracket
+    "inf", NaN is "-", and an error that is 0 or unknown leaves four digits without a bracket
     """
     if math.isnan(value):
         return "-"
     if math.isinf(value):
-        return "never" if value > 0 else "-inf"
+        return "inf" if value > 0 else "-inf"
     if not (math.isfinite(se) and se > 1e-12 * abs(value)):  # an error below rounding is none
         return f"{value:.4g}"
     size = math.floor(math.log10(max(abs(value), se)))

@@ -43,8 +43,8 @@ class Trials:
     methods : names in the order of the configuration
     labels : method name -> text for tables and figures
     metrics : one record per metric column of `frame`
-    frame : columns `method, run, status` and one float column per metric (NaN where the run failed, inf for never),
-        sorted by method (order of the configuration), then run
+    frame : columns `method, run, status` and one float column per metric (NaN where the run failed, inf where
+        an event did not occur), sorted by method (order of the configuration), then run
     series : columns `method, quantity, component, k, n, value`; `component` is a text such as "0,1", "2" or "" for
         scalars; n = 0 means exact
     baseline : the method that all others are compared with
@@ -136,7 +136,7 @@ class Trials:
 
         Returns
         -------
-        (n_runs,) values in the order of `runs`; NaN where the run failed or is absent, inf for never
+        (n_runs,) values in the order of `runs`; NaN where the run failed or is absent, inf without the event
         """
         values = np.full(len(self.runs), np.nan)
         if method in self._rows:

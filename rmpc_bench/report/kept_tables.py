@@ -35,7 +35,7 @@ def summary_table(described: pd.DataFrame) -> pd.DataFrame:
     -------
     the table with its numbers rounded; counts and texts are exact
     """
-    table = described.drop(columns="never")
+    table = described.drop(columns="did_not_occur")
     numbers = table[NUMBERS].to_numpy(dtype=float)
     of_row = _largest(table[MIDDLE])[:, None]
     groups = pd.Series(of_row[:, 0]).groupby(table["metric"].to_numpy())

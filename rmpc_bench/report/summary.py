@@ -24,7 +24,7 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     Parameters
     ----------
     frame : the table; its index is not written
-    path : the file, replaced; floats as their shortest repr, inf for never, empty for missing
+    path : the file, replaced; floats as their shortest repr, inf where an event did not occur, empty for missing
     """
     frame.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
 

@@ -39,7 +39,7 @@ class _Table(NamedTuple):
 
     info: MetricInfo
     lines: list[_Line]
-    with_never: bool
+    may_not_occur: bool
     with_comparisons: bool
     with_failed: bool
 
@@ -50,7 +50,7 @@ def _table(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, inf
     return _Table(
         info,
         [_Line(method, marked(trials, method), described[method], compared.get(method)) for method in trials.methods],
-        info.may_not_occur or any(row["never"] for row in described.values()),
+        info.may_not_occur or any(row["did_not_occur"] for row in described.values()),
         bool(compared),
         any(row["n_failed"] for row in described.values()),
     )
@@ -68,12 +68,15 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
     Returns
     -------
     a header, a line per method and a legend, without a line end after the last; `n/n_failed` is there only where a
-    run failed, and where a run is never its share stands in place of the mean
+    run failed, and where an event does not occur in a run, the share of these runs stands in place of the mean
     """
     table = _table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
     columns = {"name": [_quantity(table.info), *(line.shown for line in table.lines)]}
     # The heads of mean and change leave room for a sign.
-    columns["mean"] = [" never" if table.with_never else " mean", *(_mean(line, table) for line in table.lines)]
+    columns["mean"] = [
+        " did not occur" if table.may_not_occur else " mean",
+        *(_mean(line, table) for line in table.lines),
+    ]
     columns["median"] = ["median [quartiles]", *(_quartiles(line.described) for line in table.lines)]
     if table.with_comparisons:
         columns["change"] = [f" change vs {trials.baseline}", *(_signed(_change(line)) for line in table.lines)]
@@ -125,7 +128,7 @@ def _markdown_columns(trials: Trials, table: _Table) -> dict[str, list[str]]:
     labels = [trials.labels.get(line.method, line.method) for line in lines]
     if labels != columns["method"]:
         columns["label"] = labels
-    columns["never" if table.with_never else "mean"] = [_mean(line, table) for line in lines]
+    columns["did not occur" if table.may_not_occur else "mean"] = [_mean(line, table) for line in lines]
     columns["median [quartiles]"] = [_quartiles(line.described) for line in lines]
     if table.with_comparisons:
         columns[f"change vs {trials.baseline}"] = [_change(line) for line in lines]
@@ -151,7 +154,7 @@ def _legend(trials: Trials, table: _Table) -> list[str]:
         parts.append("compared by distance from 0" if table.info.direction == "zero" else "compared by |log|")
     means = [_mean(line, table) for line in table.lines]
     bracket = next((text[text.index("(") : text.index(")") + 1] for text in means if "(" in text), "")
-    if bracket and not table.with_never:
+    if bracket and not table.may_not_occur:
         parts.append(f"{bracket} = standard error of the last digits")
     if any(line.shown != line.method for line in table.lines):
         parts.append("an oracle knows the true parameters")
@@ -193,12 +196,12 @@ def _quantity(info: MetricInfo) -> str:
 
 
 def _mean(line: _Line, table: _Table) -> str:
-    """Mean with its error, or the share of never where the metric has any."""
+    """Mean with its error, or the share of runs without the event."""
     row = line.described
-    if not table.with_never:
+    if not table.may_not_occur:
         mean, se = float(row["mean"]), float(row["se"])
         return format_with_error(mean, se if se > NOISE * abs(mean) else math.nan)
-    return f"{row['never']}/{row['n']} ({100 * row['never'] / row['n']:.3g} %)" if row["n"] else "-"
+    return f"{row['did_not_occur']}/{row['n']} ({100 * row['did_not_occur'] / row['n']:.3g} %)" if row["n"] else "-"
 
 
 def _quartiles(row: Mapping[str, Any]) -> str:
@@ -207,7 +210,7 @@ def _quartiles(row: Mapping[str, Any]) -> str:
     if math.isnan(median):
         return "-"
     # In a Gaussian sample a quartile has the error 1.01 (high - low)/sqrt(n).  In a skewed one the tighter side, where
-    # most values are, says how well the median is known; the other one may be never.
+    # most values are, says how well the median is known; the other one may be infinite.
     sides = [side for side in (median - low, high - median) if math.isfinite(side) and side > 0]
     error = 2 * min(sides) / math.sqrt(n) if sides else 0.0
     texts = [_rounded(value, error, max(abs(median), abs(low))) for value in (median, low, high)]
@@ -217,7 +220,7 @@ def _quartiles(row: Mapping[str, Any]) -> str:
 def _rounded(value: float, error: float, scale: float) -> str:
     """Round a value; beyond 1e-4 and 1e6 with the exponent of `scale`."""
     if math.isinf(value):
-        return "never" if value > 0 else "-inf"
+        return "inf" if value > 0 else "-inf"
     if not (math.isfinite(scale) and NOISE * scale < error < math.inf):
         return f"{value:.4g}"
     size = math.floor(math.log10(max(scale, error)))

@@ -57,7 +57,7 @@ def test_quantile_of_finite_values_is_numpys(values, q):
     assert float(quantile(np.array(values), q)) == pytest.approx(float(np.quantile(values, q)), rel=1e-9, abs=1e-9)
 
 
-def test_quantile_with_never():
+def test_quantile_with_inf():
     """Between two infs there is inf, not NaN."""
     values = np.array([1.0, np.inf, np.inf, 2.0])
     assert [float(quantile(values, q)) for q in (0.0, 1 / 3, 0.5, 0.9)] == [1, 2, math.inf, math.inf]
@@ -78,7 +78,7 @@ def test_no_heavy_import():
     subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": ":".join(filter(None, sys.path))})
 
 
-def test_difference_of_nevers_is_0():
+def test_difference_of_infs_is_0():
     """A run that neither method settles is a tie."""
     a, b = np.array([np.inf, 1.0, np.inf]), np.array([np.inf, np.inf, 2.0])
     assert difference(a, b).tolist() == [0, -math.inf, math.inf]

@@ -25,21 +25,21 @@ def only(table):
 def test_summary_by_hand(make_trials):
     """1..5 and one failed run."""
     table = summary(make_trials({"mse": {"A": [5.0, 1.0, None, 3.0, 2.0, 4.0]}}))
-    columns = "method,metric,n,n_failed,mean,se,ci_low,ci_high,median,q25,q75,min,max,never"
+    columns = "method,metric,n,n_failed,mean,se,ci_low,ci_high,median,q25,q75,min,max,did_not_occur"
     assert ",".join(table.columns) == columns
     row = only(table)
     assert (row.n, row.n_failed, row["mean"], row["median"], row.q25, row.q75) == (5, 1, 3, 3, 2, 4)
-    assert (row["min"], row["max"], row.never) == (1, 5, 0)
+    assert (row["min"], row["max"], row.did_not_occur) == (1, 5, 0)
     assert row.se == pytest.approx(math.sqrt(2.5 / 5), rel=1e-12)
     # 2.776445105198 is the tabulated t(0.975, 4).
     assert (row.ci_low, row.ci_high) == pytest.approx((3 - 2.776445105198 * row.se, 3 + 2.776445105198 * row.se))
 
 
-def test_summary_with_never_has_no_mean(make_trials):
+def test_summary_of_an_event_that_may_not_occur_has_no_mean(make_trials):
     """Share and median remain."""
     row = only(summary(make_trials({"settling": {"A": [1.0, INF, 2.0, INF, INF]}})))
     assert np.isnan([row["mean"], row.se, row.ci_low, row.ci_high]).all()
-    assert (row["median"], row.q25, row["max"], row.never, row.n) == (INF, 2, INF, 3, 5)
+    assert (row["median"], row.q25, row["max"], row.did_not_occur, row.n) == (INF, 2, INF, 3, 5)
 
 
 def test_one_run_and_no_run(make_trials):
@@ -122,8 +122,8 @@ def test_zeros_and_negatives_use_differences(make_trials):
     assert math.isnan(row.change_pct)
 
 
-def test_never(make_trials):
-    """Finite beats never, never ties with never, and the word comes from the counts."""
+def test_an_event_that_does_not_occur(make_trials):
+    """A finite value beats inf, inf ties with inf, and the word comes from the counts."""
     a = [1.0] * 12 + [INF, INF, 5.0]
     b = [INF] * 12 + [INF, 3.0, 5.001]
     row = only(comparisons(make_trials({"t": {"A": a, "B": b}})))
@@ -137,7 +137,7 @@ def test_never(make_trials):
     assert (swapped.won, swapped.lost, swapped.word) == (1, 12, "worse")
 
 
-def test_two_methods_that_never_settle_are_not_separated(make_trials):
+def test_two_methods_that_do_not_settle_are_not_separated(make_trials):
     """No strict win on either side says nothing."""
     row = only(comparisons(make_trials({"t": {"A": [INF] * 50, "B": [INF] * 50}})))
     assert (row.tied, row.superiority, row.word, row.p_wilcoxon_holm) == (50, 0.5, "not separated", "1.000")
@@ -199,7 +199,7 @@ def test_sentences():
         (0.0, 0.5, "0.0(5)"),
         (2.0, 0.0, "2"),
         (1 / 3, math.nan, "0.3333"),
-        (INF, math.nan, "never"),
+        (INF, math.nan, "inf"),
         (math.nan, 1.0, "-"),
     ],
 )

@@ -49,7 +49,7 @@ def test_six_digits_and_exact_counts(make_trials):
     trials = make_trials({"mse": {"A": [0.0, 0.0, 1.0], "B": [1.0, 1.0, 1.0]}}, METRICS[:1])
     row = summary_table(summary(trials)).to_dict("records")[0]
     assert (row["n"], row["n_failed"], row["mean"], row["se"], row["max"]) == (3, 0, 0.333333, 0.333333, 1.0)
-    assert "never" not in row
+    assert "did_not_occur" not in row
 
 
 def test_a_number_beside_a_large_one_is_zero(make_trials):

@@ -69,19 +69,19 @@ def test_screen_of_a_single_method_and_run(make_trials):
     ]
 
 
-def test_never_shows_share_and_median_but_no_mean(make_trials):
+def test_an_event_that_does_not_occur_has_a_share_and_a_median_but_no_mean(make_trials):
     """Also for a method that has a mean."""
     values = {"A": [1.0, 2.0, 3.0, 4.0], "B": [1.0, INF, INF, INF], "C": ["diverged"] * 4}
     trials = make_trials({"settling_time": values}, [SETTLING])
     head, *rows, legend = on_screen(trials, "settling_time").splitlines()
-    assert head.split()[:3] == ["settling_time", "[s]", "never"] and "mean" not in head
+    assert head.split()[:5] == ["settling_time", "[s]", "did", "not", "occur"] and "mean" not in head
     assert rows[0].split()[1:4] == ["0/4", "(0", "%)"]
-    assert rows[1].split()[1:7] == ["3/4", "(75", "%)", "never", "[never,", "never]"]
+    assert rows[1].split()[1:7] == ["3/4", "(75", "%)", "inf", "[inf,", "inf]"]
     assert rows[2].split() == ["C", "-", "-", "-", "0/0", "0/4", "not", "separated"]
     assert legend == "paired runs, 95 %; within 1 % is tied, not won"
     text = page(trials)
-    assert "| method | never | median [quartiles] |" in text
-    assert cells(text, "B")[1:4] == ["3/4 (75 %)", "never [never, never]", "-"]
+    assert "| method | did not occur | median [quartiles] |" in text
+    assert cells(text, "B")[1:4] == ["3/4 (75 %)", "inf [inf, inf]", "-"]
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_never_shows_share_and_median_but_no_mean(make_trials):
         ([1.0, 2.0, 3.0, 4.0, 5.0], "3 [2, 4]"),
         ([1e-9, 2e-9, 3e-9, 4e-9, 5e-9], "3e-09 [2e-09, 4e-09]"),
         ([1e7, 2e7, 3e7, 4e7, 5e7], "3e+07 [2e+07, 4e+07]"),
-        ([1.0, 2.0, 3.0, INF, INF], "3 [2, never]"),
+        ([1.0, 2.0, 3.0, INF, INF], "3 [2, inf]"),
         # One wild quartile does not take the digits of the median.
         ([1.0, 1.1, 1.2, 1e6, 1e6], "1.2 [1.1, 1000000.0]"),
         ([-0.01, -0.01, 0.0, 1.0, 1.0], "0.00 [-0.01, 1.00]"),
@@ -148,7 +148,7 @@ def test_unknown_status_is_counted(make_trials):
 
 
 def test_trials_csv(make_trials, tmp_path):
-    """Missing is empty, never is inf, columns in order."""
+    """Missing is empty, infinite is inf, columns in order."""
     trials = make_trials({"mse": {"A": [0.1, "diverged"], "B": [INF, 1e-7]}})
     trials.frame.insert(0, "extra", 1)
     trials_csv(trials, tmp_path / "trials.csv")
