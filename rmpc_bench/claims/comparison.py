@@ -188,7 +188,8 @@ def _decided(operator: str, held: bool, interval: Interval) -> bool | None:
 def _interval(link: tree.Link, evaluator: Evaluator) -> Interval | None:
     """Interval of left - right: by its formula where there is one, else by resampling the runs."""
     if len(evaluator.runs) < 2 or _about_these_runs(link, evaluator):
-        return None  # a single run, or the runs at hand as they are: the two numbers decide
+        # A single run, or a statement about the runs at hand: the two numbers decide.
+        return None
     if evaluator.pooled:
         return _bootstrap(link, evaluator)
     found = _of_means(link, evaluator) or _against_level(link.left, link.right, evaluator)

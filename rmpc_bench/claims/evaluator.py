@@ -115,7 +115,7 @@ class Evaluator:
 
     @cached_property
     def _points_of_runs(self) -> list[Array]:
-        """For every shared run where it stands in the columns: once at every point."""
+        """For every shared run its positions in the columns: one per point."""
         rows = np.flatnonzero(self.shared)
         return [rows[self.run[rows] == run] for run in self.runs]
 
@@ -135,7 +135,8 @@ class Evaluator:
             return self.fixed[node]
         found = self._value(node)
         if not tree.terms(node) & self.columns.keys():
-            self.fixed[node] = found  # of no run, hence the same when the runs are drawn again
+            # It uses no run, hence it is the same when the runs are drawn again.
+            self.fixed[node] = found
         return found
 
     def _value(self, node: Node) -> Value:
@@ -193,7 +194,8 @@ class Evaluator:
             entries = compare(link.operator, left.array, right, tolerance)
             value = left.of(entries.reshape(len(entries), -1).all(axis=1))
             found = value if found is None else combine(np.logical_and, found, value)
-        assert found is not None  # the grammar has no empty chain
+        # The grammar has no empty chain.
+        assert found is not None
         return found
 
     def _term(self, term: tree.Term, function: str = "") -> Value:

@@ -71,7 +71,7 @@ def _extreme(comparison: ComparisonResult) -> str:
 
 
 def _digits(left: float, right: float) -> int:
-    """Significant digits that tell two numbers apart, with one more to see by how much."""
+    """Significant digits that distinguish two numbers, with one more to see by how much."""
     for digits in range(_MIN_DIGITS, _MAX_DIGITS + 1):
         if significant_text(left, digits) != significant_text(right, digits):
             return digits if digits == _MIN_DIGITS else min(digits + 1, _MAX_DIGITS)

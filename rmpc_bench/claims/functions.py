@@ -1,4 +1,4 @@
-"""The functions of claims, of values that are already there."""
+"""The functions of claims, applied to values."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def applied(name: str, values: list[Value]) -> Value:
 
 
 def _sample(value: Value) -> Array:
-    """What a function of a column or series reduces along axis 0; of a list or matrix all of its numbers."""
+    """Array that a reduction takes along axis 0: a column or series, or all numbers of a list or matrix."""
     return value.array if value.axis else value.array.reshape(-1)
 
 
@@ -109,5 +109,5 @@ def _of_series(name: str, values: list[Value]) -> Value:
     if name == "at":
         return Value(series.array[int(k) - first])
     cut = (int(k), last) if name == "since" else (first, int(k))
-    # A series that is left whole stays what it was: one that does not change over k is stored once, and fits any other.
+    # A whole series is returned as it is: one that does not change over k is stored once, and fits any other.
     return series if cut == series.span else Value(series.array[cut[0] - first : cut[1] - first + 1], "k", cut)

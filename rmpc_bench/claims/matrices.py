@@ -60,7 +60,7 @@ def distance(x: Value, centre: Value, P: Value) -> Value:
     Returns
     -------
     a number, column or series; where P is singular inf if x - centre reaches outside its range, else the distance in
-    the range; inf where an entry of x - centre is never
+    the range; inf where an entry of x - centre is infinite
     """
     gap, P = combine(difference, x, centre), _symmetric("distance", P)
     gap = gap if gap.entry else gap.of(gap.array[..., None])

@@ -13,15 +13,15 @@ from rmpc_bench.types import Array
 
 
 class EvaluationError(Exception):
-    """A claim that the stored results cannot answer; the message is the reason a reader sees."""
+    """A claim that the stored results cannot answer; the message is the reason that claims.md gives."""
 
 
 class NoValue(EvaluationError):
-    """The numbers are not such that there is an answer; with others there might be one."""
+    """These numbers give no value; others may."""
 
 
 class NoSample(EvaluationError):
-    """A series is too short; a longer one would do."""
+    """A series is too short; a longer one would have the sample."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Value:
         return self.cut is None and len(self.array) == 1
 
     def of(self, array: npt.ArrayLike) -> Value:
-        """Return another array on the same runs or samples."""
+        """Return another array for the same runs or samples."""
         return replace(self, array=np.asarray(array))
 
 
@@ -124,7 +124,7 @@ def listed(items: Sequence[Value]) -> Value:
 
 
 def compare(operator: str, left: Array, right: Array, tolerance: Array) -> Array:
-    """Compare entry by entry; ~ means equal up to the tolerance, and never equals never."""
+    """Compare entry by entry; ~ means equal up to the tolerance, and inf equals inf."""
     if operator == "~":
         gap = np.abs(difference(left, right))
         return np.asarray((gap == 0) | (np.isfinite(gap) & (gap <= tolerance)))

@@ -77,7 +77,7 @@ class _Checker:
         self.known = [*metrics, *COUNTS, *seen] if layout else []
         self.path: list[str | int] = ["claims", number]
         self.misplaced = False
-        self.noted = 0
+        self.n_errors = 0
 
     def claim(self, keys: ClaimKeys) -> Claim:
         check = (keys.check,) if isinstance(keys.check, str) else tuple(keys.check or ())
@@ -99,7 +99,7 @@ class _Checker:
         return claim
 
     def _note(self, key: str, message: str) -> None:
-        self.noted += 1
+        self.n_errors += 1
         self.draft.note([*self.path, *key.split(".")], message)
 
     def _at(self, given: Any) -> tuple[dict[str, str], ...]:
@@ -132,7 +132,7 @@ class _Checker:
 
     def _terms(self, claim: Claim, text: str, key: str, grammar: Callable[[str], Node]) -> None:
         """Check that a text can be read, names what exists, and can be answered by some results."""
-        before = self.noted
+        before = self.n_errors
         try:
             tree = grammar(text)
         except ExpressionError as error:
@@ -154,7 +154,7 @@ class _Checker:
                 counts = [self._place(claim, term, {**at, **dict(term.point)}, key) for term in named]
                 if 0 not in counts and len(set(counts)) > 1:
                     self._note(key, "the terms are about different numbers of points")
-        if self.noted == before and self.results is not None and not self.misplaced:
+        if self.n_errors == before and self.results is not None and not self.misplaced:
             for message in self._dry_run(claim, tree):
                 self._note(key, message)
 

@@ -179,7 +179,7 @@ class ArithmeticParser:
     def close(self, opening: Token, closing: str) -> None:
         """Move past a closing bracket."""
         if self.token.kind == "end":
-            raise ExpressionError(opening.column, f"{opening.text!r} is never closed")
+            raise ExpressionError(opening.column, f"{opening.text!r} is not closed")
         if not self.tokens.accept(closing):
             raise self.unexpected(repr(closing))
         self.depth -= 1

@@ -127,7 +127,7 @@ def test_checks_of_moments(trials):
     ],
 )
 def test_reasons(trials, text, reason):
-    """A signal elsewhere, or one without moments, says so; a judgement of it is undecided."""
+    """A signal elsewhere, or one without moments, says so; its verdict is inconclusive."""
     with pytest.raises(EvaluationError) as caught:
         value(text, trials)
     assert reason in str(caught.value)

@@ -1,4 +1,4 @@
-"""What claims.md says of a comparison: where it is tightest, with digits that tell the sides apart."""
+"""What claims.md says of a comparison: the smallest margin, with digits that distinguish the sides."""
 
 import json
 

@@ -167,7 +167,7 @@ def test_terms_know_what_they_are_the_argument_of():
         ("1" + "+1" * 300 + " < 2", 401, "longer than"),
         ("2 pi < 1", 3, "an operator is missing before 'pi'; did you mean 2*pi?"),
         ("mse[A] mse[B] < 1", 8, "an operator is missing before 'mse'"),
-        ("1 < (2", 5, "'(' is never closed"),
+        ("1 < (2", 5, "'(' is not closed"),
         ("max([1, 2) < 1", 10, "expected ']' (got ')')"),
         ("1 < 2**3", 6, "a power is written x*x"),
         ("1 < never", 5, "'never' needs a method"),

@@ -129,7 +129,7 @@ def test_other_intervals_resample_the_runs(trials):
         "share(mse[A] < mse[B]) < share(mse[B] < mse[A])",
     ],
 )
-def test_noise_is_undecided_however_it_is_written(make_trials, check):
+def test_noise_is_inconclusive_however_it_is_written(make_trials, check):
     """Two columns of one law, whose order is chance."""
     rng = np.random.default_rng(8)
     trials = make_trials({"mse": {"A": rng.normal(10, 1, 50), "B": rng.normal(10, 1, 50)}})
@@ -151,7 +151,7 @@ def test_sizes(trials):
     assert (missing.finding, "P[low]" in missing.reason) == ("inconclusive", True)
 
 
-def test_what_cannot_be_evaluated_is_undecided_with_a_reason(trials):
+def test_what_cannot_be_evaluated_is_inconclusive_with_a_reason(trials):
     """Absent series, unreadable checks; the other numbers are still shown."""
     verdict = judge(claim("last(P[low]) < 1", "1 <", f"{mean('low')} < {mean('base')}"), trials)
     assert verdict.finding == "inconclusive"

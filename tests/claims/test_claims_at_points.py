@@ -49,7 +49,7 @@ def claim(*check, at=(), pooled=False, stated=None):
     return Claim("A is small", "Fig. 8", check, at=points, pooled=pooled, stated=stated)
 
 
-def test_a_term_speaks_of_its_point(trials):
+def test_a_term_is_about_its_point(trials):
     """Of its own one, else of the claim's; numbers may be written in any way."""
     for check, at, left in (
         ("mean(mse[A, c=2]) > 2", (), 3.15),
@@ -102,7 +102,7 @@ def test_finding_over_several_interpretations(trials, at, finding):
 
 
 def test_interpretations_of_which_a_part_holds(trials):
-    """Partly in one, not at all in the other; partly in both; all in one."""
+    """Some in one, none in the other; some in both; all in one."""
     checks = (BELOW, "mean(mse[A]) < mean(mse[B])", "mean(mse[B]) < 1.5")
     assert judge(claim(*checks, at="1"), trials).finding == "partially-confirmed"
     assert judge(claim(*checks, at="2"), trials).finding == "not-confirmed"
@@ -127,7 +127,7 @@ def test_interpretations_name_their_points(trials):
 
 
 def test_all_points_together(trials):
-    """Oracle: by hand; four runs tell nothing, at however many points each of them is seen."""
+    """Oracle: by hand; four runs decide nothing, at however many points each of them is seen."""
     verdict = judge(claim(BELOW, "mean(mse[A]) < mean(mse[B])", "share(mse[A] < mse[B]) > 0.5", pooled=True), trials)
     runs = [value for column in SIZES.values() for value in column]
     for number in verdict.comparisons[:2]:
@@ -159,7 +159,7 @@ def test_a_part_of_the_points_together(sweep):
 
 
 def test_failed_runs_at_points(sweep):
-    """Counted at the point of the term, or at all; left out of means, with their partner."""
+    """Counted at the point of the term, or at all; excluded from means, with their partner."""
     trials = sweep({"1": {"A": [1.0, None, 1.0], "B": [2.0, 2.0, 2.0]}, "2": {"A": [None, 3.0, None], "B": [5.0] * 3}})
     for check, pooled in (
         ("n_failed[A, c=1] == 1", False),
@@ -182,7 +182,7 @@ def test_series_at_points(trials):
     assert judge(claim("last(P[A]) < 1.5", at="12"), trials).finding == "depends-on-assumptions"
 
 
-def test_the_stated_size_is_that_of_the_first_reading(trials):
+def test_the_stated_size_is_that_of_the_first_interpretation(trials):
     """Ours, that is; the others only say whether the statement holds there, too."""
     stated = Stated("mean(mse[A])", 1.1, 0.01, "1.1")
     for at, finding, size in (
@@ -205,7 +205,7 @@ def test_a_method_that_does_not_depend_needs_no_point(sweep):
     assert verdict.finding == "inconclusive" and "mse[B] may be at any of 2 points" in verdict.reason
 
 
-def test_what_is_not_there_is_undecided(trials, sweep):
+def test_what_is_not_there_is_inconclusive(trials, sweep):
     """A point whose runs are not stored yet, or a method that has none anywhere; the others still show."""
     verdict = judge(claim(BELOW, at="19"), trials)
     assert verdict.finding in ("inconclusive", "depends-on-assumptions")

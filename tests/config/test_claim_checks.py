@@ -161,9 +161,9 @@ def test_claims_are_read_once(load):
 
 @pytest.fixture
 def messages():
-    """Return a function that gives what is noted of one check, for an experiment with the series of an layout."""
+    """Return a function that gives the errors of one check, for an experiment with the series of a layout."""
 
-    def noted(check, series=(), metrics=("mse",), points=(), pooled=False, arrays=None, end=1.0, evaluate=("runs",)):
+    def errors(check, series=(), metrics=("mse",), points=(), pooled=False, arrays=None, end=1.0, evaluate=("runs",)):
         found = []
         draft = SimpleNamespace(
             claims=[ClaimKeys(says="s", check=check, at="all" if pooled else None)],
@@ -182,7 +182,7 @@ def messages():
         assert all(path == ["claims", 0, "check"] for path, _ in found)
         return [message for _, message in found]
 
-    return noted
+    return errors
 
 
 MOMENTS = ("mean(e)", "cov(e)")

@@ -115,7 +115,7 @@ def test_nodes_of_one_meaning_are_equal():
         ("(" * 51 + "1" + ")" * 51, 51, "nested deeper than 50 levels"),
         ("f(" * 51 + "1" + ")" * 51, 102, "nested deeper than 50 levels"),
         ("+".join("1" * 600), 1001, "longer than 1000 numbers, names and symbols"),
-        ("f(a", 2, "'(' is never closed"),
+        ("f(a", 2, "'(' is not closed"),
         ("f(a b)", 5, "an operator is missing before 'b'"),
         ("(a]", 3, "unexpected ']'"),
         ("a)", 2, "expected the end (got ')')"),

@@ -128,7 +128,7 @@ def test_by_hand(text, value):
         ("1,5", 2, "written with a point"),
         ("5%%", 3, "expected the end (got '%')"),
         ("1)", 2, "expected the end (got ')')"),
-        ("2*(1", 3, "'(' is never closed"),
+        ("2*(1", 3, "'(' is not closed"),
         ("(1 2)", 4, "an operator is missing before '2'"),
         ("1+*2", 3, "expected a number (got '*')"),
         ("1 + nan", 5, "'nan' is not a number"),
