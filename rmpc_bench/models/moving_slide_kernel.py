@@ -1,11 +1,18 @@
-"""The compiled mechanics of the parallel robot, for the rows of a block; moving_slide.py says what is computed.
+"""Compiled mechanics of the parallel robot for all rows of a block; moving_slide.py defines the equations.
 
-The numbers ``p`` of a run: a, b [m], m_p [kg], I_p [kg m^2], m_s [kg], I_arm [kg m^2], d_rot [N m s], d_sl [N s/m], and
-where a run is watched the shortest and the longest arm [m].  A row of ``arms`` (4, 7) holds of one arm the rows J and S
-of its velocities (theta' = J v, l' = S v, v the velocity of the platform) and its length l.
+Phases
+    1  geometry of the arms                                     _geometry
+    2  matrices of the equations of motion                      _matrices, _factor, _solve
+    3  sampled matrices: exponential and its integrals          pair_kernel, _frozen, _integrals, _series, _product
+    4  simulation of a sample by the Runge-Kutta method         slide_step_kernel, _slope
+    5  validity of a state                                      _status, _sigma, sigma_kernel
 
-Where an arm has no length there are no numbers, and a row of NaN comes out.  All of it is one file, imported at the
-first step only, because numba's cache does not see that a function from another one has changed.
+Parameters ``p`` of a run: a, b [m], m_p [kg], I_p [kg m^2], m_s [kg], I_arm [kg m^2], d_rot [N m s], d_sl [N s/m], and
+for a plant the shortest and the longest arm [m].  A row of ``arms`` (4, 7) contains the rows J and S of the velocities
+of one arm (theta' = J v, l' = S v, v the velocity of the platform) and its length l.
+
+An arm of length zero gives NaN.  Imported at the first step only; one file, because numba's cache does not detect a
+change of a function in another file.
 """
 
 from __future__ import annotations
@@ -16,14 +23,14 @@ from typing import Any
 import numba
 import numpy as np
 
-OK, DIVERGED, OUT_OF_RANGE, SINGULAR = 0, 1, 2, 5  # of types.Status, which compiled code cannot read
-FARTHEST = 1.0  # [m]; |x_c| or |y_c| beyond it has left the table
-LEAST_SIGMA = 0.02  # smallest singular value of J
+OK, DIVERGED, OUT_OF_RANGE, SINGULAR = 0, 1, 2, 5  # values of types.Status, which compiled code cannot read
+FARTHEST = 1.0  # largest |x_c| and |y_c| of a valid state [m]
+LEAST_SIGMA = 0.02  # smallest singular value of J of a regular pose
 SIGN_X, SIGN_Y = (1.0, -1.0, -1.0, 1.0), (1.0, 1.0, -1.0, -1.0)  # of the corners, arm by arm
-SHORT = 0.5  # |K| times the time over which a series is summed: a dozen terms, and nothing cancels
+SHORT = 0.5  # largest |K| h of a series: a dozen terms without cancellation
 MOST_TERMS = 40
-LARGEST = 1e12  # |K| Ts beyond it: no numbers
-ROUNDING = 1e-16  # columns closer to orthogonal than this are
+LARGEST = 1e12  # |K| Ts beyond it gives NaN
+ROUNDING = 1e-16  # cosine below which two columns count as orthogonal
 MOST_SWEEPS = 30  # of rotations; two to four are usual
 
 
@@ -45,8 +52,8 @@ def _geometry(x: Any, p: Any, arms: Any) -> None:  # pragma: no cover
 def _matrices(v: Any, p: Any, arms: Any, M: Any, N: Any) -> None:  # pragma: no cover
     """Write M and N of M v' + N v = J' tau, both 3 x 3.
 
-    The slides are corners of a square: those parts of their inertia that are linear in their places cancel, and they
-    add to the platform as if they were fixed to it.
+    The slides are the corners of a square: terms of their inertia that are linear in their positions cancel, so that
+    they contribute to the platform like masses fixed to it.
     """
     M[:], N[:] = 0.0, 0.0
     M[0, 0] = M[1, 1] = p[2] + 4.0 * p[4]
@@ -125,7 +132,7 @@ def _series(K: Any, h: float, E: Any, term: Any, work: Any) -> None:  # pragma: 
 
 @numba.njit(cache=True, error_model="numpy")
 def _integrals(K: Any, Ts: float, E: Any, term: Any, work: Any) -> None:  # pragma: no cover
-    """Write e^(K Ts) and its integrals as `_series` does, over any time: over a part of it, which is then doubled."""
+    """Write e^(K Ts) and its integrals for any Ts: by `_series` over a short time, which is then doubled repeatedly."""
     size, doublings = 0.0, 0
     for i in range(3):
         size = max(size, (abs(K[i, 0]) + abs(K[i, 1]) + abs(K[i, 2])) * Ts)
@@ -243,7 +250,7 @@ def _sigma(arms: Any, V: Any) -> float:  # pragma: no cover
 
 @numba.njit(cache=True, error_model="numpy")
 def _status(x: Any, p: Any, arms: Any, V: Any) -> int:  # pragma: no cover
-    """What is wrong with a state, if anything."""
+    """Return the status of a state."""
     for i in range(6):
         if not isfinite(x[i]):
             return DIVERGED
@@ -258,9 +265,9 @@ def _status(x: Any, p: Any, arms: Any, V: Any) -> int:  # pragma: no cover
 
 @numba.njit(cache=True, error_model="numpy")
 def slide_step_kernel(x: Any, u: Any, w: Any, p: Any, Ts: float, substeps: int) -> tuple[Any, Any]:  # pragma: no cover
-    """Move every row of x (runs, 6) over one sample with the torques u (runs, 4) held, then add w; with statuses.
+    """Advance every row of x (runs, 6) by one sample with constant torques u (runs, 4), then add w; return statuses.
 
-    The classical method of Runge and Kutta in equal steps; a row of p (runs, 10) is that of a run.
+    The Runge-Kutta method of order 4 with equal steps; p (runs, 10) has one row per run.
     """
     x_next, status, h = np.empty(x.shape), np.zeros(len(x), np.int8), Ts / substeps
     arms, M, N, V = np.empty((4, 7)), np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 3))
@@ -286,7 +293,7 @@ def slide_step_kernel(x: Any, u: Any, w: Any, p: Any, Ts: float, substeps: int) 
 
 @numba.njit(cache=True, error_model="numpy")
 def sigma_kernel(y: Any, p: Any) -> Any:  # pragma: no cover
-    """Smallest singular value of J at every row of y (poses, 3); p begins with a and b."""
+    """Return the smallest singular value of J at every row of y (poses, 3); p begins with a and b."""
     arms, V, sigma = np.empty((4, 7)), np.empty((4, 3)), np.empty(len(y))
     for row in range(len(y)):
         _geometry(y[row], p, arms)

@@ -1,25 +1,25 @@
-"""States of a window whose noises have the smallest bounds: the most probable ones, if noise is uniform.
+"""States of a window that minimise the bounds of the noises: the most probable states for uniform noise.
 
-Problem     over the states x(j) of the window and the half-widths rho, r >= 0 minimise sum rho_i + sum r_o,
-            |x(j) - A_j x(j-1) - c_j| <= rho,  |y(j) - C_j x(j)| <= r.  `free` leaves the first state without a state
-            equation; `anchored` gives it one, from an estimate of the state before, which is no unknown.
-Dual        lam_j and mu_j are the prices of the equations at j.  Sums over the window of |lam_j,i| and |mu_j,o| are at
-            most 1, lam_j = A_(j+1)' lam_(j+1) + C_j' mu_j as the coefficients of x(j) vanish, and, of a free window,
-            lam = 0 at its first point, which has no state equation.
-Reduced     rho = 0 leaves the first state as the only unknown, a minimax fit of the outputs.  Its dual has the same mu,
+Problem     Minimise sum rho_i + sum r_o over the states x(j) of the window and the half-widths rho, r >= 0 subject to
+            |x(j) - A_j x(j-1) - c_j| <= rho,  |y(j) - C_j x(j)| <= r.  In a `free` window the first state has no state
+            equation; in an `anchored` window it has one with the estimate of the previous state.
+Dual        lam_j and mu_j are the Lagrange multipliers of the equations at j.  The sums over the window of |lam_j,i|
+            and |mu_j,o| are at most 1, lam_j = A_(j+1)' lam_(j+1) + C_j' mu_j (the coefficients of x(j) vanish), and
+            lam = 0 at the first point of a free window, which has no state equation.
+Reduced     With rho = 0 the first state is the only unknown: a minimax fit of the outputs.  Its dual has the same mu,
             the same value, and F' mu = 0, which is lam = 0 at the first point.
-Certificate mu of the reduced program and the lam that follow from it are feasible in the dual of the full program if
-            all sums |lam_j,i| are at most 1.  Their value, that of the reduced optimum, is then a lower bound of the
-            full one: rho = 0 is optimal.  If it is, there is such a mu.  Where the sums are below 1, complementary
-            slackness, rho_i (1 - sum |lam_j,i|) = 0, makes rho = 0 in every optimum; if the reduced program has one
-            only, so has the full one.  A fit without residuals needs no certificate: then 0 is the optimum.
-Otherwise   the optimum may be one of many; where rho > 0, even x at the last point is not unique if its output is far
-            from its bounds.  Then, and always for an anchored window, the full program is a linear program with a
-            second objective: of all optima the one with the least sum of the absolute values of all noises.  Where
-            they all count the same, that is not unique either (two noises can share what one of them does alone), and
-            solvers find estimates that differ by half of the noise: so process noise counts 1 % more, and every noise
-            1 % less per sample of age, which leaves no ties between a few noises.
-Cost        7 us a run for 4 points of 6 states and 3 outputs, if the certificate holds; 1.6 ms without.
+Certificate If all sums |lam_j,i| are at most 1, mu of the reduced program and the lam that follow from it are feasible
+            in the dual of the full program.  Their value is then a lower bound of the full optimum, and rho = 0 is
+            optimal.  Conversely, if rho = 0 is optimal, such a mu exists.  If the sums are below 1, complementary
+            slackness, rho_i (1 - sum |lam_j,i|) = 0, gives rho = 0 in every optimum; a unique reduced optimum is then
+            the unique full optimum.  A fit without residuals needs no certificate: its value 0 is optimal.
+Otherwise   The optimum may not be unique; if rho > 0, even x at the last point is not unique if its output is far from
+            its bounds.  In this case, and for every anchored window, the full linear program is solved with a second
+            objective: among all optima, the least weighted sum of the absolute values of all noises.  With equal
+            weights this is not unique either, and solvers return estimates that differ by half of the noise.  Therefore
+            process noise has 1 % more weight, and the weight of every noise falls by 1 % per sample of age, which
+            excludes ties between a few noises.
+Cost        7 us per run for 4 points of 6 states and 3 outputs with a certificate; 1.6 ms without.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from rmpc_bench.types import Array
 CERTAIN = 1.0 - 1e-9
 """Largest sum of |lam| that is certainly below 1."""
 NOTHING = 1e-11
-"""Residuals that are none, relative to the data: what minimax.py calls optimal."""
+"""Residuals that count as zero, relative to the data: the accuracy of minimax.py."""
 
 WIDEST = 1e6
-"""Ratio of the sizes of two outputs beyond which the solver loses the smaller one: it keeps bounds to 1e-10."""
+"""Largest ratio of the sizes of two outputs that the solver supports: it keeps bounds to 1e-10."""
 
 AGE, PROCESS = 0.99, 1.01
 """Weight of a noise in the second objective, per sample of age, and that of process noise."""
@@ -60,24 +60,24 @@ class SampleWindow(NamedTuple):
 
 
 class WindowFits(NamedTuple):
-    """What is found of every run."""
+    """Solutions of the windows, one per run."""
 
     x: Float[Array, "runs nx"]
     """State at the last point."""
     rho: Float[Array, "runs nx"]
     r: Float[Array, "runs ny"]
     solved: Bool[Array, " runs"]
-    """False where what is given is not finite, or a solver fails."""
+    """False if the data are not finite or a solver fails."""
 
 
 def fit_free(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
-    """Fit the last points, the first of which may be anywhere.
+    """Fit the last points without a state equation of the first one.
 
     Parameters
     ----------
-    window : what is known
+    window : data of the window
     C : (1 or points, ny, nx) output matrices
-    points : how many there are, two at least
+    points : number of points, at least two
     """
     path, d = predicted(window, C, points, anchored=False)
     F, moved = reduced(window, C, points)
@@ -91,7 +91,7 @@ def fit_free(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int) -> 
 
 
 def fit_anchored(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
-    """Fit the last points, the first of which follows from the estimate before it; arguments as `fit_free` has them."""
+    """Fit the last points with a state equation from the estimate before the first one; parameters as in `fit_free`."""
     path, d = predicted(window, C, points, anchored=True)
     x, r = np.empty_like(path[:, -1]), np.empty_like(window.y[:, -1])
     found = WindowFits(x, np.empty_like(x), r, np.zeros(len(x), dtype=bool))
@@ -101,10 +101,7 @@ def fit_anchored(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int)
 def predicted(
     window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
 ) -> tuple[Float[Array, "runs points nx"], Float[Array, "runs outputs"]]:
-    """States of the points from their first one on without noise, and what the outputs differ from them.
-
-    A difference that is but rounding is 0.
-    """
+    """Return the states of the points without noise, and the differences of the outputs; rounding counts as 0."""
     from rmpc_bench.numerics.bounded_window_kernel import path_kernel
 
     runs, places, ny = window.y.shape
@@ -117,7 +114,7 @@ def predicted(
 def reduced(
     window: SampleWindow, C: Float[Array, "kC ny nx"], points: int
 ) -> tuple[Float[Array, "runs outputs nx"], Float[Array, "runs nx nx"]]:
-    """Change of the outputs, and that of the last state, with the first state where there is no process noise."""
+    """Return the derivatives of the outputs and of the last state by the first state, without process noise."""
     from rmpc_bench.numerics.bounded_window_kernel import reduced_kernel
 
     runs, places, ny = window.y.shape
@@ -131,7 +128,7 @@ def reduced(
 def multiplier_sums(
     window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, mu: Float[Array, "runs outputs"]
 ) -> Float[Array, "runs nx"]:
-    """Sums of |lam_j,i| over the points, from the prices mu of the outputs."""
+    """Return the sums of |lam_j,i| over the points, from the multipliers mu of the outputs."""
     from rmpc_bench.numerics.bounded_window_kernel import multiplier_kernel
 
     sums = np.empty((len(mu), window.c.shape[2]))
@@ -143,7 +140,7 @@ def multiplier_sums(
 def full_matrix(
     window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
 ) -> Float[Array, "runs equations states"]:
-    """Left sides of all equations in the states of the points: C x(j) of every point, then x(j) - A_j x(j-1)."""
+    """Return the matrix of all equations in the states of the points: C x(j) of every point, then x(j) - A_j x(j-1)."""
     runs, places, ny = window.y.shape
     nx = window.c.shape[2]
     outputs, begin = points * ny, 0 if anchored else 1
@@ -182,14 +179,14 @@ def _solved_in_full(
 def least_noise_fit(
     F: Float[Array, "n p"], d: Float[Array, " n"], group: Int[Array, " n"], weight: Float[Array, " n"]
 ) -> tuple[Float[Array, " p"], Float[Array, " groups"]] | None:
-    """Of the minimax fits choose one with the least weighted sum of absolute residuals.
+    """Return the minimax fit with the least weighted sum of absolute residuals.
 
     The unknowns are x, the positive and the negative parts of the residuals, and the bounds.
 
     Returns
     -------
     tuple or None
-        x and the bounds; None where the solver fails, or would, as the units of the outputs differ too much.
+        x and the bounds; None if the solver fails, or if the sizes of the outputs differ by more than `WIDEST`.
     """
     n, p = F.shape
     scale, groups = float(np.abs(d).max()), int(group.max()) + 1

@@ -1,9 +1,9 @@
-"""The compiled inner loops of windows of bounded noises; bounded_window.py says what is computed.
+"""Compiled loops over windows of bounded noises; bounded_window.py defines the quantities.
 
-Axis 0 is the run.  A window has places for as many points as it may have; those before ``first`` are not used.
+Axis 0 is the run.  A window has places for the largest number of points; those before ``first`` are not used.
 
-Imported at the first step only, because it brings numba along, and it is one file, because numba's cache does not see
-that a function from another one has changed.
+Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
+function in another file.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from typing import Any
 import numba
 import numpy as np
 
-ROUNDING = 4e-15  # of an output beside what it is the sum of: some 2e-16 per term
+# Rounding of an output relative to the sum of its terms, about 2e-16 per term.
+ROUNDING = 4e-15
 
 
 @numba.njit(cache=True, error_model="numpy")
 def path_kernel(
     y: Any, A: Any, c: Any, start: Any, C: Any, first: int, anchored: bool, path: Any, d: Any
 ) -> None:  # pragma: no cover
-    """Write the states that follow from the first one without noise, and what outputs differ from them."""
+    """Write the states that follow from the first one without noise, and the differences of the outputs."""
     runs, points, ny = y.shape
     nx, last = c.shape[2], len(C) - 1
     for run in range(runs):
@@ -78,7 +79,7 @@ def reduced_kernel(A: Any, C: Any, first: int, F: Any, moved: Any) -> None:  # p
 
 @numba.njit(cache=True, error_model="numpy")
 def multiplier_kernel(A: Any, C: Any, first: int, mu: Any, price: Any) -> None:  # pragma: no cover
-    """Write what a unit of every rho would save: the sum over the window of |lam_i|."""
+    """Write the sums over the window of |lam_i|."""
     runs, points, nx = A.shape[:3]
     ny, last = C.shape[1], len(C) - 1
     lam, then = np.empty(nx), np.empty(nx)

@@ -11,7 +11,7 @@ from rmpc_bench.types import Array, Matrix
 
 
 def symmetrise(P: Float[Array, "*k n n"]) -> Float[Array, "*k n n"]:
-    """Return the symmetric part of P, or of every matrix of a stack, which rounding has moved off its mirror."""
+    """Return the symmetric part of P, or of every matrix of a stack, to remove rounding errors."""
     return 0.5 * (P + P.mT)
 
 
@@ -56,7 +56,7 @@ def as_matrix(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
 
 
 def as_covariance(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
-    """Expand as `as_matrix` does and insist on a symmetric positive semidefinite result.
+    """Expand as in `as_matrix` and check that the result is symmetric and positive semidefinite.
 
     Raises
     ------
@@ -117,10 +117,10 @@ def discretise(
 
 
 def van_loan(A: Float[Array, "n n"], S: Float[Array, "n n"], Ts: float) -> Float[Array, "n n"]:
-    """Covariance that white noise of intensity ``S`` builds up over ``Ts`` seconds.
+    """Return the covariance due to white noise of intensity ``S`` over ``Ts`` seconds.
 
-    The integral of e^(A s) S e^(A' s) over s in [0, Ts], from one exponential (Van Loan 1978) over a time so short that
-    its e^(-A s) does not swamp the rest, and from there by doubling: Q(2 s) = Q(s) + e^(A s) Q(s) e^(A' s).
+    The integral of e^(A s) S e^(A' s) over s in [0, Ts].  One exponential (Van Loan 1978) over a time so short that
+    e^(-A s) is of moderate size, then doubling: Q(2 s) = Q(s) + e^(A s) Q(s) e^(A' s).
     """
     from scipy.linalg import expm
 

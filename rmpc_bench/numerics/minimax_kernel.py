@@ -1,18 +1,26 @@
-"""The compiled inner loops of minimax fits; minimax.py says what is computed.
+"""Compiled minimax fits by the simplex method on the dual; minimax.py defines the problem.
 
-Dual    maximise sum d_i mu_i, F' mu = 0, sum over the points of group g of |mu_i| <= 1: one row per unknown and group.
-        A column of it is a point with a sign s, (s F_i, e_g) of value |mu_i| and gain s d_i, or the slack (0, e_g) of a
-        group.  Its multipliers are (x, r), so that the point to enter is the one with the largest |d_i - F_i x| - r_g.
-Start   columns of F are divided by their sizes, as d is, by powers of two.  Elimination picks as many points as F has
-        rank, with mu = 0, beside the slacks: x goes through these points.
-Steps   where a point with mu = 0 would stop a step, and its group has its slack in the basis (r_g = 0), it takes the
-        other sign instead.  After many steps the first column that gains enters and the first of those that tie leaves
-        (Bland), which cannot go round in circles.
-End     everything is computed anew from the last basis and the data.  Every feasible mu bounds the optimum from below
-        and every x from above, so that the difference of the two says how far this answer can be from it.
+Phases
+    1  scale the data by powers of two                       _scaled
+    2  first basis: points chosen by elimination             _picked
+    3  inverse of the basis, values and multipliers          _anew, _inverted
+    4  simplex steps until no column improves the objective  _climbed, _exchanged, _entering, _leaving
+    5  check of the duality gap                              _judged
+    6  one problem; all rows                                 _fitted; minimax_kernel
 
-Imported at the first step only, because it brings numba along, and it is one file, because numba's cache does not see
-that a function from another one has changed.
+Dual    Maximise sum d_i mu_i, F' mu = 0, sum over the points of group g of |mu_i| <= 1: one row per unknown and group.
+        A column is a point with a sign s, (s F_i, e_g) of value |mu_i| and objective s d_i, or the slack (0, e_g) of a
+        group.  The multipliers are (x, r), so that the point with the largest |d_i - F_i x| - r_g enters.
+Start   The columns of F and d are divided by powers of two close to their sizes.  Elimination selects as many points as
+        the rank of F, with mu = 0, in addition to the slacks; x interpolates these points.
+Steps   If a point with mu = 0 would give a step of length zero, and the slack of its group is in the basis (r_g = 0),
+        the sign of the point changes instead.  After many steps Bland's rule chooses the columns, which excludes
+        cycles.
+End     All quantities are recomputed from the last basis and the data.  Every feasible mu gives a lower bound of the
+        optimum and every x an upper bound; their difference bounds the error of the result.
+
+Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
+function in another file.
 """
 
 from __future__ import annotations
@@ -25,13 +33,13 @@ import numpy as np
 
 VALUE, DELTA, PI, GAIN, SIGN, SUM = 0, 1, 2, 3, 4, 5  # rows of V, one entry per column of the basis
 UNIQUE, OPTIMAL, FAILED = 0, 1, 2
-RANK = 1e-10  # of a column of size 1; what is left of one that depends on others
-NONE = 1e-14  # likewise, but for rounding
-PIVOT = 1e-9  # smaller ones would spoil the inverse
-OPEN = 1e-12  # residual beyond r that still counts as none, relative to d and to the terms F x
-CLOSED = 1e-11  # largest difference of the two bounds at the end, likewise: some roundings more
+RANK = 1e-10  # remainder of a column of size 1 below which it depends on the others
+NONE = 1e-14  # the same for a remainder that is rounding
+PIVOT = 1e-9  # smallest pivot; smaller ones make the inverse inaccurate
+OPEN = 1e-12  # residual beyond r that counts as zero, relative to d and to the terms F x
+CLOSED = 1e-11  # largest difference of the two bounds at the end, relative to d and to the terms F x
 SURE = 1e-6  # largest such difference relative to the optimum
-ZERO = 1e-9  # of a dual value; they are of size 1
+ZERO = 1e-9  # a dual value below it counts as 0; dual values are of size 1
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -55,7 +63,7 @@ def _scaled(F: Any, d: Any, A: Any, b: Any, size: Any) -> bool:  # pragma: no co
 
 @numba.njit(cache=True, error_model="numpy")
 def _picked(A: Any, W: Any, basis: Any, n_columns: int) -> int:  # pragma: no cover
-    """Put as many points as A has rank into the basis, by elimination; UNIQUE if that is full, FAILED in doubt."""
+    """Select as many points as the rank of A for the basis; UNIQUE for full rank, FAILED if the rank is uncertain."""
     n, p = A.shape
     for j in range(p):
         basis[j] = -1
@@ -91,7 +99,7 @@ def _picked(A: Any, W: Any, basis: Any, n_columns: int) -> int:  # pragma: no co
 
 @numba.njit(cache=True, error_model="numpy")
 def _inverted(M: Any, W: Any, inverse: Any) -> bool:  # pragma: no cover
-    """Invert M by elimination with row pivots; whether it could be done."""
+    """Invert M by elimination with row pivots; return whether M is regular."""
     m = len(M)
     for i in range(m):
         for j in range(m):
@@ -123,7 +131,7 @@ def _inverted(M: Any, W: Any, inverse: Any) -> bool:  # pragma: no cover
 
 @numba.njit(cache=True, error_model="numpy")
 def _anew(A: Any, b: Any, group: Any, basis: Any, V: Any, M: Any, W: Any, inverse: Any) -> bool:  # pragma: no cover
-    """Compute inverse, values and multipliers from the basis, once refined; whether it is regular."""
+    """Compute inverse, values and multipliers from the basis with one refinement; return whether it is regular."""
     n, p = A.shape
     m = len(M)
     for t in range(m):
@@ -158,7 +166,7 @@ def _anew(A: Any, b: Any, group: Any, basis: Any, V: Any, M: Any, W: Any, invers
 
 @numba.njit(cache=True, error_model="numpy")
 def _entering(A: Any, b: Any, group: Any, V: Any, first: bool) -> tuple[int, float]:  # pragma: no cover
-    """Column that gains most, or the first that gains, and its sign; -1 where none does."""
+    """Return the column that improves the objective most (or the first that does), and its sign; -1 if none does."""
     n, p = A.shape
     size = 1.0
     for j in range(p):
@@ -182,9 +190,9 @@ def _entering(A: Any, b: Any, group: Any, V: Any, first: bool) -> tuple[int, flo
 
 @numba.njit(cache=True, error_model="numpy")
 def _leaving(n: int, group: Any, basis: Any, V: Any, inverse: Any, first: bool) -> int:  # pragma: no cover
-    """Place of the column that reaches 0 first; -1 where none does.
+    """Return the place of the column that reaches 0 first; -1 if none does.
 
-    Of those that tie the one with the largest pivot, or the first.
+    Among ties the column with the largest pivot, or the first one.
     """
     m = V.shape[1]
     if not first:
@@ -210,7 +218,7 @@ def _leaving(n: int, group: Any, basis: Any, V: Any, inverse: Any, first: bool) 
 
 @numba.njit(cache=True, error_model="numpy")
 def _exchanged(A: Any, b: Any, group: Any, basis: Any, V: Any, inverse: Any, first: bool) -> int:  # pragma: no cover
-    """Let one column enter and one leave: 1, 0 where nothing gains any more, -1 where nothing can leave."""
+    """Exchange one column: return 1, or 0 if no column improves the objective, or -1 if no column can leave."""
     n, p = A.shape
     m = len(inverse)
     q, sign = _entering(A, b, group, V, first)
@@ -288,7 +296,7 @@ def _judged(A: Any, b: Any, group: Any, basis: Any, V: Any, r: Any, mu: Any) -> 
 
 @numba.njit(cache=True, error_model="numpy")
 def _climbed(A: Any, b: Any, group: Any, basis: Any, V: Any, inverse: Any) -> int:  # pragma: no cover
-    """Exchange columns until none gains; how many there were, -1 where there is no end."""
+    """Exchange columns until none improves the objective; return their number, -1 without convergence."""
     size = len(A) + len(inverse)
     for number in range(40 * size):
         going = _exchanged(A, b, group, basis, V, inverse, number > 4 * size)
@@ -299,7 +307,7 @@ def _climbed(A: Any, b: Any, group: Any, basis: Any, V: Any, inverse: Any) -> in
 
 @numba.njit(cache=True, error_model="numpy")
 def _fitted(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, work: Any) -> int:  # pragma: no cover
-    """Solve one problem; what became of it."""
+    """Solve one problem; return its outcome."""
     A, b, size, basis, V, M, W, inverse, rest = work
     n, p = F.shape
     m = len(basis)
@@ -313,7 +321,8 @@ def _fitted(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, work: Any) -> i
         if t >= p:
             basis[t] = n + t - p
     outcome, number = FAILED, 0
-    for _ in range(5):  # more than twice only where the inverse has lost its digits
+    # More than two turns are needed only if the inverse is inaccurate.
+    for _ in range(5):
         if not _anew(A, b, group, basis, V, M, W, inverse):
             return FAILED
         number = _climbed(A, b, group, basis, V, inverse)
@@ -330,7 +339,7 @@ def _fitted(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, work: Any) -> i
 
 @numba.njit(cache=True, error_model="numpy")
 def minimax_kernel(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, outcome: Any) -> None:  # pragma: no cover
-    """Solve the problem of every row; NaN where it failed."""
+    """Solve the problem of every row; NaN if it failed."""
     n, p = F.shape[1:]
     m = p + r.shape[1]
     square = (m, m)

@@ -1,10 +1,10 @@
-"""The two noises of an uncertain system, and their free parameters chosen in turns with the gain of its predictor.
+"""The two noises of an uncertain system, and the joint minimisation over their free parameters and the predictor gain.
 
-Model   [x(k+1); y] = M x + what w and v add, each a `NoiseChannel` of its own excess t_w, t_v.
-Symbols those of souto2011, Table 2: B = [Bw Bv], D = [Dw Dv], U_c = diag(Wc, Vc), Delta_1 to Delta_3 the parts that
-        a_x, a_w and a_v make; Psi_1 = B U_c D' + Delta_1, Psi_2 = D U_c D' + Delta_2.
-Chosen  the trace of the bound is convex in 1/a_w, 1/a_v and K together (a matrix fraction), so that the turns, none of
-        which raises it, come to the least one, among all a or those of a range.
+Model   [x(k+1); y] = M x + contributions of w and v, each a `NoiseChannel` with its own excess t_w, t_v.
+Symbols Those of souto2011, Table 2: B = [Bw Bv], D = [Dw Dv], U_c = diag(Wc, Vc), Delta_1 to Delta_3 the terms of a_x,
+        a_w and a_v; Psi_1 = B U_c D' + Delta_1, Psi_2 = D U_c D' + Delta_2.
+Method  The trace of the bound is jointly convex in 1/a_w, 1/a_v and K (a matrix fraction).  Alternating minimisation
+        over a_w, a_v and K does not increase it and converges to the minimum, over all a or over a range.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel
 from rmpc_bench.numerics.riccati import PredictorStep, error_map, predictor_step
 from rmpc_bench.types import Array
 
-_SETTLED, _MAX_TURNS = 1e-9, 200  # the turns end where both t move by less than this share, or are so many
+# The alternation ends when both t change by less than this share, or after this many turns.
+_SETTLED, _MAX_TURNS = 1e-9, 200
 
 Range = tuple[float, float]
 """Least and largest excess."""

@@ -1,13 +1,13 @@
-"""How far an uncertain loop is from instability: for every uncertainty of norm 1, and in the mean square.
+"""Stability of an uncertain loop: for every uncertainty of norm at most 1, and in the mean square.
 
 Loop    x(k+1) = (A + H F(k) G) x(k).  It is quadratically stable for all F(k) with F'F <= I, free at every k, exactly
         where rho(A) < 1 and the H-infinity norm of G (zI - A)^-1 H is below 1; its second moments settle under white F
         exactly where the spectral radius of X -> E (A + H F G) X (A + H F G)' is below 1.
 Source  norm: Bruinsma and Steinbuch, Systems & Control Letters 14 (1990); quadratic stability: Packard and Doyle, IEEE
         Trans. Automatic Control 35 (1990); the mean square by Kronecker products.
-Chosen  the angles of *all* eigenvalues of the symplectic pencil are tried, and those half-way between neighbours: where
-        the gain exceeds a level, the ends of the interval are among them, so that no tolerance has to tell which
-        eigenvalues are on the unit circle.
+Method  The gain is evaluated at the angles of *all* eigenvalues of the symplectic pencil and at the midpoints between
+        them.  The ends of every interval in which the gain exceeds a level are among these angles, so that no tolerance
+        is needed to decide which eigenvalues are on the unit circle.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from jaxtyping import Float
 from rmpc_bench.types import Array
 
 ACCURACY = 1e-10
-"""Relative; the pencil's double eigenvalues, right to sqrt(1e-16), tell no less."""
+"""Relative accuracy of the norm; limited by double eigenvalues of the pencil, which are accurate to sqrt(1e-16)."""
 GRID = 64
 """Angles of the first guess, beside those of the eigenvalues of A."""
 INSIDE = 1.0 - 1e-12

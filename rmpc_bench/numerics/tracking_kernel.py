@@ -1,10 +1,11 @@
-"""The compiled square-root recursion of least-squares tracking; tracking.py says what is computed.
+"""Compiled square-root recursion of least-squares tracking; tracking.py defines the problem.
 
-Backwards over the horizon, the least cost to go is |S x - s|^2 plus what is lost already.  Every stage adds the rows
-Q_yw (C x - w), which reflections fold into S, and then eliminates the input: no squares of a matrix are formed.
+Backwards over the horizon, the minimal cost to go is |S x - s|^2 plus a constant.  Every stage adds the rows
+Q_yw (C x - w), which Householder reflections reduce to a triangle, and then eliminates the input.  No matrix is
+squared.
 
-The module is imported at the first step only, because it brings numba along, and it is one file, because numba's cache
-does not see that a function from another one has changed.
+Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
+function in another file.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from typing import Any
 import numba
 import numpy as np
 
-SMALLEST = 1e-13  # pivot over the largest of its stage: rounding of the factorisation
+# Smallest pivot divided by the largest of its stage: rounding of the factorisation.
+SMALLEST = 1e-13
 
 
 @numba.njit(cache=True, error_model="numpy")
