@@ -5,16 +5,19 @@ import re
 from functools import cache
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 from config.test_config_errors import CASES
 from small_experiment import write
 
-from rmpc_bench import load_config
+from rmpc_bench import load_config, registry
+from rmpc_bench.cli import main
 from rmpc_bench.types import ConfigError
 
 ROOT = Path(__file__).parent.parent
 PHRASES = (ROOT / "tests" / "retired_phrases.txt").read_text(encoding="utf-8").splitlines()
-ROOMS = ("noise", "expressions")
+PLANTS = ("quickstart", "zenere2018/sim1", "benchmarks/ma2025", "benchmarks/souto2011", "benchmarks/moving-slide")
 DOCUMENTS = ("README.md", "CHANGELOG.md", "Makefile", "pyproject.toml", "configs/**/*.yaml")
 
 
@@ -64,10 +67,34 @@ def test_every_file_of_the_map_in_the_readme_exists():
 def test_docstrings_and_messages():
     """All string literals of the package: docstrings, help, screen texts, error messages, texts drawn in figures."""
     found = []
-    for file in sorted(file for room in ROOMS for file in (ROOT / "rmpc_bench" / room).rglob("*.py")):
+    for file in sorted((ROOT / "rmpc_bench").rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text("utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 found += retired(node.value, str(file.relative_to(ROOT)), node.lineno)
+    assert not found, report(found)
+
+
+def output(*arguments: str) -> str:
+    """What a verb prints."""
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_help_of_every_verb():
+    with click.Context(main) as context:
+        verbs = main.list_commands(context)
+    texts = {"": output("--help"), **{verb: output(verb, "--help") for verb in verbs}}
+    found = [hit for verb, text in texts.items() for hit in retired(text, f"rmpc-bench {verb} --help")]
+    assert not found, report(found)
+
+
+def test_describe_of_every_kind_and_of_a_configuration_per_plant():
+    """The own texts of all other configurations are among the documents."""
+    names = [f"{group}/{kind}" for group in registry.BUILT_IN for kind in registry.names(group)]
+    names += [str(ROOT / "configs" / f"{name}.yaml") for name in PLANTS]
+    found = [hit for name in names for hit in retired(output("describe", name), f"describe {name}")]
+    found += retired(output("list", "functions"), "list functions")
     assert not found, report(found)
 
 

@@ -14,14 +14,14 @@ _VERBS: dict[str, tuple[str, str]] = {
     "list": ("rmpc_bench.cli.catalogue:list_", "List the names a configuration may use."),
     "describe": (
         "rmpc_bench.cli.catalogue:describe",
-        "Show what a part or a configured system is, and its keys.",
+        "Show a component or a configured system, and its keys.",
     ),
     "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
 }
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported when they are called; their help lines are known beforehand."""
+    """A group whose commands are imported when they are called; their help lines stand here."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of a day's work."""

@@ -17,10 +17,11 @@ from rmpc_bench.cli import exits
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
 
-NOMINAL = {"Ts": 0.1, "n_steps": 1}  # a part itself looks the same for any
+NOMINAL = {"Ts": 0.1, "n_steps": 1}
+"""Values for the plot of a plant, which does not depend on them."""
 SUFFIX = ".yaml"
 NEAR = 0.7
-"""Likeness from which on GROUP/NAME is taken for a slip in the name of a configuration rather than of a group."""
+"""Similarity from which on GROUP/NAME is treated as a misspelt configuration and not as an unknown group."""
 
 
 @click.command(name="list")
@@ -54,20 +55,22 @@ def _configs() -> list[str]:
 
 @click.command()
 @click.argument("name", metavar="[GROUP/]NAME|CONFIG")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw the part, too (.svg .png .pdf).")
+@click.option(
+    "--plot", type=click.Path(path_type=Path), metavar="FILE", help="Also draw the plant (.svg .png .pdf)."
+)
 @exits.guarded
 def describe(name: str, plot: Path | None) -> int:
-    """Show what a part is, where it comes from, and which keys it takes.
+    """Show what a component is, its source, and its keys.
 
-    Of a configuration (a file, or what it is called below configs): its plant with what is known of it before any run,
-    its noise, where it starts, and its methods.
+    For a configuration (a file, or its name below configs): the plant and its known properties, the noise, the initial
+    state and the methods.
     """
     found = _find(name)
     if not found:
         _describe_config(name, plot)
         return 0
     if plot is not None:
-        _plot(name, [panel for group, kind in found for panel in _portrait(group, kind)], plot)
+        _plot(name, [panel for group, kind in found for panel in _panels(group, kind)], plot)
     for number, (group, kind) in enumerate(found):
         if number:
             click.echo()
@@ -102,7 +105,7 @@ def _config_lines(config: ExperimentConfig) -> list[str]:
 
 
 def _noises(config: ExperimentConfig) -> list[tuple[str, str]]:
-    """Mean and covariance of the noises, where their laws tell."""
+    """Mean and covariance of the noises, where their laws have them in closed form."""
     plant = config.experiment.plant
     laws = config.experiment.scenario.noise_laws(plant.nw, plant.nv)
     if laws is None:
@@ -126,28 +129,28 @@ def _aligned(rows: Sequence[tuple[str, str]]) -> list[str]:
 
 
 def _label(config: ExperimentConfig, name: str) -> str:
-    """Text for tables and figures, where it is another than the name."""
+    """Text for tables and figures if it differs from the name; else empty."""
     return config.labels[name] if config.labels[name] != name else ""
 
 
 def _plot(name: str, drawn: Sequence[Any], file: Path) -> None:
-    """Draw what has a portrait."""
+    """Draw the panels of a plant into a file."""
     from rmpc_bench.figures.component_plot import draw_component
     from rmpc_bench.figures.files import FORMATS, save_as
 
     if file.suffix.lower() not in FORMATS:
         endings = ", ".join(FORMATS)
-        raise click.BadParameter(f"{file}: the ending says the format, one of {endings}", param_hint="'--plot'")
+        raise click.BadParameter(f"{file}: the ending must be one of {endings}", param_hint="'--plot'")
     if not drawn:
-        having = [f"plants/{kind}" for kind in registry.names("plants") if _portrait("plants", kind)]
-        known = ", ".join(having) or "no part"
+        having = [f"plants/{kind}" for kind in registry.names("plants") if _panels("plants", kind)]
+        known = ", ".join(having) or "no component"
         raise click.BadParameter(f"{name} has no picture (there is one of {known})", param_hint="'--plot'")
     save_as(draw_component(drawn), file)
     click.echo(f"written {file}", err=True)
 
 
-def _portrait(group: str, kind: str) -> tuple[Any, ...]:
-    """Panels of a plant with its default parameters; none of one that has no portrait or cannot do without keys."""
+def _panels(group: str, kind: str) -> tuple[Any, ...]:
+    """Panels of a plant with its default parameters; empty for one without plots or with required keys."""
     from rmpc_bench.config.schema import model_of
 
     if group != "plants" or any(field.is_required() for field in model_of(group, kind).model_fields.values()):
@@ -160,7 +163,7 @@ def _portrait(group: str, kind: str) -> tuple[Any, ...]:
 
 
 def _find(name: str) -> list[tuple[str, str]]:
-    """Groups and kinds that a name may mean; none where it is no part."""
+    """Groups and kinds that a name may mean; empty if it is no component."""
     group, slash, kind = name.rpartition("/")
     groups = [_group(group)] if slash else list(registry.BUILT_IN)
     return [(each, kind) for each in groups if each in registry.BUILT_IN and kind in registry.names(each)]
@@ -196,19 +199,19 @@ def _config_names(path: str) -> list[str]:
 
 
 def _unknown(name: str) -> str:
-    """Say that there is neither a part nor a configuration of a name, and what is near."""
+    """Message for a name that is neither a component nor a configuration, with the nearest known name."""
     group, slash, kind = name.rpartition("/")
     if name.endswith(SUFFIX):
         return registry.unknown(name, _configs(), "configuration", "rmpc-bench list configs")
     if slash and _group(group) in registry.BUILT_IN:
-        return registry.unknown(kind, registry.names(_group(group)), "part", "rmpc-bench list")
+        return registry.unknown(kind, registry.names(_group(group)), "component", "rmpc-bench list")
     configs = [name for path in _configs() for name in _config_names(path)]
     if slash and difflib.get_close_matches(name, configs, n=1, cutoff=NEAR):
         return registry.unknown(name, configs, "configuration", "rmpc-bench list configs")
     if slash:
         return registry.unknown(group, registry.BUILT_IN, "group")
-    parts = [each for group in registry.BUILT_IN for each in registry.names(group)]
-    return registry.unknown(name, [*parts, *configs], "part or configuration", "rmpc-bench list")
+    components = [each for group in registry.BUILT_IN for each in registry.names(group)]
+    return registry.unknown(name, [*components, *configs], "component or configuration", "rmpc-bench list")
 
 
 def _show(group: str, kind: str) -> None:

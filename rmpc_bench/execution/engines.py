@@ -69,14 +69,14 @@ def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list
     ]
 
 
-_last: list[tuple[Experiment, range, Draws]] = []
-"""What was drawn last in this process: the methods of a block come one after the other, and share it."""
+_last_draw: list[tuple[Experiment, range, Draws]] = []
+"""One-entry cache of the last random draw in this process: the methods of a block follow each other and share it."""
 
 
 def _drawn(experiment: Experiment, runs: range) -> Draws:
-    if not (_last and _last[0][0] is experiment and _last[0][1] == runs):
-        _last[:] = [(experiment, runs, experiment.scenario.draw(experiment.plant, runs, experiment.n_steps))]
-    return _last[0][2]
+    if not (_last_draw and _last_draw[0][0] is experiment and _last_draw[0][1] == runs):
+        _last_draw[:] = [(experiment, runs, experiment.scenario.draw(experiment.plant, runs, experiment.n_steps))]
+    return _last_draw[0][2]
 
 
 def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generator[Done]:
@@ -86,7 +86,7 @@ def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generato
             for task in tasks:
                 yield work(experiments, task)
     finally:
-        _last.clear()
+        _last_draw.clear()
 
 
 def processes(experiments: Sequence[Experiment], tasks: Sequence[Task], workers: int) -> Generator[Done]:

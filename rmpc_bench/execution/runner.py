@@ -132,14 +132,14 @@ def _engine(experiments: Sequence[Experiment], tasks: list[Task], workers: int) 
 
 
 def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
-    """Do in this process, once, what every worker then finds done: compile, and finish the designs of the methods."""
+    """Compile, and finish the designs of the methods, once in this process and before any worker starts."""
     for plant in {type(experiment.plant): experiment.plant for experiment in experiments}.values():
-        with said_if_slow(progress, "compiling the plant's kernel (only the first time) ..."):
+        with said_if_slow(progress, "Compiling (first run only) ..."):
             plant.warm_up()
     asked = {(task.point, task.method) for task in tasks}
     methods = [experiments[point].method(name) for point, name in sorted(asked)]
     designs = [design for method in methods for design in (method.estimator, method.controller)]
-    text = "preparing estimators and control laws (the first time, compiling them) ..."
+    text = "Preparing estimators and control laws (compiling on the first run only) ..."
     with said_if_slow(progress, text), single_thread():
         for design in {id(design): design for design in designs}.values():
             design.warm_up()

@@ -21,7 +21,7 @@ def s_curve(
     height: float = HEIGHT,
     angle: float = ANGLE,
 ) -> Float[Array, "samples 3"]:
-    """Return x, y and the angle at some times; before the start and after the end it stands still.
+    """Return x, y and the angle at some times; it is constant before the start and after the end.
 
     Parameters
     ----------

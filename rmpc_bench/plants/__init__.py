@@ -1,1 +1,1 @@
-"""What is true in the simulation."""
+"""Plants: the true systems of the simulation."""

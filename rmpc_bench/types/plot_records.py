@@ -23,7 +23,7 @@ class Line(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """A picture of a part itself, such as its friction; a design may have ``portrait() -> tuple[Panel, ...]``."""
+    """A plot of a plant, such as its friction law (`Plant.plots`)."""
 
     title: str
     x_label: str

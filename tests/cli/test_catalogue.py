@@ -62,8 +62,8 @@ def test_describe_finds_a_name_in_several_groups():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("kalmn", "'kalmn' is not a known part or configuration; did you mean 'kalman'?"),
-        ("plants/kalman", "'kalman' is not a known part; known: linear, moving-slide, servo, servo-linear"),
+        ("kalmn", "'kalmn' is not a known component or configuration; did you mean 'kalman'?"),
+        ("plants/kalman", "'kalman' is not a known component; known: linear, moving-slide, servo, servo-linear"),
         ("planets/servo", "'planets' is not a known group; did you mean 'plants'?"),
     ],
 )
@@ -137,8 +137,8 @@ def test_describe_with_a_picture(drawn, tmp_path, ending, head):
 @pytest.mark.parametrize(
     ("name", "file", "message"),
     [
-        ("drawn", "a.gif", "a.gif: the ending says the format, one of .svg, .png, .pdf"),
-        ("drawn", "a", "a: the ending says the format"),
+        ("drawn", "a.gif", "a.gif: the ending must be one of .svg, .png, .pdf"),
+        ("drawn", "a", "a: the ending must be one of"),
         ("plain", "a.svg", "plain has no picture (there is one of"),
         ("plain", "a.svg", "plants/drawn"),
         ("needs-a-key", "a.svg", "needs-a-key has no picture"),
@@ -244,13 +244,13 @@ def test_a_part_wins_over_a_configuration(configs):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("fig2", "'fig2' is not a known part or configuration; did you mean 'fig1'? (rmpc-bench list)"),
+        ("fig2", "'fig2' is not a known component or configuration; did you mean 'fig1'? (rmpc-bench list)"),
         ("papers/fig1", "'papers/fig1' is not a known configuration; did you mean 'paper/fig1'?"),
         ("configs/paper/fig2.yaml", "did you mean 'configs/paper/fig1.yaml'? (rmpc-bench list configs)"),
         ("twice", "'twice' may be any of configs/other/twice.yaml, configs/paper/twice.yaml"),
-        ("plants/fig1", "'fig1' is not a known part; known: linear, moving-slide, servo"),
-        ("kalmn", "'kalmn' is not a known part or configuration; did you mean 'kalman'?"),
-        ("configs", "'configs' is not a known part or configuration"),
+        ("plants/fig1", "'fig1' is not a known component; known: linear, moving-slide, servo"),
+        ("kalmn", "'kalmn' is not a known component or configuration; did you mean 'kalman'?"),
+        ("configs", "'configs' is not a known component or configuration"),
     ],
 )
 def test_describe_an_unknown_configuration(configs, name, message):
