@@ -87,6 +87,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "elements": "rmpc_bench.figures.elements:Elements",
         "ellipses": "rmpc_bench.figures.ellipses:Ellipses",
         "means": "rmpc_bench.figures.means:Means",
+        "paired": "rmpc_bench.figures.paired:Paired",
         "pareto": "rmpc_bench.figures.pareto:Pareto",
         "plane": "rmpc_bench.figures.plane:Plane",
         "series": "rmpc_bench.figures.series:Series",
