@@ -55,9 +55,7 @@ def _configs() -> list[str]:
 
 @click.command()
 @click.argument("name", metavar="[GROUP/]NAME|CONFIG")
-@click.option(
-    "--plot", type=click.Path(path_type=Path), metavar="FILE", help="Also draw the plant (.svg .png .pdf)."
-)
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Also draw the plant (.svg .png .pdf).")
 @exits.guarded
 def describe(name: str, plot: Path | None) -> int:
     """Show what a component is, its source, and its keys.
