@@ -158,4 +158,4 @@ def drawn(results: Results, kind: str, parameters: dict[str, Any]) -> FigureResu
     """
     if parameters.get("metric", "") is None:
         parameters = {**parameters, "metric": results.config.primary}
-    return FigureResult(get("figures", kind)(**parameters).draw(results.trials))
+    return FigureResult(get("figures", kind)(**parameters).draw(results.plotted))

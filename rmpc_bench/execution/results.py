@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
 
+from rmpc_bench.analysis.rounded_trials import rounded_trials
 from rmpc_bench.analysis.trials import Traces, Trials
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
@@ -48,6 +50,11 @@ class Results:
     def traces(self) -> Mapping[str, Traces]:
         """Method -> its recorded runs; in a sweep each of `trials.points` has its own."""
         return self.trials.traces
+
+    @cached_property
+    def plotted(self) -> Trials:
+        """The trials with six digits, from which figures are drawn, so that every CPU draws the same."""
+        return rounded_trials(self.trials)
 
     @property
     def incomplete(self) -> tuple[str, ...]:

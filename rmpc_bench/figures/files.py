@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rmpc_bench.figures.stable_svg import stable_svg
 from rmpc_bench.figures.style import style
 
 if TYPE_CHECKING:
@@ -47,5 +49,11 @@ def save_as(figure: MplFigure, file: Path) -> None:
     file : ending with one of `FORMATS`; replaced
     """
     ending = file.suffix.lower()
+    if ending != ".svg":
+        with style():
+            figure.savefig(file, format=ending[1:], **FORMATS[ending])
+        return
+    text = StringIO()
     with style():
-        figure.savefig(file, format=ending[1:], **FORMATS[ending])
+        figure.savefig(text, format="svg", **FORMATS[ending])
+    file.write_text(stable_svg(text.getvalue()), encoding="utf-8", newline="\n")

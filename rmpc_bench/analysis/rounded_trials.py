@@ -1,0 +1,48 @@
+"""A table of trials with six digits, from which figures are drawn, so that another CPU draws the same picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pandas as pd
+
+from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.trials import Traces, Trials
+from rmpc_bench.types import Array
+
+
+def rounded_trials(trials: Trials) -> Trials:
+    """Round metrics, series and recorded runs to six digits; nothing becomes 0, which a logarithmic axis cannot show.
+
+    Parameters
+    ----------
+    trials : the table of trials, with its points in a sweep
+
+    Returns
+    -------
+    the same table with rounded numbers
+    """
+    metrics = [info.name for info in trials.metrics]
+    # Points of a sweep share the series of designs that do not depend on it.
+    series: dict[int, pd.DataFrame] = {}
+    return _rounded(trials, metrics, series)
+
+
+def _rounded(trials: Trials, metrics: list[str], series: dict[int, pd.DataFrame]) -> Trials:
+    frame = trials.frame.copy()
+    frame[metrics] = rounded(frame[metrics].to_numpy(dtype=float))
+    if id(trials.series) not in series:
+        values: Array = rounded(trials.series["value"].to_numpy(dtype=float))
+        series[id(trials.series)] = trials.series.assign(value=values)
+    return replace(
+        trials,
+        frame=frame,
+        series=series[id(trials.series)],
+        traces={method: _rounded_traces(traces) for method, traces in trials.traces.items()},
+        points=tuple(_rounded(point, metrics, series) for point in trials.points),
+    )
+
+
+def _rounded_traces(traces: Traces) -> Traces:
+    signals = {signal: rounded(values) for signal, values in traces.signals.items()}
+    return traces._replace(signals=signals, r=rounded(traces.r))

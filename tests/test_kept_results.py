@@ -1,0 +1,47 @@
+"""Results under version control: which files are kept, and that nothing else is."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+from rmpc_bench.config import reader
+
+ROOT = Path(__file__).parents[1]
+CONFIGS = sorted((ROOT / "configs").glob("*/*.yaml"))
+KEPT = {"summary.csv", "comparisons.csv", "claims.md", "claims.json"}
+OTHER = ("trials.csv", "series.csv", "trials.sqlite", "manifest.json", "figures/boxplot.png", "figures/boxplot-2.svg")
+
+
+def first_figure(path):
+    """Name of the file of a configuration's first figure; None without figures."""
+    figures = reader.load(path).get("figures") or [None]
+    return figures[0] if figures[0] is None or isinstance(figures[0], str) else figures[0]["kind"]
+
+
+def directory(path):
+    """Return where the results of a configuration are, from the top of the repository."""
+    return f"results/{path.parent.name}/{path.stem}"
+
+
+def test_the_first_figure_of_every_published_experiment_is_kept():
+    """One line of .gitignore per figure, and no other figure."""
+    lines = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    published = {directory(path): first_figure(path) for path in CONFIGS if path.parent.name != "benchmarks"}
+    expected = [f"!{place}/figures/{figure}.svg" for place, figure in published.items() if figure]
+    assert [line for line in lines if line.endswith(".svg")] == expected
+
+
+def test_git_keeps_these_files_and_no_others(tmp_path):
+    """As git itself reads .gitignore and .gitattributes."""
+    for file in (".gitignore", ".gitattributes"):
+        shutil.copy(ROOT / file, tmp_path)
+    subprocess.run(["git", "init", "--quiet", "."], cwd=tmp_path, check=True)
+    place = "results/zenere2018/fig7"
+    figures = [f"figures/{kind}.svg" for kind in ("boxplot", "paired", "trajectories")]
+    names = [f"{place}/{name}" for name in (*sorted(KEPT), *OTHER, *figures)]
+    command = ["git", "check-ignore", "--no-index", *names]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert set(names) - set(done.stdout.split()) == {f"{place}/{name}" for name in {*KEPT, "figures/boxplot.svg"}}
+    command = ["git", "check-attr", "diff", f"{place}/figures/boxplot.svg", f"{place}/summary.csv"]
+    attributes = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert [line.rsplit(" ", 1)[1] for line in attributes] == ["unset", "unspecified"]
