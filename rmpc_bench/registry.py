@@ -6,7 +6,7 @@ groups ``rmpc_bench.plants``, ``rmpc_bench.estimators`` and so on; a program add
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -158,24 +158,32 @@ def get(group: str, name: str) -> Design:
     raise KeyError(unknown(name, names(group), singular(group), f"rmpc-bench list {group}"))
 
 
+def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> Any:
+    """Return a design after the checks that every component passes; see `rmpc_bench.types.contract.checked`."""
+    # Imported here because `types` needs NumPy, and the names of components are listed without it.
+    from rmpc_bench.types import contract
+
+    return contract.checked(group, kind, made, provided)
+
+
 def plant(kind: str, *args: Any, **parameters: Any) -> Any:
     """Design a plant by its name."""
-    return get("plants", kind)(*args, **parameters)
+    return checked("plants", kind, get("plants", kind)(*args, **parameters), {})
 
 
 def model(kind: str, *args: Any, **parameters: Any) -> Any:
     """Design a model by its name: ``model("linear", n_steps=100, A=A, B=B, C=C, P_w=0.25, M_w=M_w)``."""
-    return get("models", kind)(*args, **parameters)
+    return checked("models", kind, get("models", kind)(*args, **parameters), {})
 
 
 def estimator(kind: str, *args: Any, **parameters: Any) -> Any:
     """Design an estimator by its name: ``estimator("kalman", model, n_steps=200, x0=x0, P0=P0)``."""
-    return get("estimators", kind)(*args, **parameters)
+    return checked("estimators", kind, get("estimators", kind)(*args, **parameters), {})
 
 
 def controller(kind: str, *args: Any, **parameters: Any) -> Any:
     """Design a controller by its name."""
-    return get("controllers", kind)(*args, **parameters)
+    return checked("controllers", kind, get("controllers", kind)(*args, **parameters), {})
 
 
 @cache

@@ -53,7 +53,7 @@ class Component:
         try:
             # An overflow is refused by the design function or shows as a failed run.
             with np.errstate(all="ignore"):
-                return design(**given, **self.parameters)
+                return registry.checked(self.group, self.kind, design(**given, **self.parameters), provided)
         except DesignError as error:
             problems.append(self.problem(str(error), error.parameter))
         except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:

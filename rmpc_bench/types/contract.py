@@ -1,0 +1,173 @@
+"""Checks of what a design function has returned, the same for built-in, registered and installed components."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.types.basics import DesignError
+from rmpc_bench.types.controller import Controller
+from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.model import Model
+from rmpc_bench.types.noise import Noise
+from rmpc_bench.types.plant import Plant
+from rmpc_bench.types.reference import Reference
+
+BASES: Mapping[str, type] = {
+    "plants": Plant,
+    "models": Model,
+    "estimators": Estimator,
+    "controllers": Controller,
+    "references": Reference,
+    "noises": Noise,
+}
+"""Group of the registry -> base class of its components."""
+
+REQUIRED: Mapping[str, tuple[str, ...]] = {
+    "plants": ("nx", "nu", "ny", "Ts", "draw", "step", "output"),
+    "models": ("at",),
+    "estimators": ("init", "correct", "predict"),
+    "controllers": ("init", "control"),
+    "references": ("sample",),
+    "noises": ("draw",),
+}
+"""Group of the registry -> attributes and methods that a component must define."""
+
+
+def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> Any:
+    """Return a design after checking its class, what it defines and its sizes.
+
+    Parameters
+    ----------
+    group, kind : of the registry
+    made : what the design function has returned
+    provided : what it was given by the bench: ``model`` for estimators and controllers, ``ny`` for references, ``n``
+        for noises; sizes are compared with it where it is there
+
+    Raises
+    ------
+    DesignError
+        Naming the component and what is wrong with it, at the key ``kind``.
+    """
+    base = BASES.get(group)
+    if base is None:
+        return made
+    name = f"the {group.removesuffix('s')} {kind!r}"
+    if not isinstance(made, base):
+        found = f"the class {made.__name__}" if isinstance(made, type) else f"an object of type {type(made).__name__}"
+        raise DesignError(f"{name} is {found}; a design function must return an instance of {base.__name__}", "kind")
+    missing = [each for each in REQUIRED.get(group, ()) if _is_missing(made, base, each)]
+    if missing:
+        raise DesignError(f"{name} does not define {', '.join(missing)}", "kind")
+    wrong = next(_CHECKS[group](made, provided), None)
+    if wrong is not None:
+        raise DesignError(f"{name}: {wrong}", "kind")
+    return made
+
+
+def _is_missing(made: Any, base: type, name: str) -> bool:
+    """Whether a required method or attribute is still the one of the base class, which raises NotImplementedError."""
+    return name not in vars(made) and _defined(type(made), name) is _defined(base, name)
+
+
+def _defined(kind: type, name: str) -> Any:
+    """Find what a class or one of its bases defines under a name."""
+    return next((vars(each)[name] for each in kind.__mro__ if name in vars(each)), None)
+
+
+def _plant(plant: Plant, provided: Mapping[str, Any]) -> Iterator[str]:
+    for name, least in (("nx", 1), ("nu", 0), ("ny", 1), ("nw", 0), ("nv", 0)):
+        yield from _count(name, getattr(plant, name), least)
+    if not (isinstance(plant.Ts, float | int) and plant.Ts > 0.0):
+        yield f"Ts must be a positive number of seconds (got {plant.Ts!r})"
+    for name, value in plant.nominal.items():
+        if not isinstance(value, float | int):
+            yield f"the nominal value of {name} must be a number (got {value!r})"
+
+
+def _model(model: Model, provided: Mapping[str, Any]) -> Iterator[str]:
+    for name, least in (("nx", 1), ("nu", 0), ("ny", 1)):
+        yield from _count(name, getattr(model, name), least)
+    yield from _shape("Q_w", model.Q_w, (model.nx, model.nx))
+    yield from _shape("R_v", model.R_v, (model.ny, model.ny))
+
+
+def _estimator(estimator: Estimator, provided: Mapping[str, Any]) -> Iterator[str]:
+    yield from _reports(estimator.reports)
+    yield from _count("Ne", estimator.Ne, 0)
+    model = provided.get("model")
+    if model is None:
+        return
+    if estimator.x0 is not None:
+        yield from _shape("x0", estimator.x0, (model.nx,))
+    for name, matrices in (("P", estimator.P), ("M", estimator.M)):
+        if matrices is not None:
+            yield from _shape(name, matrices, (len(matrices), model.nx, model.nx))
+    schedule = estimator.gain_schedule
+    if schedule is None:
+        return
+    n, nu, ny = model.nx, model.nu, model.ny
+    for name, matrices, shape in (
+        ("F", schedule.F, (n, n)),
+        ("B", schedule.B, (n, nu)),
+        ("C", schedule.C, (ny, n)),
+        ("K", schedule.K, (n, ny)),
+        ("L", schedule.L, (n, ny)),
+    ):
+        yield from _shape(f"{name} of its gain schedule", matrices, (len(matrices), *shape))
+
+
+def _controller(controller: Controller, provided: Mapping[str, Any]) -> Iterator[str]:
+    yield from _reports(controller.reports)
+    yield from _count("preview", controller.preview, 0)
+    law, model = controller.linear_law(), provided.get("model")
+    if law is None or model is None:
+        return
+    rows = max(controller.preview - 1, 0) * model.ny
+    yield from _shape("K_x of its linear law", law.K_x, (model.nu, model.nx))
+    yield from _shape("K_u of its linear law", law.K_u, (model.nu, model.nu))
+    yield from _shape("K_r of its linear law", law.K_r, (model.nu, rows))
+
+
+def _reference(reference: Reference, provided: Mapping[str, Any]) -> Iterator[str]:
+    if "ny" in provided:
+        yield from _shape("sample(2)", reference.sample(2), (2, provided["ny"]))
+
+
+def _noise(noise: Noise, provided: Mapping[str, Any]) -> Iterator[str]:
+    n = provided.get("n")
+    if n is None:
+        return
+    yield from _shape("a draw of 2 samples", noise.draw(np.random.Generator(np.random.PCG64(0)), 2), (2, n))
+    if noise.mean is not None:
+        yield from _shape("mean", noise.mean, (n,))
+    if noise.cov is not None:
+        yield from _shape("cov", noise.cov, (n, n))
+
+
+_CHECKS: Mapping[str, Callable[[Any, Mapping[str, Any]], Iterator[str]]] = {
+    "plants": _plant,
+    "models": _model,
+    "estimators": _estimator,
+    "controllers": _controller,
+    "references": _reference,
+    "noises": _noise,
+}
+
+
+def _count(name: str, value: Any, least: int) -> Iterator[str]:
+    if not isinstance(value, int | np.integer) or value < least:
+        yield f"{name} must be an integer of {least} or more (got {value!r})"
+
+
+def _shape(name: str, value: Any, shape: tuple[int, ...]) -> Iterator[str]:
+    if np.shape(value) != shape:
+        yield f"{name} has shape {np.shape(value)}; {shape} fits"
+
+
+def _reports(reports: Mapping[str, tuple[int, ...]]) -> Iterator[str]:
+    for name, shape in reports.items():
+        if not isinstance(shape, tuple) or not all(isinstance(size, int | np.integer) for size in shape):
+            yield f"reports must map {name!r} to the shape of the entry of one run, a tuple (got {shape!r})"
