@@ -10,6 +10,7 @@ import numpy as np
 from rmpc_bench.types.basics import DesignError
 from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.metric import Metric
 from rmpc_bench.types.model import Model
 from rmpc_bench.types.noise import Noise
 from rmpc_bench.types.plant import Plant
@@ -22,6 +23,7 @@ BASES: Mapping[str, type] = {
     "controllers": Controller,
     "references": Reference,
     "noises": Noise,
+    "metrics": Metric,
 }
 """Group of the registry -> base class of its components."""
 
@@ -61,7 +63,7 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     missing = [each for each in REQUIRED.get(group, ()) if _is_missing(made, base, each)]
     if missing:
         raise DesignError(f"{name} does not define {', '.join(missing)}", "kind")
-    wrong = next(_CHECKS[group](made, provided), None)
+    wrong = next(_CHECKS[group](made, provided), None) if group in _CHECKS else None
     if wrong is not None:
         raise DesignError(f"{name}: {wrong}", "kind")
     return made

@@ -12,6 +12,7 @@ from small_experiment import write
 
 from rmpc_bench import load_config, registry
 from rmpc_bench.estimators import kalman
+from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.types import (
     ConfigError,
     Controller,
@@ -102,7 +103,8 @@ GOOD = [
     ("controllers", Declared(*LAW), GIVEN),
     ("references", Steps(), {"ny": 1}),
     ("noises", Signs(), {"n": 1}),
-    ("metrics", object(), {}),
+    ("metrics", Mse(), {}),
+    ("figures", object(), {}),
 ]
 BAD = [
     ("plants", {}, {}, "an object of type dict; a design function must return an instance of Plant"),
@@ -112,6 +114,7 @@ BAD = [
     ("models", SimpleNamespace(), {}, "must return an instance of Model"),
     ("references", 3.0, {}, "must return an instance of Reference"),
     ("noises", 3.0, {}, "must return an instance of Noise"),
+    ("metrics", 3.0, {}, "must return an instance of Metric"),
     ("plants", Plant(), {}, "does not define nx, nu, ny, Ts, draw, step, output"),
     ("plants", without(Plant, Walk, "step"), {}, "does not define step"),
     ("estimators", without(Estimator, Halfway, "predict"), {}, "does not define predict"),
