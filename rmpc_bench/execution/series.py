@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -88,8 +87,9 @@ def ensembles(experiment: Experiment, method: Method, groups: Sequence[Group], *
     """
     parts, nx = [], experiment.plant.nx
     laws = exact_laws(experiment.plant, method, experiment.scenario)
-    if exact and not isinstance(laws, str):
-        found = exact_moments(cast("Any", experiment.plant), cast("Any", method.estimator), laws, experiment.n_steps)
+    schedule = method.estimator.gain_schedule
+    if exact and schedule is not None and not isinstance(laws, str):
+        found = exact_moments(experiment.plant, schedule, laws, experiment.n_steps)
         # The error of an unstable estimator may grow until it overflows.
         with np.errstate(over="ignore", invalid="ignore"):
             parts += [_long(method.name, name, values) for name, values in signals(found, nx).items()]
@@ -110,7 +110,7 @@ def series(methods: Collection[Method]) -> pd.DataFrame:
     parts = [
         _long(method.name, quantity, np.asarray(values))
         for method in methods
-        for quantity, values in getattr(method.estimator, "series", dict)().items()
+        for quantity, values in method.estimator.series().items()
     ]
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=COLUMNS)
 

@@ -14,7 +14,7 @@ from rmpc_bench.plants.uncertainty import Uncertainty
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Draws
-from rmpc_bench.types import DesignError, Method
+from rmpc_bench.types import DesignError, Method, Plant
 
 STEPS = 9
 SYSTEMS = pytest.mark.parametrize("sizes", SIZES, ids=lambda sizes: f"nx={sizes['nx']}")
@@ -220,7 +220,7 @@ def test_a_covariance_without_bounds_fails_its_runs_and_not_the_block(ny):
 def test_what_has_no_uncertain_matrices_is_refused(rng):
     """Oracle: words; a plain model, a plant of another kind, other sizes of noises."""
     _, plant, model, _, start = world(rng, SIZES[1])
-    for wrong in ((random_model(rng, 2, 1, 1), plant), (model, object())):
+    for wrong in ((random_model(rng, 2, 1, 1), plant), (model, Plant())):
         with pytest.raises(DesignError, match="uncertain matrices"):
             oracle.design(wrong[0], STEPS, wrong[1], **start)
     _, other, _, _, _ = world(rng, {**SIZES[1], "nw": 3})
