@@ -119,7 +119,7 @@ def test_every_run_fails(tmp_path):
 def test_remarks_of_designs(tmp_path):
     """What a design has to say is shown with the name of its method; without any there is no such headline."""
     plain = cli("check", write_estimation(tmp_path, methods="{KF: {estimator: {kind: kalman}}}")).stdout
-    assert "remarks" not in plain
+    assert "\n  remarks\n" not in plain
     shown = cli("check", CONFIGS / "souto2011" / "fig4.yaml").stdout
     assert "remarks" in shown and "  ERP: " in shown.split("remarks")[1]
 
@@ -141,6 +141,6 @@ def test_the_same_noise_as_a_model_without_any(tmp_path):
         "check",
         write_estimation(tmp_path, model="{from: plant}", noise="same", methods="{KF: {estimator: {kind: lmmse}}}"),
     ).stdout
-    assert "process noise: `same` as the model's, which has none" in shown
-    assert "measurement noise: `same` as the model's, which has none" in shown
+    assert "process noise: `same` as that of the design model, which has none" in shown
+    assert "measurement noise: `same` as that of the design model, which has none" in shown
     assert "which has none" not in cli("check", write_estimation(tmp_path)).stdout
