@@ -20,8 +20,8 @@ Criterion: TypeAlias = Literal["trace", "volume"]
 
 EPS = float(np.finfo(np.float64).eps)
 LAST = 1.0 - 1e-6
-"""Largest share of a measurement: where it is best to forget the prediction a millionth of it stays, so that what is
-not seen stays finite."""
+"""Largest weight of a measurement; the prediction keeps at least a millionth, so that unmeasured directions stay
+finite."""
 SHARES = np.linspace(0.0, 1.0, 17)
 ROUNDS = 10
 """Rounds of a search, each 8 times finer than the one before: 1e-9 of the range, 1e-18 of the size around its least."""
@@ -107,10 +107,10 @@ def intersection(
     lam s z / t: with t = 1 - lam + lam s^2,  delta2 = 1 - lam (1 - lam) sum(z^2 / t),
     where delta2 < 0 for some lam if, and only if, there is no such point.
 
-    Rounding takes nothing away.  F F' and the root of R are made larger than what rounding does to them, see `_root`.
-    Rounding C F, e and the singular values by eps of themselves moves z - s xi by eps times `reach`, the size of their
-    products, which is added to the scale; singular values of nothing, about eps, are such a change as well.  What is
-    left is the rounding of the centre: x may be outside by about 1e-13 of the half widths sqrt(M_ii) of the first set.
+    The set is enlarged to account for rounding.  F F' and the root of R are enlarged, see `_root`.  Relative rounding
+    eps of C F, e and the singular values changes z - s xi by eps times `reach`, the size of their products, which is
+    added to the scale.  The rounding of the centre remains: x may be outside by about 1e-13 of the half-widths
+    sqrt(M_ii) of the first set.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """The zeros of a linear system with any number of inputs and outputs.
 
-A zero is a z at which [A - zI, B; C, D] has a lower rank than at almost every other z.  Zeros at infinity are taken
-out by orthogonal transformations first, until D is square and regular: as eigenvalues of the whole pencil they would be
-numbers of the order of 1e16^(1/d) for a relative degree d, which nothing tells from zeros.
+A zero is a z at which [A - zI, B; C, D] has a lower rank than at almost every other z.  Zeros at infinity are removed
+first by orthogonal transformations, until D is square and regular: as eigenvalues of the whole pencil they would be
+numbers of the order of 1e16^(1/d) for a relative degree d, which cannot be distinguished from zeros.
 
 Source  Emami-Naeini and Van Dooren, Automatica 18 (1982).
 Limit   D square and regular: the eigenvalues of A - B D^-1 C.
@@ -48,10 +48,10 @@ def zeros(
 
 
 def _without_infinite(system: System, tol: float) -> System:
-    """Take out zeros at infinity, until D has full row rank.
+    """Remove zeros at infinity until D has full row rank.
 
-    Outputs that no input reaches at once are functions of the state; kept at zero they fix some of its directions,
-    which therefore stay zero: what would move them is the new output.
+    Outputs without direct feedthrough are functions of the state.  If they are zero, some directions of the state are
+    zero; the next value of these directions is the new output.
     """
     A, B, C, D = system
     while True:

@@ -1,23 +1,24 @@
-"""The ball of a divergence: how far nature may move a covariance P = F F' within radius c.
+"""Least favourable covariance within a divergence ball of radius c around the covariance P = F F'.
 
 The divergence between the covariances V and P is that of the tau family, tr d(S) with S = F^-1 V F^-T and
 
         d(s) = [s - 1 - (s^tau - 1) / tau] / (1 - tau),   tau = 0: s - 1 - log s,   tau = 1: s log s - s + 1.
 
-The V of largest trace at tr d(S) = c makes theta F'F = d'(S) = (I - S^(tau - 1)) / (1 - tau), theta the inverse
-multiplier of the constraint.  With x_i = theta * lambda_i(P), and s_i how much nature stretches that eigenvalue,
+The V of largest trace with tr d(S) = c satisfies theta F'F = d'(S) = (I - S^(tau - 1)) / (1 - tau), where theta is the
+inverse multiplier of the constraint.  With x_i = theta * lambda_i(P), and the factor s_i of that eigenvalue,
 
         s_i = (1 - (1 - tau) x_i)^(-1 / (1 - tau)),   tau = 0: 1 / (1 - x_i),   tau = 1: exp(x_i),
 
-and sum_i d(s_i) = c fixes theta: the sum increases strictly from 0 to infinity.  Nature moves covariances only: at a
-price of dm' P^-1 dm, as at tau = 0, a shift dm of the mean would pay where x_i > 1, which takes tau > 0 and a large c.
+and sum_i d(s_i) = c determines theta, as the sum increases strictly from 0 to infinity.  Only the covariance is
+perturbed.  With the term dm' P^-1 dm of tau = 0, a shift dm of the mean would be worse where x_i > 1, which requires
+tau > 0 and a large c.
 
 Source  zenere2018, (13), (16) at tau = 0 and (19) at tau = 1; between them derived as above (the family is Zorzi's).
 Limit   c -> 0 gives theta -> 0 and V -> P.
-Chosen  The unknown is g = log s of the largest eigenvalue, which no pole bounds for any tau, and Newton's method works
-        on the root of the left side, which is close to linear: it ends when the next step would be rounding.
-Digits  from the eigenvalues of P on, theta and V are right to 2e-15 for every tau and c, by positive sums where the
-        closed forms cancel; two eigenvalues that are almost equal differ by a rounding, which V magnifies by s.
+Method  The unknown is g = log s of the largest eigenvalue, for which the equation has no pole at any tau.  Newton's
+        method is applied to the square root of the left side, which is nearly linear, until steps are rounding.
+Digits  Given the eigenvalues of P, theta and V are accurate to 2e-15 for every tau and c; sums of positive terms
+        replace the closed forms where these cancel.  Rounding of two almost equal eigenvalues is multiplied by s in V.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ Interpretation: TypeAlias = Literal["printed", "half"]
 """(16) as printed, or with the factor 1/2 that the divergence (10) of two Gaussians has."""
 
 LARGEST = 1e100
-"""A covariance beyond this has overflown in all but name."""
+"""Larger covariances count as an overflow."""
 
 
 class Inflation(NamedTuple):
@@ -48,7 +49,7 @@ class Inflation(NamedTuple):
 
 
 def right_side(c: float, kl: Interpretation) -> float:
-    """Right side of (16) for a ball of radius c: half of the left side is at most c where (10) is taken at its word."""
+    """Return the right side of (16) for a ball of radius c; `half` uses the factor 1/2 of (10)."""
     return 2.0 * c if kl == "half" else c
 
 

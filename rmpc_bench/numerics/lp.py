@@ -1,11 +1,11 @@
-"""Linear programs, by HiGHS: a status for whatever happens, never an exception.
+"""Linear programs by HiGHS: failures are reported as a status, not as an exception.
 
-Problem  minimise c' x over col_lower <= x <= col_upper, row_lower <= A x <= row_upper.
-Solver   the primal simplex method, on one thread, without scaling or presolve and from the same start every time: HiGHS
-         has had wrong objectives after a hot start (its issue 3294), and which optimum of many it finds depends on the
-         start.  Where it loses its way, or what it calls an optimum violates a bound, the dual method has a try, with
-         scaling.  On degenerate programs that comes first elsewhere, and there it has left 1e-6 of a bound.
-Scale    HiGHS has absolute tolerances and drops what is very small: data and matrix should be of size 1.
+Problem  Minimise c' x over col_lower <= x <= col_upper, row_lower <= A x <= row_upper.
+Solver   Primal simplex method on one thread, without scaling or presolve, always from the same start: HiGHS has
+         returned wrong objectives after a hot start (its issue 3294), and a non-unique solution depends on the start.
+         If it fails, or its solution violates a bound, the dual method with scaling is used.  The dual method is not
+         used first, because it has violated bounds by 1e-6 on degenerate programs.
+Scale    HiGHS has absolute tolerances and drops very small entries: data and matrix should be of size 1.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class LpStatus(IntEnum):
     TIME_LIMIT = 7, "the solver has used up its time"
     OBJECTIVE_LIMIT = 8, "the objective has passed a bound or a target that was set for it"
     OTHER_LIMIT = 9, "the solver has used up its memory, or has found as many solutions as it may"
-    INTERRUPTED = 10, "somebody has stopped the solver"
-    FAILED = 11, "the solver has refused the program, lost its digits or says that it does not know"
+    INTERRUPTED = 10, "the solver has been interrupted"
+    FAILED = 11, "the solver has rejected the program, failed numerically or returned an unknown status"
 
 
 MEANING = {

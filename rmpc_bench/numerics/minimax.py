@@ -2,10 +2,9 @@
 
 Problem   minimise sum over g of r_g over x and r, |d_i - F_i x| <= r_g for every point i of group g.
 Dual      maximise sum d_i mu_i, F' mu = 0, sum over the points of a group of |mu_i| <= 1.
-Solution  simplex method on the dual, an exchange of points: its bases have as many columns as there are unknowns and
-          groups, however many points there are.  The answer is checked against the duality gap, which must be below
-          1e-6 of the optimum with all that rounding can have hidden; a row of which that is not certain has failed, as
-          has one whose unknowns nearly depend on each other.
+Solution  Simplex method on the dual, an exchange of points: a basis has as many columns as there are unknowns and
+          groups, for any number of points.  The duality gap, including rounding, must be below 1e-6 of the optimum.  A
+          row without this certificate has failed, and so has a row with nearly dependent unknowns.
 Unique    a dual solution whose basis is nowhere 0 leaves one x only, as complementary slackness makes every optimum
           solve the equations of that basis.  So does a fit without residuals, if F has full column rank.  Otherwise
           there may be other optima.
@@ -25,14 +24,14 @@ from rmpc_bench.types import Array
 
 
 class FitOutcome(IntEnum):
-    """What became of a fit; the numbers are those of minimax_kernel.py."""
+    """Outcome of a fit; the numbers are those of minimax_kernel.py."""
 
     UNIQUE = 0
     """The only optimum."""
     OPTIMAL = 1
     """An optimum; there may be others."""
     FAILED = 2
-    """No answer: what is given is not finite, or rounding was too large."""
+    """No result: the data are not finite, or rounding is too large."""
 
 
 class Fits(NamedTuple):

@@ -1,13 +1,13 @@
-"""The correction of a filter whose error has a stochastic part, with a covariance, and a bounded one, in an ellipsoid.
+"""Correction step of a filter for an error with a stochastic part (covariance) and a bounded part (ellipsoid).
 
-Problem  with T = I - L C, for a gain L and a weight q > 0,
-         P = T P_pred T' + L P_v L',  M = (1 + 1/q) T M_pred T' + (1 + q) L M_v L',  tr P + tr M is to be least.
-Convex   with s = q / (1 + q) the cost tr T M_pred T' / s + tr L M_v L' / (1 - s) + .. is convex in L and s together; so
-         the q at which the best L for q has that q as its own best one, (22) and (24), is the minimiser, and the
-         distance log q_best(L(q)) - log q tells on which side of it q lies.
-Edges    without M_pred the best q is 0, without M_v it is infinite: the weight of the other set is then 1.
-Limit    q stays within REACH of its start.  Where the best q is 0 or infinite although both sets are there, or M_v is
-         nearly singular, tr P + tr M is above its least value by up to 5e-5 of tr P_pred + tr M_pred (measured).
+Problem  With T = I - L C, minimise tr P + tr M over the gain L and the weight q > 0, where
+         P = T P_pred T' + L P_v L',  M = (1 + 1/q) T M_pred T' + (1 + q) L M_v L'.
+Convex   With s = q / (1 + q) the cost tr T M_pred T' / s + tr L M_v L' / (1 - s) + .. is jointly convex in L and s.
+         Therefore the fixed point of (22) and (24), where q is optimal for the gain that is optimal for q, is the
+         minimiser.  The sign of log q_best(L(q)) - log q shows on which side of it q lies.
+Edges    Without M_pred the optimal q is 0, without M_v it is infinite; the weight of the other set is then 1.
+Limit    q stays within REACH of its start.  If the optimal q is 0 or infinite with both sets present, or if M_v is
+         nearly singular, tr P + tr M exceeds its minimum by up to 5e-5 of tr P_pred + tr M_pred (measured).
 Source   ma2025, (20)-(24) with I - L C in (24); L is the paper's Gamma.
 """
 
@@ -27,13 +27,13 @@ from rmpc_bench.types import Array
 Rule: TypeAlias = Literal["fixed-point", "lag", "one-pass"]
 
 REACH = 18.5
-"""Farthest that log q may be from its start, a factor of 1e8: beyond it a set counts for nothing, or for everything."""
+"""Largest distance of log q from its start, a factor of 1e8: beyond it one of the sets has no effect."""
 
 CLOSE = 1e-13
-"""How close log q comes to its root: what rounding leaves of a sum of traces."""
+"""Tolerance of log q: the rounding of a sum of traces."""
 
 MOST = 100
-"""Most gains that a search for q may try; a bracket shrinks by half at least at every other one."""
+"""Largest number of gains in a search for q; the bracket at least halves with every other one."""
 
 
 class MixedStep(NamedTuple):
@@ -50,7 +50,7 @@ class MixedStep(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What a correction starts from."""
+    """Data of a correction: covariances and sets of the prediction error and of the measurement noise."""
 
     C: Float[Array, "ny nx"]
     P: Float[Array, "nx nx"]
@@ -69,7 +69,7 @@ class Prior(NamedTuple):
         return filter_gain(CV.dot(self.C.T) + R, CV)
 
     def kept(self) -> MixedStep:
-        """Return the prediction as it is, for want of a measurement; there is no weight."""
+        """Return the prediction unchanged, without a measurement."""
         return MixedStep(np.zeros(self.C.T.shape), self.P, self.M, inf)
 
     def parts(self, L: Float[Array, "nx ny"]) -> tuple[Float[Array, "nx nx"], Float[Array, "nx nx"]]:

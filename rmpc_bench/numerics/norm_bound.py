@@ -4,8 +4,8 @@ For a > lambda_max(G P G') and every F with F' F <= I,
 
         (M + H F G) P (M + H F G)' <= M Pc M' + a H H',   Pc = P + P G' (a I - G P G')^-1 G P.
 
-The excess t = a - lambda_max(G P G') > 0 is what is chosen; a I - G P G' is made from t, never by a difference, so that
-a small t keeps its digits.  An uncertainty that sees nothing (P G' = 0) needs no a: at t = 0 the bound is M P M'.
+The free parameter is the excess t = a - lambda_max(G P G') > 0.  a I - G P G' is computed from t, not as a difference,
+so that a small t keeps its digits.  If P G' = 0, the uncertainty has no effect: at t = 0 the bound is M P M'.
 
 Symbols a is 1/alpha: a_x, a_w, a_v = 1/alpha_x, 1/alpha_w, 1/alpha_v; Pc, Wc, Vc are P, W, V widened as above.
 Source  souto2011, Lemma 1, (46)-(49), Table 2, Steps 1 and 2, (85)-(87).  Not from there: the a that makes a trace
@@ -63,7 +63,7 @@ def widen(GPG: Float[Array, "s s"], excess: Excess) -> Widening:
     Raises
     ------
     ZeroDivisionError
-        If the chosen excess is 0 although something is seen.
+        If the excess is 0 although the uncertainty has an effect.
     """
     if len(GPG) == 1:
         largest = max(GPG.item(), 0.0)

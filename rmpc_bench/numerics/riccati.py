@@ -10,7 +10,8 @@ from jaxtyping import Float
 from rmpc_bench.numerics.linalg import symmetrise
 from rmpc_bench.types import Array
 
-_SINGULAR = 4 * np.finfo(float).eps  # a pivot below this is what rounding leaves of 0
+# A smaller pivot counts as 0.
+_SINGULAR = 4 * np.finfo(float).eps
 
 
 class FilterStep(NamedTuple):
@@ -93,7 +94,7 @@ def predictor_step(M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], P: Float[
 
 
 def error_map(K: Float[Array, "nx ny"]) -> Float[Array, "nx nz"]:
-    """Return [I -K], which maps what moves x(k+1) and y to what moves the error of the prediction."""
+    """Return [I -K], which maps noise in [x(k+1); y] to the error of the prediction."""
     nx, ny = K.shape
     T = np.zeros((nx, nx + ny))
     T.ravel()[: nx * (nx + ny) : nx + ny + 1] = 1.0
@@ -153,6 +154,6 @@ def filter_gain(S: Float[Array, "ny ny"], CV: Float[Array, "ny nx"]) -> Float[Ar
 def error_radius(
     F: Float[Array, "kF nx nx"], K: Float[Array, "kK nx ny"], C: Float[Array, "kC ny nx"]
 ) -> Float[Array, " k"]:
-    """Spectral radius of F - K C at each k: below 1, the prediction error forgets where it was."""
+    """Return the spectral radius of F - K C at each k; below 1 the error dynamics are stable."""
     radius: Array = np.abs(np.linalg.eigvals(F - K @ C)).max(axis=-1)
     return radius

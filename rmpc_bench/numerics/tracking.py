@@ -6,7 +6,7 @@ Solution stacked over the horizon this is an over-determined system in all input
          Ordered from the last stage to the first, its zeros can be skipped: with the least cost to go |S x(j) - s|^2,
          fold [S, s] and Q_yw [C, w(j)] into as many rows as states (what is left is lost), put x(j) = A x + B u + f,
          and eliminate u from [Q_u, 0, 0; S B, S A, s - S f].  Reflections only, so that conditions are not squared.
-Source   belda2017, (10)-(15); the order of elimination is ours.
+Source   belda2017, (10)-(15); the order of elimination is an addition.
 Cost     linear in N: some 1200 multiplications a stage for six states, four inputs and three outputs.
 """
 
