@@ -1,1 +1,11 @@
-"""Figures, drawn from stored results only."""
+"""Figures of stored results: one file per kind, each one frozen dataclass whose fields are its YAML keys.
+
+The kinds are boxplot, elements, ellipses, means, paired, pareto, plane, series, trajectories, tubes and
+variance_with_bound.  A kind says in `check` what it requires of the layout of the results and draws them in `draw`;
+matplotlib is imported there and not before, so that ``rmpc-bench check`` stays fast.
+
+Numbers     pareto_front, reported_sets, recorded_runs, samples, ellipse_outline, window
+Drawing     axes, legend, labels, direct_labels, burst_bands, ensemble_panels, sweep_points
+Style       style (palette, fonts), line_styles (colour and dashes of a method)
+Others      component_plot (plots of a component itself), files (formats), figure_result (what `figure` returns)
+"""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rmpc_bench.figures.window import Window
+from rmpc_bench.figures.window import TimeWindow
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def bursts_of(point: Trials, rows: Mapping[str, Array]) -> Array | None:
     return np.asarray(flags[0]) if (flags == flags[0]).all() else None
 
 
-def spans(bursts: Array | None, window: Window) -> list[tuple[float, float]]:
+def spans(bursts: Array | None, window: TimeWindow) -> list[tuple[float, float]]:
     """Find where bursts begin and end on the axis: half a sample beyond their samples, but not outside the window.
 
     Parameters

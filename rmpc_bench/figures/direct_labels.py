@@ -1,4 +1,4 @@
-"""Labels beside the points of a picture, each where it covers least."""
+"""Labels next to the points of a picture, each at the position where it covers least."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ LINE = 1.25 * FONT_SIZE
 """Height of a line of text [points]."""
 DISTANCES = (4.0, 9.0, 15.0, 22.0, 30.0)
 """From a point to its label [points], the nearest ones first."""
-LED = 12.0
-"""From this distance on a thin line leads to the label."""
+LEADER = 12.0
+"""Distance from which on a thin line leads to the label [points]."""
 STEP = 3.0
-"""From one box along a line to the next [points]."""
+"""Distance between two boxes along a line [points]."""
 DOT = 3.5
 """Half the size of a point [points]."""
 SHARE = 0.45
-"""Of the width of the panel that a line of a label may take."""
+"""Share of the panel's width that a line of a label may take."""
 CROSSED, HIDDEN, OUTSIDE, FAR_AWAY = 1.0, 4.0, 8.0, 3.0
-"""Prices: of an area that lies on lines, on points or labels, outside of the panel, and of a distance."""
+"""Weights of the cost of a position: area on lines, on points or labels, and outside of the panel; distance."""
 
 
 Boxes: TypeAlias = Array
@@ -53,7 +53,7 @@ SIDES = (
     Side(-SLANT, -SLANT),
     Side(-1.0, 0.0),
 )
-"""The most usual ones first."""
+"""The preferred ones first."""
 
 
 class Label(NamedTuple):
@@ -65,14 +65,14 @@ class Label(NamedTuple):
 
 
 def write(axes: Axes, labels: Sequence[Label], lines: Sequence[tuple[Array, Array]], *, color: str = "black") -> bool:
-    """Write labels beside points of a panel whose layout and limits are made; return whether all have found room.
+    """Write labels next to points of a panel whose layout and limits are final; return whether none covers anything.
 
     Parameters
     ----------
     axes : the panel
-    labels : one per point, in the order in which they choose their places
-    lines : coordinates of what they should not cover
-    color : of the texts
+    labels : one per point; earlier ones are placed first
+    lines : coordinates of the lines that they should not cover
+    color : colour of the texts
     """
     panel = _points_per_pixel(axes) * np.asarray(axes.bbox.extents)
     places = [_on_paper(axes, np.array([label.x, label.y])) for label in labels]
@@ -88,8 +88,8 @@ def write(axes: Axes, labels: Sequence[Label], lines: Sequence[tuple[Array, Arra
         boxes = np.array([_beside(place, extent, side, distance) for side, distance in choices])
         hidden = _overlap(boxes, solid)
         outside = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) - _overlap(boxes, panel[None])
-        prices = CROSSED * _overlap(boxes, thin) + HIDDEN * hidden + OUTSIDE * outside
-        best = int(np.argmin(prices + FAR_AWAY * np.array([distance for _, distance in choices])))
+        costs = CROSSED * _overlap(boxes, thin) + HIDDEN * hidden + OUTSIDE * outside
+        best = int(np.argmin(costs + FAR_AWAY * np.array([distance for _, distance in choices])))
         free = free and bool(hidden[best] + outside[best] < 1.0)
         solid = np.concatenate([solid, boxes[best : best + 1]])
         _annotate(axes, label, text, *choices[best], color)
@@ -106,7 +106,7 @@ def _annotate(axes: Axes, label: Label, text: str, side: Side, distance: float, 
         textcoords="offset points",
         ha=("right", "center", "left")[1 + _sign(side.right)],
         va=("top", "center", "bottom")[1 + _sign(side.up)],
-        arrowprops=lead if distance > LED else None,
+        arrowprops=lead if distance > LEADER else None,
         linespacing=1.0,
         color=color,
         zorder=5.0,

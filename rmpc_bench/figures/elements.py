@@ -17,7 +17,7 @@ from rmpc_bench.figures.line_styles import LineStyle, are_rough, legend_sample, 
 from rmpc_bench.figures.recorded_runs import find_run, last_sample
 from rmpc_bench.figures.style import FONT_SIZE, GREY, style
 from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.window import Window, window_of
+from rmpc_bench.figures.window import TimeWindow, window_of
 from rmpc_bench.types import Array, NonNegative, Status
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -135,7 +135,7 @@ def _draw(
     signal: str,
     matrices: Mapping[str, RecordedMatrix],
     run: int,
-    window: Window,
+    window: TimeWindow,
     size: tuple[float, float],
 ) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
@@ -176,7 +176,7 @@ def _grid(figure: MplFigure, n: int) -> Any:
 
 
 def _draw_elements(
-    grid: Any, matrices: Mapping[str, RecordedMatrix], window: Window, styles: Mapping[str, LineStyle]
+    grid: Any, matrices: Mapping[str, RecordedMatrix], window: TimeWindow, styles: Mapping[str, LineStyle]
 ) -> None:
     """Draw the matrices of all methods, those that failed last, so that they do not shrink the others."""
     t = window.sample * np.arange(window.first, window.last + 1)

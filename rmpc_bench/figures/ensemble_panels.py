@@ -12,7 +12,7 @@ from rmpc_bench.figures.line_styles import line_styles, paler
 from rmpc_bench.figures.samples import Curve, SeriesComponent, cut
 from rmpc_bench.figures.style import BLACK, REFERENCE, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS
-from rmpc_bench.figures.window import Window
+from rmpc_bench.figures.window import TimeWindow
 from rmpc_bench.types import NonNegative
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -115,7 +115,7 @@ def draw_moments(
     title: str,
     methods: Sequence[str],
     panels: Sequence[MomentPanel],
-    window: Window,
+    window: TimeWindow,
     size: tuple[float, float],
     *,
     words: tuple[str, str],

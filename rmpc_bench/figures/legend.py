@@ -40,7 +40,7 @@ def finish(
     handles : label and sample of every entry of the legend
     note : text above the panels
     keys : label and sample of every kind of line, which the legend shows in rows of their own
-    columns : whether panels stand beside each other; the note then stands above the legend, which there must be
+    columns : whether panels stand side by side; the note then stands above the legend, which must not be empty
     """
     from matplotlib.font_manager import FontProperties
 

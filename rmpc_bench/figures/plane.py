@@ -19,7 +19,7 @@ from rmpc_bench.figures.line_styles import legend_sample, line_styles
 from rmpc_bench.figures.recorded_runs import find_run, last_sample
 from rmpc_bench.figures.style import GREY, REFERENCE, style
 from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.window import Window, window_of
+from rmpc_bench.figures.window import TimeWindow, window_of
 from rmpc_bench.types import Array, DesignError, NonNegative, Positive, Status
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -118,7 +118,7 @@ class OutputPath(NamedTuple):
             return np.asarray(self.y if factor == 1.0 else self.r + factor * (self.y - self.r))
 
 
-def path_of(point: Trials, name: str, run: int, components: tuple[int, int], window: Window) -> OutputPath:
+def path_of(point: Trials, name: str, run: int, components: tuple[int, int], window: TimeWindow) -> OutputPath:
     """Read the path of one method.
 
     Parameters
@@ -151,7 +151,7 @@ def height_of(paths: Mapping[str, OutputPath], magnify: float, width: float, *, 
     return 0.7 + (width - 0.8) * min(1.3, max(0.5, float(ratio)))
 
 
-def marks_of(window: Window, marks: float) -> list[int]:
+def marks_of(window: TimeWindow, marks: float) -> list[int]:
     """Find the samples of the time marks, counted from the first one that is shown.
 
     Parameters
@@ -178,7 +178,7 @@ def _draw(
     point: Trials,
     title: str,
     paths: Mapping[str, OutputPath],
-    window: Window,
+    window: TimeWindow,
     size: tuple[float, float],
     *,
     equal: bool,
@@ -223,7 +223,7 @@ def _label(point: Trials, component: int) -> str:
 
 
 def _draw_reference(
-    axes: Axes, point: Trials, paths: Mapping[str, OutputPath], run: int, window: Window
+    axes: Axes, point: Trials, paths: Mapping[str, OutputPath], run: int, window: TimeWindow
 ) -> tuple[Line2D, list[Handle]]:
     """Draw the reference, on a broad band in bursts of the noise; return its line and the legend entry of the band."""
     reference = next(iter(paths.values())).r
@@ -238,7 +238,7 @@ def _draw_reference(
     return line, keys
 
 
-def _note(keys: Plane, paths: Mapping[str, OutputPath], window: Window) -> str:
+def _note(keys: Plane, paths: Mapping[str, OutputPath], window: TimeWindow) -> str:
     """Name the run, explain marks and enlarged errors, and name the methods that failed."""
     parts = [f"run {keys.run}"]
     if keys.marks:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rmpc_bench.figures.axes import drawable
-from rmpc_bench.figures.window import Window
+from rmpc_bench.figures.window import TimeWindow
 from rmpc_bench.types import Array, Status
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class RunSelection(NamedTuple):
     n_failed: int
 
 
-class SignalComponent(NamedTuple):
+class PanelSignal(NamedTuple):
     """A component of a recorded signal, the content of one panel."""
 
     signal: str
@@ -48,7 +48,7 @@ class SignalComponent(NamedTuple):
         """Whether the signal is constant over a sample, as the input and all that a controller reports are."""
         return self.is_in(traces) and self.values(traces).shape[1] < len(traces.r)
 
-    def curves(self, traces: Traces, window: Window, rows: Array) -> tuple[Array, Array]:
+    def curves(self, traces: Traces, window: TimeWindow, rows: Array) -> tuple[Array, Array]:
         """Return times (samples,) and values (runs, samples) in a window; a held signal is continued to the last one.
 
         Parameters

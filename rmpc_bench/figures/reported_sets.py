@@ -9,7 +9,7 @@ import numpy as np
 
 from rmpc_bench.analysis.ellipsoids import distances, symmetrised
 from rmpc_bench.figures.recorded_runs import find_run
-from rmpc_bench.figures.window import Window
+from rmpc_bench.figures.window import TimeWindow
 from rmpc_bench.types import Array, DesignError
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Tube(NamedTuple):
         DesignError
             when S is no shape of an ellipsoid
         """
-        # A diverged state may be infinite in truth and estimate alike; their distance is 0 then.
+        # A diverged state and its estimate may both be infinite; their distance is 0 then.
         with np.errstate(invalid="ignore"):
             gap = np.where(self.x == self.x_hat, 0.0, self.x - self.x_hat)
         try:
@@ -56,7 +56,7 @@ def reported_set(values: Mapping[str, _Value]) -> _Value | None:
     return values.get("M", values.get("P"))
 
 
-def tube_of(point: Trials, name: str, run: int, components: Sequence[int], window: Window, level: float) -> Tube:
+def tube_of(point: Trials, name: str, run: int, components: Sequence[int], window: TimeWindow, level: float) -> Tube:
     """Read the run of a method and the sets that it reports.
 
     Parameters

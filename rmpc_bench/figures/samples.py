@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.figures.window import Window
+from rmpc_bench.figures.window import TimeWindow
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def components(
     return found
 
 
-def cut(curve: Curve, window: Window) -> Curve | None:
+def cut(curve: Curve, window: TimeWindow) -> Curve | None:
     """Cut a curve to a window: a constant covers it; None if the curve ends before it.
 
     Parameters

@@ -15,7 +15,7 @@ from rmpc_bench.figures.line_styles import legend_sample, line_styles
 from rmpc_bench.figures.samples import Curve, component_of, cut
 from rmpc_bench.figures.style import style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, point_at
-from rmpc_bench.figures.window import Window, window_of
+from rmpc_bench.figures.window import TimeWindow, window_of
 from rmpc_bench.types import NonNegative
 from rmpc_bench.types.figure import OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -104,7 +104,7 @@ def lines_of(
     return found
 
 
-def within(lines: Mapping[str, Mapping[str, Curve]], window: Window) -> dict[str, dict[str, Curve]]:
+def within(lines: Mapping[str, Mapping[str, Curve]], window: TimeWindow) -> dict[str, dict[str, Curve]]:
     """Cut curves to a window; a constant covers it, and a curve that ends before it is left out.
 
     Parameters
@@ -138,7 +138,7 @@ def _draw(
     title: str,
     quantity: str,
     lines: Mapping[str, Mapping[str, Curve]],
-    window: Window,
+    window: TimeWindow,
     size: tuple[float, float],
     *,
     log: bool,

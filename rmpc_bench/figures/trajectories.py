@@ -19,14 +19,14 @@ from rmpc_bench.figures.line_styles import LineStyle, are_rough, legend_sample, 
 from rmpc_bench.figures.recorded_runs import (
     ERROR,
     OUTPUT,
+    PanelSignal,
     RunSelection,
-    SignalComponent,
     last_sample,
     select_runs,
 )
 from rmpc_bench.figures.style import REFERENCE, style
 from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.window import Window, window_of
+from rmpc_bench.figures.window import TimeWindow, window_of
 from rmpc_bench.types import Array, NonNegative
 from rmpc_bench.types.figure import OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -130,7 +130,7 @@ def _shape_of(layout: ResultLayout, text: str) -> tuple[Shape | None, Issue | No
     return shape, None
 
 
-def _components(point: Trials, layout: ResultLayout, text: str) -> list[SignalComponent]:
+def _components(point: Trials, layout: ResultLayout, text: str) -> list[PanelSignal]:
     """Find the panels of a text such as ``y`` or ``x_hat.2``; a signal stands for all its components."""
     name, dot, index = text.partition(".")
     shape, _ = _shape_of(layout, text)
@@ -139,7 +139,7 @@ def _components(point: Trials, layout: ResultLayout, text: str) -> list[SignalCo
     for component in [int(index)] if dot else range(math.prod(shape)):
         place = ",".join(map(str, np.unravel_index(component, shape))) if math.prod(shape) > 1 else ""
         unit = unit_of(point, f"{OUTPUT if name == ERROR else name}.{component}")
-        found.append(SignalComponent(name, component, with_unit(symbol(name, place), unit)))
+        found.append(PanelSignal(name, component, with_unit(symbol(name, place), unit)))
     return found
 
 
@@ -147,8 +147,8 @@ def _draw(
     point: Trials,
     title: str,
     methods: Sequence[str],
-    components: Sequence[SignalComponent],
-    window: Window,
+    components: Sequence[PanelSignal],
+    window: TimeWindow,
     n_single: int,
     size: tuple[float, float],
     *,
@@ -181,7 +181,7 @@ def _draw(
     return figure
 
 
-def _is_rough(point: Trials, component: SignalComponent, window: Window, runs: Mapping[str, RunSelection]) -> bool:
+def _is_rough(point: Trials, component: PanelSignal, window: TimeWindow, runs: Mapping[str, RunSelection]) -> bool:
     """Whether some method's steps change direction so often that dashes would be lost in them."""
     having = [name for name in runs if component.is_held(point.traces[name])]
     if not having:
@@ -195,8 +195,8 @@ def _is_rough(point: Trials, component: SignalComponent, window: Window, runs: M
 def _draw_panel(
     axes: Axes,
     point: Trials,
-    component: SignalComponent,
-    window: Window,
+    component: PanelSignal,
+    window: TimeWindow,
     runs: Mapping[str, RunSelection],
     styles: Mapping[str, LineStyle],
     n_single: int,
@@ -233,7 +233,7 @@ def _draw_runs(axes: Axes, t: Array, values: Array, main: Mapping[str, Any], n_s
     axes.plot(t, median, **main)
 
 
-def _draw_reference(axes: Axes, traces: Traces, component: SignalComponent, window: Window) -> Line2D:
+def _draw_reference(axes: Axes, traces: Traces, component: PanelSignal, window: TimeWindow) -> Line2D:
     t, r = window.sample * np.arange(len(traces.r)), traces.r[:, component.component]
     look: dict[str, Any] = {"linestyle": (0, (4, 2)), "linewidth": 0.9, "drawstyle": "steps-post", "zorder": 2.0}
     (line,) = axes.plot(t[window.slice], r[window.slice], color=REFERENCE, **look)

@@ -19,7 +19,7 @@ from rmpc_bench.figures.recorded_runs import last_sample
 from rmpc_bench.figures.reported_sets import EDGE, Tube, reported_set, tube_of
 from rmpc_bench.figures.style import BLACK, FONT_SIZE, REFERENCE, WHITE, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, point_at
-from rmpc_bench.figures.window import Window, window_of
+from rmpc_bench.figures.window import TimeWindow, window_of
 from rmpc_bench.types import Array, Count, NonNegative, Status
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
@@ -136,7 +136,7 @@ def _draw(
     point: Trials,
     title: str,
     tubes: dict[str, Tube],
-    window: Window,
+    window: TimeWindow,
     size: tuple[float, float],
     every: int,
 ) -> MplFigure:
@@ -196,7 +196,7 @@ def _draw_plane(axes: Axes, tube: Tube, every: int, color: str) -> Array:
     return outside
 
 
-def _draw_band(axes: Axes, tube: Tube, place: int, window: Window, color: str) -> Array:
+def _draw_band(axes: Axes, tube: Tube, place: int, window: TimeWindow, color: str) -> Array:
     """Draw one state, its estimate and the band of the sets over time; return where the state lies outside."""
     t = window.sample * np.arange(window.first, window.last + 1)
     x, x_hat = tube.x[:, place], tube.x_hat[:, place]
@@ -254,7 +254,7 @@ def _handles(tubes: Sequence[Tube], level: float, plane: bool, *, outside: bool)
     return [*found, ("outside", Line2D([], [], **OUTSIDE))] if outside else found
 
 
-def _note(tubes: dict[str, Tube], run: int, window: Window | None, every: int) -> str:
+def _note(tubes: dict[str, Tube], run: int, window: TimeWindow | None, every: int) -> str:
     """Name the run, the samples of a plane, and the methods that failed."""
     parts = [f"run {run}"]
     if window is not None:

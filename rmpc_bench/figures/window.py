@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 
-class Window(NamedTuple):
+class TimeWindow(NamedTuple):
     """The samples that are shown, both ends included, and the length of one on the axis."""
 
     first: int
@@ -36,7 +36,7 @@ class Window(NamedTuple):
         return self.label != "$k$"
 
 
-def window_of(point: Trials, last: int, start: float | None, stop: float | None) -> Window:
+def window_of(point: Trials, last: int, start: float | None, stop: float | None) -> TimeWindow:
     """Find the samples between two times [s]; these are samples where the sampling time is not known.
 
     Parameters
@@ -51,7 +51,7 @@ def window_of(point: Trials, last: int, start: float | None, stop: float | None)
         when less than two samples are left
     """
     sample, label = (point.Ts, "$t$ [s]") if point.Ts else (1.0, "$k$")
-    window = Window(*samples_between(start, stop, sample, last), sample, label)
+    window = TimeWindow(*samples_between(start, stop, sample, last), sample, label)
     if window.first >= window.last:
         issue = empty_window(start, last * sample)
         raise DesignError(issue.message, issue.key)
