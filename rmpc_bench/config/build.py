@@ -144,20 +144,20 @@ class _ExperimentBuilder:
         laws.refuse_names(scenario)
         return laws.correlated(plant, scenario)
 
-    def metric(self, part: Component, layout: MetricLayout) -> Metric | None:
-        """Build a metric and note every reason for which it cannot be computed."""
-        metric: Metric | None = part.build(self.draft.problems)
-        issues = [] if metric is None else part.check(lambda: metric.check(layout))
+    def metric(self, component: Component, layout: MetricLayout) -> Metric | None:
+        """Build a metric and report every reason for which it cannot be computed."""
+        metric: Metric | None = component.build(self.draft.problems)
+        issues = [] if metric is None else component.check(lambda: metric.check(layout))
         self.draft.problems += issues
         return None if issues else metric
 
     def metrics(self, plant: Plant, methods: tuple[Method, ...], scenario: Scenario | None) -> tuple[Metric, ...]:
         """Build the metrics; two of the same name are refused."""
-        noted = any(problem.path.startswith("noise") for problem in self.draft.problems)
-        bursts = None if scenario is None or noted else has_bursts(scenario)
+        invalid = any(problem.path.startswith("noise") for problem in self.draft.problems)
+        bursts = None if scenario is None or invalid else has_bursts(scenario)
         units = plant.y_unit, plant.u_unit
         layout = MetricLayout(self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts)
-        made = [self.metric(part, layout) for part in self.draft.metrics if part is not None]
+        made = [self.metric(component, layout) for component in self.draft.metrics if component is not None]
         names: set[str] = set()
         for number, metric in enumerate(made):
             if metric is None:
@@ -166,11 +166,10 @@ class _ExperimentBuilder:
             if name in names:
                 self.draft.note(["metrics", number], f"{name!r} is given twice; give one a `name`")
             elif name in ("method", "run", "status", "n_failed"):
-                self.draft.note(
-                    ["metrics", number], f"{name!r} has a meaning in tables and claims already; choose another name"
-                )
+                message = f"{name!r} is a column of the tables already; choose another name"
+                self.draft.note(["metrics", number], message)
             elif not re.fullmatch(r"[A-Za-z_]\w*", name):
-                self.draft.note(["metrics", number], f"{name!r} is no name: letters, digits and _ (claims use it)")
+                self.draft.note(["metrics", number], f"{name!r} is no name: letters, digits and _, since claims use it")
             names.add(name)
         return tuple(metric for metric in made if metric is not None)
 
@@ -179,7 +178,9 @@ class _ExperimentBuilder:
         regulators = [each.name for each in methods if each is not None and each.controller.regulates]
         if regulators and reference.sample(self.n_steps + 1).any():
             names = ", ".join(map(repr, regulators))
-            self.draft.note(["reference"], f"the controller of {names} drives the state to 0 and follows none")
+            self.draft.note(
+                ["reference"], f"the controller of {names} regulates the state to 0 and follows no reference"
+            )
 
     def refuse_unreachable(self, reference: Reference, plant: Plant, scenario: Scenario | None) -> None:
         """Refuse a reference or an initial state outside the workspace of the plant."""
@@ -213,16 +214,16 @@ def build(drafts: Sequence[DraftConfig], *, smoke: bool) -> list[SweepPoint | No
     points: list[SweepPoint | None] = []
     with single_thread():
         for draft in drafts:
-            experiment = (
-                _experiment(_ExperimentBuilder(draft, cache, smoke=smoke)) if draft.values["time"] is not None else None
-            )
+            experiment = _experiment(draft, cache, smoke=smoke)
             points.append(None if experiment is None else sweep_point(draft, experiment))
     return points
 
 
-def _experiment(builder: _ExperimentBuilder) -> Experiment | None:
+def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Experiment | None:
     """Make all designs of one point."""
-    draft = builder.draft
+    if draft.values["time"] is None:
+        return None
+    builder = _ExperimentBuilder(draft, cache, smoke=smoke)
     plant = builder.plant()
     methods = [builder.methods.method(name, components, plant) for name, components in draft.methods.items()]
     if plant is None or draft.reference is None:
