@@ -77,21 +77,19 @@ class PlaceholderResults:
         return np.broadcast_to(np.eye(shape[1]) if square else np.ones(shape[1:]), shape)
 
 
-def placeholder_results(
-    layout: ResultLayout, points: Sequence[tuple[Mapping[str, str], Mapping[str, str]]]
-) -> PlaceholderResults:
+def placeholder_results(layout: ResultLayout) -> PlaceholderResults:
     """Make placeholder results for all points of a sweep.
 
     Parameters
     ----------
-    layout : names and shapes that the results will have; the series are those of the first point
-    points : coordinates and method keys of every point, as `point` and `keys` of `Trials`; at least one
+    layout : names and shapes that the results will have, with at least one point and the hashes of its trials; the
+        series are those of the first point
 
     Returns
     -------
     the results; at a point the series are known of the methods that are the same as at the first one
     """
-    first = points[0][1]
+    first = layout.trials[0]
     tables = [
         PlaceholderResults(
             layout=layout,
@@ -99,7 +97,7 @@ def placeholder_results(
             point=coordinates,
             keys=keys,
         )
-        for coordinates, keys in points
+        for coordinates, keys in zip(layout.points, layout.trials, strict=True)
     ]
     return replace(tables[0], points=tuple(tables))
 

@@ -12,7 +12,6 @@ from rmpc_bench.config.figure_checks import check_figures
 from rmpc_bench.config.result_layout import layout_of
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.sweep_points import Place
 from rmpc_bench.config.tree import Map
 from rmpc_bench.registry import unknown
 
@@ -33,10 +32,9 @@ def check(
     -------
     The claims; those with an error are of no use.
     """
-    first, built = drafts[0], [point for point in points if point is not None]
-    places = [] if sweep.problems else _places(drafts, points)
-    layout = layout_of(first, places, [point.experiment for point in built], lenient=lenient)
-    claims = read_claims(first, first.metric_names, places, layout if built else None)
+    first = drafts[0]
+    layout = layout_of(drafts, points, is_valid=not sweep.problems, lenient=lenient)
+    claims = read_claims(first, layout)
     for draft, point in zip(drafts, points, strict=True):
         if point is not None:
             check_evaluation(draft, point.experiment)
@@ -45,14 +43,6 @@ def check(
     check_figures(first, layout)
     _check_columns(first, sweep)
     return claims
-
-
-def _places(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None]) -> list[Place]:
-    """Return the points as claims name them; with the hashes of their trials where all points could be built."""
-    built = [point for point in points if point is not None]
-    if len(built) < len(points):
-        return [Place(draft.coordinates) for draft in drafts]
-    return [Place(point.coordinates, point.method_keys) for point in built]
 
 
 def _check_columns(draft: DraftConfig, sweep: Sweep) -> None:

@@ -20,37 +20,30 @@ from rmpc_bench.claims.tree import (
 )
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sections import ClaimKeys
-from rmpc_bench.config.sweep_points import Place, nowhere
 from rmpc_bench.config.tree import Map, plain
 from rmpc_bench.expressions.arithmetic import Node
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import ResultLayout
-from rmpc_bench.types.sweep_points import lies_at, value_text
+from rmpc_bench.types.sweep_points import lies_at, no_such_point, value_text
 
 
-def read_claims(
-    draft: DraftConfig, metrics: Sequence[str], places: Sequence[Place], layout: ResultLayout | None
-) -> tuple[Claim, ...]:
+def read_claims(draft: DraftConfig, layout: ResultLayout) -> tuple[Claim, ...]:
     """Read the claims of a draft; their errors are added to the problems of the draft.
 
     Parameters
     ----------
     draft : of the first point
-    metrics : names of the metrics
-    places : the points of the sweep; empty where the sweep has an error
-    layout : names and shapes that the results will have; None where another error leaves them unknown
+    layout : names and shapes that the results will have, as far as other errors leave them known
 
     Returns
     -------
     the claims; those with an error are of no use
     """
     claims = []
-    results = None
-    if layout is not None and places and all(place.keys for place in places):
-        results = placeholder_results(layout, [(place.coordinates, place.keys) for place in places])
+    results = placeholder_results(layout) if layout.trials else None
     for number, keys in enumerate(draft.claims):
         if keys is not None:
-            checker = _Checker(draft, number, metrics, places, layout, results)
+            checker = _Checker(draft, number, layout, results)
             claims.append(checker.claim(keys))
     return tuple(claims)
 
@@ -59,22 +52,18 @@ class _Checker:
     """Checks one claim."""
 
     def __init__(
-        self,
-        draft: DraftConfig,
-        number: int,
-        metrics: Sequence[str],
-        places: Sequence[Place],
-        layout: ResultLayout | None,
-        results: PlaceholderResults | None,
+        self, draft: DraftConfig, number: int, layout: ResultLayout, results: PlaceholderResults | None
     ) -> None:
-        self.draft, self.places, self.results = draft, places, results
-        self.smoke = layout is not None and layout.end == 0
-        self.of_runs = (*metrics, *COUNTS) if "runs" not in draft.values["evaluate"] else ()
-        self.series = [name for name in layout.series if name not in metrics] if layout else []
+        self.draft, self.layout, self.results = draft, layout, results
+        metrics = layout.metrics
+        self.smoke = layout.end == 0
+        self.of_runs = () if layout.has_runs else (*metrics, *COUNTS)
+        self.series = [name for name in layout.series if name not in metrics]
         self.signals = [name for name in SIGNALS if name not in metrics]
         moments = {f"{moment}({signal})": signal for signal in self.signals for moment in MOMENTS.values()}
         seen = dict.fromkeys(moments.get(name, name) for name in self.series)
-        self.known = [*metrics, *COUNTS, *seen] if layout else []
+        # Without any design the series are not known, and no name can be refused.
+        self.known = [*metrics, *COUNTS, *seen] if layout.is_complete or layout.arrays else []
         self.path: list[str | int] = ["claims", number]
         self.misplaced = False
         self.n_errors = 0
@@ -106,7 +95,7 @@ class _Checker:
         """Read one point or a list of them; what names no point is reported."""
         if given is None:
             return ()
-        if self.places and not self.places[0].coordinates:
+        if self.layout.points and not self.layout.points[0]:
             self._note("at", "nothing is swept in this configuration")
             return ()
         if given == "all":
@@ -120,7 +109,7 @@ class _Checker:
             at = {name: value_text(plain(value)) for name, value in entry.items()}
             if at in found:
                 self._note("at", "names a point twice")
-            message = nowhere(self.places, at)
+            message = no_such_point(self.layout.points, at)
             if message:
                 self._note("at", message)
             else:
@@ -149,7 +138,7 @@ class _Checker:
         for message in dict.fromkeys(self._moment(term, function) for term, function in sorted(uses(tree))):
             if message:
                 self._note(key, message)
-        if self.places and not self.misplaced:
+        if self.layout.points and not self.misplaced:
             for at in claim.at or ({},):
                 counts = [self._place(claim, term, {**at, **dict(term.point)}, key) for term in named]
                 if 0 not in counts and len(set(counts)) > 1:
@@ -178,16 +167,18 @@ class _Checker:
     def _place(self, claim: Claim, term: Term, wanted: Mapping[str, str], key: str) -> int:
         """Count the points of a term: one, or in a pooled claim some; 0 when something is wrong with them."""
         what = f"{term.quantity}[{term.method}]"
-        if not self.places[0].coordinates and not wanted:
+        points, trials = self.layout.points, self.layout.trials
+        if not points[0] and not wanted:
             return 1
-        found = [place for place in self.places if lies_at(place.coordinates, wanted)]
-        if not found:
-            self._note(key, f"{what}: {nowhere(self.places, wanted)}")
+        numbers = [number for number, point in enumerate(points) if lies_at(point, wanted)]
+        if not numbers:
+            self._note(key, f"{what}: {no_such_point(points, wanted)}")
             return 0
-        if not all(place.keys for place in found):
-            # With another error it is not known what the points share.
+        if not trials:
+            # With another error it is not known which trials the points share.
             return 1
-        different = len({place.keys.get(term.method, "") for place in found})
+        found = [points[number] for number in numbers]
+        different = len({trials[number].get(term.method, "") for number in numbers})
         if not claim.pooled and different > 1:
             self._note(key, f"{what} may be at any of {len(found)} points of the sweep: {self._way_out(term, found)}")
             return 0
@@ -199,9 +190,9 @@ class _Checker:
             return 0
         return len(found) if claim.pooled else 1
 
-    def _way_out(self, term: Term, found: Sequence[Place]) -> str:
-        open_paths = [name for name in found[0].coordinates if len({place.coordinates[name] for place in found}) > 1]
-        example = ", ".join(f"{name}={found[0].coordinates[name]}" for name in open_paths)
+    def _way_out(self, term: Term, found: Sequence[Mapping[str, str]]) -> str:
+        open_paths = [name for name in found[0] if len({point[name] for point in found}) > 1]
+        example = ", ".join(f"{name}={found[0][name]}" for name in open_paths)
         if any(letter in example.replace(", ", "") for letter in "[],"):
             return "name one with `at`"
         return f"name one, as {term.quantity}[{term.method}, {example}], or give the claim an `at`"

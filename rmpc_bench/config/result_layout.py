@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.sweep_points import Place
+from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.simulation.closed_loop import BURSTS
 from rmpc_bench.simulation.moments import Moments, signals
 from rmpc_bench.simulation.scenario import Experiment
@@ -18,23 +18,27 @@ Shapes = dict[str, tuple[int, ...]]
 
 
 def layout_of(
-    draft: DraftConfig, places: Sequence[Place], experiments: Sequence[Experiment], *, lenient: bool
+    drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None], *, is_valid: bool, lenient: bool
 ) -> ResultLayout:
     """Return the layout of the results that a configuration will have.
 
     Parameters
     ----------
-    draft : of the first point
-    places : the points of the sweep; empty where something is wrong with it
-    experiments : of the points that could be built; a method may report a signal at some of them only
+    drafts : the sections of every point of the sweep
+    points : the designs of every point, None where one could not be made; a method may report a signal at some only
+    is_valid : whether the sweep has no error, so that its points are known
     lenient : whether figures may reach beyond the end of the runs, which are shorter than in the file
     """
+    built = [point for point in points if point is not None]
+    is_complete = is_valid and len(built) == len(points)
     names: dict[str, Any] = {
-        "methods": tuple(draft.methods),
-        "metrics": tuple(draft.metric_names),
-        "points": tuple(place.coordinates for place in places),
-        "has_runs": "runs" in draft.values["evaluate"],
+        "methods": tuple(drafts[0].methods),
+        "metrics": tuple(drafts[0].metric_names),
+        "points": tuple(draft.coordinates for draft in drafts) if is_valid else (),
+        "trials": tuple(point.method_keys for point in built) if is_complete else (),
+        "has_runs": "runs" in drafts[0].values["evaluate"],
     }
+    experiments = [point.experiment for point in built]
     if not experiments:
         return ResultLayout(**names, is_complete=False)
     first = experiments[0]
@@ -47,7 +51,7 @@ def layout_of(
         arrays=arrays,
         end=0.0 if lenient else first.n_steps * first.plant.Ts,
         Ts=first.plant.Ts,
-        is_complete=bool(places),
+        is_complete=is_valid,
     )
 
 

@@ -32,6 +32,8 @@ class ResultLayout:
     metrics : names of the metric columns
     points : path -> text of the value, of every point of the sweep; one point without paths where nothing is swept,
         empty where the points are not known
+    trials : method -> hash of its trials, of every point; points with an equal hash share the trials; empty where the
+        hashes are not known
     has_runs : whether single runs are evaluated
     signals : method -> recorded signal -> shape of one sample, None where it is not known
     recorded : indices of the runs whose signals are recorded
@@ -46,6 +48,7 @@ class ResultLayout:
     methods: tuple[str, ...] = ()
     metrics: tuple[str, ...] = ()
     points: tuple[Mapping[str, str], ...] = ()
+    trials: tuple[Mapping[str, str], ...] = ()
     has_runs: bool = True
     signals: Mapping[str, Mapping[str, Shape | None]] = field(default_factory=dict)
     recorded: Sequence[int] = ()

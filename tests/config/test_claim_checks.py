@@ -8,7 +8,6 @@ from small_experiment import KEYS, write
 from rmpc_bench import load_config
 from rmpc_bench.config.claim_checks import read_claims
 from rmpc_bench.config.sections import ClaimKeys
-from rmpc_bench.config.sweep_points import Place
 from rmpc_bench.types import ConfigError, ResultLayout
 
 HP, C = "controller.Hp", "methods.R-MPC.estimator.c"
@@ -171,14 +170,22 @@ def messages():
             values={"evaluate": evaluate},
             note=lambda path, message: found.append((path, message)),
         )
-        places = [Place({"plant.from": name}, {"A": name, "B": name}) for name in points]
-        if arrays is not None and not places:
-            places = [Place({}, {"A": "a", "B": "b"})]
+        coordinates, trials = [{"plant.from": name} for name in points], [{"A": name, "B": name} for name in points]
+        if arrays is not None and not points:
+            coordinates, trials = [{}], [{"A": "a", "B": "b"}]
         shapes = dict.fromkeys(("P", *series), (2, 2)) | {
             name: (2, 2) for own in (arrays or {}).values() for name in own
         }
-        layout = ResultLayout(metrics=metrics, end=end, series=shapes, arrays=arrays or {})
-        read_claims(draft, metrics, places, layout)
+        layout = ResultLayout(
+            metrics=metrics,
+            points=tuple(coordinates),
+            trials=tuple(trials),
+            has_runs="runs" in evaluate,
+            end=end,
+            series=shapes,
+            arrays=arrays or {},
+        )
+        read_claims(draft, layout)
         assert all(path == ["claims", 0, "check"] for path, _ in found)
         return [message for _, message in found]
 
