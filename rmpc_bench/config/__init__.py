@@ -18,7 +18,10 @@ Used by the stages:
 
 - YAML: reader.py (text to tree), tree.py (trees with places), writer.py (plain data to text);
 - keys: sections.py (top level), schema.py and unions.py (keys of a component from its signature), component.py;
-- parts of a stage: plant_source.py (what comes with a plant or a model), sweep_section.py, noise_section.py,
-  build_noise.py, figure_checks.py, claim_checks.py, origin.py (an inherited error is reported once);
-- results: identity.py (what is hashed), sweep_point.py (the hashes of a point), experiment_config.py.
+- stage 2 and 3: plant_source.py (what comes with a plant or a model), sweep_section.py (reads and checks the sweep);
+- stage 4: draft.py (the sections of a point), noise_section.py (uncertainty, noise, initial state);
+- stage 5: build_method.py (model, estimator, controller), build_noise.py, identity.py (what is hashed), sweep_point.py
+  (the hashes of a point);
+- stage 6: result_layout.py (what the results will contain), claim_checks.py, figure_checks.py, evaluation_checks.py;
+- errors: origin.py (an error in an inherited value is reported once, where the value is written).
 """
