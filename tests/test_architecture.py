@@ -20,7 +20,7 @@ MAY_IMPORT = {  # house.md, section 3; a room may always import itself
     "controllers": DESIGNS,
     "metrics": {"numerics", "types"},
     "conformance": {"figures", "types"},
-    "simulation": {"diagnostics", "noise", "numerics", "types"},
+    "simulation": {"noise", "numerics", "types"},
     "diagnostics": {"simulation", "noise", "numerics", "types"},
     "registry": {"types"},
     "analysis": {"types"},

@@ -6,7 +6,7 @@ Source  ma2025, (1), (74), (75); Section V for the skewed cube, whose points may
         becomes of them.
 Limit   skew 1/2 and outside `reject` give the law `uniform`.
 Sums    laws add up, {sum: [{gaussian: {cov: 0.25}}, {ellipsoid: {shape: 5}}]}; each has a random stream of its own.
-Bursts  times at which the box is larger; the law is then another at every k, and tells no moments.
+Bursts  times at which the box is larger; the law then depends on k, and it has no moments `mean` and `cov`.
 """
 
 from __future__ import annotations
@@ -247,7 +247,8 @@ def ellipsoid(
     root : L: `symmetric` (L L = M), `lower` (Cholesky, L L' = M), or `upper`, the Cholesky factor R with R' R = M that
         MATLAB's chol returns, taken for a root: then R R' is not M, and the noise need not lie in the ellipsoid
     outside : of the skewed cube, where u is outside the ball: `keep` it (as ma2025 writes), `project` it radially onto
-        the sphere, or `reject` it and draw again; inside, u is the same under all three; `project` tells no moments
+        the sphere, or `reject` it and draw again; inside, u is the same under all three; with `project` the
+        moments are not known
     center : a number (in every coordinate) or one per coordinate
     skew : of the skewed cube: probability of a positive coordinate
     scale : factor on L

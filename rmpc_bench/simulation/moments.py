@@ -55,7 +55,7 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
         return "there is an input"
     start, noises = scenario.initial_law(), scenario.noise_laws(plant.nw, plant.nv)
     if start is None or noises is None:
-        return f"a law of {'the initial state' if start is None else 'noise'} does not tell its moments"
+        return f"the moments of a law of {'the initial state' if start is None else 'noise'} are not known"
     return Laws(*start, *noises)
 
 

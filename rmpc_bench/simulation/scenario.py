@@ -158,7 +158,7 @@ class Scenario:
         }
 
     def noise_laws(self, nw: int, nv: int) -> tuple[Array, Array] | None:
-        """Mean and covariance of [w; v]; None where a law does not tell its own.
+        """Mean and covariance of [w; v]; None where those of a law are not known.
 
         Parameters
         ----------
@@ -173,7 +173,7 @@ class Scenario:
         return np.concatenate([w_bar, v_bar]), joint
 
     def initial_law(self) -> tuple[Array, Array] | None:
-        """Mean and covariance of the true initial state; None where a law does not tell its own."""
+        """Mean and covariance of the true initial state; None where those of a law are not known."""
         deviation = _moments(self.x0_noise, len(self.x0))
         return None if deviation is None else (self.x0 + deviation[0], deviation[1])
 
@@ -214,7 +214,7 @@ class Scenario:
 
 
 def _moments(terms: tuple[Noise, ...], n: int) -> tuple[Array, Array] | None:
-    """Mean and covariance of a sum of independent laws; None where one does not tell its own."""
+    """Mean and covariance of a sum of independent laws; None where those of one are not known."""
     mean, cov = np.zeros(n), np.zeros((n, n))
     for term in terms:
         if term.mean is None or term.cov is None:

@@ -258,7 +258,7 @@ def test_exact_moments_need_laws_that_tell_theirs(mixed, outside, where):
         mixed(**keys)
     [problem] = caught.value.problems
     assert problem.path == "evaluate"
-    reason = f"a law of {'the initial state' if where == 'start' else 'noise'} does not tell its moments"
+    reason = f"the moments of a law of {'the initial state' if where == 'start' else 'noise'} are not known"
     assert problem.message == f"KF has no exact moments: {reason}; evaluate: [runs, moments]"
 
 

@@ -165,4 +165,4 @@ def test_bursts_have_no_exact_moments(tmp_path):
     keys = {"noise": f"{{process: {{gaussian: {{std: 1}}}}, measurement: {bursty}}}", "initial": "{x: 0, P: 1}"}
     assert load_config(write_estimation(tmp_path, **keys)).experiment.scenario.noise_laws(1, 1) is None
     result = cli("check", write_estimation(tmp_path, **keys, evaluate="moments"))
-    assert result.exit_code == 2 and "a law of noise does not tell its moments" in result.stderr
+    assert result.exit_code == 2 and "the moments of a law of noise are not known" in result.stderr

@@ -93,13 +93,13 @@ def test_a_given_sequence(rng):
     sizes, laws = SIZES[3], random_laws(rng, SIZES[3])
     given = random_given(rng, sizes)
     worst = tuple(np.array([random_contraction(rng, *sizes[c]) for _ in range(STEPS + 1)]) for c in NAMES)
-    told = dict(given)
+    changed = dict(given)
     for F, c, names in zip(worst, NAMES, (("A", "C"), ("Bw", "Dw"), ("Bv", "Dv")), strict=True):
         for name in names:
-            told[name] = given[name] + given[f"H_{name}"] @ F @ given[f"G_{c}"]
+            changed[name] = given[name] + given[f"H_{name}"] @ F @ given[f"G_{c}"]
     schedule = random_filter(rng, 4, 3, 0, "filter")
     ours = exact_moments(design(0.1, STEPS, **given).against(worst), schedule.gain_schedule, laws, STEPS)
-    mean, cov = by_kronecker(told, sizes, lambda c, k: (0.0, 0.0), schedule, laws)
+    mean, cov = by_kronecker(changed, sizes, lambda c, k: (0.0, 0.0), schedule, laws)
     np.testing.assert_allclose(ours.mean, mean, atol=1e-12 * np.abs(cov).max())
     np.testing.assert_allclose(ours.cov, cov, atol=1e-12 * np.abs(cov).max())
 
@@ -252,7 +252,7 @@ def test_signals_of_moments():
 
 
 class Heavy(Noise):
-    """A law of noise that does not tell its moments."""
+    """A law of noise with unknown moments."""
 
     def draw(self, rng, n_samples):
         """Draw Cauchy noise."""
@@ -286,7 +286,7 @@ def test_laws_are_gathered_from_all_terms():
 @pytest.mark.parametrize(
     ("what", "why"),
     [("plant", "not linear"), ("run", "per run"), ("oracle", "depend on the run"), ("halfway", "depend on the run"),
-     ("input", "an input"), ("noise", "does not tell"), ("x0", "does not tell")],
+     ("input", "an input"), ("noise", "are not known"), ("x0", "are not known")],
 )  # fmt: skip
 def test_words_for_what_has_no_exact_moments(what, why):
     """Oracle: the reason, one by one."""
@@ -321,7 +321,7 @@ class Both(Plant):
         """Return the same period at every k."""
         return Period(self.M, np.zeros((2, 1)), (Channel(self.H, self.G, np.zeros((2, 3)), 1.0),))
 
-    def told(self, signs):
+    def at(self, signs):
         """M for given entries of F."""
         return self.M + self.H @ np.hstack([np.diag(signs), np.zeros((2, 1))]) @ self.G
 
@@ -339,7 +339,7 @@ def test_an_F_may_see_states_and_noises_at_once(rng):
         z, Z = np.concatenate([laws.x, s.x0]), np.zeros((4, 4))
         Z[:2, :2] = laws.X
         for k in range(3):
-            T = plant.told(signs[2 * k : 2 * k + 2])
+            T = plant.at(signs[2 * k : 2 * k + 2])
             A = np.block([[T[:2, :2], np.zeros((2, 2))], [K @ T[2:, :2], F - K @ C]])
             B = np.vstack([T[:2, 2:], K @ T[2:, 2:]])
             z = A @ z + B @ laws.n + np.concatenate([np.zeros(2), f - K @ d])
