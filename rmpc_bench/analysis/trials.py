@@ -35,7 +35,7 @@ class Trials:
     """What an experiment left behind, ready for statistics.
 
     The table of a sweep consists of `points`, each of them a table of its own; what concerns single runs (`column`,
-    `pairs`, `n_failed`, `matrix_series`, `traces`) is asked of a point.
+    `pairs`, `n_failed`, `matrix_series`, `traces`) belongs to a point.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class Workers(click.ParamType[int]):
 
 @dataclass(frozen=True)
 class Request:
-    """What the user has asked for, one field per option."""
+    """The options of the command line, one field each."""
 
     config: Path
     output: Path | None
@@ -87,7 +87,8 @@ def run(**options: Any) -> int:
     results/<paper>/<name> unless -o names another directory.
     """
     started = time.monotonic()
-    with held():  # an import that is interrupted may swallow the interruption, or take it for a broken library
+    # An interrupted import may ignore the interruption, or report a broken library.
+    with held():
         import scipy.linalg  # noqa: F401
 
         from rmpc_bench.config.load import load_config
@@ -96,31 +97,31 @@ def run(**options: Any) -> int:
         from rmpc_bench.execution.results import run as run_experiment
         from rmpc_bench.execution.store import StoreError
 
-    asked = Request(**options)
-    config = load_config(asked.config, overrides=asked.overrides, runs=asked.runs, smoke=asked.smoke)
-    _check_names(asked.only, config)
-    directory = asked.output or _directory(asked, config)
+    request = Request(**options)
+    config = load_config(request.config, overrides=request.overrides, runs=request.runs, smoke=request.smoke)
+    _check_names(request.only, config)
+    directory = request.output or _directory(request, config)
     try:
-        if asked.dry_run:
-            return _show_plan(config, directory, asked.only)
-        if asked.fresh:
+        if request.dry_run:
+            return _show_plan(config, directory, request.only)
+        if request.fresh:
             _set_aside(directory)
         results = run_experiment(
             config,
             directory=directory,
-            jobs=asked.jobs,
-            only=asked.only or None,
-            progress=choose(asked.progress),
-            overrides=_overrides(asked),
+            jobs=request.jobs,
+            only=request.only or None,
+            progress=choose(request.progress),
+            overrides=_overrides(request),
         )
     except StoreError as error:
-        click.echo(f"{error}\nfor a new directory: {asked.command(_free(directory))}", err=True)
+        click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)
         return exits.OCCUPIED
     written = publish(results)
     exits.show(written, time.monotonic() - started)
-    if asked.strict and config.claims and not results.is_final:
+    if request.strict and config.claims and not results.is_final:
         click.echo("--strict compared no finding: see the line `claims`", err=True)
-    return exits.code_of(written, strict=asked.strict)
+    return exits.code_of(written, strict=request.strict)
 
 
 def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
@@ -131,26 +132,26 @@ def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
             raise click.BadParameter(unknown(name, config.methods, "method"), param_hint="--only")
 
 
-def _overrides(asked: Request) -> list[str]:
+def _overrides(request: Request) -> list[str]:
     """Options that change the configuration of the file; claims are then shown for information only."""
     # Methods that --only leaves out are reported as missing runs.
-    changes = [text for text in asked.changes() if not text.startswith("--only ")]
-    if asked.runs is not None and not asked.smoke:
+    changes = [text for text in request.changes() if not text.startswith("--only ")]
+    if request.runs is not None and not request.smoke:
         from rmpc_bench.config.reader import load
 
-        if load(asked.config).get("runs") == asked.runs:
-            changes.remove(f"--runs {asked.runs}")
+        if load(request.config).get("runs") == request.runs:
+            changes.remove(f"--runs {request.runs}")
     return changes
 
 
-def _directory(asked: Request, config: ExperimentConfig) -> Path:
+def _directory(request: Request, config: ExperimentConfig) -> Path:
     """Default directory; an override that changes the experiment gets one of its own."""
     from rmpc_bench.config.load import load_config
 
     name = config.name
-    if asked.overrides and load_config(asked.config, smoke=asked.smoke).full_hash != config.full_hash:
+    if request.overrides and load_config(request.config, smoke=request.smoke).full_hash != config.full_hash:
         name = f"{name}~{config.full_hash[:6]}"
-    parent = Path("results") / ("smoke" if asked.smoke else "") / (config.paper or "")
+    parent = Path("results") / ("smoke" if request.smoke else "") / (config.paper or "")
     if name != config.name:
         click.echo(f"the overrides change the experiment: results go to {parent / name}", err=True)
     return parent / name

@@ -1,4 +1,4 @@
-"""Ways to work through tasks: in this process, or in worker processes of joblib.
+"""Engines, which compute tasks: in this process, or in worker processes of joblib.
 
 Results come back in any order; nothing in them depends on the way.
 """
@@ -57,7 +57,7 @@ def work(experiments: Sequence[Experiment], task: Task) -> Done:
 
 
 def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list[dict[str, float]]:
-    """What every run has drawn once and for all: the named quantities, its bursts, and what the plant has beside."""
+    """Values that are constant during a run: named quantities, times of bursts, and constants that the plant draws."""
     plant = experiment.plant
     drawn = plant.drawn(draws.delta)
     scenario = experiment.scenario
@@ -96,7 +96,8 @@ def processes(experiments: Sequence[Experiment], tasks: Sequence[Task], workers:
     from joblib.externals.loky.backend import resource_tracker
 
     for tracker in (resource_tracker, multiprocessing_tracker):
-        tracker.ensure_running()  # it lets signals through when it starts, so it must not start below
+        # A tracker unblocks signals when it starts, so it must not start while they are held back below.
+        tracker.ensure_running()
     parallel = Parallel(
         n_jobs=workers,
         backend="loky",
@@ -108,13 +109,15 @@ def processes(experiments: Sequence[Experiment], tasks: Sequence[Task], workers:
     )
     results = None
     try:
-        with held():  # an interruption of the start would leave the pool in a state that cannot be ended
+        # A pool that is interrupted while it starts cannot be shut down.
+        with held():
             results = parallel(delayed(_work_here)(task) for task in tasks)
         for done in results:  # noqa: UP028 - `yield from` would close the results before the warnings are off
             yield done
     finally:
         with held(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that finished tasks were not used is what an interruption means
+            # joblib warns of finished tasks that were not used, which is normal after an interruption.
+            warnings.simplefilter("ignore")
             if results is not None:
                 results.close()
             get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
@@ -125,16 +128,17 @@ _here: list[Experiment] = []
 
 
 def _start_worker(experiments: Sequence[Experiment]) -> None:
-    # Ctrl-C in a terminal reaches every process of the group; the parent alone decides what happens then.
+    # Ctrl-C in a terminal reaches every process of the group; only the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
-    single_thread()  # for good: what it returns would undo it
+    # The returned context is not entered, so that the limit stays for the life of the worker.
+    single_thread()
     _here[:] = experiments
 
 
 def _follow(parent: int) -> None:
-    """End this worker when its parent has been killed; loky alone would let it wait for minutes."""
+    """End this worker when its parent has been killed; loky alone would keep it waiting for minutes."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)

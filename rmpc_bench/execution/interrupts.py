@@ -1,4 +1,4 @@
-"""Holding signals back where an interruption would leave something half done."""
+"""Delay of Ctrl-C and SIGTERM where an interruption would leave an inconsistent state."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM wait until the end of the block; what it starts inherits that."""
+    """Delay Ctrl-C and SIGTERM until the end of the block; processes that it starts inherit the delay."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
         yield

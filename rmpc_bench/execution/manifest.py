@@ -21,7 +21,7 @@ _PACKAGES = ("numpy", "scipy", "numba", "joblib", "pandas")
 
 
 class Session:
-    """One sitting at an experiment; enter it before computing, and its end is noted with the reason.
+    """One session of computing an experiment; the context manager records its start, its end and the reason.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Session:
         changed = {name: text for name, text in before.get("versions", {}).items() if versions.get(name) != text}
         if changed:
             there = ", ".join(f"{name} {text}" for name, text in changed.items())
-            self._say(f"part of this was computed with {there}; last digits may differ (--fresh computes all again)")
+            self._say(f"some trials were computed with {there}; last digits may differ (--fresh computes all again)")
         self._data: dict[str, Any] = {
             "name": self._config.name,
             "experiment": self._config.hash,
@@ -93,7 +93,7 @@ def _blas() -> list[dict[str, Any]]:
 
 
 def _git(directory: Path) -> dict[str, Any] | None:
-    """Commit of the repository that the configuration lies in, and whether something is not committed."""
+    """Return the commit of the repository of the configuration, and whether there are uncommitted changes."""
 
     def git(*arguments: str) -> str:
         command = ["git", "-C", str(directory), *arguments]

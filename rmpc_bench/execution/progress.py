@@ -27,7 +27,7 @@ class Progress(Protocol):
 
 
 class Silent:
-    """Shows nothing but what must be said."""
+    """Shows messages only."""
 
     def start(self, title: str, total: int, done: int) -> None:
         """Begin."""
@@ -44,7 +44,7 @@ class Silent:
 
 
 class Plain(Silent):
-    """A line now and then, for logs."""
+    """A line every few seconds, for logs."""
 
     def __init__(self, seconds: float = 5.0, clock: Callable[[], float] = time.monotonic) -> None:
         self._seconds, self._clock = seconds, clock
@@ -98,7 +98,7 @@ class Bar:
         self._rich.console.print(text, markup=False, highlight=False)
 
     def stop(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._rich.stop()
 
 
@@ -112,7 +112,7 @@ def choose(how: str) -> Progress:
 
 @contextmanager
 def said_if_slow(progress: Progress, text: str, seconds: float = 1.0) -> Iterator[None]:
-    """Say something only when the work inside takes longer than that."""
+    """Show a message only when the work inside takes longer than ``seconds``."""
     timer = threading.Timer(seconds, progress.say, [text])
     timer.daemon = True
     timer.start()

@@ -24,12 +24,14 @@ RESOLVED = "config.resolved.yaml"
 
 
 def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) -> list[Task]:
-    """Tasks that are not stored yet, block by block; what points of a sweep share is computed at the first of them.
+    """Return the tasks that are not stored yet, block by block.
+
+    Trials that points of a sweep share are computed once, at the first of them.
 
     Parameters
     ----------
     config : the experiment
-    store : what is there
+    store : the stored trials
     methods : names of the methods to compute
     """
     if "runs" not in config.evaluate:
@@ -43,7 +45,7 @@ def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) ->
                 done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
                 missing = [run for run in range(n_runs) if run not in done]
                 tasks += [Task(name, *bounds, number) for bounds in _ranges(missing, config.execution.block)]
-    # All methods of a block of runs come together, so that what an interrupted run leaves is comparable.
+    # All methods of a block of runs are computed together, so that the trials of an interrupted run are comparable.
     return sorted(tasks, key=lambda task: task.first // config.execution.block)
 
 
@@ -98,7 +100,7 @@ def compute(
 
 
 def _keep_configuration(config: ExperimentConfig, directory: Path) -> None:
-    """Keep the file as given, and as it was understood, beside the trials."""
+    """Keep the configuration file and its resolved form with the trials."""
     try:
         (directory / RESOLVED).write_text(dump(plain(config.resolved)), encoding="utf-8")
         (directory / "config.yaml").write_bytes(config.path.read_bytes())
@@ -136,8 +138,8 @@ def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress:
     for plant in {type(experiment.plant): experiment.plant for experiment in experiments}.values():
         with said_if_slow(progress, "Compiling (first run only) ..."):
             plant.warm_up()
-    asked = {(task.point, task.method) for task in tasks}
-    methods = [experiments[point].method(name) for point, name in sorted(asked)]
+    wanted = {(task.point, task.method) for task in tasks}
+    methods = [experiments[point].method(name) for point, name in sorted(wanted)]
     designs = [design for method in methods for design in (method.estimator, method.controller)]
     text = "Preparing estimators and control laws (compiling on the first run only) ..."
     with said_if_slow(progress, text), single_thread():

@@ -49,7 +49,7 @@ _WORDS = {int(status): status.word for status in Status}
 
 
 class StoreError(Exception):
-    """A directory that cannot take this experiment: another one is in it, or somebody writes to it."""
+    """A directory that cannot be used: it holds another experiment, or another process writes to it."""
 
 
 class MissingError(Exception):
@@ -84,7 +84,7 @@ class Store:
                 directory.mkdir(parents=True, exist_ok=True)
                 self._connection = sqlite3.connect(path, timeout=0.0, isolation_level=None)
             else:
-                # Able to write if it may: the journal of a killed writer has to be rolled back before anyone can read.
+                # Opened for writing if possible: the journal of a killed writer is rolled back before the first read.
                 mode = "rw" if os.access(path, os.W_OK) else "ro"
                 self._connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", uri=True, timeout=5.0)
                 self._connection.execute("PRAGMA query_only = ON")
@@ -105,7 +105,8 @@ class Store:
         execute("PRAGMA journal_mode = DELETE")
         execute("BEGIN EXCLUSIVE")
         for statement in filter(str.strip, _SCHEMA.split(";")):
-            execute(statement.replace("TABLE", "TABLE IF NOT EXISTS"))  # an earlier version lacks some
+            # A store of an earlier version lacks some tables.
+            execute(statement.replace("TABLE", "TABLE IF NOT EXISTS"))
         execute("COMMIT")
 
     def __enter__(self) -> Store:
@@ -115,7 +116,7 @@ class Store:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the file and give the lock back."""
+        """Close the file and release the lock."""
         self._connection.close()
 
     def meta(self, key: str) -> str | None:
@@ -124,11 +125,11 @@ class Store:
         return str(rows[0][0]) if rows else None
 
     def set_meta(self, key: str, value: str) -> None:
-        """Set a value for good."""
+        """Set a value."""
         self._write([("INSERT OR REPLACE INTO meta VALUES (?, ?)", [(key, value)])])
 
     def claim(self, experiment: str, shared: Mapping[str, Any]) -> None:
-        """Make the directory one experiment's, or check that it is already.
+        """Assign the directory to an experiment, or check that it already belongs to it.
 
         Raises
         ------
@@ -141,7 +142,7 @@ class Store:
         self.check(experiment, shared)
 
     def check(self, experiment: str, shared: Mapping[str, Any]) -> None:
-        """Check that the directory is this experiment's.
+        """Check that the directory belongs to an experiment.
 
         Raises
         ------
@@ -155,7 +156,7 @@ class Store:
     def finished(
         self, method: str, metrics: Iterable[str], recording: Recording = _NOTHING, n_runs: int = sys.maxsize
     ) -> set[int]:
-        """Runs of a method that are stored with all the given metrics and, where they are wanted, signals and groups.
+        """Return the runs of a method that are stored with all given metrics and, where required, signals and groups.
 
         Of the groups those count that `ensemble` returns for ``n_runs``.
         """
@@ -186,7 +187,7 @@ class Store:
         ----------
         method : hash of the method
         runs : indices of the runs
-        block : what became of them
+        block : their results
         metrics : hash of the metric -> (runs,) values, NaN where there is none
         draw : hash of what the named uncertain values depend on
         uncertainty : these values, name -> value, for every run
@@ -212,7 +213,7 @@ class Store:
         ]
         self._write(
             [
-                # Groups of an earlier run with other blocks may overlap; what they lose is computed again, too.
+                # Groups of an earlier run with other blocks may overlap; their other runs are computed again.
                 ("DELETE FROM ensemble WHERE method = ? AND stop > ? AND first < ?", span if groups else []),
                 ("INSERT INTO ensemble VALUES (?, ?, ?, ?, ?, ?, ?)", groups),
                 ("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", trials),

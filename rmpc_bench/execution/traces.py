@@ -1,4 +1,4 @@
-"""Recorded runs as the reports see them."""
+"""Recorded runs of a method, read from the store."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def traces_of(point: SweepPoint, store: Store, name: str) -> Traces | None:
 
     Parameters
     ----------
-    point : what the method runs in
-    store : where its runs are
-    name : of the method
+    point : the experiment at a point of the sweep
+    store : the trial store
+    name : name of the method
     """
     experiment, recording = point.experiment, kept(point.experiment, name)
     if not (recording.n_runs and recording.signals):
