@@ -19,7 +19,7 @@ MAY_IMPORT = {  # house.md, section 3; a room may always import itself
     "estimators": DESIGNS,
     "controllers": DESIGNS,
     "metrics": {"numerics", "types"},
-    "conformance": {"figures", "types"},
+    "conformance": {"analysis", "figures", "types"},
     "simulation": {"noise", "numerics", "types"},
     "diagnostics": {"simulation", "noise", "numerics", "types"},
     "registry": {"types"},

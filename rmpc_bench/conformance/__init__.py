@@ -1,4 +1,4 @@
-"""Conformance checks: the rules of plants, estimators, controllers, noises, references and metrics.
+"""Conformance checks: the rules of plants, estimators, controllers, noises, references, metrics and figures.
 
 Every component that the bench ships passes them; run them on a component of your own::
 
@@ -14,13 +14,22 @@ from typing import Any
 
 from rmpc_bench.conformance.controllers import ControllerExample
 from rmpc_bench.conformance.estimators import EstimatorExample
+from rmpc_bench.conformance.figures import FigureExample
 from rmpc_bench.conformance.metrics import MetricExample
 from rmpc_bench.conformance.noises import NoiseExample
 from rmpc_bench.conformance.plants import PlantExample
 from rmpc_bench.conformance.references import ReferenceExample
 from rmpc_bench.conformance.results import Check, CheckResult, run_checks
 
-Example = PlantExample | EstimatorExample | ControllerExample | NoiseExample | ReferenceExample | MetricExample
+Example = (
+    PlantExample
+    | EstimatorExample
+    | ControllerExample
+    | NoiseExample
+    | ReferenceExample
+    | MetricExample
+    | FigureExample
+)
 
 __all__ = [
     "Check",
@@ -28,6 +37,7 @@ __all__ = [
     "ControllerExample",
     "EstimatorExample",
     "Example",
+    "FigureExample",
     "MetricExample",
     "NoiseExample",
     "PlantExample",
@@ -41,7 +51,7 @@ def check_component(component: Any, example: Example) -> tuple[CheckResult, ...]
 
     Parameters
     ----------
-    component : a plant, an estimator, a controller, a noise law, a reference or a metric, as designed
+    component : a plant, an estimator, a controller, a noise law, a reference, a metric or a figure, as designed
     example : the data to check it with; its class says the kind
 
     Returns

@@ -6,10 +6,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from conftest import random_psd
+from matplotlib.figure import Figure as MplFigure
 
 from rmpc_bench.conformance import (
     ControllerExample,
     EstimatorExample,
+    FigureExample,
     MetricExample,
     NoiseExample,
     PlantExample,
@@ -21,6 +23,7 @@ from rmpc_bench.types import (
     Controller,
     Estimate,
     Estimator,
+    Figure,
     Issue,
     Metric,
     Motion,
@@ -543,3 +546,82 @@ def test_a_metric_must_derive_from_the_base_class():
 
     assert "base-class" in failed(Imitation(), example)
     assert failed(replace(Largest(), name="no name"), example) == {"facts"}
+
+
+# -- figures -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Means(Figure):
+    """The mean of every method as a dot."""
+
+    needs_runs = True
+
+    def draw(self, results):
+        figure = MplFigure(figsize=(self.drawn_width(), 2.0))
+        axes = figure.subplots()
+        axes.plot(self.means(results), "o")
+        return figure
+
+    def drawn_width(self):
+        return self.width
+
+    def means(self, results):
+        return [np.mean(results.column("mse", method)) for method in results.methods]
+
+
+class MutableMeans(Means):
+    __setattr__ = object.__setattr__
+
+
+class MeansNever(Means):
+    def check(self, layout):
+        yield Issue("", "cannot be drawn")
+
+
+class MeansAlways(Means):
+    def check(self, layout):
+        return iter(())
+
+
+class MeansRandom(Means):
+    def means(self, results):
+        return np.random.default_rng().standard_normal(3)
+
+
+class MeansOverwriting(Means):
+    def means(self, results):
+        results.frame["mse"] += 1.0
+        return [1.0]
+
+
+class MeansNarrow(Means):
+    def drawn_width(self):
+        return 2.0
+
+
+@pytest.fixture
+def results(make_trials):
+    """Two methods with three runs."""
+    return FigureExample(make_trials({"mse": {"A": [1.0, 2.0, 4.0], "B": [2.0, 3.0, 5.0]}}))
+
+
+def test_a_figure_that_keeps_the_rules_passes(results):
+    """Oracle: the rules by inspection of a few lines."""
+    assert failed(Means(), results) == set()
+
+
+@pytest.mark.parametrize(
+    ("broken", "check"),
+    [
+        (MutableMeans, "base-class"),
+        (MeansNever, "accepted"),
+        (MeansAlways, "refused"),
+        (MeansRandom, "same-bytes"),
+        (MeansOverwriting, "same-bytes"),
+        (MeansNarrow, "width"),
+    ],
+)
+def test_figure_checks(broken, check, results):
+    """A broken rule is found."""
+    assert check in failed(broken(), results)

@@ -1,0 +1,66 @@
+"""Every registered figure keeps the rules of rmpc_bench.conformance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rmpc_bench import registry
+from rmpc_bench.analysis.trials import Traces
+from rmpc_bench.conformance import FigureExample, check_component
+from rmpc_bench.types import MetricInfo
+
+KINDS = registry.names("figures")
+PARAMETERS = {
+    "boxplot": [{}, {"metric": "power", "log": True, "width": 5.0}],
+    "elements": [{"signal": "Q_yw", "width": 6.0}],
+    "ellipses": [{"x": "mse", "y": "power"}],
+    "means": [{}],
+    "paired": [{}],
+    "pareto": [{"x": "mse", "y": "power"}],
+    "plane": [{"components": (0, 1), "marks": 1.0}],
+    "series": [{"quantity": "P"}],
+    "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
+    "tubes": [{}, {"over": "time"}],
+    "variance-with-bound": [{}],
+}
+"""Keys that make a figure of each kind; a new kind gets a line here."""
+CASES = [(kind, keys) for kind in KINDS for keys in PARAMETERS.get(kind, [])]
+RUNS, STEPS = 6, 20
+METRICS = (MetricInfo("mse", "m^2", "lower"), MetricInfo("power", "V^2", "lower"))
+
+
+@pytest.fixture
+def results(make_trials, with_series):
+    """Two methods with two metrics, recorded runs, a reported matrix, covariances and ensemble moments."""
+    rng = np.random.default_rng(2)
+    values = {name: {method: list(rng.uniform(1.0, 2.0, RUNS)) for method in "AB"} for name in ("mse", "power")}
+    table, k = make_trials(values, METRICS), np.arange(STEPS + 1.0)
+    entries = []
+    for method in "AB":
+        for i in (0, 1):
+            entries += [(method, name, f"{i},{j}", (2.0 + k) * (i == j), 0) for name in ("P", "cov(e)") for j in (0, 1)]
+            entries += [(method, name, f"{i}", np.sin(k) + i, 0) for name in ("mean(x)", "mean(x_hat)")]
+    sizes = {"y": (2, STEPS + 1), "u": (1, STEPS), "x": (2, STEPS + 1), "x_hat": (2, STEPS + 1), "Q_yw": (4, STEPS)}
+    traces = {
+        method: Traces(
+            np.arange(RUNS),
+            {name: rng.standard_normal((RUNS, n_samples, n)) for name, (n, n_samples) in sizes.items()},
+            np.zeros((STEPS + 1, 2)),
+            {"Q_yw": (2, 2)},
+        )
+        for method in "AB"
+    }
+    return FigureExample(replace(with_series(table, *entries), traces=traces, Ts=0.5))
+
+
+def test_every_registered_kind_is_tested():
+    """Oracle: the registry."""
+    assert sorted(PARAMETERS) == KINDS
+
+
+@pytest.mark.parametrize(("kind", "keys"), CASES)
+def test_conformance(kind, keys, results):
+    """Oracle: the rules of a figure."""
+    checked = check_component(registry.get("figures", kind)(**keys), results)
+    assert [str(result) for result in checked if result.status != "passed"] == []
