@@ -101,7 +101,7 @@ CONTROLLED = {
     ("keys", "place", "message"),
     [
         ({"methods": "{MIX: {estimator: {kind: mixed, q: lagg}}}"}, "methods.MIX.estimator.q", "lag"),
-        ({"reference": "{kind: constant, value: 1}"}, "reference", "drives the state to 0"),
+        ({"reference": "{kind: constant, value: 1}"}, "reference", "regulates the state to 0"),
         (
             {"plant": '{kind: linear, A: [["1/(k - 15)"]], B: [[1]], C: [[1]]}',
              "model": "{from: plant, P_w: 1, P_v: 1}", "initial": "{x: 0, x_hat: 0, P: 1}"},
