@@ -112,7 +112,6 @@ def run(**options: Any) -> int:
             jobs=request.jobs,
             only=request.only or None,
             progress=choose(request.progress),
-            overrides=_overrides(request),
         )
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)
@@ -130,18 +129,6 @@ def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
     for name in only:
         if name not in config.methods:
             raise click.BadParameter(unknown(name, config.methods, "method"), param_hint="--only")
-
-
-def _overrides(request: Request) -> list[str]:
-    """Options that change the configuration of the file; claims are then shown for information only."""
-    # Methods that --only leaves out are reported as missing runs.
-    changes = [text for text in request.changes() if not text.startswith("--only ")]
-    if request.runs is not None and not request.smoke:
-        from rmpc_bench.config.reader import load
-
-        if load(request.config).get("runs") == request.runs:
-            changes.remove(f"--runs {request.runs}")
-    return changes
 
 
 def _directory(request: Request, config: ExperimentConfig) -> Path:

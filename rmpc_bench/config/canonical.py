@@ -34,6 +34,7 @@ def canonicalise(
     claims: tuple[Claim, ...],
     *,
     smoke: bool,
+    overrides: tuple[str, ...] = (),
 ) -> ExperimentConfig:
     """Return a configuration without errors in its final form.
 
@@ -45,11 +46,13 @@ def canonicalise(
     points : the points, all designs made
     claims : the checked claims
     smoke : whether the sizes are those of a smoke run
+    overrides : options of the command line that change the experiment against its file
     """
     values, experiment = draft.values, points[0].experiment
     first_point = _first_point(draft, experiment, smoke=smoke)
     return ExperimentConfig(
         path=path,
+        overrides=overrides,
         name=values["name"],
         paper=values["paper"],
         title=values["title"],

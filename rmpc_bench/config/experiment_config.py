@@ -35,6 +35,7 @@ class ExperimentConfig:
     claims : statements to check
     resolved : the whole configuration with every default filled in; it loads to an equal configuration
     first_point : the same at the first point of the sweep, where ``resolved`` leaves swept components as given
+    overrides : what changes the experiment against its file, as options of the command line, such as ``--smoke``
     """
 
     path: Path
@@ -52,6 +53,7 @@ class ExperimentConfig:
     claims: tuple[Claim, ...]
     resolved: Mapping[str, Any]
     first_point: Mapping[str, Any]
+    overrides: tuple[str, ...] = ()
 
     @property
     def experiment(self) -> Experiment:

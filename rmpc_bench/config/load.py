@@ -47,4 +47,5 @@ def load_config(
     problems = [*sweep.problems, *(problem for draft in drafts for problem in problems_at_origin(draft))]
     if problems or len(built) < len(points):
         raise ConfigError(problems)
-    return canonicalise(source.path, sweep, drafts[0], built, claims, smoke=smoke)
+    options = source.options(runs, smoke=smoke)
+    return canonicalise(source.path, sweep, drafts[0], built, claims, smoke=smoke, overrides=options)

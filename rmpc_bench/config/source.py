@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -21,6 +22,20 @@ class GivenConfig(NamedTuple):
     overrides: tuple[Override, ...]
     problems: tuple[Problem, ...]
     """Errors in the text of overrides."""
+    texts: tuple[str, ...] = ()
+    """The overrides as given."""
+
+    def options(self, runs: int | None, *, smoke: bool) -> tuple[str, ...]:
+        """Return the options of the command line that change the experiment against its file.
+
+        Parameters
+        ----------
+        runs : number of runs instead of the one in the file
+        smoke : whether the small size is taken
+        """
+        found = [f"-s {shlex.quote(text)}" for text in self.texts if not text.startswith("execution.")]
+        found += [f"--runs {runs}"] if runs is not None and (smoke or self.tree.get("runs") != runs) else []
+        return (*found, *["--smoke"] * smoke)
 
 
 def read(path: str | Path, overrides: Sequence[str]) -> GivenConfig:
@@ -46,4 +61,4 @@ def read(path: str | Path, overrides: Sequence[str]) -> GivenConfig:
             parsed.append(parse_override(text))
         except ConfigError as error:
             problems += error.problems
-    return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems))
+    return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems), tuple(overrides))

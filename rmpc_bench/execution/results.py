@@ -80,7 +80,6 @@ def run(
     jobs: int | None = None,
     only: Collection[str] | None = None,
     progress: Progress | None = None,
-    overrides: Collection[str] = (),
 ) -> Results:
     """Compute the runs that are missing in a directory; the same call continues an interrupted one.
 
@@ -91,7 +90,6 @@ def run(
     jobs : worker processes, 1 for none; the configuration's `execution.workers` unless given
     only : names of the methods to compute; all unless given
     progress : display; silent unless given
-    overrides : options that changed the configuration, noted in manifest.json; claims are then not evaluated
 
     Returns
     -------
@@ -114,8 +112,8 @@ def run(
     4
     """
     place = default_directory(config) if directory is None else Path(directory)
-    compute(config, place, workers=jobs, only=only, progress=progress, modified=overrides)
-    return stored_results(config, place, overrides)
+    compute(config, place, workers=jobs, only=only, progress=progress, modified=config.overrides)
+    return stored_results(config, place, config.overrides)
 
 
 def load_results(directory: str | Path) -> Results:

@@ -86,6 +86,24 @@ def test_results_of_run_and_of_load_results_agree(tmp_path):
     assert there.uncertainty.equals(again.uncertainty) and there.is_final and again.is_final
 
 
+@pytest.mark.parametrize(
+    ("options", "overrides"),
+    [
+        ({}, ()),
+        ({"runs": 6}, ()),
+        ({"runs": 3}, ("--runs 3",)),
+        ({"overrides": ["execution.block=3"]}, ()),
+        ({"overrides": ["seed=8"], "smoke": True}, ("-s seed=8", "--smoke")),
+    ],
+)
+def test_an_overridden_configuration_is_not_final(tmp_path, options, overrides):
+    """Findings are those of the file at full size; a directory remembers what was overridden."""
+    config = load_config(write(tmp_path, smoke="{runs: 2, steps: 5}"), **options)
+    results = run(config, directory=tmp_path / "out", jobs=1)
+    assert results.overrides == load_results(tmp_path / "out").overrides == overrides
+    assert results.is_final == (not overrides)
+
+
 def test_default_directory_of_run(tmp_path, monkeypatch):
     """results/<paper>/<name>, as the command line."""
     monkeypatch.chdir(tmp_path)
