@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 NOMINAL = {"Ts": 0.1, "n_steps": 1}
 """Values for the plot of a plant, which does not depend on them."""
+SECTION = re.compile(r"^(\w+)\n-{3,}\n", re.MULTILINE)
+"""Heading of a section of a numpydoc docstring."""
 SUFFIX = ".yaml"
 NEAR = 0.7
 """Similarity from which on GROUP/NAME is treated as a misspelt configuration and not as an unknown group."""
@@ -218,9 +221,10 @@ def _show(group: str, kind: str) -> None:
     design = registry.get(group, kind)
     click.echo(f"{group}/{kind}")
     module = inspect.getmodule(inspect.unwrap(design))
-    for text in (inspect.getdoc(module), inspect.getdoc(design)):
+    doc = inspect.getdoc(design) or ""
+    for text in (inspect.getdoc(module), SECTION.split(doc)[0].rstrip()):
         if text:
-            click.echo(f"\n{text.split('Parameters' + chr(10) + '---')[0].rstrip()}")
+            click.echo(f"\n{text}")
     # A class inherits keys, which are documented in the class that has them.
     documented = reversed(design.__mro__) if inspect.isclass(design) else (design,)
     meanings = {key: text for each in documented for key, text in _meanings(inspect.getdoc(each) or "").items()}
@@ -236,6 +240,10 @@ def _show(group: str, kind: str) -> None:
         for record in nested.get(name, ()):
             for key, meaning in _meanings(inspect.getdoc(record) or "").items():
                 click.echo(f"        {key.rstrip('_')} : {meaning}")
+    sections = SECTION.split(doc)
+    for title, text in zip(sections[1::2], sections[2::2], strict=True):
+        if title == "Examples":
+            click.echo(f"\nExamples\n\n{text.strip()}")
 
 
 def _default(value: Any) -> str:

@@ -60,7 +60,8 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     remarks = _remarks(config)
     lines += ["", "  remarks", *remarks] if remarks else []
-    assumptions = [assumption for claim in config.claims for assumption in claim.assumptions]
+    # Several claims may have an assumption in common.
+    assumptions = dict.fromkeys(assumption for claim in config.claims for assumption in claim.assumptions)
     if assumptions:
         lines += ["", "  assumptions (not stated in the paper)", *(f"  - {text}" for text in assumptions)]
     if config.paths:

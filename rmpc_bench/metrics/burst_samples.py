@@ -1,7 +1,7 @@
 """The base class of metrics over the samples inside or outside bursts of the measurement noise.
 
-A burst counts until its end + memory, because an estimator that uses the last samples is affected for some time.
-Samples in bursts and quiet samples together are all samples of a window.
+A burst counts until its end + memory, because it affects an estimator with a moving window for some time afterwards.
+Every sample of a window is either in a burst or quiet.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ During: TypeAlias = Literal["all", "bursts", "quiet"]
 class BurstMetric(WindowMetric):
     """A metric over all samples of the window, over those in bursts, or over the quiet ones.
 
-    A run in which no sample counts has no value (NaN), as may happen in a short one.
+    A run without such a sample has no value (NaN).
 
     Parameters
     ----------
-    during : all samples, those in bursts, or the quiet ones, which lie outside bursts
-    memory : how long a burst counts after its end [s]
+    during : samples that count: `all`, those in `bursts`, or `quiet`, those outside bursts
+    memory : time after the end of a burst that still counts as part of it [s]
     """
 
     during: During = "all"
     memory: NonNegative = 0.0
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, bursts that the noise does not have, and a memory without meaning."""
+        """Find an invalid window, bursts that the noise does not have, and a memory that has no effect."""
         yield from super().check(layout)
         yield from check_bursts(layout, self.during)
         if self.during == "all" and self.memory:
-            yield Issue("memory", "belongs to during: bursts or during: quiet")
+            yield Issue("memory", "can only be given with during: bursts or during: quiet")
 
     def counted(self, record: Record) -> Bool[Array, "runs window"]:
         """Return which samples of the window count."""
@@ -47,7 +47,7 @@ class BurstMetric(WindowMetric):
 
 
 def check_bursts(layout: MetricLayout, during: During) -> Iterator[Issue]:
-    """Find a choice of samples that needs bursts where the measurement noise has none."""
+    """Report `during: bursts` or `during: quiet` if the measurement noise has no bursts."""
     if during != "all" and layout.bursts is False:
         yield Issue(
             "during",
@@ -63,7 +63,7 @@ def burst_samples(record: Record, window: SampleWindow, during: During, memory: 
     record : the trajectories
     window : samples to choose from
     during : all samples, those in bursts, or the quiet ones
-    memory : how long a burst counts after its end [s]
+    memory : time after the end of a burst that still counts as part of it [s]
     """
     if during == "all" or record.bursts is None:
         return np.full((len(record.y), window.length), during != "bursts")

@@ -1,8 +1,8 @@
-"""Whether the bound that a robust controller certifies holds, and how tight it is.
+"""Metric of the validity and tightness of the cost bound that a robust controller certifies.
 
-The controller certifies rho: the bounded noise cannot add more than this to the cost.  The largest cost that a search
-over allowed noise finds tests it: above rho the bound is violated, close to rho it is tight, far below it the bound is
-conservative or the search has missed the worst case.
+The controller certifies rho: the bounded noise cannot add more than this to the cost.  A search over the admissible
+noise gives the largest cost that it finds.  If this cost exceeds rho, the bound is violated.  If it is close to rho,
+the bound is tight.  If it is far below rho, the bound is conservative or the search has missed the worst case.
 """
 
 from __future__ import annotations
@@ -33,16 +33,17 @@ CertificateValue: TypeAlias = Literal["excess", "rho", "worst"]
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate(Metric):
-    """Worst cost that a search over allowed noise finds, relative to the certified bound; above 1 the bound fails.
+    """Worst cost of a search over the admissible noise, relative to the certified bound; above 1 the bound is violated.
 
-    Both are costs over the controller's horizon, from the estimate of the run at one sample, beyond the least cost
-    without bounded noise.  A method whose controller certifies nothing is refused.  A run without a finite estimate
-    has no value.
+    Both are costs over the controller's horizon that start at the estimate of the run at one sample, minus the least
+    cost without bounded noise.  A method whose controller has no certificate is an error of the configuration.  A run
+    without a finite estimate has no value.
 
     Parameters
     ----------
-    of : excess is worst / rho, best at 1; rho is the certified cost and worst the one that was found, lower is better
-    at : the sample (seconds or samples, as `time`), at most N-1
+    of : `excess` is worst / rho and best at 1; `rho` is the certified cost and `worst` the one that was found, for both
+        lower is better
+    at : the sample, in seconds or samples as `time` of the experiment, at most N-1
     starts : number of starting points of the search
 
     Examples
@@ -69,7 +70,7 @@ class Certificate(Metric):
         return "one" if self.of == "excess" else "lower"
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find a sample without an input, and methods whose controller certifies nothing."""
+        """Find a sample without an input, and methods whose controller has no certificate."""
         yield from super().check(layout)
         without = [method.name for method in layout.methods if not _certifies(method.controller)]
         if without:

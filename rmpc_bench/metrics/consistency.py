@@ -19,13 +19,13 @@ from rmpc_bench.types import Array, Direction, Issue, MetricLayout, Record, Wind
 class Nees(WindowMetric):
     """Normalised estimation error squared: mean of (x_hat - x)' P^-1 (x_hat - x) / nx over k = 0..N-1; 1 is best.
 
-    P is the covariance of x_hat(k) - x(k) that the estimator reports.  The mean over runs is 1 where P is the actual
-    error covariance, above 1 where the filter is overconfident and below 1 where it is conservative, as a robust filter
-    is on its nominal plant.  2 is as far from the best value as 1/2.
+    P is the covariance of x_hat(k) - x(k) that the estimator reports.  The mean over runs is 1 if P is the actual error
+    covariance, above 1 if the filter is overconfident, and below 1 if it is conservative, as a robust filter is on its
+    nominal plant.  The values 2 and 1/2 are equally far from the best one.
 
-    Where P is singular, its pseudo-inverse is used, and the mean of a consistent filter is rank(P)/nx; a run whose
-    error leaves the range of P has the value inf.  A method whose estimator reports no P is refused; one that reports
-    it at some samples only has no value.
+    If P is singular, its pseudo-inverse is used, and the mean of a consistent filter is rank(P)/nx.  A run whose error
+    leaves the range of P has the value inf.  A method whose estimator reports no P is an error of the configuration.  A
+    method that reports P at some samples only has no value.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class Nees(WindowMetric):
     needs_P: ClassVar[bool] = True
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, estimates of another length than the state, and estimators without P."""
+        """Find an invalid window, estimates of another length than the state, and estimators without P."""
         yield from super().check(layout)
         yield from check_state_lengths(layout)
         yield from check_reported(layout, "P")

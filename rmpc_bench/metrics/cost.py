@@ -1,7 +1,7 @@
 """The quadratic cost of a run.
 
-J = sum over k of x(k+1)' Q_x x(k+1) + u(k)' R_u u(k), ma2025 (36): a state counts together with the input that led to
-it, so that x(0), which no input can change, does not count.
+J = sum over k of x(k+1)' Q_x x(k+1) + u(k)' R_u u(k), ma2025 (36).  The sum starts with x(1), because no input can
+change x(0).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from rmpc_bench.types import (
 class Cost(WindowMetric):
     """Quadratic cost of a run: the sum over k = 0..N-1 of x(k+1)' Q_x x(k+1) + u(k)' R_u u(k); lower is better.
 
-    It is a sum, not a mean.
+    The value is a sum, not a mean.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Cost(WindowMetric):
     input_only: ClassVar[bool] = True
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, and weights that do not fit the plant."""
+        """Find an invalid window, and weights that do not fit the plant."""
         yield from super().check(layout)
         if layout.plant is not None:
             yield from issues_of(weight, "Q_x", self.Q_x, layout.plant.nx)

@@ -1,4 +1,4 @@
-"""How often a control error leaves its usual size for a while.
+"""Number of times that the control error temporarily exceeds its usual size.
 
 belda2017 says of its Fig. 3 that the errors oscillate around zero "with only two departures caused by the noise
 increases", but does not define a departure: all numbers here are ours.
@@ -22,21 +22,21 @@ from rmpc_bench.types import Array, Direction, Issue, MetricLayout, NonNegative,
 
 @dataclass(frozen=True, kw_only=True)
 class Departures(WindowMetric):
-    """Number of times a component of the smoothed control error grows beyond its usual size; lower is better.
+    """Number of times that a component of the smoothed control error exceeds its usual size; lower is better.
 
-    The usual size is the root of the mean square over quiet samples and components; a run without a quiet sample has
+    The usual size is the root of the mean square over quiet samples and components.  A run without a quiet sample has
     no value.
 
     Parameters
     ----------
-    during : count all departures, or those that bursts cause: they begin between the begin of a burst and `after`
-        behind its end
-    components : the outputs that count, from 0; all unless given
-    smooth : length of the moving mean [s], over samples before and after
-    size : how many times the usual size is a departure
-    apart : a departure less than this [s] after the last one is part of it
-    memory : how long behind a burst samples are not quiet [s]
-    after : how long behind a burst it causes departures [s]
+    during : departures that count: `all`, or those of `bursts`, which start during a burst or up to `after` seconds
+        after its end
+    components : indices of the outputs (counted from 0); all if not given
+    smooth : length of the centred moving average [s]
+    size : threshold of a departure, as a multiple of the usual size
+    apart : a departure that starts less than this time [s] after the previous one is counted as part of it
+    memory : time after the end of a burst in which samples are not quiet [s]
+    after : time after the end of a burst in which a departure counts as caused by it [s]
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Departures(WindowMetric):
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, missing bursts and outputs that do not exist."""
+        """Find an invalid window, missing bursts and outputs that do not exist."""
         yield from super().check(layout)
         yield from check_bursts(layout, self.during)
         yield from check_components(layout, self.components)

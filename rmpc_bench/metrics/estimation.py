@@ -1,7 +1,7 @@
-"""Metrics of the estimation error: how far x_hat is from the true state.
+"""Metrics of the estimation error x_hat - x.
 
-They compare x_hat with x coordinate by coordinate, so that the plant must have the states of the estimator's model; a
-configuration in which the lengths differ is refused.
+They compare x_hat with x coordinate by coordinate, so the plant must have the states of the estimator's model.
+Different lengths are an error of the configuration.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class EstimationMse(WindowMetric):
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, and estimates of another length than the state."""
+        """Find an invalid window, and estimates of another length than the state."""
         yield from super().check(layout)
         yield from check_state_lengths(layout)
 

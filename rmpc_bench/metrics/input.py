@@ -1,6 +1,6 @@
 """Metrics of the applied input.
 
-Windows are k = 0..N-1 unless given: no input is applied at k = N.
+The default window is k = 0..N-1: no input is applied at k = N.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ class InputPower(WindowMetric):
 class InputRoughness(WindowMetric):
     """Standard deviation over time of the increments u(k) - u(k-1) inside the window; lower is better.
 
-    Of several inputs it is the root mean square of their deviations.  It is 0 for a ramp and for a single sample.
+    For several inputs the value is the root mean square of their standard deviations.  It is 0 for a ramp and for a
+    single sample.
 
     Examples
     --------
@@ -82,11 +83,11 @@ def deviation_of_increments(u: Float[Array, "runs window n"]) -> Float[Array, " 
 class InputVariation(BurstMetric):
     """Mean over k = 1..N-1 of the sum over i of |u_i(k) - u_i(k-1)|; lower is better.
 
-    An increment from k - 1 to k counts where sample k does.
+    An increment from k - 1 to k counts if sample k counts.
 
     Parameters
     ----------
-    from_ : first k (seconds or samples, as `time`); the input before it counts with it
+    from_ : first k, in seconds or samples as `time` of the experiment; its increment from k - 1 counts
 
     Examples
     --------

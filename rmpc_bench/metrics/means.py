@@ -33,12 +33,12 @@ def squared(unit: str) -> str:
 
 
 def moving_mean(values: Float[Array, "runs samples n"], length: int) -> Float[Array, "runs samples n"]:
-    """Mean over so many samples about each, or those that there are at the ends.
+    """Centred moving average; at the ends it uses the samples that exist.
 
     Parameters
     ----------
     values : signals over time
-    length : number of samples, at least 1; of an even number, one more lies before than after
+    length : number of samples, at least 1; an even number includes one more sample before than after
     """
     n_samples = values.shape[1]
     before, after = length // 2, (length - 1) // 2

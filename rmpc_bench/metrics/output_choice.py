@@ -36,7 +36,7 @@ def check_components(layout: MetricLayout, components: Sequence[int] | None) -> 
     if components is None:
         return
     if not components or len(set(components)) < len(components):
-        yield Issue("components", f"must name at least one output and none twice (got {components})")
+        yield Issue("components", f"must name at least one output, and no output twice (got {components})")
     elif layout.plant is not None and max(components) >= layout.plant.ny:
         yield Issue(
             "components",

@@ -28,25 +28,25 @@ from rmpc_bench.types import (
 
 Reduction: TypeAlias = Literal["median", "mean", "std", "min", "max", "sum", "last"]
 Entry: TypeAlias = str | Annotated[int, Ge(0)]
-"""An entry of what is reported: I of a vector, ``"I,J"`` of a matrix."""
+"""Index of an entry of a reported signal: I for a vector, ``"I,J"`` for a matrix."""
 FALLBACK = "fallback"
-"""What an estimator reports: 1 where it used a simpler estimate instead of its own, else 0."""
+"""Name of the signal that an estimator reports: 1 if it used a simpler estimate instead of its own, else 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reported(BurstMetric):
-    """A number that all methods report over k = 0..N-1, reduced over time, such as the median of a tuned penalty.
+    """Signal that all methods report over k = 0..N-1, reduced to a number, such as the median of a tuned penalty.
 
-    The value closest to 0 counts as best.  Samples before the first report, as before a tuning starts, are left out.  A
-    method that does not report it is refused.
+    The value closest to 0 counts as best.  Samples before the first report are left out, for example before a tuning
+    starts.  A method that does not report the signal is an error of the configuration.
 
     Parameters
     ----------
-    of : what is reported, such as Q_yw
-    component : the entry that counts, from 0: I of a vector, "I,J" of a matrix, or a list of entries that count
-        together; all unless given
-    reduce : over samples and components; last needs one component
-    normalised : divide the entry I,J of a square matrix by the root of I,I times J,J
+    of : name of the reported signal, such as Q_yw
+    component : index of an entry (counted from 0), I for a vector or "I,J" for a matrix, or a list of them; all entries
+        if not given
+    reduce : statistic over samples and components; `last` needs one component
+    normalised : whether to divide the entry I,J of a square matrix by the root of I,I times J,J
 
     Examples
     --------
@@ -66,11 +66,11 @@ class Reported(BurstMetric):
 
     @property
     def needs_info(self) -> tuple[str, ...]:
-        """What is reported."""
+        """Name of the reported signal."""
         return (self.of,)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, missing bursts, and what is not reported in this shape."""
+        """Find an invalid window, missing bursts, and a signal that is not reported or has another shape."""
         yield from super().check(layout)
         yield from issues_of(self._check_shape, layout)
 
@@ -116,7 +116,7 @@ def normalised_entries(values: Float[Array, "runs window nn"]) -> Float[Array, "
 
 
 def _shape(methods: Sequence[Method], of: str) -> tuple[int, ...] | None:
-    """Shape of what all methods report; None where there are no methods."""
+    """Shape of a signal that all methods report; None if there are no methods."""
     known = {method.name: method.reports for method in methods}
     without = [f"{name!r} ({_listed(found)})" for name, found in known.items() if of not in found]
     if without:

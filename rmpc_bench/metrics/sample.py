@@ -1,4 +1,4 @@
-"""The value of a signal at one sample."""
+"""Metric of the value of a signal at one sample."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def signal_component(of: str) -> SignalComponent:
     Raises
     ------
     DesignError
-        If it is none.
+        If the text does not name a component.
     """
     found = re.fullmatch(r"(x|x_hat|e|y|u)\.([0-9]+)", of)
     if found is None:
@@ -59,9 +59,9 @@ class Sample(Metric):
 
     Parameters
     ----------
-    of : x.I (true state), x_hat.I (estimate), e.I (x - x_hat), y.I (true output) or u.I (applied input); the
-        components I count from 0
-    at : the sample (seconds or samples, as `time`); N is the last one of the experiment, which for u is N-1
+    of : x.I (true state), x_hat.I (estimate), e.I (x - x_hat), y.I (true output) or u.I (applied input), with the index
+        I of the component (counted from 0)
+    at : the sample, in seconds or samples as `time` of the experiment; `N` is the last one, which is N-1 for u
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""Whether the true state lies in the set that an estimator reports.
+"""Metric of the set that an estimator reports: whether it contains the true state.
 
 The set is E(x_hat, S) = {x : (x - x_hat)' S^-1 (x - x_hat) <= 1}.  S is the reported set M, the reported covariance P
-scaled to the ellipsoid that holds a Gaussian error at some level, or the sum of both, which is the set of an estimator
-of mixed noise.
+scaled to the confidence ellipsoid of a Gaussian error, or the sum of both, which is the set of an estimator for mixed
+noise.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ READS: dict[ReportedSet | None, tuple[ReportedMatrix, ...]] = {
 }
 """Matrices of the estimate that a set is made of; one of them is enough."""
 EDGE = 1e-9
-"""How far beyond its edge a set still holds a state: the rounding of a state on the edge."""
+"""Tolerance of the boundary of a set: the rounding error of a state on the boundary."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inside(WindowMetric):
     """Share of the samples k = 0..N-1 at which the true state lies in the set that the estimator reports.
 
-    Higher is better as far as the set promises: a set that bounds the error promises 1, a confidence ellipsoid its
-    level.  The metric finds an overconfident estimator; a conservative one reaches 1 as well, and the size of its
-    matrices is in series.csv.
+    Higher is better, up to 1 for a set that bounds the error and up to the level for a confidence ellipsoid.  The
+    metric detects an overconfident estimator.  It does not detect a conservative one, whose value is 1: compare the
+    size of the matrices in series.csv.
 
-    Where S is singular, an error that leaves its range is outside.  A method is refused where the estimator does not
-    report the matrices of S; one that reports them at some samples only has no value.
+    If S is singular, an error outside its range is outside the set.  A method whose estimator does not report the
+    matrices of S is an error of the configuration.  A method that reports them at some samples only has no value.
 
     Parameters
     ----------
-    of : the set is M; gaussian is the ellipsoid that holds an error of covariance P at the level; sum is the smallest
-        ellipsoid around the sum of both, or the one that there is.  Unless given, every method has its own: M where
-        its estimator reports one, else the ellipsoid of P
-    level : of the ellipsoid of P
+    of : `set` is M; `gaussian` is the confidence ellipsoid of P; `sum` is the smallest ellipsoid that contains the sum
+        of both, or the one of the two that the estimator reports.  If not given, M if the estimator reports it, else
+        the confidence ellipsoid of P
+    level : probability of the confidence ellipsoid of P
 
     Examples
     --------
@@ -78,7 +78,7 @@ class Inside(WindowMetric):
         return "M" in READS[self.of]
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, estimates of another length than the state, and estimators without the set."""
+        """Find an invalid window, estimates of another length than the state, and estimators without the set."""
         key = "of" if self.of else ""
         yield from super().check(layout)
         yield from check_state_lengths(layout, key)

@@ -1,4 +1,4 @@
-"""How close a mechanism comes to poses in which its drives cannot move it in every direction."""
+"""Metric of the distance to singular poses, in which the drives cannot move a mechanism in every direction."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class NearSingular(WindowMetric):
 
     Parameters
     ----------
-    below : a pose is close to a singular one where the smallest singular value of the matrix from output velocities to
-        those of the drives is less than this
+    below : threshold for the smallest singular value of the matrix from output velocities to drive velocities; a pose
+        with a smaller value is close to a singular one
 
     Examples
     --------
@@ -53,7 +53,7 @@ class NearSingular(WindowMetric):
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, and a plant without singular poses."""
+        """Find an invalid window, and a plant without singular poses."""
         yield from super().check(layout)
         yield from issues_of(_mechanism, layout)
 

@@ -1,6 +1,6 @@
 """Metrics of tracking: the error between the true output and the reference.
 
-They use the true output, without measurement noise.  Windows are k = 0..N-1 unless given.
+They use the true output, without measurement noise.  The default window is k = 0..N-1.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ ErrorSignal: TypeAlias = Literal["output", "state", "estimate"]
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorMetric(WindowMetric):
-    """A mean size of an error over the window and all coordinates; 0 is best.
+    """Mean size of an error over the window and all coordinates; 0 is best.
 
     Parameters
     ----------
-    of : output is y - r; state is x, its distance from 0; estimate is x_hat - x
+    of : error that is measured: `output` is y - r, `state` is x (the distance from 0), `estimate` is x_hat - x
     """
 
     of: ErrorSignal = "output"
@@ -48,7 +48,7 @@ class ErrorMetric(WindowMetric):
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, and estimates of another length than the state."""
+        """Find an invalid window, and estimates of another length than the state."""
         yield from super().check(layout)
         if self.of == "estimate":
             yield from check_state_lengths(layout, "of")
@@ -129,7 +129,7 @@ class Mae(ErrorMetric):
 class Iae(ErrorMetric):
     """Integral of the absolute error, Ts/ny sum_k sum_i |y_i(k) - r_i(k)| over k = 0..N-1; lower is better.
 
-    It is the length of the window times the mean absolute error, so that coordinates are averaged, not added up.
+    This is the length of the window times the mean absolute error: the mean over the coordinates, not their sum.
 
     Examples
     --------
@@ -151,17 +151,17 @@ class Iae(ErrorMetric):
 
 @dataclass(frozen=True, kw_only=True)
 class SettlingTime(WindowMetric):
-    """Time until the output stays within a band about the reference up to the end; lower is better.
+    """Time after which the output stays within a band around the reference until the end; lower is better.
 
-    The time counts from the first sample of the window to the first sample after which no output leaves its band, as
-    Ts times the number of samples.  A run that leaves the band at the last sample did not settle: its value is inf.
+    The time starts at the first sample of the window and ends at the first sample after which no output leaves its
+    band.  A run that is outside the band at the last sample did not settle: its value is inf.
 
     Parameters
     ----------
-    from_ : where the step begins (seconds or samples, as `time`); the time counts from there
-    to : last sample, included; N, the last one of the experiment, unless given
-    band : half width of the band, as a share of the step: the jump of the reference at the first sample, or for an
-        output whose reference does not jump there |r(last) - y(first)|
+    from_ : begin of the step, in seconds or samples as `time` of the experiment; the time is measured from here
+    to : last sample, included; N, the last one of the experiment, if not given
+    band : half-width of the band relative to the step.  The step is the jump of the reference at the first sample; for
+        an output without such a jump it is |r(last) - y(first)|
 
     Examples
     --------
@@ -199,13 +199,13 @@ def settling_times(
     band: float,
     Ts: float,
 ) -> Float[Array, " runs"]:
-    """Return the times after which the outputs stay in their bands [s]; inf where they leave them at the last sample.
+    """Return the times after which the outputs stay in their bands [s]; inf if one is outside at the last sample.
 
     Parameters
     ----------
     y, r : outputs and reference over the window
     r_before : reference one sample before the window
-    band : half width of the band, as a share of the step
+    band : half-width of the band relative to the step
     Ts : sampling time [s]
     """
     edge = r[0] - r_before
@@ -223,8 +223,8 @@ class SteadyStateError(WindowMetric):
 
     Parameters
     ----------
-    to : last sample, included; N, the last one of the experiment, unless given
-    share : length of the part, as a share of the window
+    to : last sample, included; N, the last one of the experiment, if not given
+    share : length of this last part relative to the window
 
     Examples
     --------
@@ -255,11 +255,12 @@ class Tracking(BurstMetric):
 
     Parameters
     ----------
-    norm : rms is the root of the mean square over samples and components; peak the largest size of a component; length
-        the largest length of the error vector; bias the largest size of a component's mean over time
-    components : the outputs that count, from 0; all unless given
-    smooth : length of a moving mean [s] that is applied to the error first, over samples before and after
-    unit_ : of the value: that of the components, which must have it in common, or a thousandth of it, such as mm
+    norm : `rms` is the root of the mean square over samples and components, `peak` the largest absolute value of a
+        component, `length` the largest Euclidean norm of the error vector, `bias` the largest absolute mean of a
+        component over time
+    components : indices of the outputs (counted from 0); all if not given
+    smooth : length of a centred moving average [s] that is applied to the error first; 0 for none
+    unit_ : unit of the value: the common unit of the components, or a thousandth of it, such as mm
 
     Examples
     --------
@@ -278,7 +279,7 @@ class Tracking(BurstMetric):
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
 
     def check(self, layout: MetricLayout) -> Iterator[Issue]:
-        """Find an impossible window, missing bursts, outputs that do not exist and a unit that they do not have."""
+        """Find an invalid window, missing bursts, outputs that do not exist and a unit that does not fit them."""
         yield from super().check(layout)
         issues = [*check_components(layout, self.components)]
         yield from issues or issues_of(unit_and_scale, layout, self.components, self.unit_)

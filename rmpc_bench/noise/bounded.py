@@ -1,12 +1,12 @@
-"""Noise laws with bounds: uniform in a box, and laws made for an ellipsoid.
+"""Bounded noise: uniform in a box, and laws for an ellipsoid.
 
-Model   w = center + L u: u in the box [-1, 1]^n, or in the unit ball and L a root of the shape M; then w lies in the
-        ellipsoid (w - center)' M^-1 (w - center) <= 1.  A singular M makes it flat.
-Source  ma2025, (1), (74), (75); Section V for the skewed cube, whose points may leave the ball: `outside` says what
-        becomes of them.
-Limit   skew 1/2 and outside `reject` give the law `uniform`.
-Sums    laws add up, {sum: [{gaussian: {cov: 0.25}}, {ellipsoid: {shape: 5}}]}; each has a random stream of its own.
-Bursts  times at which the box is larger; the law then depends on k, and it has no moments `mean` and `cov`.
+Model   w = center + L u.  `uniform`: u in the box [-1, 1]^n.  `ellipsoid`: u in the unit ball, L a root of the shape
+        matrix M, so that (w - center)' M^-1 (w - center) <= 1.  A singular M gives a flat ellipsoid.
+Source  ma2025, (1), (74), (75); Section V for the skewed cube.  A point of this cube may be outside the unit ball: the
+        key `outside` selects how it is treated.
+Limit   `ellipsoid` with skew 1/2 and outside `reject` is uniform in the ellipsoid.
+Sums    {sum: [{gaussian: {cov: 0.25}}, {ellipsoid: {shape: 5}}]} adds noises; each one has its own random stream.
+Bursts  are time intervals in which the box is larger.  The law then depends on k and has no moments `mean` and `cov`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Points(Protocol):
     """A law of points in n dimensions."""
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
-        """Points one by one; a longer draw begins with the shorter one."""
+        """Draw points; a longer draw begins with the points of a shorter one."""
 
 
 @runtime_checkable
@@ -88,7 +88,7 @@ class SkewedCube:
     skew: float
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
-        """Points one by one; another skew turns signs of the same moduli."""
+        """Draw points; another skew changes signs but not the absolute values."""
         modulus, sign = np.moveaxis(rng.random((n_samples, 2, n)), 1, 0)
         points: Array = np.where(sign < self.skew, modulus, -modulus)
         return points
@@ -101,9 +101,9 @@ class SkewedCube:
 
 @dataclass(frozen=True)
 class ProjectedCube:
-    """The skewed cube, points outside the unit ball moved radially onto its sphere.
+    """The skewed cube with all points outside the unit ball projected radially onto the sphere.
 
-    Its moments have no closed form for every n, so it offers none.
+    There is no closed form of the moments for every n.
     """
 
     cube: SkewedCube
@@ -117,16 +117,16 @@ class ProjectedCube:
 
 @dataclass(frozen=True)
 class RejectedCube:
-    """The skewed cube, drawn again until it is inside the unit ball: uniform there but for the shares of the signs."""
+    """The skewed cube, drawn again until the point is inside the unit ball: uniform there, except for the signs."""
 
     cube: SkewedCube
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Points one by one, those of the cube where they are inside.
 
-        A cube holds so little of a ball of many dimensions that drawing again would not come to an end.  What it would
-        arrive at is a uniform point of the ball with the signs of the cube; it has a stream of its own, so that the
-        points do not depend on how many of the earlier ones were outside.
+        In many dimensions almost all points of a cube are outside the unit ball, so that rejection would need too many
+        draws.  Its result has the distribution of a uniform point of the ball with the signs of the cube.  This point
+        has its own random stream, so that it does not depend on the number of earlier points outside the ball.
         """
         u = self.cube.draw(rng, n_samples, n)
         inside = Ball().draw(rng.spawn(1)[0], n_samples, n)
@@ -150,7 +150,7 @@ def _lengths(u: Float[Array, "samples n"]) -> Float[Array, "samples 1"]:
 
 @dataclass(frozen=True, eq=False)
 class BoundedNoise(Noise):
-    """Noise center + factor u; it lies about `center`, which is its mean only where u has none."""
+    """Noise center + factor u; its mean is `center` only if the mean of u is 0."""
 
     center: Float[Array, " n"]
     factor: Float[Array, "n n"]
@@ -195,25 +195,26 @@ def uniform(
     mix: Matrix | Array | None = None,
     bursts: list[Burst] | RandomBursts | None = None,
 ) -> KnownBoundedNoise | BurstyNoise:
-    """Noise center + mix diag(radius) u, every coordinate of u uniform in [-1, 1] and independent of the others.
+    """Noise center + mix diag(radius) u, where the coordinates of u are independent and uniform in [-1, 1].
 
-    Without `mix` it is uniform between center - radius and center + radius.
+    Without `mix` the noise is uniform between center - radius and center + radius.
 
     Parameters
     ----------
     n : dimension
     Ts : sampling time [s], for bursts
-    radius : a number (in every coordinate) or one per coordinate
-    center : a number (in every coordinate) or one per coordinate
-    mix : correlates the coordinates: a number (times the identity), a diagonal or a matrix; the identity unless given
-    bursts : times at which the deviation from the center is `factor` times as wide; where they overlap, the factors
-        multiply.  A list of {from: 3.4, to: 4.0, factor: 2} (seconds, ends included), the same in every run, or random
-        ones, {within: [[1, 3.8], [4.6, 7]], duration: [0.3, 0.8], factor: [1.5, 3]}
+    radius : half-width of the box: a number (for every coordinate) or one per coordinate
+    center : centre of the box: a number (for every coordinate) or one per coordinate
+    mix : matrix that correlates the coordinates: a number (times the identity), a diagonal or a matrix; the identity if
+        not given
+    bursts : time intervals in which the deviation from the centre is multiplied by `factor`; in overlapping bursts the
+        factors multiply.  Either a list of {from: 3.4, to: 4.0, factor: 2} (seconds, ends included), the same in every
+        run, or random bursts, {within: [[1, 3.8], [4.6, 7]], duration: [0.3, 0.8], factor: [1.5, 3]}
 
     Raises
     ------
     DesignError
-        If a size does not fit, or a burst has no place.
+        If a size does not fit, or a burst does not fit into its window.
     """
     factor = np.diag(_vector("radius", radius, n))
     if mix is not None:
@@ -233,31 +234,31 @@ def ellipsoid(
     skew: Share = SKEW,
     scale: NonNegative = 1.0,
 ) -> BoundedNoise:
-    """Noise center + scale L u for an ellipsoid with the shape M, L a root of M.
+    """Noise center + scale L u for an ellipsoid with the shape matrix M, where L is a root of M.
 
-    `uniform`: u is uniform in the unit ball, and so is the noise in the ellipsoid.  `skewed-cube` (ma2025, Section V):
-    every coordinate of u is uniform on (0, 1) with probability `skew`, else on (-1, 0); the cube is not inside the
-    ball, so the noise leaves the ellipsoid unless `outside` keeps it in.
+    `uniform`: u is uniform in the unit ball, so that the noise is uniform in the ellipsoid.  `skewed-cube` (ma2025,
+    Section V): every coordinate of u is uniform on (0, 1) with probability `skew`, else on (-1, 0).  The corners of the
+    cube are outside the unit ball, so that the noise may leave the ellipsoid; see `outside`.
 
     Parameters
     ----------
     n : dimension
     shape : M, positive semidefinite: a number (times the identity), a diagonal or a matrix
     law : how u is distributed, `uniform` or `skewed-cube`
-    root : L: `symmetric` (L L = M), `lower` (Cholesky, L L' = M), or `upper`, the Cholesky factor R with R' R = M that
-        MATLAB's chol returns, taken for a root: then R R' is not M, and the noise need not lie in the ellipsoid
-    outside : of the skewed cube, where u is outside the ball: `keep` it (as ma2025 writes), `project` it radially onto
-        the sphere, or `reject` it and draw again; inside, u is the same under all three; with `project` the
-        moments are not known
-    center : a number (in every coordinate) or one per coordinate
-    skew : of the skewed cube: probability of a positive coordinate
+    root : root L: `symmetric` (L L = M), `lower` (Cholesky, L L' = M), or `upper`, the factor R with R' R = M that
+        MATLAB's chol returns, used as if it were L; R R' differs from M, and the noise may leave the ellipsoid
+    outside : treatment of a u of the skewed cube outside the unit ball: `keep` it (as in ma2025), `project` it radially
+        onto the sphere, or `reject` it and draw again; a u inside the ball is the same in all three cases; with
+        `project` the moments are not known
+    center : centre of the ellipsoid: a number (for every coordinate) or one per coordinate
+    skew : probability of a positive coordinate of the skewed cube
     scale : factor on L
 
     Raises
     ------
     DesignError
-        If a size does not fit, the shape is not positive semidefinite, a singular one is to have a Cholesky factor, or
-        `outside` or `skew` is given to the uniform law.
+        If a size does not fit, the shape is not positive semidefinite, a Cholesky factor of a singular shape is
+        required, or `outside` or `skew` is given for the uniform law.
     """
     try:
         M = as_covariance(shape, n)
@@ -267,7 +268,7 @@ def ellipsoid(
     if law == "uniform":
         for name, given in (("outside", outside != "keep"), ("skew", skew != SKEW)):
             if given:
-                raise DesignError("belongs to law: skewed-cube", name)
+                raise DesignError("can only be given with law: skewed-cube", name)
         return KnownBoundedNoise(middle, factor, Ball())
     cube = SkewedCube(skew)
     if outside == "keep" or n == 1:  # in one dimension the cube is the ball
@@ -282,7 +283,7 @@ def _root(M: Float[Array, "n n"], kind: str) -> Float[Array, "n n"]:
         return psd_sqrt(M)
     lam = np.linalg.eigvalsh(M)
     if lam[0] <= SINGULAR * lam[-1]:
-        raise DesignError(f"the shape is singular: it has a symmetric root only (got {kind!r})", "root")
+        raise DesignError(f"the shape is singular and has a symmetric root only (got {kind!r})", "root")
     lower: Array = np.linalg.cholesky(M)
     return lower if kind == "lower" else lower.T
 

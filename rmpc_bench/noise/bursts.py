@@ -1,11 +1,12 @@
-"""Bursts: times at which a noise is wider.
+"""Bursts: time intervals in which a noise is larger.
 
-Model   noise(k) = center + g(k) z(k), z without bursts; g(k) is the product of the factors of all bursts that sample k
-        lies in, and 1 outside.  A burst holds its ends: the samples k with from <= k Ts <= to.
-Source  belda2017, Section VI: twice the width in <3.4 s, 4 s> and <6.2 s, 6.6 s>.  Random bursts are ours.
-Limit   bursts of the factor 1 change no bit.
-Streams z comes from the generator of the law, random bursts from a child of it: neither moves the other.  The child
-        gives the factor first, then duration and start of one burst after the other, so that another window moves none.
+Model   noise(k) = center + g(k) z(k), where z is the noise without bursts and g(k) the product of the factors of all
+        bursts that contain sample k, or 1 outside bursts.  A burst contains the samples k with from <= k Ts <= to.
+Source  belda2017, Section VI: twice the width in <3.4 s, 4 s> and <6.2 s, 6.6 s>.  Random bursts are an addition.
+Limit   Bursts with factor 1 do not change the noise.
+Streams z is drawn from the generator of the law, random bursts from a child of this generator: z does not depend on the
+        bursts.  The child draws the factor first, then duration and start of each burst, so that an additional window
+        does not change the earlier bursts.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ Range: TypeAlias = NonNegative | tuple[NonNegative, NonNegative]
 
 @dataclass(frozen=True)
 class Burst:
-    """A time at which a noise is wider.
+    """Time interval in which a noise is larger.
 
     Parameters
     ----------
-    from_ : where it begins [s]
-    to : where it ends [s], included
-    factor : how many times as wide the noise is
+    from_ : begin of the burst [s]
+    to : end of the burst [s], included
+    factor : factor on the deviation of the noise from its centre
     """
 
     from_: NonNegative
@@ -43,14 +44,14 @@ class Burst:
 
 @dataclass(frozen=True)
 class RandomBursts:
-    """Bursts that every run has elsewhere.
+    """Bursts whose times differ from run to run.
 
     Parameters
     ----------
-    within : windows [from, to] [s]; each has one burst, whose start is uniform as far as it fits in
-    duration : of a burst [s], a number or the range [low, high] in which it is uniform; rounded to samples, and so is
-        the start
-    factor : how many times as wide the noise is in all bursts of a run, a number or the range [low, high]
+    within : windows [from, to] [s]; each contains one burst, whose start is uniform over the starts that fit
+    duration : duration of a burst [s], a number or the range [low, high] of a uniform law; start and duration are
+        rounded to samples
+    factor : factor on the deviation of the noise in all bursts of a run, a number or the range [low, high]
     """
 
     within: list[tuple[NonNegative, NonNegative]]
@@ -67,7 +68,7 @@ class Span(NamedTuple):
 
 
 class Window(NamedTuple):
-    """Samples first..last in which a random burst lies."""
+    """Samples first..last that contain a random burst."""
 
     first: int
     last: int
@@ -75,17 +76,17 @@ class Window(NamedTuple):
 
 @runtime_checkable
 class Bursts(Protocol):
-    """Where the bursts of a run lie."""
+    """Times of the bursts of a run."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what is drawn."""
+        """Names of the drawn values."""
 
     def spans(self, rng: np.random.Generator) -> Sequence[Span]:
-        """Bursts of one run, given a generator of their own."""
+        """Bursts of one run, drawn from a separate generator."""
 
     def values(self, spans: Sequence[Span]) -> Mapping[str, float]:
-        """What has been drawn to get them."""
+        """Drawn values of these bursts."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class DrawnBursts:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what is drawn."""
+        """Names of the drawn values."""
         ends = (f"burst_{number}_{end}" for number in range(1, len(self.windows) + 1) for end in ("from", "to"))
         return (*ends, "burst_factor")
 
@@ -140,11 +141,11 @@ class DrawnBursts:
 
 @runtime_checkable
 class Steady(Protocol):
-    """Noise about a center."""
+    """Noise with a centre."""
 
     @property
     def center(self) -> Float[Array, " n"]:
-        """What it lies about."""
+        """Centre of the noise."""
 
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its center."""
@@ -152,7 +153,7 @@ class Steady(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class BurstyNoise(Noise):
-    """A steady noise that is wider in bursts; its moments depend on k."""
+    """A steady noise that is larger in bursts; its moments depend on k."""
 
     steady: Steady
     bursts: Bursts
@@ -169,11 +170,11 @@ class BurstyNoise(Noise):
 
     @property
     def burst_names(self) -> tuple[str, ...]:
-        """Names of what is drawn."""
+        """Names of the drawn values."""
         return self.bursts.names
 
     def burst_values(self, rng: np.random.Generator) -> Mapping[str, float]:
-        """What one run has drawn."""
+        """Drawn values of one run."""
         return self.bursts.values(self._spans(rng))
 
     def in_burst(self, rng: np.random.Generator, n_samples: int) -> Bool[Array, " samples"]:
@@ -184,7 +185,8 @@ class BurstyNoise(Noise):
         return inside
 
     def _spans(self, rng: np.random.Generator) -> Sequence[Span]:
-        return self.bursts.spans(rng.spawn(1)[0])  # which does not move the generator itself
+        # Spawning a child does not change the state of the generator.
+        return self.bursts.spans(rng.spawn(1)[0])
 
 
 def placed(bursts: Sequence[Burst] | RandomBursts, Ts: float) -> Bursts:
@@ -198,7 +200,7 @@ def placed(bursts: Sequence[Burst] | RandomBursts, Ts: float) -> Bursts:
     Raises
     ------
     DesignError
-        If one ends before it begins or holds no sample, or a window is shorter than the longest burst that it may hold.
+        If a burst ends before it begins or contains no sample, or a window is shorter than its longest possible burst.
     """
     if isinstance(bursts, RandomBursts):
         return _drawn(bursts, Ts)
@@ -207,13 +209,13 @@ def placed(bursts: Sequence[Burst] | RandomBursts, Ts: float) -> Bursts:
         if burst.to < burst.from_:
             raise DesignError(f"must not be before from, {burst.from_:g} (got {burst.to:g})", f"bursts.{number}.to")
         if span.last < span.first:
-            raise DesignError(f"holds no sample; they are {Ts:g} s apart", f"bursts.{number}")
+            raise DesignError(f"contains no sample; the sampling time is {Ts:g} s", f"bursts.{number}")
     return FixedBursts(spans)
 
 
 def _drawn(bursts: RandomBursts, Ts: float) -> DrawnBursts:
     if not bursts.within:
-        raise DesignError("holds no window; leave bursts out where there are none", "bursts.within")
+        raise DesignError("contains no window; leave bursts out if there are none", "bursts.within")
     duration, factor = (_uniform(name, getattr(bursts, name)) for name in ("duration", "factor"))
     windows = tuple(Window(*_samples(start, end, Ts)) for start, end in bursts.within)
     for number, ((start, end), window) in enumerate(zip(bursts.within, windows, strict=True)):

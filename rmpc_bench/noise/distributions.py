@@ -1,7 +1,7 @@
 """Laws of the uncertain quantities, sampled by inverse transform.
 
-One uniform number per run and quantity goes through the inverse of the distribution function, so that two experiments
-that differ only in a bound see the same runs, stretched.
+The inverse distribution function is applied to one uniform number per run and quantity.  Two experiments that differ
+only in a bound therefore have the same runs up to a scale.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal about ``mean``, optionally cut off at ``truncate`` standard deviations on both sides."""
+    """Normal with mean ``mean``, optionally truncated at ``truncate`` standard deviations on both sides."""
 
     std: NonNegative
     mean: float = 0.0
@@ -77,5 +77,5 @@ class Fixed:
     value: float
 
     def quantile(self, p: float) -> float:
-        """Return the value, whatever p is."""
+        """Return the value for every p."""
         return self.value

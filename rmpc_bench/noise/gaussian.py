@@ -1,4 +1,4 @@
-"""Noise laws: what disturbs a run over time."""
+"""Gaussian noise."""
 
 from __future__ import annotations
 

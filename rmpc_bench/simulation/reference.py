@@ -1,4 +1,4 @@
-"""References: what the output is meant to follow."""
+"""References: the signals that the output has to follow."""
 
 from __future__ import annotations
 
@@ -69,20 +69,20 @@ def square(
     period: Positive,
     duty: Annotated[float, Gt(0), Lt(1)] = 0.5,
 ) -> Square:
-    """Square wave: the first value, then the second, and so on.
+    """Square wave that alternates between two values and starts with the first one.
 
     Parameters
     ----------
     ny : number of outputs
     Ts : sampling time [s]
     values : the first and the second value, each a number (for every output) or one per output, in the output's unit
-    period : of the wave [s], a whole number of samples
-    duty : share of the period with the first value; its end must be a sample, too
+    period : period of the wave [s], a whole number of samples
+    duty : share of the period with the first value; this part must be a whole number of samples, too
 
     Raises
     ------
     DesignError
-        If an edge lies between two samples, or the number of values does not fit.
+        If an edge is between two samples, or the number of values does not fit.
     """
     samples, edge = period / Ts, duty * period / Ts
     for count, name in ((samples, "period"), (edge, "duty")):
@@ -94,13 +94,14 @@ def square(
         first, second = (as_vector(value, ny) for value in values)
     except ValueError as error:
         raise DesignError(str(error), "values") from None
-    longest = 2**53  # samples; what lies beyond never comes
+    # Number of samples beyond any experiment; larger numbers are not exact in doubles.
+    longest = 2**53
     return Square(first, second, min(round(samples), longest), min(round(edge), longest - 1))
 
 
 @dataclass(frozen=True, eq=False)
 class SShape(Reference):
-    """An S in the plane, with a turn there and back."""
+    """S-shaped path in the plane, with a rotation and its reversal."""
 
     Ts: float
     duration: float
@@ -122,10 +123,11 @@ def s_shape(
     height: NonNegative = HEIGHT,
     angle: float = ANGLE,
 ) -> SShape:
-    """S with hooks in the plane for three outputs (x, y and the angle), from rest to rest, then held.
+    """S-shaped path in the plane for three outputs (x, y and an angle), from rest to rest; then the last value is held.
 
     With s = min(t/duration, 1), g = 10 s^3 - 15 s^4 + 6 s^5 and f = (5/4 g - 1/8) pi: x = -width sin 2f,
-    y = height cos f, and the angle is `angle` sin^2(pi g).  The paper that uses an S (belda2017) gives no equation.
+    y = height cos f, and the angle is `angle` sin^2(pi g).  The equations are ours: belda2017 shows an S-shaped path
+    without its equation.
 
     Parameters
     ----------
@@ -133,8 +135,8 @@ def s_shape(
     Ts : sampling time [s]
     duration : time from rest to rest [s]
     width : largest distance from the vertical axis [m]
-    height : the same from the horizontal one [m]
-    angle : turn at half time [rad]
+    height : largest distance from the horizontal axis [m]
+    angle : angle at half of the duration [rad]
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The base class of metrics, the trajectories that they read, and what they need to know of the experiment."""
+"""Base class of metrics, the trajectories that metrics read, and the data of the experiment that they use."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ Direction: TypeAlias = Literal["lower", "higher", "zero", "one"]
 
 
 class MetricInfo(NamedTuple):
-    """What a reader needs to know about the column of a metric."""
+    """Name, unit and direction of the column of a metric."""
 
     name: str
-    """The column, and the word that claims use."""
+    """Name of the column, also used in claims."""
     unit: str
     """In the plant's units, such as ``rad^2``; empty where it has none."""
     direction: str
     """Which value is better, see `Direction`."""
     may_not_occur: bool = False
-    """Whether the measured event may not occur in a run (inf); such a metric has a share and a median, no mean."""
+    """Whether the measured event may not occur in a run (inf); such a metric has a share and a median but no mean."""
 
 
 class SampleWindow(NamedTuple):
@@ -66,9 +66,9 @@ class MetricLayout(NamedTuple):
     cut: bool = False
     """Whether a window that reaches beyond the last sample ends there (a smoke run is short)."""
     plant: Plant | None = None
-    """None where it is not known; a metric then checks nothing that depends on it."""
+    """None if it is not known; a metric then omits the checks that depend on the plant."""
     methods: tuple[Method, ...] = ()
-    """Those that are known; a metric checks each of them."""
+    """Known methods; a metric checks each of them."""
     bursts: bool | None = None
     """Whether the measurement noise has bursts; None where it is not known."""
 
@@ -141,13 +141,13 @@ def _column(values: Any, n: int) -> Float[Array, "samples coordinates"]:
 class Metric(ABC):
     """A number per run, computed from the trajectories of the run.
 
-    A metric is a frozen dataclass that derives from this class.  Its fields are its YAML keys, their annotations the
-    accepted values; `evaluate` computes.  The attributes below have defaults; a derived class replaces those that
-    differ, as a class constant or as a property where the value depends on a key.
+    A metric is a frozen dataclass that derives from this class.  Its fields are its YAML keys, and their annotations
+    define the accepted values.  `evaluate` computes the metric.  The attributes below have defaults.  A derived class
+    replaces those that differ: by a class constant, or by a property if the value depends on a key.
 
     Parameters
     ----------
-    name : column of the tables, and the word that claims use
+    name : name of the column in tables and in claims
     """
 
     name: str
@@ -208,8 +208,8 @@ class WindowMetric(Metric):
 
     Parameters
     ----------
-    from_ : first sample (seconds or samples, as `time`); k = 0 unless given
-    to : last sample, included; N is the last one there is
+    from_ : first sample, in seconds or samples as `time` of the experiment; k = 0 if not given
+    to : last sample, included; `N` is the last one of the experiment; N-1 if not given
     """
 
     from_: Bound = None
@@ -226,7 +226,7 @@ class WindowMetric(Metric):
         Raises
         ------
         DesignError
-            If the bounds do not lie in the experiment or hold no sample.
+            If a bound is outside the experiment or the window contains no sample.
         """
         limit = layout.n_steps - 1 if self.input_only else layout.n_steps
         default_last = layout.n_steps if self.to_the_end else layout.n_steps - 1
@@ -239,6 +239,6 @@ class WindowMetric(Metric):
             last = max(first, min(last, limit))
         if not 0 <= first <= last <= limit:
             raise DesignError(
-                f"the window from {first} to {last} (samples) must lie in 0..{limit} and hold at least one sample"
+                f"the window from {first} to {last} (samples) must lie in 0..{limit} and contain at least one sample"
             )
         return SampleWindow(first, last)

@@ -50,6 +50,17 @@ def test_describe_shows_every_key_with_its_meaning(group, name):
     assert not any(f"  {provided}  (" in keys for provided in PROVIDED[group])
 
 
+def test_describe_shows_the_examples_of_a_docstring_after_the_keys():
+    """Also of a class whose docstring has Parameters; other sections are not shown."""
+    for name, example in [("tracking", 'norm="peak"'), ("mse", 'Mse(to="N")')]:
+        shown = cli("describe", f"metrics/{name}").stdout
+        description, _, rest = shown.partition("\nKeys\n")
+        keys, _, examples = rest.partition("\nExamples\n\n")
+        assert ">>>" not in description and ">>>" not in keys and "---" not in shown
+        assert example in examples
+    assert "Raises" not in cli("describe", "noises/uniform").stdout
+
+
 def test_describe_finds_a_name_in_several_groups():
     """A plant and a model of the same name are both shown; a group picks one, in singular or plural."""
     both = cli("describe", "servo-linear").stdout

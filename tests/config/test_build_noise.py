@@ -214,7 +214,7 @@ MISTAKES = [
     ("noise", "{process: {ellipsoid: {shape: 1, outside: keep, law: skewed-cube, skew: 2}}}", "2",
      "noise.process.ellipsoid.skew", "must be <= 1 (got 2)"),
     ("noise", "{process: {ellipsoid: {shape: 1, outside: reject}}}", "reject", "noise.process.ellipsoid.outside",
-     "belongs to law: skewed-cube"),
+     "can only be given with law: skewed-cube"),
     ("initial", f"{{x: {{sum: [{G}, {{ellipsoid: {{shape: [1]}}}}]}}}}", "[1]", "initial.x.sum.1.ellipsoid.shape",
      "4 x 4 numbers"),
     ("initial", "{M: -1}", "-1", "initial.M", "must be positive semidefinite (smallest eigenvalue -1)"),

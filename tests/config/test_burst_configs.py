@@ -111,7 +111,7 @@ def test_random_bursts_are_stored(tmp_path):
         ("{within: [[0, 0.2]], duration: [0.1, 0.3], factor: 2}", "bursts.within.0: from 0 to 0.2 s there is no room"),
         ("{within: [[0, 0.2, 3]], duration: 0, factor: 2}", "bursts.within.0: "),
         ("{within: [[0, 0.2]], duration: [0.2, 0.1], factor: 2}", "bursts.duration: the range must begin with its"),
-        ("{within: [], duration: 0, factor: 2}", "bursts.within: holds no window"),
+        ("{within: [], duration: 0, factor: 2}", "bursts.within: contains no window"),
         ("{within: [[0, 0.2]], duration: 0, factor: [1, -1]}", "bursts.factor.1: must be >= 0 (got -1)"),
         ("{within: [[0, 0.2]], duration: 0}", "noise.measurement.uniform.bursts: 'factor' is missing"),
         ("3", "noise.measurement.uniform.bursts: expected a list or a mapping (got 3)"),
