@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from rmpc_bench import registry
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.types import ResultLayout
+from rmpc_bench.types import Figure, ResultLayout
 
 
 def check_figures(draft: DraftConfig, layout: ResultLayout) -> None:
@@ -18,6 +17,8 @@ def check_figures(draft: DraftConfig, layout: ResultLayout) -> None:
     for number, component in enumerate(draft.figures):
         if component is None:
             continue
-        figure = registry.get("figures", component.kind)(**component.parameters)
+        figure: Figure | None = component.build(draft.problems)
+        if figure is None:
+            continue
         for key, message in figure.check(layout) if layout.is_complete else figure.check_names(layout):
             draft.note(["figures", number, *([key] if key else [])], message)

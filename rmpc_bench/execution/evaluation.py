@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import verdict
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.config.schema import model_of, validate
+from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.tree import Map, Mark
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.figure_result import FigureResult
-from rmpc_bench.registry import get, names, unknown
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
-from rmpc_bench.types import DesignError, Problem
+from rmpc_bench.types import DesignError, Figure, Problem
 
 
 def summarise(results: Results | Trials) -> summary.Summary:
@@ -137,25 +137,35 @@ def figure(results: Results, kind: str, **keys: Any) -> FigureResult:
     >>> picture.save(f"{directory}/settling_time.svg").name
     'settling_time.svg'
     """
-    if kind not in names("figures"):
-        raise DesignError(unknown(kind, names("figures"), "figure", "rmpc-bench list figures"))
     problems: list[Problem] = []
-    tree = Map({key.rstrip("_"): value for key, value in keys.items()}, mark=Mark("", 1, 1))
-    checked = validate(model_of("figures", kind), tree, [], problems)
-    if problems:
-        raise DesignError("; ".join(f"{problem.path}: {problem.message}" for problem in problems))
-    return drawn(results, kind, {name: getattr(checked, name) for name in type(checked).model_fields})
+    mark = Mark("", 1, 1)
+    tree = Map({"kind": kind, **{key.rstrip("_"): value for key, value in keys.items()}}, mark=mark)
+    component = read_component("figures", tree, [], problems, mark=mark)
+    if component is None:
+        raise _error_of(problems)
+    return drawn(results, component)
 
 
-def drawn(results: Results, kind: str, parameters: dict[str, Any]) -> FigureResult:
+def drawn(results: Results, component: Component) -> FigureResult:
     """Draw a figure whose keys are validated; a metric that is not named is the primary one.
 
     Parameters
     ----------
     results : what to draw
-    kind : kind of the figure
-    parameters : its parameters, by name
+    component : the figure
+
+    Raises
+    ------
+    DesignError
+        If the results do not hold what the figure shows.
     """
-    if parameters.get("metric", "") is None:
-        parameters = {**parameters, "metric": results.config.primary}
-    return FigureResult(get("figures", kind)(**parameters).draw(results.plotted))
+    problems: list[Problem] = []
+    made: Figure | None = component.build(problems)
+    if made is None:
+        raise _error_of(problems)
+    primary: dict[str, Any] = {key: results.config.primary for key in made.metric_keys if getattr(made, key) is None}
+    return FigureResult(replace(made, **primary).draw(results.plotted))
+
+
+def _error_of(problems: Sequence[Problem]) -> DesignError:
+    return DesignError("; ".join(f"{problem.path}: {problem.message}" for problem in problems))

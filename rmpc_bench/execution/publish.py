@@ -158,14 +158,15 @@ def _write_figures(results: Results, directory: Path) -> tuple[list[Path], list[
     paths: list[Path] = []
     left_out: list[str] = []
     counts: Counter[str] = Counter()
-    for part in results.config.figures:
-        counts[part.kind] += 1
-        stem = part.kind if counts[part.kind] == 1 else f"{part.kind}-{counts[part.kind]}"
+    for component in results.config.figures:
+        kind = component.kind
+        counts[kind] += 1
+        stem = kind if counts[kind] == 1 else f"{kind}-{counts[kind]}"
         try:
-            picture = drawn(results, part.kind, dict(part.parameters))
+            picture = drawn(results, component)
         except DesignError as error:
             # A method that the figure shows has not been computed yet.
-            left_out.append(f"{part.kind}: {error}")
+            left_out.append(f"{kind}: {error}")
         else:
             paths += save(picture.figure, directory, stem)
     return paths, left_out

@@ -10,6 +10,7 @@ import numpy as np
 from rmpc_bench.types.basics import DesignError
 from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.estimator import Estimator
+from rmpc_bench.types.figure import Figure
 from rmpc_bench.types.metric import Metric
 from rmpc_bench.types.model import Model
 from rmpc_bench.types.noise import Noise
@@ -24,6 +25,7 @@ BASES: Mapping[str, type] = {
     "references": Reference,
     "noises": Noise,
     "metrics": Metric,
+    "figures": Figure,
 }
 """Group of the registry -> base class of its components."""
 
@@ -34,8 +36,14 @@ REQUIRED: Mapping[str, tuple[str, ...]] = {
     "controllers": ("init", "control"),
     "references": ("sample",),
     "noises": ("draw",),
+    "metrics": ("evaluate",),
+    "figures": ("draw",),
 }
-"""Group of the registry -> attributes and methods that a component must define."""
+"""Group of the registry -> attributes and methods that a component must define.
+
+They are no abstract methods: a size may be a field of a dataclass, which `abc` does not see, and a component that lacks
+one is reported like every other error of a configuration, at its place and with all names.
+"""
 
 
 def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> Any:
@@ -53,14 +61,12 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     DesignError
         Naming the component and what is wrong with it, at the key ``kind``.
     """
-    base = BASES.get(group)
-    if base is None:
-        return made
+    base = BASES[group]
     name = f"the {group.removesuffix('s')} {kind!r}"
     if not isinstance(made, base):
         found = f"the class {made.__name__}" if isinstance(made, type) else f"an object of type {type(made).__name__}"
         raise DesignError(f"{name} is {found}; a design function must return an instance of {base.__name__}", "kind")
-    missing = [each for each in REQUIRED.get(group, ()) if _is_missing(made, base, each)]
+    missing = [each for each in REQUIRED[group] if _is_missing(made, base, each)]
     if missing:
         raise DesignError(f"{name} does not define {', '.join(missing)}", "kind")
     wrong = next(_CHECKS[group](made, provided), None) if group in _CHECKS else None

@@ -108,7 +108,7 @@ class Figure:
         DesignError
             when these results cannot be drawn
         """
-        raise NotImplementedError(f"{type(self).__name__} does not draw")
+        raise NotImplementedError("draw")
 
 
 @dataclass(frozen=True, kw_only=True)

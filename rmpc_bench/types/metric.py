@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
@@ -138,7 +137,7 @@ def _column(values: Any, n: int) -> Float[Array, "samples coordinates"]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metric(ABC):
+class Metric:
     """A number per run, computed from the trajectories of the run.
 
     A metric is a frozen dataclass that derives from this class.  Its fields are its YAML keys, and their annotations
@@ -197,9 +196,9 @@ class Metric(ABC):
         """Find every reason for which the metric cannot be computed, before any run."""
         yield from issues_of(self.window, layout)
 
-    @abstractmethod
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Return one value per run: inf where the event does not occur, NaN where there is no value."""
+        raise NotImplementedError("evaluate")
 
 
 @dataclass(frozen=True, kw_only=True)

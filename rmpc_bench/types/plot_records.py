@@ -10,7 +10,7 @@ from rmpc_bench.types.basics import Array
 
 
 class Line(NamedTuple):
-    """A curve of a part's picture."""
+    """A curve of a panel."""
 
     label: str
     x: Float[Array, " points"]

@@ -12,14 +12,17 @@ from small_experiment import write
 
 from rmpc_bench import load_config, registry
 from rmpc_bench.estimators import kalman
+from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.types import (
     ConfigError,
     Controller,
     DesignError,
     Estimator,
+    Figure,
     GainSchedule,
     LinearLaw,
+    Metric,
     Model,
     Noise,
     Plant,
@@ -104,7 +107,7 @@ GOOD = [
     ("references", Steps(), {"ny": 1}),
     ("noises", Signs(), {"n": 1}),
     ("metrics", Mse(), {}),
-    ("figures", object(), {}),
+    ("figures", Boxplot(), {}),
 ]
 BAD = [
     ("plants", {}, {}, "an object of type dict; a design function must return an instance of Plant"),
@@ -115,6 +118,7 @@ BAD = [
     ("references", 3.0, {}, "must return an instance of Reference"),
     ("noises", 3.0, {}, "must return an instance of Noise"),
     ("metrics", 3.0, {}, "must return an instance of Metric"),
+    ("figures", object(), {}, "must return an instance of Figure"),
     ("plants", Plant(), {}, "does not define nx, nu, ny, Ts, draw, step, output"),
     ("plants", without(Plant, Walk, "step"), {}, "does not define step"),
     ("estimators", without(Estimator, Halfway, "predict"), {}, "does not define predict"),
@@ -122,6 +126,8 @@ BAD = [
     ("models", Model(), {}, "does not define at"),
     ("noises", Noise(), {}, "does not define draw"),
     ("references", Reference(), {}, "does not define sample"),
+    ("metrics", Metric(name="m"), {}, "does not define evaluate"),
+    ("figures", Figure(), {}, "does not define draw"),
     ("plants", changed(Walk, nx=0), {}, "nx must be an integer of 1 or more (got 0)"),
     ("plants", changed(Walk, nw=1.5), {}, "nw must be an integer of 0 or more (got 1.5)"),
     ("plants", changed(Walk, Ts=0.0), {}, "Ts must be a positive number of seconds (got 0.0)"),
@@ -195,10 +201,22 @@ def design_controller(model):
     return {}
 
 
+def design_metric():
+    """Return no metric."""
+    return {}
+
+
+def design_figure():
+    """Return no figure."""
+    return {}
+
+
 PLACES = {
     "plants": ("plant.kind", design_plant, {"plant": "{kind: mine}"}),
     "estimators": ("methods.M.estimator.kind", design_estimator, {"methods": "{M: {estimator: {kind: mine}}}"}),
     "controllers": ("controller.kind", design_controller, {"controller": "{kind: mine}"}),
+    "metrics": ("metrics[0].kind", design_metric, {"metrics": "[{kind: mine}]"}),
+    "figures": ("figures[0].kind", design_figure, {"figures": "[{kind: mine}]"}),
 }
 
 
