@@ -8,21 +8,21 @@ value.  The only imports are NumPy, jaxtyping and annotated-types.
 from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import (
     Array,
-    ConfigError,
     Count,
-    DesignError,
     Horizon,
     Matrix,
     NonNegative,
     OfTime,
     OverTime,
     Positive,
-    Problem,
-    Status,
-    Statuses,
     SystemMatrix,
 )
 from rmpc_bench.types.controller import Controller
+from rmpc_bench.types.errors import (
+    ConfigError,
+    DesignError,
+    Problem,
+)
 from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.figure import Figure, OnePointFigure, SweepFigure
 from rmpc_bench.types.issue import Issue, issues_of, no_such_component
@@ -53,6 +53,10 @@ from rmpc_bench.types.records import (
 )
 from rmpc_bench.types.reference import Reference
 from rmpc_bench.types.result_layout import ResultLayout
+from rmpc_bench.types.status import (
+    Status,
+    Statuses,
+)
 
 __all__ = [
     "Array",

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.types.basics import DesignError
 from rmpc_bench.types.controller import Controller
+from rmpc_bench.types.errors import DesignError
 from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.figure import Figure
 from rmpc_bench.types.metric import Metric

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, TypeAlias
 
 from annotated_types import Ge, Le
 
-from rmpc_bench.types.basics import DesignError
+from rmpc_bench.types.errors import DesignError
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
 

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
-from rmpc_bench.types.basics import DesignError
+from rmpc_bench.types.errors import DesignError
 
 
 class Issue(NamedTuple):

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from jaxtyping import Float
 
-from rmpc_bench.types.basics import Array, Statuses
+from rmpc_bench.types.basics import Array
+from rmpc_bench.types.status import Statuses
 
 
 class Estimate(NamedTuple):

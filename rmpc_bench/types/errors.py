@@ -1,0 +1,49 @@
+"""Errors of a user, each with its place: of a whole configuration, or of the parameters of one component."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, order=True)
+class Problem:
+    """One thing wrong with a configuration, at a place a text editor can open."""
+
+    file: str
+    line: int
+    column: int
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        """Render as ``file:line:column: path: message``."""
+        where = f"{self.file}:{self.line}:{self.column}: "
+        return where + (f"{self.path}: {self.message}" if self.path else self.message)
+
+
+class ConfigError(Exception):
+    """Everything that is wrong with a configuration, sorted by place, at once."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        self.problems = tuple(sorted(set(problems)))
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the problems, so that the error survives a worker process."""
+        return type(self), (self.problems,)
+
+
+class DesignError(Exception):
+    """A design that cannot be made from its parameters; raised before any run.
+
+    Parameters
+    ----------
+    message : what is wrong and the way out
+    parameter : the parameter to blame, with dots inside a nested one, so that the message can point at its place
+    """
+
+    def __init__(self, message: str, parameter: str = "") -> None:
+        self.parameter = parameter
+        super().__init__(message)
