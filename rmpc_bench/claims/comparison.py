@@ -233,7 +233,7 @@ def _bootstrap(link: tree.Link, evaluator: Evaluator) -> Interval | None:
     """Percentile interval of left - right over resampled runs, whole rows, so that pairs stay pairs."""
     if len(evaluator.runs) < _MIN_RUNS:
         return -math.inf, math.inf
-    rng, confidence = np.random.default_rng(evaluator.trials.seed), evaluator.trials.confidence
+    rng, confidence = np.random.Generator(np.random.PCG64(evaluator.trials.seed)), evaluator.trials.confidence
     gaps = []
     for _ in range(_RESAMPLES):
         left, right, _ = evaluator.resampled(rng).sides(link)

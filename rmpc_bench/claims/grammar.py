@@ -170,6 +170,6 @@ class _ClaimParser(ArithmeticParser):
             raise ExpressionError(name.column, f"{name.text} {wanted}")
         return Call(name.text, arguments, column=name.column)
 
-    def knows(self, name: str) -> bool:
+    def is_known(self, name: str) -> bool:
         """Whether a name may begin an operand."""
         return name in _CONSTANTS or name in FUNCTIONS

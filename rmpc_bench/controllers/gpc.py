@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning, Sample
+from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning, TuningData
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import as_matrix, mv
@@ -196,7 +196,7 @@ class TunedGpc(Gpc):
         now = self._frozen(k, state.x_previous if k else x_hat)
         before = now if self._follows or k == 0 else self._frozen(k - 1, x_hat)
         x_tilde = mv(before.A, state.x_previous) + mv(before.B, state.u_previous) + before.f
-        sample = Sample(y, mv(now.C, x_hat) + now.d, x_hat, x_tilde if k else np.full_like(x_hat, np.nan))
+        sample = TuningData(y, mv(now.C, x_hat) + now.d, x_hat, x_tilde if k else np.full_like(x_hat, np.nan))
         window = self.noise.moved(state.window, sample)
         Q_yw, info = self.noise.penalties(k, window, state.Q_yw)
         u, loss = self._first(now, Q_yw, x_hat, r)

@@ -86,7 +86,7 @@ class LpNoise:
     state_rows: bool = True
 
 
-class Sample(NamedTuple):
+class TuningData(NamedTuple):
     """Data of LP2 at one sample, or of a window with axis 1 = sample."""
 
     y: Float[Array, "runs *samples ny"]
@@ -172,7 +172,9 @@ class NoiseTuning:
         numbers = 2 * self.ny + (2 * self.nx if self.keys.state_rows else 0)
         return np.full((n_runs, self.keys.Ne2 + 1, numbers), np.nan)
 
-    def moved(self, window: Float[Array, "runs samples numbers"], now: Sample) -> Float[Array, "runs samples numbers"]:
+    def moved(
+        self, window: Float[Array, "runs samples numbers"], now: TuningData
+    ) -> Float[Array, "runs samples numbers"]:
         """Return the window with a new sample appended and the oldest removed."""
         last = np.concatenate(now if self.keys.state_rows else now[:2], axis=1)
         return np.concatenate([window[:, 1:], last[:, None]], axis=1)

@@ -31,7 +31,7 @@ from jaxtyping import Float, Int
 
 from rmpc_bench.estimators.gain_schedule import over_time
 from rmpc_bench.models.state_dependent import StateDependentModel, pair_at
-from rmpc_bench.numerics.bounded_window import SampleWindow, WindowFits, fit_anchored, fit_free
+from rmpc_bench.numerics.bounded_window import MeasurementWindow, WindowFits, fit_anchored, fit_free
 from rmpc_bench.numerics.linalg import at_sample, mv
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
 
@@ -120,7 +120,7 @@ class LpWindow(Estimator):
         """Compile the kernels (or load them from the cache) with a window of one run."""
         self.model.warm_up()
         ny, nx = self.C.shape[1:]
-        window = SampleWindow(*(np.zeros((1, 2, *shape)) for shape in ((ny,), (nx, nx), (nx,), (nx,))))
+        window = MeasurementWindow(*(np.zeros((1, 2, *shape)) for shape in ((ny,), (nx, nx), (nx,), (nx,))))
         fit_free(window, self.C[:1], 2)
 
     @property
@@ -150,7 +150,7 @@ class LpWindow(Estimator):
 
     def _fit(self, k: int, state: WindowState, points: int) -> WindowFits:
         C = self.C[k + 1 - points : k + 1] if len(self.C) > 1 else self.C
-        window = SampleWindow(state.y, state.A, state.c, state.before)
+        window = MeasurementWindow(state.y, state.A, state.c, state.before)
         return fit_free(window, C, points) if self.start == "free" else fit_anchored(window, C, points)
 
     def _halfway(self, k: int, state: WindowState) -> Float[Array, "runs nx"]:

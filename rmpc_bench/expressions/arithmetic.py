@@ -199,12 +199,12 @@ class ArithmeticParser:
             return ExpressionError(token.column, f"digits are not grouped with '_' ({before.text}{token.text})")
         if complete and (token.kind in ("number", "name") or token.text == "("):
             follows = {"name": token.text, "symbol": "(...)"}.get(token.kind, "")
-            plausible = before.kind in ("number", "name") and (token.text == "(" or self.knows(token.text))
+            plausible = before.kind in ("number", "name") and (token.text == "(" or self.is_known(token.text))
             hint = f"; did you mean {before.text}*{follows}?" if plausible else ""
             return ExpressionError(token.column, f"an operator is missing before {token.text!r}{hint}")
         return ExpressionError(token.column, f"expected {expected} (got {token.text!r})")
 
-    def knows(self, name: str) -> bool:
+    def is_known(self, name: str) -> bool:
         """Whether a name may begin an operand."""
         return False
 

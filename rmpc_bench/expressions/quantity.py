@@ -168,7 +168,7 @@ class _QuantityParser(ArithmeticParser):
             raise ExpressionError(token.column, f"{token.text!r} is not a number; numbers here are finite")
         raise unknown_name(token, "name", [*_CONSTANTS, *_FUNCTIONS, *sorted(self.free)])
 
-    def knows(self, name: str) -> bool:
+    def is_known(self, name: str) -> bool:
         """Whether a name may begin an operand."""
         return name in _CONSTANTS or name in _FUNCTIONS or name in self.free
 

@@ -12,16 +12,17 @@ Bursts  are time intervals in which the box is larger.  The law then depends on 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Float
 
-from rmpc_bench.noise.bursts import Burst, BurstyNoise, RandomBursts, placed
+from rmpc_bench.noise.bursts import Burst, BurstyNoise, CenteredNoise, RandomBursts, placed
 from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
-from rmpc_bench.types import Array, DesignError, Matrix, Noise, NonNegative, Positive
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
 Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
 SKEW = 0.9
@@ -30,44 +31,44 @@ SINGULAR = 1e-12
 """A smallest eigenvalue below this share of the largest is a rounding of 0."""
 
 
-class Moments(NamedTuple):
+class PointMoments(NamedTuple):
     """First two moments of a point."""
 
     mean: Float[Array, " n"]
     cov: Float[Array, "n n"]
 
 
-@runtime_checkable
-class Points(Protocol):
+class Points(ABC):
     """A law of points in n dimensions."""
 
+    @abstractmethod
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Draw points; a longer draw begins with the points of a shorter one."""
 
 
-@runtime_checkable
-class KnownPoints(Points, Protocol):
+class KnownPoints(Points):
     """Points with moments in closed form."""
 
-    def moments(self, n: int) -> Moments:
+    @abstractmethod
+    def moments(self, n: int) -> PointMoments:
         """Mean and covariance of a point."""
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(KnownPoints):
     """Uniform in [-1, 1]^n."""
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Points one by one."""
         return 2.0 * rng.random((n_samples, n)) - 1.0
 
-    def moments(self, n: int) -> Moments:
+    def moments(self, n: int) -> PointMoments:
         """Mean and covariance of a point."""
-        return Moments(np.zeros(n), np.eye(n) / 3.0)
+        return PointMoments(np.zeros(n), np.eye(n) / 3.0)
 
 
 @dataclass(frozen=True)
-class Ball:
+class Ball(KnownPoints):
     """Uniform in the unit ball."""
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
@@ -76,13 +77,13 @@ class Ball:
         points: Array = g[:, :n] / _lengths(g)
         return points
 
-    def moments(self, n: int) -> Moments:
+    def moments(self, n: int) -> PointMoments:
         """Mean and covariance of a point."""
-        return Moments(np.zeros(n), np.eye(n) / (n + 2))
+        return PointMoments(np.zeros(n), np.eye(n) / (n + 2))
 
 
 @dataclass(frozen=True)
-class SkewedCube:
+class SkewedCube(KnownPoints):
     """Every coordinate uniform on (0, 1) with probability `skew`, else on (-1, 0)."""
 
     skew: float
@@ -93,14 +94,14 @@ class SkewedCube:
         points: Array = np.where(sign < self.skew, modulus, -modulus)
         return points
 
-    def moments(self, n: int) -> Moments:
+    def moments(self, n: int) -> PointMoments:
         """Mean and covariance of a point."""
         mean = (2.0 * self.skew - 1.0) / 2.0
-        return Moments(np.full(n, mean), (1.0 / 3.0 - mean**2) * np.eye(n))
+        return PointMoments(np.full(n, mean), (1.0 / 3.0 - mean**2) * np.eye(n))
 
 
 @dataclass(frozen=True)
-class ProjectedCube:
+class ProjectedCube(Points):
     """The skewed cube with all points outside the unit ball projected radially onto the sphere.
 
     There is no closed form of the moments for every n.
@@ -116,7 +117,7 @@ class ProjectedCube:
 
 
 @dataclass(frozen=True)
-class RejectedCube:
+class RejectedCube(KnownPoints):
     """The skewed cube, drawn again until the point is inside the unit ball: uniform there, except for the signs."""
 
     cube: SkewedCube
@@ -132,7 +133,7 @@ class RejectedCube:
         inside = Ball().draw(rng.spawn(1)[0], n_samples, n)
         return np.where(_lengths(u) <= 1.0, u, np.copysign(inside, u))
 
-    def moments(self, n: int) -> Moments:
+    def moments(self, n: int) -> PointMoments:
         """Mean and covariance of a point: its signs and the moduli of a uniform one are independent."""
         balance = 2.0 * self.cube.skew - 1.0  # mean of a sign
         # Modulus of a coordinate: n / (n + 1), the mean radius, times that of a random direction.
@@ -140,7 +141,7 @@ class RejectedCube:
         mean = balance * n / (n + 1) * direction
         second = np.full((n, n), balance**2 * 2.0 / (math.pi * (n + 2)))
         np.fill_diagonal(second, 1.0 / (n + 2))
-        return Moments(np.full(n, mean), second - mean**2)
+        return PointMoments(np.full(n, mean), second - mean**2)
 
 
 def _lengths(u: Float[Array, "samples n"]) -> Float[Array, "samples 1"]:
@@ -149,7 +150,7 @@ def _lengths(u: Float[Array, "samples n"]) -> Float[Array, "samples 1"]:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundedNoise(Noise):
+class BoundedNoise(CenteredNoise):
     """Noise center + factor u; its mean is `center` only if the mean of u is 0."""
 
     center: Float[Array, " n"]

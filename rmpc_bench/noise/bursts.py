@@ -11,9 +11,10 @@ Streams z is drawn from the generator of the law, random bursts from a child of 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -74,39 +75,36 @@ class Window(NamedTuple):
     last: int
 
 
-@runtime_checkable
-class Bursts(Protocol):
+class Bursts(ABC):
     """Times of the bursts of a run."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the drawn values."""
+        """Names of the drawn values; none by default."""
+        return ()
 
+    @abstractmethod
     def spans(self, rng: np.random.Generator) -> Sequence[Span]:
         """Bursts of one run, drawn from a separate generator."""
 
     def values(self, spans: Sequence[Span]) -> Mapping[str, float]:
-        """Drawn values of these bursts."""
+        """Drawn values of these bursts, by name."""
+        return {}
 
 
 @dataclass(frozen=True)
-class FixedBursts:
+class FixedBursts(Bursts):
     """The same bursts in every run."""
 
     fixed: tuple[Span, ...]
-    names: tuple[str, ...] = ()
 
     def spans(self, rng: np.random.Generator) -> Sequence[Span]:
         """Bursts of one run."""
         return self.fixed
 
-    def values(self, spans: Sequence[Span]) -> Mapping[str, float]:
-        """Nothing is drawn."""
-        return {}
-
 
 @dataclass(frozen=True)
-class DrawnBursts:
+class DrawnBursts(Bursts):
     """One burst in each window, all of one factor."""
 
     windows: tuple[Window, ...]
@@ -139,14 +137,12 @@ class DrawnBursts:
         return dict(zip(self.names, (*ends, spans[0].factor), strict=True))
 
 
-@runtime_checkable
-class Steady(Protocol):
-    """Noise with a centre."""
+class CenteredNoise(Noise, ABC):
+    """Noise with a center."""
 
-    @property
-    def center(self) -> Float[Array, " n"]:
-        """Centre of the noise."""
+    center: Float[Array, " n"]
 
+    @abstractmethod
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its center."""
 
@@ -155,7 +151,7 @@ class Steady(Protocol):
 class BurstyNoise(Noise):
     """A steady noise that is larger in bursts; its moments depend on k."""
 
-    steady: Steady
+    steady: CenteredNoise
     bursts: Bursts
 
     has_bursts = True

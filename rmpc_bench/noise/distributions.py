@@ -6,23 +6,23 @@ only in a bound therefore have the same runs up to a scale.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Protocol, runtime_checkable
 
 from rmpc_bench.types import NonNegative, Positive
 
 
-@runtime_checkable
-class Distribution(Protocol):
+class Distribution(ABC):
     """A law of one number."""
 
+    @abstractmethod
     def quantile(self, p: float) -> float:
         """Value below which a share p in [0, 1) lies."""
 
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(Distribution):
     """Uniform between ``low`` and ``high``."""
 
     low: float
@@ -39,7 +39,7 @@ class Uniform:
 
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(Distribution):
     """Normal with mean ``mean``, optionally truncated at ``truncate`` standard deviations on both sides."""
 
     std: NonNegative
@@ -55,7 +55,7 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class Choice:
+class Choice(Distribution):
     """One of ``values``, each equally likely."""
 
     values: tuple[float, ...]
@@ -71,7 +71,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Fixed:
+class Fixed(Distribution):
     """Always ``value``."""
 
     value: float

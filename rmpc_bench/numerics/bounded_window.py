@@ -46,7 +46,7 @@ AGE, PROCESS = 0.99, 1.01
 """Weight of a noise in the second objective, per sample of age, and that of process noise."""
 
 
-class SampleWindow(NamedTuple):
+class MeasurementWindow(NamedTuple):
     """The last samples of every run, the newest one last; places before the first point are not used.
 
     Entry j of A, c and before belongs to the step from the point before to point j: x(j) = A_j x(j-1) + c_j.
@@ -70,7 +70,7 @@ class WindowFits(NamedTuple):
     """False if the data are not finite or a solver fails."""
 
 
-def fit_free(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
+def fit_free(window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
     """Fit the last points without a state equation of the first one.
 
     Parameters
@@ -90,7 +90,7 @@ def fit_free(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int) -> 
     return _solved_in_full(found, rest, window, C, path, d, anchored=False) if len(rest) else found
 
 
-def fit_anchored(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
+def fit_anchored(window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
     """Fit the last points with a state equation from the estimate before the first one; parameters as in `fit_free`."""
     path, d = predicted(window, C, points, anchored=True)
     x, r = np.empty_like(path[:, -1]), np.empty_like(window.y[:, -1])
@@ -99,7 +99,7 @@ def fit_anchored(window: SampleWindow, C: Float[Array, "kC ny nx"], points: int)
 
 
 def predicted(
-    window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
+    window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
 ) -> tuple[Float[Array, "runs points nx"], Float[Array, "runs outputs"]]:
     """Return the states of the points without noise, and the differences of the outputs; rounding counts as 0."""
     from rmpc_bench.numerics.bounded_window_kernel import path_kernel
@@ -112,7 +112,7 @@ def predicted(
 
 
 def reduced(
-    window: SampleWindow, C: Float[Array, "kC ny nx"], points: int
+    window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int
 ) -> tuple[Float[Array, "runs outputs nx"], Float[Array, "runs nx nx"]]:
     """Return the derivatives of the outputs and of the last state by the first state, without process noise."""
     from rmpc_bench.numerics.bounded_window_kernel import reduced_kernel
@@ -126,7 +126,7 @@ def reduced(
 
 
 def multiplier_sums(
-    window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, mu: Float[Array, "runs outputs"]
+    window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int, mu: Float[Array, "runs outputs"]
 ) -> Float[Array, "runs nx"]:
     """Return the sums of |lam_j,i| over the points, from the multipliers mu of the outputs."""
     from rmpc_bench.numerics.bounded_window_kernel import multiplier_kernel
@@ -138,7 +138,7 @@ def multiplier_sums(
 
 
 def full_matrix(
-    window: SampleWindow, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
+    window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int, *, anchored: bool
 ) -> Float[Array, "runs equations states"]:
     """Return the matrix of all equations in the states of the points: C x(j) of every point, then x(j) - A_j x(j-1)."""
     runs, places, ny = window.y.shape
@@ -157,11 +157,11 @@ def full_matrix(
 
 
 def _solved_in_full(
-    found: WindowFits, rows: Array, window: SampleWindow, C: Array, path: Array, d: Array, *, anchored: bool
+    found: WindowFits, rows: Array, window: MeasurementWindow, C: Array, path: Array, d: Array, *, anchored: bool
 ) -> WindowFits:
     """Solve the full program of some runs."""
     points, nx, ny = path.shape[1], path.shape[2], C.shape[1]
-    F = full_matrix(SampleWindow(*(each[rows] for each in window)), C, points, anchored=anchored)
+    F = full_matrix(MeasurementWindow(*(each[rows] for each in window)), C, points, anchored=anchored)
     outputs, states = np.arange(points * ny), np.arange(0 if anchored else nx, points * nx)  # one equation each
     group = np.concatenate([outputs % ny, ny + states % nx])
     age = points - 1 - np.concatenate([outputs // ny, states // nx])

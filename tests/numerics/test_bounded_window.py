@@ -8,7 +8,7 @@ from rmpc_bench.numerics import bounded_window
 from rmpc_bench.numerics.bounded_window import (
     AGE,
     PROCESS,
-    SampleWindow,
+    MeasurementWindow,
     fit_anchored,
     fit_free,
     full_matrix,
@@ -35,7 +35,7 @@ def integrators(rng, runs, points, axes=3, coupling=0.9, places=None):
         before[:, j] = x + rng.uniform(-1.0, 1.0, (runs, nx))
         x = np.einsum("rij,rj->ri", A[:, j], x) + c[:, j]
         y[:, j] = x[:, :axes] + rng.uniform(-1.0, 1.0, (runs, axes))
-    return SampleWindow(y, A, c, before), np.eye(axes, nx)[None]
+    return MeasurementWindow(y, A, c, before), np.eye(axes, nx)[None]
 
 
 def data(window, C, i, points, anchored=False):
@@ -190,7 +190,7 @@ def test_no_noise_is_fitted_exactly_and_at_once(rng, monkeypatch):
         before[:, j], x = x, np.einsum("rij,rj->ri", window.A[:, j], x) + window.c[:, j]
         y[:, j] = x[:, :3]
     for start in (before, before + rng.standard_normal(before.shape)):  # right and wrong estimates before
-        fits = fit_free(SampleWindow(y, window.A, window.c, start), C, 4)
+        fits = fit_free(MeasurementWindow(y, window.A, window.c, start), C, 4)
         assert fits.solved.all() and not fits.rho.any() and fits.r.max() < 1e-10  # roundings of sums of size 100
         np.testing.assert_allclose(fits.x, x, atol=1e-8)  # a velocity: those divided by Ts
 
@@ -204,7 +204,7 @@ def test_rows_do_not_depend_on_each_other(fitted, rng):
     np.testing.assert_array_equal(together.solved, [True, False, True, False, False, True])
     assert np.isnan(together.x[[1, 3, 4]]).any(axis=1).all() and np.isfinite(together.x[together.solved]).all()
     for i in range(6):
-        alone = fitted(SampleWindow(*(each[i : i + 1] for each in window)), C, 6)
+        alone = fitted(MeasurementWindow(*(each[i : i + 1] for each in window)), C, 6)
         for a, b in zip(alone, together, strict=True):
             np.testing.assert_array_equal(a, b[i : i + 1])
 
@@ -228,7 +228,7 @@ def test_ties_are_left_to_the_full_program(monkeypatch):
         bounded_window, "least_noise_fit", lambda *given: calls.append(given) or least_noise_fit(*given)
     )
     y = np.array([[[0.0, 1.0], [0.3, 0.25], [0.3, 0.4]]])
-    window = SampleWindow(y, np.ones((1, 3, 1, 1)), np.zeros((1, 3, 1)), np.zeros((1, 3, 1)))
+    window = MeasurementWindow(y, np.ones((1, 3, 1, 1)), np.zeros((1, 3, 1)), np.zeros((1, 3, 1)))
     C, group = np.ones((1, 2, 1)), np.tile([0, 1], 3)
     tied = fit(reduced(window, C, 3)[0], predicted(window, C, 3, anchored=False)[1], group)
     assert tied.outcome[0] == FitOutcome.OPTIMAL and abs(tied.x[0, 0] - 0.3) > 0.1
