@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-Design = Callable[..., Any]
+if TYPE_CHECKING:
+    from rmpc_bench.types import Controller, Estimator, Model, Plant
+
+DesignFunction = Callable[..., Any]
 
 BUILT_IN: dict[str, dict[str, str]] = {
     "plants": {
@@ -97,7 +100,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     },
 }
 
-_REGISTERED: dict[str, dict[str, Design]] = {group: {} for group in BUILT_IN}
+_REGISTERED: dict[str, dict[str, DesignFunction]] = {group: {} for group in BUILT_IN}
 
 
 def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
@@ -113,7 +116,7 @@ def singular(group: str) -> str:
     return group.removesuffix("s")
 
 
-def register(group: str, name: str, design: Design) -> None:
+def register(group: str, name: str, design: DesignFunction) -> None:
     """Add a component under a name.
 
     Parameters
@@ -140,7 +143,7 @@ def names(group: str) -> list[str]:
     return sorted({*BUILT_IN[group], *_entry_points(group), *_REGISTERED[group]})
 
 
-def get(group: str, name: str) -> Design:
+def get(group: str, name: str) -> DesignFunction:
     """Import and return a design function.
 
     Raises
@@ -166,24 +169,28 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     return contract.checked(group, kind, made, provided)
 
 
-def plant(kind: str, *args: Any, **parameters: Any) -> Any:
+def plant(kind: str, *args: Any, **parameters: Any) -> Plant:
     """Design a plant by its name."""
-    return checked("plants", kind, get("plants", kind)(*args, **parameters), {})
+    made: Plant = checked("plants", kind, get("plants", kind)(*args, **parameters), {})
+    return made
 
 
-def model(kind: str, *args: Any, **parameters: Any) -> Any:
+def model(kind: str, *args: Any, **parameters: Any) -> Model:
     """Design a model by its name: ``model("linear", n_steps=100, A=A, B=B, C=C, P_w=0.25, M_w=M_w)``."""
-    return checked("models", kind, get("models", kind)(*args, **parameters), {})
+    made: Model = checked("models", kind, get("models", kind)(*args, **parameters), {})
+    return made
 
 
-def estimator(kind: str, *args: Any, **parameters: Any) -> Any:
+def estimator(kind: str, *args: Any, **parameters: Any) -> Estimator:
     """Design an estimator by its name: ``estimator("kalman", model, n_steps=200, x0=x0, P0=P0)``."""
-    return checked("estimators", kind, get("estimators", kind)(*args, **parameters), {})
+    made: Estimator = checked("estimators", kind, get("estimators", kind)(*args, **parameters), {})
+    return made
 
 
-def controller(kind: str, *args: Any, **parameters: Any) -> Any:
+def controller(kind: str, *args: Any, **parameters: Any) -> Controller:
     """Design a controller by its name."""
-    return checked("controllers", kind, get("controllers", kind)(*args, **parameters), {})
+    made: Controller = checked("controllers", kind, get("controllers", kind)(*args, **parameters), {})
+    return made
 
 
 @cache

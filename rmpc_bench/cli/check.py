@@ -83,10 +83,13 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
 
 
 def _remarks(config: ExperimentConfig) -> list[str]:
-    """Return remarks on the plant and the estimators that matter for the comparison."""
+    """Return remarks on the plant, the estimators and the controllers that matter for the comparison."""
     experiment = config.experiment
     named = [("plant", experiment.plant.remarks)]
-    named += [(method.name, method.estimator.remarks) for method in experiment.methods]
+    designs = [
+        (method.name, design) for method in experiment.methods for design in (method.estimator, method.controller)
+    ]
+    named += [(name, design.remarks) for name, design in designs]
     found = [f"  {name}: {text}" for name, texts in named for text in texts]
     for name, law in config.first_point["noise"].items():
         size = experiment.plant.nw if name == "process" else experiment.plant.nv

@@ -108,10 +108,10 @@ class UncertainSystem:
         return UncertainSystem(self.over_time._replace(**new))
 
 
-Design = TypeVar("Design", bound=Callable[..., Any])
+DesignFunction = TypeVar("DesignFunction", bound=Callable[..., Any])
 
 
-def takes_matrices(design: Design) -> Design:
+def takes_matrices(design: DesignFunction) -> DesignFunction:
     """Replace ``**matrices`` of a design function by one keyword per matrix.
 
     The signature, which defines the keys of a configuration, and the docstring list every matrix.

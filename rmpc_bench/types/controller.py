@@ -9,10 +9,11 @@ from jaxtyping import Float
 
 from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import Array
+from rmpc_bench.types.design import Design
 from rmpc_bench.types.records import Command, Estimate, LinearLaw
 
 
-class Controller:
+class Controller(Design):
     """A control law: a frozen design, shared by all runs.
 
     A subclass gives the methods `init` and `control`.  Everything else has a default.
@@ -32,16 +33,6 @@ class Controller:
     def reports(self) -> Mapping[str, tuple[int, ...]]:
         """Entries of `info` that metrics, figures and records may name, with the shape of the entry of one run."""
         return {}
-
-    @attribute
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences for the user about this design; `check` prints them."""
-        return ()
-
-    @attribute
-    def cost_per_step(self) -> float:
-        """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
-        return 0.0
 
     @attribute
     def certifies(self) -> bool:
@@ -73,8 +64,5 @@ class Controller:
         raise NotImplementedError("certificate")
 
     def series(self) -> Mapping[str, Array]:
-        """Series of the design over k (axis 0), such as its gains."""
+        """Series of the design over k (axis 0), such as its gains, for programs; series.csv has those of estimators."""
         return {}
-
-    def warm_up(self) -> None:
-        """Do costly work that workers share, such as compiling; doing it again costs nothing."""

@@ -10,11 +10,12 @@ from jaxtyping import Float
 
 from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import Array
+from rmpc_bench.types.design import Design
 from rmpc_bench.types.plot_records import Panel
 from rmpc_bench.types.records import LinearPlant, Motion, Period
 
 
-class Plant:
+class Plant(Design):
     """The true system: a frozen design that moves the states of many runs.
 
     A subclass gives the sizes `nx`, `nu`, `ny`, the sampling time `Ts` and the methods `draw`, `step` and `output`.
@@ -70,16 +71,6 @@ class Plant:
     def nominal(self) -> Mapping[str, float]:
         """Parameters that `perturb` and `set` may name, with their nominal values."""
         return {}
-
-    @attribute
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences for the user about this plant; `check` prints them."""
-        return ()
-
-    @attribute
-    def cost_per_step(self) -> float:
-        """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
-        return 0.0
 
     @attribute
     def mixes_noise(self) -> bool:
@@ -172,6 +163,3 @@ class Plant:
     def plots(self) -> tuple[Panel, ...]:
         """Panels that show the plant itself, such as its friction; `describe --plot` draws them."""
         return ()
-
-    def warm_up(self) -> None:
-        """Do costly work that workers share, such as compiling; doing it again costs nothing."""

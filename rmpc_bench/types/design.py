@@ -1,0 +1,22 @@
+"""What plants, estimators and controllers have in common."""
+
+from __future__ import annotations
+
+from rmpc_bench.types.attribute import attribute
+
+
+class Design:
+    """A frozen object that is made once, before any run, and shared by all runs and workers."""
+
+    @attribute
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences for the user about this design; `check` prints them."""
+        return ()
+
+    @attribute
+    def cost_per_step(self) -> float:
+        """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
+        return 0.0
+
+    def warm_up(self) -> None:
+        """Do costly work that workers share, such as compiling; doing it again costs nothing."""
