@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +50,8 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
 
 
 def _describe(path: Path, config: ExperimentConfig) -> list[str]:
+    from rmpc_bench.execution.cost import megabytes, seconds
+
     experiment = config.experiment
     lines = [f"{path}: valid", f"  {config.title or config.name}"]
     rows = [("", "plant", "design model"), *_plant_and_model(config)]
@@ -76,8 +77,8 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += [
         "",
         f"  size          {points}{size}{shared}",
-        f"  time          about {_seconds(config):.0f} s on {config.execution.workers} processes",
-        f"  memory        {_megabytes(config):.0f} MB per process for the trajectories of a block",
+        f"  time          about {seconds(config):.0f} s on {config.execution.workers} processes",
+        f"  memory        {megabytes(config):.0f} MB per process for the trajectories of a block",
     ]
     return lines if simulated else lines[:-2]
 
@@ -180,29 +181,3 @@ def _short(value: Any) -> str:
     if isinstance(value, list) and value and all(isinstance(entry, int | float) for entry in value):
         return f"[{', '.join(f'{entry:g}' for entry in value)}]"
     return f"{value:g}" if isinstance(value, float) else " ".join(dump(plain(value)).split())
-
-
-def _seconds(config: ExperimentConfig) -> float:
-    """Estimate the computing time [s]: per step 50 us for a block and 2.5 us for a run, plus the cost of slow designs.
-
-    Starting and reporting takes 2 s.  Trials that points of a sweep share count once.
-    """
-    seen, total = set[str](), 0.0
-    for point in config.points if "runs" in config.evaluate else ():
-        experiment = point.experiment
-        for name, key in point.method_keys.items():
-            if key not in seen:
-                method = experiment.method(name)
-                parts = (experiment.plant, method.estimator, method.controller)
-                per_run = 2.5e-6 + sum(part.cost_per_step for part in parts)
-                n_blocks = math.ceil(experiment.n_runs / config.execution.block)
-                total += experiment.n_steps * (5e-5 * n_blocks + per_run * experiment.n_runs)
-            seen.add(key)
-    return math.ceil(2.0 + total / config.execution.workers)
-
-
-def _megabytes(config: ExperimentConfig) -> float:
-    experiment = config.experiment
-    plant = experiment.plant
-    width = 2 * plant.nx + plant.nw + plant.nv + plant.ny + plant.nu
-    return math.ceil(8e-6 * 2 * config.execution.block * experiment.n_steps * width)

@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 from small_experiment import KEYS, cli, text, write
 
+from rmpc_bench.controllers.mpc import Mpc
+from rmpc_bench.plants.servo import ServoLinear
+
 BOMB = "a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
     f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
 )
@@ -99,6 +102,14 @@ def test_a_valid_configuration(tmp_path):
         "6 runs x 2 methods x 10 steps",
     ):
         assert words in shown
+
+
+def test_remarks_of_plant_and_controller(tmp_path, monkeypatch):
+    """Each under the name of the plant or of the method."""
+    for kind in (ServoLinear, Mpc):
+        monkeypatch.setattr(kind, "remarks", (f"a remark on {kind.__name__}",), raising=False)
+    shown = cli("check", write(tmp_path)).stdout
+    assert "  plant: a remark on ServoLinear\n  S-MPC: a remark on Mpc\n  R-MPC: a remark on Mpc\n" in shown
 
 
 def test_columns_do_not_run_together(tmp_path):
