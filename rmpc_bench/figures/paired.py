@@ -32,6 +32,8 @@ ROW, PANEL = 0.24, 0.42
 LABEL_SHARE = 0.3
 """Share of the width that the name of a method may take before it is broken."""
 MARKER: dict[str, Any] = {"marker": "o", "ms": 4.0, "ls": ""}
+COUNTS_BOX: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+"""Box of the runs won, lost and tied, in front of band and grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +148,9 @@ def _draw_rows(axes: Axes, point: Trials, changes: Sequence[Change]) -> None:
     for row, each in enumerate(changes):
         color = styles[each.method].color
         if not np.isfinite(each.change):
-            axes.annotate(each.counts, (0.0, row), (4.0, 0.0), textcoords="offset points", va="center", color=color)
+            # They have no place on the axis of per cent, and need all of its width.
+            place = axes.get_yaxis_transform()
+            axes.text(0.5, row, each.counts, transform=place, ha="center", va="center", color=color, bbox=COUNTS_BOX)
             continue
         ends = drawable(np.array([each.low, each.high]))
         axes.plot(ends, [row, row], color=color, lw=1.3, zorder=2.5)
@@ -161,4 +165,6 @@ def _runs(changes: Sequence[Change]) -> str:
     """Count the paired runs; as a range where methods have different numbers of them."""
     counts = [each.n_pairs for each in changes]
     least, most = min(counts), max(counts)
-    return f"{least} paired runs" if least == most else f"{least} to {most} paired runs"
+    if least < most:
+        return f"{least} to {most} paired runs"
+    return "1 paired run" if most == 1 else f"{most} paired runs"

@@ -99,6 +99,25 @@ def test_no_change_in_per_cent(make_trials):
     assert figure.axes[0].get_title() == "3 to 4 paired runs"
 
 
+def test_counts_stay_inside_the_axes(make_trials):
+    """Of many runs too, where no other row has a change in per cent."""
+    runs = [1.0, INF, 3.0] * 500
+    figure = paired(make_trials({"mse": {"A": runs, "B": [INF, 2.0, 3.0] * 500, "a long name of a method": runs}}))
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    for text in axes.texts:
+        box, frame = text.get_window_extent(), axes.get_window_extent()
+        assert frame.x0 <= box.x0 and box.x1 <= frame.x1
+
+
+def test_one_run_has_a_change_and_no_interval(make_trials):
+    """By hand: 3 against 2 is 50 per cent more."""
+    figure = paired(make_trials({"mse": {"A": [2.0], "B": [3.0]}}))
+    row, change, ends = rows(figure)[COLOURS[1]]
+    assert change == pytest.approx(50.0, rel=1e-12) and np.isnan(ends).all()
+    assert figure.axes[0].get_title() == "1 paired run"
+
+
 def test_points_of_a_sweep_are_panels(make_trials, make_sweep, columns):
     """On a common axis, each with its own changes."""
     other = columns | {"R": [2.0 * value for value in columns["S"]]}
