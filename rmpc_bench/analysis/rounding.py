@@ -21,6 +21,8 @@ from rmpc_bench.types import Array
 STABLE = 12
 SHOWN = 6
 NEGLIGIBLE = 1e-9
+DIGITS_OF_SCALE = 9
+"""Decimal places of `NEGLIGIBLE`."""
 
 
 def significant(value: float, digits: int = SHOWN) -> float:
@@ -90,7 +92,7 @@ def without_noise(value: float, scale: float) -> float:
     if not (math.isfinite(value) and math.isfinite(scale)) or scale == 0:
         return value
     exponent = int(f"{abs(scale):.{STABLE - 1}e}".split("e")[1])
-    return round(value, round(-math.log10(NEGLIGIBLE)) - exponent) + 0.0
+    return round(value, DIGITS_OF_SCALE - exponent) + 0.0
 
 
 SMALLEST = -307
@@ -124,9 +126,12 @@ def rounded(values: Array, scale: Array | float = 0.0, digits: int = SHOWN) -> A
     values, scale = np.broadcast_arrays(np.asarray(values, dtype=float), np.asarray(scale, dtype=float))
     finite = np.isfinite(values) & (values != 0)
     numbers = np.where(finite, values, 1.0)
-    floor = np.where(np.isfinite(scale), NEGLIGIBLE * np.abs(scale), 0.0)
+    known = np.isfinite(scale) & (scale != 0)
+    floor = np.where(known, NEGLIGIBLE * np.abs(scale), 0.0)
     lead = _exponent(numbers)
-    last = np.maximum(lead - digits + 1, np.where(floor > 0, _exponent(floor), lead - digits + 1))
+    # From a rounded scale, as one that is 1 on this CPU may be 0.9999999999999999 on another.
+    lowest = _exponent(_stable_array(np.where(known, scale, 1.0))) - DIGITS_OF_SCALE
+    last = np.maximum(lead - digits + 1, np.where(known, lowest, lead - digits + 1))
     found = np.where(np.abs(numbers) < floor, 0.0, _to_decimal(numbers, lead, np.minimum(last, lead)))
     return np.where(finite, found, values) + 0.0
 
@@ -135,6 +140,12 @@ def _exponent(values: Array) -> Array:
     """Exponent of the leading digit; comparisons decide it, as a logarithm may miss it at powers of ten."""
     found: Array = np.searchsorted(_POWERS, np.abs(values), side="right") - 1 + SMALLEST
     return np.maximum(found, SMALLEST)
+
+
+def _stable_array(values: Array) -> Array:
+    """Round finite numbers, none of them 0, to `STABLE` digits."""
+    lead = _exponent(values)
+    return _to_decimal(values, lead, lead - STABLE + 1)
 
 
 def _to_decimal(values: Array, lead: Array, last: Array) -> Array:

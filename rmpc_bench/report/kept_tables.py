@@ -23,9 +23,10 @@ def summary_table(described: pd.DataFrame) -> pd.DataFrame:
     """Return the content of summary.csv.
 
     The scale of a row is its largest quartile, that of a metric the largest quartile of all rows of the metric;
-    minimum and maximum do not count, as those of a single run may be enormous.  A number below `NEGLIGIBLE` of the
-    scale of its metric is written as 0, and no digit is kept below `NEGLIGIBLE` of the scale of its row or below
-    `UNRELIABLE` of that of its metric.
+    minimum and maximum do not count, as those of a single run may be enormous.  Where the scale of a row is below
+    `NEGLIGIBLE` of that of its metric, those of its numbers that are, too, are written as 0; a row above it keeps its
+    small numbers, such as the error of its mean.  No digit is kept below `NEGLIGIBLE` of the scale of the row or below
+    `UNRELIABLE` of that of the metric.
 
     Parameters
     ----------
@@ -41,7 +42,8 @@ def summary_table(described: pd.DataFrame) -> pd.DataFrame:
     groups = pd.Series(of_row[:, 0]).groupby(table["metric"].to_numpy())
     of_metric = groups.transform("max").to_numpy(dtype=float)[:, None]
     found = rounded(numbers, np.maximum(of_row, UNRELIABLE / NEGLIGIBLE * of_metric))
-    table[NUMBERS] = np.where(np.abs(numbers) < NEGLIGIBLE * of_metric, 0.0, found)
+    smallest = NEGLIGIBLE * of_metric
+    table[NUMBERS] = np.where((of_row < smallest) & (np.abs(numbers) < smallest), 0.0, found)
     return table
 
 

@@ -84,6 +84,16 @@ def test_nothing_is_kept_below_the_scale():
     assert rounded(np.array([1.23456789e-8, 1e-30]), np.array([0.0, math.inf])).tolist() == [1.23457e-8, 1e-30]
 
 
+@pytest.mark.parametrize("exponent", [-30, -5, -1, 0, 1, 3, 30])
+def test_a_scale_on_a_border_is_one_scale(exponent):
+    """A power of ten with rounding errors keeps as many digits as without."""
+    scale = float(f"1e{exponent}")
+    near = scale * np.array([1.0, 1 - 1e-15, 1 + 1e-15, 1 - 1e-13, 1 + 1e-13])
+    expected = float(f"5.9130e{exponent - 5}")
+    assert rounded(5.913027e-5 * scale, near).tolist() == [expected] * 5
+    assert [without_noise(5.913027e-5 * scale, each) for each in near] == [expected] * 5
+
+
 def test_an_array_keeps_what_is_no_finite_number():
     """Zero loses its sign; the largest and the smallest numbers stay what they are."""
     values = np.array([math.inf, -math.inf, math.nan, -0.0, 1.7e308, 5e-324])

@@ -60,6 +60,14 @@ def test_a_number_beside_a_large_one_is_zero(make_trials):
     assert (rows[1]["median"], rows[1]["max"]) == (0.2, 1e12)
 
 
+def test_a_row_beside_a_large_one_keeps_its_spread(make_trials):
+    """A method whose metric is 2e-9 to 5e-9 of that of another: its smallest run and the error of its mean, not 0."""
+    values = {"A": [0.2, 0.4, 0.5, 0.5], "B": [1e8, 1e8, 1e8, 1e8]}
+    row = summary_table(summary(make_trials({"mse": values}, METRICS[:1]))).to_dict("records")[0]
+    # By hand: the deviations -0.2, 0, 0.1, 0.1 give sqrt(0.06 / 3 / 4).
+    assert (row["mean"], row["se"], row["min"], row["max"]) == (0.4, 0.0707, 0.2, 0.5)
+
+
 def test_equal_methods_are_not_separated(make_trials):
     """Rounding errors of one sign in all runs have an interval that leaves out 0, and are no difference."""
     values = [0.1, 0.2, 0.3, 0.4]
