@@ -32,7 +32,14 @@ def test_check_stays_light(name):
     assert not set(done.stderr.split()) & {"numba", "pandas", "matplotlib", "joblib", "rich"}
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("souto2011/*.yaml")), ids=lambda path: path.stem)
+DEEP = [
+    # Many systems, and the search of an adversary: half of the time of all.
+    pytest.param(path, marks=[pytest.mark.slow] * (path.stem in ("benchmarks", "guarantee")), id=path.stem)
+    for path in sorted(CONFIGS.glob("souto2011/*.yaml"))
+]
+
+
+@pytest.mark.parametrize("path", DEEP)
 def test_deep(path):
     """It looks at every point without a failure, and does not claim that there are laws of control."""
     result = cli("check", "--deep", path)

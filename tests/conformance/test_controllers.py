@@ -41,10 +41,11 @@ PARAMETERS = {
 """Parameters that make a design of each kind, `of` a filter if not a Kalman filter's; a new kind gets a line here."""
 SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]
 CASES = [
-    (kind, number, size)
+    # The set `stages` takes a search of milliseconds per run and step.
+    pytest.param((kind, number, size), marks=[pytest.mark.slow] * (parameters.get("set") == "stages"))
     for kind in KINDS
     for number, parameters in enumerate(PARAMETERS.get(kind, []))
-    for size in (SIZES if parameters.get("set") != "stages" else SIZES[1:2])  # a search per run and step: milliseconds
+    for size in (SIZES if parameters.get("set") != "stages" else SIZES[1:2])
 ]
 RUNS, STEPS = 9, 12
 

@@ -15,7 +15,7 @@ from rmpc_bench.estimators.mixed import design as mixed
 from rmpc_bench.estimators.set_membership import design as set_membership
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.mixed_noise import design as mixed_model
-from rmpc_bench.types import DesignError, Estimate
+from rmpc_bench.types import DesignError, Estimate, Estimator
 
 STEPS = 22
 X = np.array([[60.0, -45.0], [3.0, -2.0], [0.2, 0.1], [0.0, 0.0]])
@@ -141,7 +141,7 @@ def test_mistakes_are_refused():
     with pytest.raises(DesignError, match="must be positive semidefinite"):
         design(model, STEPS, estimator, horizon=5, Q_x=[1.0, -1.0], R_u=1.0)
     with pytest.raises(DesignError, match="neither a set nor a covariance"):
-        design(model, STEPS, object(), horizon=5, Q_x=1.0, R_u=1.0)
+        design(model, STEPS, Estimator(), horizon=5, Q_x=1.0, R_u=1.0)
     known = mixed_model(STEPS, A=np.eye(2), B=[[1.0], [0.3]], C=[[0.2, 1.0]], w_mean=0.1)
     with pytest.raises(DesignError, match="known mean"):
         design(known, STEPS, estimator, horizon=5, Q_x=1.0, R_u=1.0)
