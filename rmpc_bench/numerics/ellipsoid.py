@@ -13,8 +13,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.numerics.linalg import as_covariance, mv, symmetrise
-from rmpc_bench.types import Array, Matrix
+from rmpc_bench.numerics.linalg import mv, symmetrise
+from rmpc_bench.types import Array
 
 Criterion: TypeAlias = Literal["trace", "volume"]
 
@@ -27,17 +27,6 @@ ROUNDS = 10
 """Rounds of a search, each 8 times finer than the one before: 1e-9 of the range, 1e-18 of the size around its least."""
 SLACK = 8.0
 """Roundings per term of a sum for which sets are made larger; of states on the surfaces, 0.5 lost some, 1 none."""
-
-
-def shape_of(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
-    """Expand a number (times the identity), a list (the diagonal) or a matrix to the shape matrix of an ellipsoid.
-
-    Raises
-    ------
-    ValueError
-        If the size does not fit, the matrix is not symmetric or an eigenvalue is negative.
-    """
-    return as_covariance(value, n)
 
 
 def weight(M1: Float[Array, "n n"], M2: Float[Array, "n n"]) -> float:

@@ -6,7 +6,8 @@ from conftest import EXACT, ROUND, SOLVER, random_psd
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
-from rmpc_bench.numerics.ellipsoid import confidence, intersection, shape_of, sum_shape, sum_shapes, weight
+from rmpc_bench.numerics.ellipsoid import confidence, intersection, sum_shape, sum_shapes, weight
+from rmpc_bench.numerics.linalg import as_covariance
 
 CRITERIA = pytest.mark.parametrize("criterion", ["trace", "volume"])
 SIZES = pytest.mark.parametrize(("n", "m"), [(1, 1), (2, 1), (3, 2), (2, 3)])
@@ -64,10 +65,10 @@ def test_the_confidence_is_chi_square():
 
 def test_short_forms_of_a_shape():
     """Oracle: by hand; what is no shape is refused."""
-    np.testing.assert_array_equal(shape_of(2.0, 2), 2.0 * np.eye(2))
-    np.testing.assert_array_equal(shape_of([1.0, 0.0], 2), np.diag([1.0, 0.0]))
+    np.testing.assert_array_equal(as_covariance(2.0, 2), 2.0 * np.eye(2))
+    np.testing.assert_array_equal(as_covariance([1.0, 0.0], 2), np.diag([1.0, 0.0]))
     with pytest.raises(ValueError, match="positive semidefinite"):
-        shape_of(-1.0, 2)
+        as_covariance(-1.0, 2)
 
 
 def combination(M, C, R, e, lam):
