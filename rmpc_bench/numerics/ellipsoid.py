@@ -20,17 +20,18 @@ Criterion: TypeAlias = Literal["trace", "volume"]
 
 EPS = float(np.finfo(np.float64).eps)
 LAST = 1.0 - 1e-6
-"""Largest weight of a measurement; the prediction keeps at least a millionth, so that unmeasured directions stay
-finite."""
+"""Largest weight of a measurement; the weight of the prediction is at least 1e-6, so that the set stays bounded in
+unmeasured directions."""
 SHARES = np.linspace(0.0, 1.0, 17)
 ROUNDS = 10
-"""Rounds of a search, each 8 times finer than the one before: 1e-9 of the range, 1e-18 of the size around its least."""
+"""Rounds of a search, each on a grid 8 times finer: accurate to 1e-9 of the range and 1e-18 of the minimum."""
 SLACK = 8.0
-"""Roundings per term of a sum for which sets are made larger; of states on the surfaces, 0.5 lost some, 1 none."""
+"""Rounding errors per term of a sum by which sets are enlarged; states on the boundary left the set with 0.5, but not
+with 1."""
 
 
 def weight(M1: Float[Array, "n n"], M2: Float[Array, "n n"]) -> float:
-    """Return p = sqrt(tr M1 / tr M2), with which the ellipsoid around a sum is smallest; 0 and inf if one is a point.
+    """Return p = sqrt(tr M1 / tr M2), which minimises the ellipsoid around a sum; 0 or inf if one set is a point.
 
     Of all p > 0, this one gives (1 + 1/p) M1 + (1 + p) M2 the least trace, (sqrt(tr M1) + sqrt(tr M2))^2.
     """
@@ -63,22 +64,22 @@ def sum_shapes(M1: Float[Array, "runs n n"], M2: Float[Array, "n n"]) -> Float[A
 
 @cache
 def confidence(level: float, n: int) -> float:
-    """Return the quantile of chi-square: n Gaussian numbers with covariance P lie in E(0, c P) at this level."""
+    """Return the chi-square quantile c: E(0, c P) contains a Gaussian vector with covariance P at this level."""
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(n / 2.0, level))
 
 
 class Intersection(NamedTuple):
-    """Ellipsoids around what two sets have in common, one per run."""
+    """Ellipsoids around the intersection of two sets, one per run."""
 
     centre: Float[Array, "runs n"]
-    """Where the centre is, seen from that of the first set."""
+    """Centre relative to the centre of the first set."""
     M: Float[Array, "runs n n"]
     lam: Float[Array, " runs"]
-    """Share of the second set in the combination; 0 keeps the first one."""
+    """Weight of the second set in the combination; with 0 the result is the first set."""
     met: Bool[Array, " runs"]
-    """Whether the sets have a point in common; where not, the first set is kept."""
+    """Whether the sets intersect; if not, the result is the first set."""
 
 
 def intersection(
@@ -91,10 +92,10 @@ def intersection(
     """Enclose the points x with x' M^-1 x <= 1 and (e - C x)' R^-1 (e - C x) <= 1 by their smallest combination.
 
     With M = F F', R^-1/2 C F = U diag(s) W' and z = U' R^-1/2 e, these are the points x = F W xi with |xi| <= 1 and
-    |z - s xi| <= 1, whatever the rank of M or C.  For every lam in [0, 1] they obey
-    (1 - lam) |xi|^2 + lam |z - s xi|^2 <= 1.  A full square makes that an ellipsoid of shape delta2 diag(1 / t) around
-    lam s z / t: with t = 1 - lam + lam s^2,  delta2 = 1 - lam (1 - lam) sum(z^2 / t),
-    where delta2 < 0 for some lam if, and only if, there is no such point.
+    |z - s xi| <= 1, for any rank of M or C.  For every lam in [0, 1] they satisfy
+    (1 - lam) |xi|^2 + lam |z - s xi|^2 <= 1.  Completing the square gives an ellipsoid of shape delta2 diag(1 / t) with
+    centre lam s z / t, where t = 1 - lam + lam s^2 and delta2 = 1 - lam (1 - lam) sum(z^2 / t).  delta2 < 0 for some
+    lam if and only if there is no such point.
 
     The set is enlarged to account for rounding.  F F' and the root of R are enlarged, see `_root`.  Relative rounding
     eps of C F, e and the singular values changes z - s xi by eps times `reach`, the size of their products, which is
@@ -104,9 +105,9 @@ def intersection(
     Parameters
     ----------
     M : shapes of the first sets, singular ones included
-    C, R : what is measured, and the regular shape of the set of its noise
-    e : measurements minus what the centres of the first sets would give
-    criterion : what shall be smallest, the trace of the shape or the volume
+    C, R : output matrix, and regular shape of the set of the measurement noise
+    e : measurements minus the outputs at the centres of the first sets
+    criterion : size that is minimised, the trace of the shape or the volume
     """
     (m, n), (F, _), (_, root) = C.shape, _root(M), _root(R)
     A = np.einsum("ki,rij->rkj", root @ C, F)
@@ -127,15 +128,15 @@ def intersection(
 
 
 def _slack(n: int) -> float:
-    """Return what rounding may take from the eigenvalues of a matrix with a diagonal of ones."""
+    """Return a bound of the rounding error of the eigenvalues of a matrix with a diagonal of ones."""
     return SLACK * n * n * EPS
 
 
 def _root(M: Float[Array, "*runs n n"]) -> tuple[Float[Array, "*runs n n"], Float[Array, "*runs n n"]]:
-    """Return F with F F' = M + slack diag(M), so that rounding takes nothing from the set, and its inverse.
+    """Return F with F F' = M + slack diag(M), so that rounding does not reduce the set, and its inverse.
 
-    A set that is flat becomes one about 1e-7 of its half widths thick; only an entry of x that is known stays so, and
-    has zeros in the inverse.
+    A flat set becomes one whose thickness is about 1e-7 of its half-widths.  An entry of x that is known exactly
+    remains known exactly; the inverse then has zeros for it.
     """
     half = np.sqrt(np.maximum(np.einsum("...ii->...i", M), 0.0))
     inverse = np.divide(1.0, half, out=np.zeros_like(half), where=half > 0.0)
@@ -149,22 +150,22 @@ def _padded(values: Float[Array, "runs k"], size: int) -> Float[Array, "runs siz
 
 
 class _Combination(NamedTuple):
-    """The combinations of two sets, by what their sizes depend on; lam is (runs, points)."""
+    """Combinations of two sets as functions of their weight lam (runs, points)."""
 
     B: Float[Array, "runs n n"]
-    """F W, by which xi becomes x."""
+    """F W, which maps xi to x."""
     g: Float[Array, "runs p"]
-    """Squares of s; with z, filled up with zeros to the larger one of n and m."""
+    """Squares of s; g and z are padded with zeros to the larger of n and m."""
     z: Float[Array, "runs p"]
     margin: Float[Array, " runs"]
 
     def delta2(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
-        """Scale of diag(1 / t), without rounding."""
+        """Scale of diag(1 / t), without the margin for rounding."""
         left: Array = 1.0 - lam * (1.0 - lam) * (self.z[:, None] ** 2 / self.mixed(lam)).sum(axis=2)
         return left
 
     def scale(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
-        """Return delta2 with what rounding may have taken from it: sets that touch stay sets."""
+        """Return delta2 plus the margin for rounding, so that sets in contact still intersect."""
         enough: Array = np.maximum(self.delta2(lam), 0.0) + self.margin[:, None]
         return enough
 
@@ -175,7 +176,7 @@ class _Combination(NamedTuple):
         return total
 
     def radius(self, lam: Float[Array, "runs points"]) -> Float[Array, "runs points"]:
-        """Return prod(t)^(-1/n), which times the scale grows as the volume does."""
+        """Return prod(t)^(-1/n); its product with the scale is a monotonic function of the volume."""
         n = self.B.shape[1]
         root: Array = np.exp(-np.log(self.mixed(lam)[:, :, :n]).sum(axis=2) / n)
         return root
@@ -187,7 +188,7 @@ class _Combination(NamedTuple):
 
 
 def _smallest(size: Callable[[Array], Array], n_runs: int) -> Float[Array, " runs"]:
-    """Find the lam in [0, LAST] at which a size is smallest, run by run: ever finer points around the best one."""
+    """Minimise a size over lam in [0, LAST] for each run, on successively finer grids around the best point."""
     low, high, rows = np.zeros(n_runs), np.full(n_runs, LAST), np.arange(n_runs)
     for _ in range(ROUNDS):
         points = low[:, None] + (high - low)[:, None] * SHARES

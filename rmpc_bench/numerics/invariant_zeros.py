@@ -1,8 +1,8 @@
-"""The zeros of a linear system with any number of inputs and outputs.
+"""Invariant zeros of a linear system with any number of inputs and outputs.
 
 A zero is a z at which [A - zI, B; C, D] has a lower rank than at almost every other z.  Zeros at infinity are removed
-first by orthogonal transformations, until D is square and regular: as eigenvalues of the whole pencil they would be
-numbers of the order of 1e16^(1/d) for a relative degree d, which cannot be distinguished from zeros.
+first by orthogonal transformations, until D is square and regular.  As eigenvalues of the whole pencil they would be
+numbers of the order of 1e16^(1/d) for a relative degree d, which cannot be distinguished from finite zeros.
 
 Source  Emami-Naeini and Van Dooren, Automatica 18 (1982).
 Limit   D square and regular: the eigenvalues of A - B D^-1 C.
@@ -17,7 +17,7 @@ from rmpc_bench.numerics.stability import balanced
 from rmpc_bench.types import Array
 
 SMALL = 10.0 * float(np.finfo(float).eps)
-"""Singular values below this times the size and norm of the system are rounding."""
+"""Singular values below this number times the size and the norm of the system count as 0."""
 
 System = tuple[Array, Array, Array, Array]
 
@@ -25,14 +25,14 @@ System = tuple[Array, Array, Array, Array]
 def zeros(
     A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"], D: Float[Array, "p m"] | None = None
 ) -> Complex[Array, " zeros"]:
-    """Return the finite zeros in no order; hidden modes that lower the rank are among them.
+    """Return the finite zeros in any order, including uncontrollable or unobservable modes that lower the rank.
 
     Parameters
     ----------
     A : (n, n) state matrix
     B : (n, m) input matrix
     C : (p, n) output matrix
-    D : (p, m) feedthrough, zero unless given
+    D : (p, m) feedthrough, zero if not given
     """
     from scipy.linalg import eigvals
 
@@ -42,7 +42,8 @@ def zeros(
     n, outputs = len(A), np.hstack([C, D])
     if n == 0:
         return np.empty(0, dtype=complex)
-    W = np.linalg.svd(outputs)[2][len(outputs) :].T  # the states and inputs (n + r, n) that give no output
+    # Basis (n + r, n) of the states and inputs with output zero.
+    W = np.linalg.svd(outputs)[2][len(outputs) :].T
     found: Array = eigvals(np.hstack([A, B]) @ W, W[:n]).astype(complex)
     return found
 
@@ -66,7 +67,7 @@ def _without_infinite(system: System, tol: float) -> System:
 
 
 def _range(M: Array, tol: float) -> tuple[Array, int]:
-    """Orthogonal matrix whose first columns span the range of M, and how many they are."""
+    """Return an orthogonal matrix whose first columns span the range of M, and the rank of M."""
     U, s, _ = np.linalg.svd(M)
     return U, int((s > tol).sum())
 
@@ -77,7 +78,7 @@ def _dual(system: System) -> System:
 
 
 def _scaled(A: Array, B: Array, C: Array, D: Array) -> System:
-    """Choose units in which A, B and C are about as large; zeros do not depend on them."""
+    """Scale states, inputs and outputs so that A, B and C have similar norms; this does not change the zeros."""
     A, B, C = balanced(A, B, C)
     size = float(np.linalg.norm(A)) or 1.0
     b, c = (size / (float(np.linalg.norm(M)) or size) for M in (B, C))

@@ -20,16 +20,16 @@ from jaxtyping import Float
 from rmpc_bench.types import Array
 
 FEASIBLE = 1e-9
-"""By how much a solution may violate a bound of a row, of a column or of a reduced cost."""
+"""Tolerance for the bounds of rows, of columns and of reduced costs."""
 VIOLATED = 1e-7
-"""Violation that makes an optimum none, relative to 1 and to the largest unknown."""
+"""Violation of a bound from which on a solution is rejected, relative to 1 and to the largest unknown."""
 ACTIVE = 1e-8
-"""A dual beyond it, ten times what rounding leaves of 0, keeps its bound; a smaller one costs the first objective no
-more than that times the distance to the bound."""
+"""Size of a dual above which its bound is active, ten times the rounding error of 0.  An error of this decision changes
+the first objective by at most this number times the distance to the bound."""
 
 
 class LpStatus(IntEnum):
-    """What became of a program; HiGHS has a status of its own for each, or several."""
+    """Result of a solver call; each status summarises one or several statuses of HiGHS."""
 
     explanation: str
 
@@ -42,14 +42,14 @@ class LpStatus(IntEnum):
 
     OPTIMAL = 0, "an optimum has been found"
     INFEASIBLE = 1, "no point satisfies all bounds"
-    UNBOUNDED = 2, "the objective falls without end"
-    UNBOUNDED_OR_INFEASIBLE = 3, "there is no optimum; which of the two reasons it has is not known"
-    NOT_FINITE = 4, "the data have an entry that is not a number, or infinite where it must not be"
+    UNBOUNDED = 2, "the objective is unbounded below"
+    UNBOUNDED_OR_INFEASIBLE = 3, "there is no optimum: the program is unbounded or infeasible"
+    NOT_FINITE = 4, "the data contain an entry that is not a number, or an infinite entry that must be finite"
     EMPTY = 5, "the program has no unknowns"
     ITERATION_LIMIT = 6, "the solver has used up its iterations"
     TIME_LIMIT = 7, "the solver has used up its time"
-    OBJECTIVE_LIMIT = 8, "the objective has passed a bound or a target that was set for it"
-    OTHER_LIMIT = 9, "the solver has used up its memory, or has found as many solutions as it may"
+    OBJECTIVE_LIMIT = 8, "the objective has passed a given bound or target"
+    OTHER_LIMIT = 9, "the solver has used up its memory, or has reached the limit of solutions"
     INTERRUPTED = 10, "the solver has been interrupted"
     FAILED = 11, "the solver has rejected the program, failed numerically or returned an unknown status"
 
@@ -76,7 +76,7 @@ MEANING = {
     "kPostsolveError": LpStatus.FAILED,
     "kUnknown": LpStatus.FAILED,
 }
-"""Every status of HiGHS 1.15; one that a later version adds counts as `FAILED`."""
+"""Every status of HiGHS 1.15; a status that a later version adds is treated as `FAILED`."""
 
 OPTIONS: Mapping[str, Any] = {
     "output_flag": False,
@@ -92,7 +92,7 @@ DUAL: Mapping[str, Any] = {"simplex_strategy": 1, "simplex_scale_strategy": 2}
 
 
 class Bounds(NamedTuple):
-    """The set that a program chooses from; a bound that is not there is infinite."""
+    """Feasible set of a program; a missing bound is infinite."""
 
     A: Float[Array, "m n"]
     row_lower: Float[Array, " m"]
@@ -102,13 +102,13 @@ class Bounds(NamedTuple):
 
 
 class LpResult(NamedTuple):
-    """Where a program ends; NaN without an optimum."""
+    """Solution of a program; NaN without an optimum."""
 
     x: Float[Array, " n"]
     duals: Float[Array, " m"]
-    """Change of the optimum with the bound of a row."""
+    """Derivative of the optimum with respect to the bound of a row."""
     reduced_costs: Float[Array, " n"]
-    """Change of the optimum with the bound of a column."""
+    """Derivative of the optimum with respect to the bound of a column."""
     objective: float
     status: LpStatus
 
@@ -118,9 +118,9 @@ def solve(c: Float[Array, " n"], bounds: Bounds, options: Mapping[str, Any] | No
 
     Parameters
     ----------
-    c : (n,) what to minimise
-    bounds : where
-    options : of HiGHS, beside those of this module
+    c : (n,) cost vector
+    bounds : feasible set
+    options : options of HiGHS, in addition to those of this module
     """
     if not _is_a_program(c, bounds):
         return _no_result(bounds, LpStatus.NOT_FINITE)
@@ -148,24 +148,24 @@ def _run(c: Array, bounds: Bounds, options: Mapping[str, Any]) -> LpResult:
 
 
 def _violation(x: Array, bounds: Bounds) -> float:
-    """By how much a point misses its bounds."""
+    """Return the largest violation of a bound at a point."""
     rows = bounds.A @ x
     beyond = (bounds.row_lower - rows, rows - bounds.row_upper, bounds.col_lower - x, x - bounds.col_upper)
     return float(np.concatenate(beyond).max())
 
 
 def lexicographic(first: Float[Array, " n"], second: Float[Array, " n"], bounds: Bounds) -> LpResult:
-    """Minimise one objective and, among its optima, another one.
+    """Minimise one objective and, over its optima, a second one.
 
     Parameters
     ----------
     first, second : (n,) objectives
-    bounds : where
+    bounds : feasible set
 
     Returns
     -------
     LpResult
-        Objective and duals are those of the first program; the status is that of the one that ended it.
+        Objective and duals are those of the first program; the status is that of the last program solved.
     """
     found = solve(first, bounds)
     if found.status is not LpStatus.OPTIMAL:
@@ -179,7 +179,7 @@ def lexicographic(first: Float[Array, " n"], second: Float[Array, " n"], bounds:
 
 
 def _kept(lower: Array, upper: Array, duals: Array) -> tuple[Array, Array]:
-    """Bounds of the optima: those with a dual hold with equality, by complementary slackness."""
+    """Return the bounds of the set of optima: by complementary slackness a bound with a dual holds with equality."""
     return np.where(duals < -ACTIVE, upper, lower), np.where(duals > ACTIVE, lower, upper)
 
 
@@ -199,7 +199,7 @@ def _model(c: Array, bounds: Bounds) -> Any:
 
 
 def _is_a_program(c: Array, bounds: Bounds) -> bool:
-    """Whether all is a number, and infinite at most where that means that there is no bound."""
+    """Whether all data are numbers, and infinite only if this means a missing bound."""
     lower = np.concatenate([bounds.row_lower, bounds.col_lower])
     upper = np.concatenate([bounds.row_upper, bounds.col_upper])
     return bool(

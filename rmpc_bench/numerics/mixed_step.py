@@ -27,13 +27,13 @@ from rmpc_bench.types import Array
 Rule: TypeAlias = Literal["fixed-point", "lag", "one-pass"]
 
 REACH = 18.5
-"""Largest distance of log q from its start, a factor of 1e8: beyond it one of the sets has no effect."""
+"""Largest distance of log q from its start, a factor of 1e8 in q: beyond it one of the sets has no effect."""
 
 CLOSE = 1e-13
-"""Tolerance of log q: the rounding of a sum of traces."""
+"""Tolerance of log q: the rounding error of a sum of traces."""
 
 MOST = 100
-"""Largest number of gains in a search for q; the bracket at least halves with every other one."""
+"""Largest number of gains in a search for q; every third one is a bisection step."""
 
 
 class MixedStep(NamedTuple):
@@ -46,7 +46,8 @@ class MixedStep(NamedTuple):
     M: Float[Array, "nx nx"]
     """Shape of the ellipsoid of its bounded part."""
     q: float
-    """Best weight for L, (24); 0 without a predicted set, infinite where nothing measured counts."""
+    """Weight of (21): the best one for L, (24), or a given one; 0 without a predicted set, infinite without a measured
+    one."""
 
 
 class Prior(NamedTuple):
@@ -73,12 +74,12 @@ class Prior(NamedTuple):
         return MixedStep(np.zeros(self.C.T.shape), self.P, self.M, inf)
 
     def parts(self, L: Float[Array, "nx ny"]) -> tuple[Float[Array, "nx nx"], Float[Array, "nx nx"]]:
-        """Return the shapes of what is left of the two sets, T M_pred T' and L M_v L'."""
+        """Return the shapes of the two sets after the correction, T M_pred T' and L M_v L'."""
         rest = np.eye(len(self.M)) - L.dot(self.C)
         return symmetrise(rest.dot(self.M).dot(rest.T)), symmetrise(L.dot(self.M_v).dot(L.T))
 
     def corrected(self, L: Float[Array, "nx ny"], q: float | None = None) -> MixedStep:
-        """Apply a gain, (20) and (21), with the weight that is best for it unless another one is given."""
+        """Apply a gain, (20) and (21), with the best weight for it if no other one is given."""
         rest = np.eye(len(self.P)) - L.dot(self.C)
         P = symmetrise(rest.dot(self.P).dot(rest.T) + L.dot(self.P_v).dot(L.T))  # (20)
         predicted, measured = self.parts(L)
@@ -94,14 +95,14 @@ def mixed_step(prior: Prior, rule: Rule = "fixed-point", q_before: float = 1.0) 
     Parameters
     ----------
     prior : covariance and set of the prediction error and of the measurement noise
-    rule : `fixed-point` finds the minimiser, see Limit; the others evaluate (24) once, for the gain that belongs to the
-        weight of the step before (`lag`) or to q = 1 (`one-pass`)
-    q_before : weight of the step before
+    rule : `fixed-point` finds the minimiser, see Limit; the others evaluate (24) once, for the gain of the previous
+        weight (`lag`) or of q = 1 (`one-pass`)
+    q_before : weight of the previous step
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If the covariance of the innovation, with the sets counted in, is singular, even if no innovation can show it.
+        If the covariance of the innovation including the sets is singular, even if every innovation is consistent.
     """
     if not prior.M.any():
         return prior.corrected(prior.gain(0.0))
@@ -116,16 +117,16 @@ def mixed_step(prior: Prior, rule: Rule = "fixed-point", q_before: float = 1.0) 
 
 
 def _start(prior: Prior) -> float:
-    """Return log q at which the two sets look alike in the output, however different their sizes are."""
+    """Return log q at which the two sets have the same trace in the output space."""
     seen = float(prior.C.dot(prior.M).dot(prior.C.T).trace())
     return 0.5 * (log(seen) - log(prior.M_v.trace())) if seen > 0.0 else 0.0
 
 
 def _root(prior: Prior) -> float:
-    """Find log q at which the best gain has that weight as its own best one, or the end of the reach before it.
+    """Find log q such that q is the best weight for the best gain of q, limited to `REACH`.
 
-    Steps of growing length lead to the side on which it lies, until it is enclosed; then secants, and a half after
-    every other one.
+    Steps of increasing length continue until the root is bracketed.  Then two secant steps alternate with one bisection
+    step.
     """
     z = _start(prior)
     low, high, step = (z - REACH, nan), (z + REACH, nan), 0.0  # log q with the distance there
@@ -145,6 +146,6 @@ def _root(prior: Prior) -> float:
 
 
 def _distance(prior: Prior, z: float) -> float:
-    """Return how far the best weight for the gain for q is from q, as logarithms."""
+    """Return log(q_best / q), where q_best is the best weight for the gain of q = exp(z)."""
     best = weight(*prior.parts(prior.gain(exp(z))))
     return log(best) - z if best > 0.0 else -inf

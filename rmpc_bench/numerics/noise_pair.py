@@ -19,23 +19,23 @@ from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel
 from rmpc_bench.numerics.riccati import PredictorStep, error_map, predictor_step
 from rmpc_bench.types import Array
 
-# The alternation ends when both t change by less than this share, or after this many turns.
+# The alternating minimisation ends if both t change by less than this share, or after this number of iterations.
 _SETTLED, _MAX_TURNS = 1e-9, 200
 
 Range = tuple[float, float]
-"""Least and largest excess."""
+"""Smallest and largest excess."""
 FREE: Range = (0.0, math.inf)
 
 
 class Noises(NamedTuple):
-    """What the noises do to [x(k+1); y], for excesses t_w and t_v of a_w and a_v."""
+    """Contributions of the noises to [x(k+1); y], for excesses t_w and t_v of a_w and a_v."""
 
     t_w: float
     t_v: float
     U: Float[Array, "nz nz"]
     """[B; D] U_c [B; D]'."""
     J: Float[Array, "nz nz"]
-    """[B U_c B' + Delta_3, Psi_1; Psi_1', Psi_2] without what a_x adds."""
+    """[B U_c B' + Delta_3, Psi_1; Psi_1', Psi_2] without the terms of a_x."""
 
 
 class NoisePair(NamedTuple):
@@ -50,16 +50,17 @@ class NoisePair(NamedTuple):
         return Noises(t_w, t_v, U, U + self.w.own(t_w) + self.v.own(t_v))
 
     def no_worse(self, A: Float[Array, "nx nx"], G: Float[Array, "s nx"], w: Excess, v: Excess) -> tuple[Range, Range]:
-        """Return the t_w and the t_v that make the bound of x(k+1) no larger than given excesses do.
+        """Return the ranges of t_w and t_v in which the bound of x(k+1) is not larger than with given excesses.
 
-        That is its trace, and the trace of what F_x sees of it, at once and until nx steps later (through the rows
-        G A^j, with the A and G given).  An excess of 0, with which there may be no bound, counts as gamma = 1.
+        The compared sizes are the trace of the bound and the traces of G A^j times the bound times its transpose for
+        j = 0..nx-1: the combinations of the states that F_x multiplies, at the next nx steps.  An excess of 0, for
+        which there may be no bound, is replaced by gamma = 1.
 
         Parameters
         ----------
         A : transition of x
-        G : what F_x sees of x
-        w, v : how the given excesses are chosen
+        G : combination of the states that F_x multiplies
+        w, v : rules of the given excesses
         """
         nx, nz = len(A), len(self.w.base)
         rows = [np.eye(nx), G]
@@ -80,15 +81,15 @@ class NoisePair(NamedTuple):
         first: Noises,
         within: tuple[Range, Range] = (FREE, FREE),
     ) -> tuple[PredictorStep, Noises]:
-        """Choose gain and excesses so that the trace of the next P is least.
+        """Compute gain and excesses that minimise the trace of the next P.
 
         Parameters
         ----------
         M : A over C
-        J_x : what the uncertainty of the state adds to J
+        J_x : contribution of the uncertainty of the state to J
         P : covariance of the error of x, widened
-        first : noises to begin with
-        within : t_w and t_v to choose from
+        first : noises at the start of the iteration
+        within : ranges of t_w and t_v
         """
         noises, step = first, predictor_step(M, first.J + J_x, P)
         for _ in range(_MAX_TURNS):

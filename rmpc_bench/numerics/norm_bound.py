@@ -4,12 +4,12 @@ For a > lambda_max(G P G') and every F with F' F <= I,
 
         (M + H F G) P (M + H F G)' <= M Pc M' + a H H',   Pc = P + P G' (a I - G P G')^-1 G P.
 
-The free parameter is the excess t = a - lambda_max(G P G') > 0.  a I - G P G' is computed from t, not as a difference,
-so that a small t keeps its digits.  If P G' = 0, the uncertainty has no effect: at t = 0 the bound is M P M'.
+The free parameter is the excess t = a - lambda_max(G P G') > 0.  a I - G P G' is computed from t and not as a
+difference, which is accurate for a small t.  If P G' = 0, the uncertainty has no effect: at t = 0 the bound is M P M'.
 
 Symbols a is 1/alpha: a_x, a_w, a_v = 1/alpha_x, 1/alpha_w, 1/alpha_v; Pc, Wc, Vc are P, W, V widened as above.
-Source  souto2011, Lemma 1, (46)-(49), Table 2, Steps 1 and 2, (85)-(87).  Not from there: the a that makes a trace
-        least (`best_excess`), and those that leave it no larger than another does (`no_worse`).
+Source  souto2011, Lemma 1, (46)-(49), Table 2, Steps 1 and 2, (85)-(87).  Additions: the a that minimises a trace
+        (`best_excess`), and the range of a that does not increase it (`no_worse`).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from jaxtyping import Float
 from rmpc_bench.types import Array
 
 _FLOOR, _CEILING = 1e-9, 1e9
-"""A chosen excess stays within these multiples of the scale of G P G': beyond, the bound is flat or overflows."""
+"""Limits of a computed excess, relative to lambda_max(G P G'): beyond them the bound is flat or overflows."""
 
 
 @dataclass(frozen=True)
 class Excess:
-    """How far a lies above lambda_max(G P G'): by `eps`, or by `gamma` times lambda_max itself."""
+    """Excess of a over lambda_max(G P G'): `eps`, or `gamma` times lambda_max."""
 
     eps: float | None = None
     gamma: float | None = None
@@ -42,7 +42,7 @@ class Excess:
 
 
 class Widening(NamedTuple):
-    """The multiplier a, the gap a I - G P G' and its inverse; the inverse is 0 where F sees nothing and t = 0."""
+    """The multiplier a, the gap a I - G P G' and its inverse; the inverse is 0 if G P G' = 0 and t = 0."""
 
     a: float
     gap: Float[Array, "s s"]
@@ -50,7 +50,7 @@ class Widening(NamedTuple):
 
 
 def spectrum(GPG: Float[Array, "s s"]) -> tuple[Float[Array, " s"], Float[Array, "s s"]]:
-    """Return the eigenvalues, ascending and none of them negative, and the eigenvectors of G P G'."""
+    """Return the eigenvalues of G P G', ascending, with negative ones set to 0, and its eigenvectors."""
     if len(GPG) == 1:
         return np.maximum(GPG[0], 0.0), np.ones((1, 1))
     lam, U = np.linalg.eigh(GPG)
@@ -87,12 +87,12 @@ def _seeing_nothing(largest: float, s: int) -> Widening:
 
 
 def keep_a(old: Widening, difference: Float[Array, "s s"]) -> Widening | None:
-    """Use the same a for another covariance; None where a is too small for it.
+    """Use the same a for another covariance; None if a is too small for it.
 
     Parameters
     ----------
-    old : for G P G'
-    difference : G P G' less its successor
+    old : the multiplier with its gap for G P G'
+    difference : G P G' minus the same of the other covariance
     """
     if not difference.any():
         return old
@@ -102,15 +102,15 @@ def keep_a(old: Widening, difference: Float[Array, "s s"]) -> Widening | None:
 
 
 def best_excess(lam: Float[Array, " s"], p: Float[Array, " s"], q: float) -> float:
-    """Return the t = a - lambda_max that makes sum_i p_i / (a - lam_i) + q a least.
+    """Return the t = a - lambda_max that minimises sum_i p_i / (a - lam_i) + q a.
 
-    The derivative vanishes where sum_i p_i / (a - lam_i)^2 = q; with one eigenvalue at t = sqrt(p / q).
+    The derivative is 0 where sum_i p_i / (a - lam_i)^2 = q; with one eigenvalue t = sqrt(p / q).
 
     Parameters
     ----------
     lam : eigenvalues, ascending
     p : weights, not negative
-    q : price of a, not negative
+    q : weight of a, not negative
     """
     largest = float(lam[-1])
     floor, ceiling = _FLOOR * largest, _CEILING * largest
@@ -120,10 +120,10 @@ def best_excess(lam: Float[Array, " s"], p: Float[Array, " s"], q: float) -> flo
 
 
 def no_worse(lam: Float[Array, " s"], p: Float[Array, " s"], q: float, t0: float) -> tuple[float, float]:
-    """Return the least and the largest t at which sum_i p_i / (a - lam_i) + q a is not larger than at t0.
+    """Return the smallest and the largest t at which sum_i p_i / (a - lam_i) + q a is not larger than at t0.
 
-    The sum is convex in t, so that t0 is one end; with d_i = lambda_max - lam_i, the other is where
-    sum_i p_i / ((t0 + d_i) (t + d_i)) = q; with one eigenvalue at t = p / (q t0).
+    The sum is convex in t, so that t0 is one end.  With d_i = lambda_max - lam_i, the other end solves
+    sum_i p_i / ((t0 + d_i) (t + d_i)) = q; with one eigenvalue it is t = p / (q t0).
 
     Parameters
     ----------
@@ -138,10 +138,10 @@ def no_worse(lam: Float[Array, " s"], p: Float[Array, " s"], q: float, t0: float
 
 
 def _fall_to(q: float, p: Float[Array, " s"], gaps: Float[Array, " s"], power: int) -> float:
-    """Return the t where sum_i p_i / (t + gaps_i)^power falls to q, 0 where it is never larger.
+    """Return the t >= 0 with sum_i p_i / (t + gaps_i)^power = q, or 0 if the sum is at most q for all t > 0.
 
-    The sum falls and is convex, so that Newton's method from the left comes from one side; it begins where one term
-    alone falls to q.
+    The sum is decreasing and convex, so that Newton's method converges monotonically from the left.  It starts at the
+    largest t at which a single term equals q.
     """
     terms = [(one / q, gap) for one, gap in zip(p.tolist(), gaps.tolist(), strict=True) if one > 0.0]
     t = max((weight ** (1.0 / power) - gap for weight, gap in terms), default=0.0)
@@ -161,13 +161,13 @@ def _fall_to(q: float, p: Float[Array, " s"], gaps: Float[Array, " s"], power: i
 class NoiseChannel:
     """Bound of (M + H F G) W (M + H F G)' for one white noise, as a function of the excess t.
 
-    In Table 2, for w: M = [Bw; Dw] and H = [H_Bw; H_Dw], so that M Wc M' + a_w H H' is what w adds to
+    In Table 2, for w: M = [Bw; Dw] and H = [H_Bw; H_Dw], so that M Wc M' + a_w H H' is the contribution of w to
     [B U_c B' + Delta_3, Psi_1; Psi_1', Psi_2].
 
     Parameters
     ----------
     M, H : (nz, n), (nz, r) how the noise and its F enter [x(k+1); y]
-    G : (s, n) what F sees of the noise
+    G : (s, n) combination of the noise that F multiplies
     W : (n, n) covariance of the noise
     """
 
@@ -177,29 +177,29 @@ class NoiseChannel:
         self.base: Array = M.dot(W).dot(M.T)
         self.lam, U = spectrum(G.dot(W).dot(G.T))
         self.present = bool(H.any() and self.lam[-1] > 0.0)
-        """Whether the uncertainty changes anything."""
+        """Whether the uncertainty has an effect."""
         self.cross: Array = M.dot(W).dot(G.T).dot(U)
         self.H = H
         self._HH: Array = H.dot(H.T)
 
     def excess(self, rule: Excess) -> float:
-        """Return t as a rule gives it; 0 where there is no uncertainty."""
+        """Return the t of a rule; 0 without uncertainty."""
         return rule.over(float(self.lam[-1])) if self.present else 0.0  # Step 1, (86), (87)
 
     def best(self, T: Float[Array, "nx nz"], within: tuple[float, float] = (0.0, math.inf)) -> float:
-        """Return the t that makes trace(T bound T') least; 0 where that is the limit.
+        """Return the t that minimises trace(T bound T'); 0 if the infimum is at t -> 0.
 
         Parameters
         ----------
-        T : (nx, nz) what the bound is seen through
-        within : least and largest t to choose from
+        T : (nx, nz) linear map that is applied to the bound
+        within : smallest and largest admissible t
         """
         if not self.present or not self.cross.any():
             return 0.0
         return min(max(best_excess(self.lam, *self._coefficients(T)), within[0]), within[1])
 
     def no_worse(self, T: Float[Array, "nx nz"], t0: float) -> tuple[float, float]:
-        """Return the least and the largest t at which trace(T bound T') is not larger than at t0 > 0."""
+        """Return the smallest and the largest t at which trace(T bound T') is not larger than at t0 > 0."""
         return no_worse(self.lam, *self._coefficients(T), t0) if self.present else (0.0, math.inf)
 
     def _coefficients(self, T: Float[Array, "nx nz"]) -> tuple[Float[Array, " s"], float]:
@@ -208,7 +208,7 @@ class NoiseChannel:
         return (seen * seen).sum(axis=0), float((own * own).sum())
 
     def a(self, t: float) -> float:
-        """Multiplier; 0 where there is no uncertainty."""
+        """Multiplier; 0 without uncertainty."""
         return float(self.lam[-1]) + t if self.present else 0.0  # Step 1, (48), (49)
 
     def nominal(self, t: float) -> Float[Array, "nz nz"]:

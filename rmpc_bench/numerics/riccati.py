@@ -36,8 +36,8 @@ def filter_step(
 ) -> FilterStep:
     """Correct and propagate the covariance ``V`` of the prediction error.
 
-    The correction is written in Joseph form, which keeps P symmetric and positive semidefinite under rounding.  `dot`
-    takes half the time of `@` on matrices of this size, where it is the call that costs.
+    The correction uses the Joseph form, which keeps P symmetric and positive semidefinite under rounding.  For such
+    small matrices `dot` takes half the time of `@`, because the overhead of the call dominates.
 
     Raises
     ------
@@ -73,11 +73,11 @@ class PredictorStep(NamedTuple):
 
 
 def predictor_step(M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], P: Float[Array, "nx nx"]) -> PredictorStep:
-    """Best gain of [x(k+1); y] = M x + [w; v] with correlated noises, and the covariance it leads to.
+    """Return the optimal gain for [x(k+1); y] = M x + [w; v] with correlated noises, and the resulting covariance.
 
-    K = (A P C' + S) (C P C' + R)^+ for M = [A; C] and J = [Q S; S' R]; P_next in Joseph form,
-    (A - K C) P (A - K C)' + [I -K] J [I -K]', which keeps it symmetric and positive semidefinite under rounding, and
-    holds for the K that comes out, exact or not.
+    K = (A P C' + S) (C P C' + R)^+ for M = [A; C] and J = [Q S; S' R].  P_next has the Joseph form
+    (A - K C) P (A - K C)' + [I -K] J [I -K]'.  It is symmetric and positive semidefinite under rounding, and it is the
+    covariance for the computed K, including its rounding errors.
 
     Parameters
     ----------
@@ -105,16 +105,16 @@ def error_map(K: Float[Array, "nx ny"]) -> Float[Array, "nx nz"]:
 def error_covariance(
     T: Float[Array, "nx nz"], M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], P: Float[Array, "nx nx"]
 ) -> Float[Array, "nx nx"]:
-    """Return T (M P M' + J) T' as a sum over the state and the noise, each multiplied from inside."""
+    """Return T (M P M' + J) T' as the sum (T M) P (T M)' + T J T'."""
     rest = T.dot(M)
     return symmetrise(rest.dot(P).dot(rest.T) + T.dot(J).dot(T.T))
 
 
 def predictor_gain(N: Float[Array, "nx ny"], Y: Float[Array, "ny ny"]) -> Float[Array, "nx ny"]:
-    """Return N Y^+ for the covariance Y of an innovation, where N lies in the range of Y.
+    """Return N Y^+ for the covariance Y of an innovation; the rows of N are in the range of Y.
 
-    By elimination, where Y is singular by pseudo-inverse; both with all outputs scaled to variance 1, so that what
-    counts as singular does not depend on their units.
+    The method is elimination, or the pseudo-inverse if Y is singular.  All outputs are scaled to variance 1 first, so
+    that the test for singularity does not depend on their units.
     """
     if len(Y) == 1:
         K: Array = N / Y if Y.item() > 0.0 else np.zeros_like(N)

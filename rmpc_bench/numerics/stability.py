@@ -1,8 +1,8 @@
 """Stability of an uncertain loop: for every uncertainty of norm at most 1, and in the mean square.
 
-Loop    x(k+1) = (A + H F(k) G) x(k).  It is quadratically stable for all F(k) with F'F <= I, free at every k, exactly
-        where rho(A) < 1 and the H-infinity norm of G (zI - A)^-1 H is below 1; its second moments settle under white F
-        exactly where the spectral radius of X -> E (A + H F G) X (A + H F G)' is below 1.
+Loop    x(k+1) = (A + H F(k) G) x(k).  It is quadratically stable for all sequences F(k) with F'F <= I if and only if
+        rho(A) < 1 and the H-infinity norm of G (zI - A)^-1 H is below 1.  Its second moments converge under white F if
+        and only if the spectral radius of X -> E (A + H F G) X (A + H F G)' is below 1.
 Source  norm: Bruinsma and Steinbuch, Systems & Control Letters 14 (1990); quadratic stability: Packard and Doyle, IEEE
         Trans. Automatic Control 35 (1990); the mean square by Kronecker products.
 Method  The gain is evaluated at the angles of *all* eigenvalues of the symplectic pencil and at the midpoints between
@@ -23,21 +23,21 @@ from rmpc_bench.types import Array
 ACCURACY = 1e-10
 """Relative accuracy of the norm; limited by double eigenvalues of the pencil, which are accurate to sqrt(1e-16)."""
 GRID = 64
-"""Angles of the first guess, beside those of the eigenvalues of A."""
+"""Number of angles of the first search, in addition to those of the eigenvalues of A."""
 INSIDE = 1.0 - 1e-12
-"""An eigenvalue of larger modulus is on the unit circle in all but rounding."""
+"""An eigenvalue of larger modulus counts as on the unit circle or outside: the difference may be rounding."""
 NOTHING = 1e-13
-"""Share of a number that may be rounding."""
+"""Relative rounding error of a number."""
 
 System = tuple[Array, Array, Array]
 
 
 class Peak(NamedTuple):
-    """Where the gain of a system is largest."""
+    """Maximum of the gain of a system over the frequency."""
 
     norm: float
     angle: float
-    """Frequency [rad per step], 0 to pi; NaN where the gain is infinite or the same everywhere."""
+    """Frequency [rad per step], 0 to pi; NaN if the gain is infinite or constant."""
 
 
 def spectral_radius(A: Float[Array, "n n"]) -> float:
@@ -57,17 +57,17 @@ def hinf_peak(
 ) -> Peak:
     """Find the largest gain of C (zI - A)^-1 B + D on the unit circle.
 
-    The norm is one of the transfer matrix: it is infinite where a mode with |z| >= 1 leads from B to C, and a mode
-    that B does not excite or C does not see leaves no trace in it, stable or not.  Whether rho(A) < 1 is another
-    question, which quadratic stability asks, too.  It is right to a relative 1e-10, or to what rounding of A leaves:
-    about 1e-15 over the distance of the poles from the unit circle.
+    This is the norm of the transfer matrix.  It is infinite if a controllable and observable mode has |z| >= 1.  Modes
+    that are uncontrollable or unobservable have no effect on it, stable or not; quadratic stability also requires
+    rho(A) < 1.  The relative error is 1e-10, or that of the rounding of A: about 1e-15 divided by the distance of the
+    poles from the unit circle.
 
     Parameters
     ----------
     A : (n, n) state matrix
     B : (n, m) input matrix
     C : (p, n) output matrix
-    D : (p, m) feedthrough, zero unless given
+    D : (p, m) feedthrough, zero if not given
     """
     D = np.zeros((len(C), B.shape[1])) if D is None else D
     A, B, C = balanced(A, B, C)
@@ -83,7 +83,8 @@ def hinf_peak(
         return Peak(float(np.linalg.norm(D, 2)), nan)
     first = np.concatenate([np.linspace(0.0, pi, GRID), np.abs(np.angle(np.linalg.eigvals(A)))])
     peak = _highest((A, B, C), D, first)
-    while True:  # each turn raises the peak; the error is squared
+    # Every iteration raises the peak and squares the error.
+    while True:
         level = peak.norm * (1.0 + ACCURACY)
         found = _highest((A, B, C), D, _candidates((A, B, C), D, level))
         if found.norm <= level:  # nothing exceeds the level
@@ -92,9 +93,9 @@ def hinf_peak(
 
 
 def balanced(A: Float[Array, "n n"], B: Float[Array, "n m"], C: Float[Array, "p n"]) -> System:
-    """Return the system in units of the states in which rows and columns are about as large; exact, by powers of two.
+    """Scale the states so that rows and columns have similar norms; exact, because the factors are powers of two.
 
-    What is balanced are the states and one more, which all outputs feed and which feeds all inputs.
+    The balanced matrix has one additional state, which connects all outputs to all inputs.
     """
     from scipy.linalg import matrix_balance
 
@@ -115,16 +116,17 @@ def _highest(system: System, D: Array, angles: Float[Array, " angles"]) -> Peak:
 
 
 def _candidates(system: System, D: Array, level: float) -> Float[Array, " angles"]:
-    """Angles of which one has a gain above a level, if any angle has.
+    """Return angles that include one with a gain above a level, if such an angle exists.
 
-    Where level is a singular value of G(z), |z| = 1, there are u and v with G u = level v and G* v = level u; written
-    with the states of G and of its adjoint, that is a generalised eigenvalue problem for z, without any inverse.
+    If level is a singular value of G(z) with |z| = 1, there are u and v with G u = level v and G* v = level u.  Written
+    with the states of G and of its adjoint, this is a generalised eigenvalue problem for z without any inverse.
     """
     from scipy.linalg import block_diag, eig
 
     A, B, C = system
     n, m, p = len(A), B.shape[1], len(C)
-    share = sqrt(float(np.linalg.norm(C) / np.linalg.norm(B)))  # a unit of the state in which B and C are as large
+    # Scale of the state for which B and C have the same norm.
+    share = sqrt(float(np.linalg.norm(C) / np.linalg.norm(B)))
     B, C, D = B * (share / sqrt(level)), C / (share * sqrt(level)), D / level
     M, N = np.zeros((2, 2 * n + m + p, 2 * n + m + p))
     x, q, u, v = np.split(np.arange(len(M)), [n, 2 * n, 2 * n + m])
@@ -139,7 +141,7 @@ def _candidates(system: System, D: Array, level: float) -> Float[Array, " angles
 
 
 def _split(A: Array, B: Array, C: Array) -> tuple[System, System, tuple[float, float]]:
-    """Part a system into the stable modes and the others, which add up to it; with the rounding of their B and C."""
+    """Decompose a system into a sum of stable and other modes; also return the rounding errors of their B and C."""
     from scipy.linalg import schur, solve_sylvester
 
     T, Z, n = schur(A, output="real", sort=lambda re, im: abs(complex(re, im)) <= INSIDE)
@@ -153,9 +155,9 @@ def _split(A: Array, B: Array, C: Array) -> tuple[System, System, tuple[float, f
 
 
 def _vanishes(system: System, errors: tuple[float, float] | None = None) -> bool:
-    """Whether C (zI - A)^-1 B is zero but for rounding, which is to say C A^j B for all j < n.
+    """Whether C (zI - A)^-1 B, and therefore C A^j B for all j < n, is zero up to rounding.
 
-    The entries of B and C may be wrong by `errors`, those of a system as it was given by a share of themselves.
+    `errors` are the absolute errors of the entries of B and C; if not given, their relative error is `NOTHING`.
     """
     A, B, C = system
     size, seen = np.abs(B), np.abs(C)
@@ -177,9 +179,9 @@ def mean_square_radius(
     ----------
     A : (n, n) state matrix
     H : (n, r) how F enters
-    G : (s, n) what F sees; F is (r, s), zero off its diagonal, with independent entries there
-    mean : of an entry of F
-    variance : of an entry of F
+    G : (s, n) combination of the states that F multiplies; F is (r, s), diagonal, with independent entries
+    mean : mean of an entry of F
+    variance : variance of an entry of F
     """
     n_entries = min(H.shape[1], len(G))
     H, G = H[:, :n_entries], G[:n_entries]

@@ -2,12 +2,13 @@
 
 Problem  minimise over u(0..N-1) the sum over j = 1..N of |Q_yw (C x(j) - w(j))|^2 + |Q_u u(j-1)|^2 of
          x(j+1) = A x(j) + B u(j) + f, x(0) = x.  Q_yw and Q_u are roots of weights.
-Solution stacked over the horizon this is an over-determined system in all inputs, to be solved by a QR factorisation.
-         Ordered from the last stage to the first, its zeros can be skipped: with the least cost to go |S x(j) - s|^2,
-         fold [S, s] and Q_yw [C, w(j)] into as many rows as states (what is left is lost), put x(j) = A x + B u + f,
-         and eliminate u from [Q_u, 0, 0; S B, S A, s - S f].  Reflections only, so that conditions are not squared.
+Solution Stacked over the horizon this is an over-determined system in all inputs, which a QR factorisation solves.
+         A recursion from the last stage to the first avoids its zeros.  The minimal cost to go is |S x(j) - s|^2 plus a
+         constant.  Each stage reduces [S, s] and Q_yw [C, w(j)] to as many rows as states, inserts
+         x(j) = A x + B u + f, and eliminates u from [Q_u, 0, 0; S B, S A, s - S f].  It uses Householder reflections
+         only, so that condition numbers are not squared.
 Source   belda2017, (10)-(15); the order of elimination is an addition.
-Cost     linear in N: some 1200 multiplications a stage for six states, four inputs and three outputs.
+Cost     Linear in N: about 1200 multiplications per stage for six states, four inputs and three outputs.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.types import Array
 
 SMALLEST = 1e-13
-"""Pivot over the largest of its stage that counts as 0: rounding of the factorisation."""
+"""Pivot relative to the largest of its stage that counts as 0, because of the rounding of the factorisation."""
 
 
 class TrackingLaw(NamedTuple):
-    """The solution as a linear function: u(0) = K_w w - K_x x + u_0, least cost |E_w w - E_x x + e_0|^2."""
+    """The solution as a linear function: u(0) = K_w w - K_x x + u_0, minimal cost |E_w w - E_x x + e_0|^2."""
 
     K_x: Float[Array, "nu nx"]
     K_w: Float[Array, "nu known"]
-    """Of the outputs w(1)..w(N), stacked."""
+    """Gain of the desired outputs w(1)..w(N), stacked."""
     u_0: Float[Array, " nu"]
     E_x: Float[Array, "lost nx"]
     E_w: Float[Array, "lost known"]
@@ -45,7 +46,7 @@ def gains(
     Q_u: Float[Array, "nu nu"],
     N: int,
 ) -> TrackingLaw:
-    """Solve for every state and every reference at once, where neither the model nor the weights change.
+    """Solve for every state and every reference at once, for a constant model and constant weights.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ def track(
     w: Float[Array, "N ny"],
     x: Float[Array, "runs nx"],
 ) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
-    """First inputs and least costs of many runs, each solved by itself; NaN inputs where the cost determines none.
+    """Return the first inputs and the minimal costs of many runs; inputs are NaN if the cost does not determine them.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ def track(
     f, C : rest of the model
     Q_yw : roots of the weights of every run, or one for all
     R_u : upper triangular root of the inputs' weight, R_u' R_u = Q_u' Q_u
-    w : outputs wanted of the samples 1..N
+    w : desired outputs at the samples 1..N
     x : states
     """
     from rmpc_bench.numerics.tracking_kernel import tracking_kernel
