@@ -1,6 +1,6 @@
-"""rmpc-bench: which estimator-controller pair is better when the model is wrong, and by how much.
+"""rmpc-bench: Monte Carlo comparison of estimator-controller pairs under model mismatch and unmodelled noise.
 
-The names below are loaded at their first use, so that importing the package costs nothing.
+The names below are loaded at their first use, so that the import of the package is fast.
 """
 
 from __future__ import annotations

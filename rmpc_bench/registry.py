@@ -1,7 +1,7 @@
 """Names of the components that a configuration may use, each with the module of its class or design function.
 
 A module is imported when its component is first used.  Installed packages add components through entry points of the
-groups ``rmpc_bench.plants``, ``rmpc_bench.estimators`` and so on; a program adds its own with `register`.
+groups ``rmpc_bench.plants``, ``rmpc_bench.estimators`` and so on.  A program adds components with `register`.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Numbers from the table of trials, nothing else."""
+"""Statistics of the table of trials."""

@@ -1,4 +1,4 @@
-"""The layout of stored results, so that a figure checks them by the rules that it checks a configuration by."""
+"""Layout of stored results, so that the same checks of a figure apply to results and to configurations."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""Rounding of what is kept under version control, such that another CPU writes the same digits.
+"""Rounding of the files under version control, such that another CPU writes the same digits.
 
 Sums and products in another order differ by about 1e-13 of their size.  Such a difference must neither change a digit
 nor turn 0 into 1e-17, so two rules hold for every number that is written:
 
-1. It is rounded to `STABLE` significant digits first, and then to those that are shown.  A number that stands on the
-   border between two roundings, such as 0.125 at two digits, would else go up on one CPU and down on another.
-2. Digits below `NEGLIGIBLE` of the size of the numbers that it was computed from are not written: what is left of a
-   difference of equal numbers is 0, and a determinant that nearly vanishes has fewer digits.
+1. It is rounded to `STABLE` significant digits first, and then to the digits that are shown.  Otherwise a number at the
+   border between two roundings, such as 0.125 at two digits, could be rounded up on one CPU and down on another.
+2. Digits below `NEGLIGIBLE` times the size of the numbers that it was computed from are not written: the difference of
+   two equal numbers is 0, and the determinant of a nearly singular matrix has fewer digits.
 """
 
 from __future__ import annotations

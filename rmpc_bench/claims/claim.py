@@ -1,4 +1,4 @@
-"""A statement of a paper, as a configuration records it.  Light: plain `check` imports it without pandas."""
+"""A claim of a configuration.  This module does not import pandas, so that `check` stays fast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dry run of a claim on placeholder results, before anything has run: finds what no results could answer."""
+"""Dry run of a claim on placeholder results before the experiment: finds checks that no results can evaluate."""
 
 from __future__ import annotations
 

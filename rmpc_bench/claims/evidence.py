@@ -1,6 +1,6 @@
-"""The numbers of a comparison in words.
+"""Text of the evidence of a comparison, with its numbers.
 
-Every number is written so that another CPU gives the same text, see `analysis.rounding`.
+All numbers are rounded so that another CPU gives the same text, see `analysis.rounding`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""claims.md: what the paper says and what was found, for readers."""
+"""claims.md: the statements of the paper and the findings of this project."""
 
 from __future__ import annotations
 

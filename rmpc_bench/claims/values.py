@@ -1,4 +1,4 @@
-"""Values in a claim: arrays over runs, over k or over neither, and how they are combined entry by entry."""
+"""Values in a claim: arrays over runs, over k or over neither, and their combination entry by entry."""
 
 from __future__ import annotations
 

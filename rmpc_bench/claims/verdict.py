@@ -1,6 +1,6 @@
 """The finding of a claim: its checks evaluated on the stored trials.
 
-A statement is judged as this project interprets it, on the experiment as configured; nothing here scores a paper.
+A finding refers to our interpretation of the statement and to the configured experiment.  It is no rating of a paper.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The command line: parses, calls, prints.  Each verb is imported when it is called, so that help is instant."""
+"""The command line.  The module of a verb is imported when the verb is called, so that `--help` is fast."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""rmpc-bench list and describe: the reference manual, read from the code."""
+"""rmpc-bench list and describe: the reference manual, generated from the docstrings and signatures."""
 
 from __future__ import annotations
 

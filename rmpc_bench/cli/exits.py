@@ -1,4 +1,4 @@
-"""Exit codes, and the way from an exception to one."""
+"""Exit codes, and the exit code of every exception."""
 
 from __future__ import annotations
 

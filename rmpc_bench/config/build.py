@@ -1,7 +1,7 @@
 """Stage 5, build: from the sections of every point to an Experiment, with every design made once, before any run.
 
-An error that a design function raises is reported at the parameter to blame.  The other designs are made all the same,
-so that all errors are shown at once.
+An error that a design function raises is reported at its parameter.  The remaining designs are still made, so that all
+errors are reported at once.
 """
 
 from __future__ import annotations

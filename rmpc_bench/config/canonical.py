@@ -1,4 +1,4 @@
-"""Stage 7, canonicalise: the valid configuration with every default filled in; loading it again gives an equal one."""
+"""Stage 7, canonicalise: the valid configuration with every default filled in; it loads as an equal configuration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 6, check: the claims, the figures and the names that one section uses of another, before any run."""
+"""Stage 6, check: the claims, the figures and the references between sections, before any run."""
 
 from __future__ import annotations
 

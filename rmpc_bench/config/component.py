@@ -1,4 +1,4 @@
-"""A component of a configuration (a plant, a model, an estimator and so on) with the place where it is written."""
+"""A component of a configuration (a plant, a model, an estimator and so on) with its position in the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of what is computed and recorded: exact moments that exist, and signals that some method has."""
+"""Checks of the keys `evaluate` and `record`: whether exact moments are available, and recorded signals exist."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Stage 2, inherit: overrides replace values, and files named by ``plant.from`` take the place of their names.
+"""Stage 2, inherit: overrides replace values, and the contents of a file replace its name in ``plant.from``.
 
-``plant: {from: FILE, ..}`` is the plant of another configuration with the keys given here laid over it; the `model`,
-`noise`, `initial` and `reference` of that file hold where this one has none (plant_source.py).  All files are read
-here, so that later stages depend on no file and the resolved configuration loads from any directory.
+``plant: {from: FILE, ..}`` is the plant of another configuration, in which the keys given here replace values.  The
+`model`, `noise`, `initial` and `reference` of that file are used if this configuration has none (plant_source.py).  All
+files are read here, so that later stages depend on no file and the resolved configuration loads from any directory.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Where the sections of a plant come from: ``plant: {from: FILE}`` and ``model: {from: plant}``, once files are read.
+"""Sections of a plant from another file: ``plant: {from: FILE}`` and ``model: {from: plant}``, after files are read.
 
-The keys given beside ``from`` are laid over the plant of the file.  ``model: {from: plant, ..}`` has the parameters of
-the plant except for those given there.
+The keys given next to ``from`` replace those of the plant of the file.  ``model: {from: plant, ..}`` has the parameters
+of the plant except for those given there.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Parser of YAML 1.2 (core schema) whose trees know the place of every key and value.
+"""Parser of YAML 1.2 (core schema) whose trees contain the position of every key and value.
 
 PyYAML only scans the text and delivers events.  The tree (tree.py) is built here without recursion and without tags, so
 that a text cannot construct objects, exhaust memory through aliases or overflow the stack.

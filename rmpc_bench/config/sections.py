@@ -1,4 +1,4 @@
-"""The top-level keys of a configuration, and the sections that are no components (time, statistics, claims ...)."""
+"""Top-level keys of a configuration, and the sections that are not components (time, statistics, claims ...)."""
 
 from __future__ import annotations
 

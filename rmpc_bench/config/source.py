@@ -1,4 +1,4 @@
-"""Stage 1, read: the file of a configuration and the overrides of the command line, as trees that know their places."""
+"""Stage 1, read: the file of a configuration and the overrides of the command line, as trees with positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trees of YAML data that know the place of every key and value: finding, setting and merging."""
+"""Trees of YAML data with the position of every key and value: finding, setting and merging."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing plain data as YAML 1.2 that reads back to the same data."""
+"""Writing plain data as YAML 1.2 that loads as the same data."""
 
 from __future__ import annotations
 

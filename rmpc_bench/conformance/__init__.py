@@ -7,7 +7,7 @@ Every component that the bench ships passes them; run them on a component of you
     for result in check_component(my_filter, EstimatorExample.random(nu=1, ny=2)):
         print(result)
 
-An example holds the data that a component is checked with, and knows the checks of its kind.
+An example contains the data and the checks for one kind of component.
 """
 
 from typing import Any

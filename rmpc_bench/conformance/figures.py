@@ -1,4 +1,4 @@
-"""Checks of figures: drawn from stored results alone, with the same bytes every time."""
+"""Checks of figures: drawn from stored results alone, with reproducible bytes."""
 
 from __future__ import annotations
 

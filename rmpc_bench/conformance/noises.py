@@ -1,4 +1,4 @@
-"""Checks of noise laws: draws that depend on the generator alone, and moments that the draws have."""
+"""Checks of noise laws: draws depend on the generator only and have the stated moments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of references: signals that are known ahead of time and do not depend on how many samples are read."""
+"""Checks of references: signals that are known in advance and do not depend on the number of samples."""
 
 from __future__ import annotations
 

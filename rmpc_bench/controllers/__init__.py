@@ -1,1 +1,1 @@
-"""Control laws: from an estimate and the coming reference to an input."""
+"""Controllers: they compute the input from the estimate and the future reference."""

@@ -1,6 +1,6 @@
 """Engines, which compute tasks: in this process, or in worker processes of joblib.
 
-Results come back in any order; nothing in them depends on the way.
+Results arrive in any order, and they do not depend on the engine.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What can be computed from results: summaries, comparisons, findings of claims and figures; nothing is simulated."""
+"""Functions of results: summaries, comparisons, findings of claims and figures, without simulation."""
 
 from __future__ import annotations
 

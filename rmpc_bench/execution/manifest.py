@@ -1,4 +1,4 @@
-"""manifest.json: what computed an experiment, and when."""
+"""manifest.json: versions, machine and times of the computation of an experiment."""
 
 from __future__ import annotations
 

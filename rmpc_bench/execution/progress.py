@@ -1,4 +1,4 @@
-"""What the screen shows while an experiment runs; everything goes to stderr."""
+"""Progress of a running experiment on the screen; all output goes to stderr."""
 
 from __future__ import annotations
 

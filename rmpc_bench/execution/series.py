@@ -1,4 +1,4 @@
-"""Series of an experiment as a table: what is indexed by time, of the designs and of the ensemble of runs."""
+"""Series of an experiment as a table: time-dependent data of the designs and of the ensemble of runs."""
 
 from __future__ import annotations
 

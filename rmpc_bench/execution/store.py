@@ -1,9 +1,9 @@
 """The trial store of an experiment: trials.sqlite.
 
-One transaction per finished block, one writer with an exclusive lock, a rollback journal: this works on network file
-systems, too, and a process that is killed loses the blocks in flight and nothing else.  Trials are filed under the
-hash of what their method is and metrics under the hash of what they measure, so a method or a metric that changes its
-definition never meets numbers of the old one.
+The store uses one transaction per finished block, one writer with an exclusive lock, and a rollback journal.  This also
+works on network file systems.  A process that is killed loses only the unfinished blocks.  Trials are stored under the
+hash of the definition of their method, and metrics under the hash of their definition.  After a change of a definition
+the old numbers are therefore not used.
 """
 
 from __future__ import annotations

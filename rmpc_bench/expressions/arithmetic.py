@@ -1,11 +1,11 @@
-"""Arithmetic as a tree, and the parser that makes it.
+"""Arithmetic expressions as trees, and their parser.
 
     sum     = product {("+" | "-") product}
     product = signed {("*" | "/") signed}
     signed  = {"+" | "-"} atom ["%"]
     atom    = number | named | "(" sum ")"
 
-A language on top says what its names are (`ArithmeticParser.named`) and may add rules of its own.
+A derived parser defines the names (`ArithmeticParser.named`) and may add rules.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from rmpc_bench.expressions.tokens import ExpressionError, Token, Tokens
 
 @dataclass(frozen=True)
 class Node:
-    """A part of an expression; nodes are equal when they mean the same, wherever they stand."""
+    """Node of an expression tree; two nodes are equal if their contents are, at any offset in the text."""
 
     column: int = field(default=0, compare=False, kw_only=True)
-    """Where it stands in the text, counted from 1: a number or name, an operator, a function."""
+    """Column of the number, name, operator or function in the text, counted from 1."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Percent(Node):
 
 @dataclass(frozen=True)
 class Operand(Node):
-    """An operator and what stands to the right of it."""
+    """An operator and its right operand."""
 
     operator: str
     node: Node
@@ -190,7 +190,7 @@ class ArithmeticParser:
             raise self.unexpected("the end")
 
     def unexpected(self, expected: str) -> ExpressionError:
-        """Return an error that says why the current token cannot stand where it does."""
+        """Return an error that explains why the current token is not allowed here."""
         token, before = self.token, self.tokens.previous
         if token.kind == "end":
             return ExpressionError(token.column, f"expected {expected} (got the end)")

@@ -1,8 +1,8 @@
 """Figures of stored results: one file per kind, each one frozen dataclass whose fields are its YAML keys.
 
 The kinds are boxplot, elements, ellipses, means, paired, pareto, plane, series, trajectories, tubes and
-variance_with_bound.  A kind says in `check` what it requires of the layout of the results and draws them in `draw`;
-matplotlib is imported there and not before, so that ``rmpc-bench check`` stays fast.
+variance_with_bound.  A kind checks its requirements on the layout of the results in `check` and draws them in `draw`.
+Only `draw` imports matplotlib, so that ``rmpc-bench check`` stays fast.
 
 Numbers     pareto_front, reported_sets, recorded_runs, samples, ellipse_outline, window
 Drawing     axes, legend, labels, direct_labels, burst_bands, ensemble_panels, sweep_points

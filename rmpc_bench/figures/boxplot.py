@@ -43,16 +43,16 @@ WHISKER = 1.5
 class Boxplot(SweepFigure):
     """One box per method: red median, blue quartiles, whiskers to 1.5 interquartile ranges, red outliers.
 
-    Below a box stands the number of runs, as n/total where some failed, and the number of those without a value, such
-    as runs that did not settle; these are not part of the box.  The points of a sweep stand below each other on a
-    common axis; where all have the same numbers of runs, these stand below the last one only.
+    Below each box are the number of runs, as n/total if some runs failed, and the number of runs without a finite
+    value, such as runs that did not settle.  The latter are not part of the box.  The points of a sweep are panels with
+    a common axis, one below the other.  If all panels have the same numbers, only the last panel shows them.
 
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
     log : logarithmic axis; linear, with a remark, if a value is not positive
-    height : height of the whole picture [in]; if not given 2.4 and 1.4 for every further point of a sweep; labels wider
-        than their box are turned upright and add to it
+    height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep; labels
+        wider than their box are rotated and need additional height
     order : methods to show, from left to right; all if not given
     at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
     """

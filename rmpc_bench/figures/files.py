@@ -1,4 +1,4 @@
-"""Files of figures: their formats, with the same bytes every time."""
+"""Files of figures: their formats, written with reproducible bytes."""
 
 from __future__ import annotations
 

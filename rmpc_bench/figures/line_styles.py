@@ -1,4 +1,4 @@
-"""Styles of lines: every method has its own colour and dashes, whatever else a figure shows."""
+"""Styles of lines: every method has the same colour and dashes in every figure of an experiment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paired change: how far every method changes a metric against the baseline, with interval and margin of relevance."""
+"""Paired change of a metric for every method against the baseline, with interval and margin of relevance."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ COUNTS_BOX: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 
 
 @dataclass(frozen=True, kw_only=True)
 class Paired(SweepFigure):
-    """Change of a metric per method in per cent against the baseline, a row per method, with its interval.
+    """Change of a metric against the baseline in per cent, one row per method, with its confidence interval.
 
     A run is compared with the baseline's run of the same index.  The change is that of the summary table, with the
-    experiment's level of confidence.  The grey band is the margin of relevance: changes inside it do not matter.  If
-    there is no change in per cent, as for a metric that did not occur in some run, the row gives the runs won, lost
-    and tied.  The points of a sweep stand below each other on a common axis.
+    experiment's level of confidence.  The grey band is the margin of relevance: changes inside it count as tied.  If
+    the change in per cent is not defined, for example if some run did not settle, the row gives the runs won, lost and
+    tied.  The points of a sweep are panels with a common axis, one below the other.
 
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
-    height : height of the whole picture [in]; if not given 0.5 and, for every panel, 0.42 and 0.24 for every method
+    height : height of the whole picture [in]; if not given 0.5 plus 0.42 for every panel plus 0.24 for every row
     order : methods to show, from top to bottom, the baseline left out; all if not given
     at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
     """
@@ -78,7 +78,7 @@ class Paired(SweepFigure):
 
 
 class Change(NamedTuple):
-    """Change of a method against the baseline [%], NaN where there is none, and its runs."""
+    """Change of a method against the baseline [%], NaN if it is not defined, and its runs."""
 
     method: str
     change: float

@@ -1,4 +1,4 @@
-"""Pareto plot: methods in the plane of two metrics, with their spread over the runs; the best ones are joined."""
+"""Pareto plot: methods in the plane of two metrics, with their spread over the runs and the Pareto front."""
 
 from __future__ import annotations
 
@@ -40,23 +40,23 @@ Polyline: TypeAlias = tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True)
 class Pareto(SweepFigure):
-    """A point per method in the plane of two metrics, with its spread over the runs; the best points are joined.
+    """One point per method in the plane of two metrics, with its spread over the runs and the Pareto front.
 
-    A point is not dominated, and filled, if no other one is better in one metric and at least as good in the other.  A
-    step line joins these.  For a metric that is best at 0 the absolute value counts, for a ratio that is best at 1 that
-    of its logarithm.  Runs that failed are left out, and so are methods whose median or mean is infinite.  The points
-    of one method in a sweep are joined in its order.  They are compared with all others, so the sweep should not change
-    the plant, its noises or the reference.
+    A point is not dominated if no other point is better in one metric and at least as good in the other.  Such points
+    are filled, and a step line connects them.  For a metric that is best at 0 the absolute value is compared, for a
+    ratio that is best at 1 the absolute value of its logarithm.  Failed runs are left out, as are methods whose median
+    or mean is infinite.  In a sweep a line connects the points of one method in the order of the sweep.  All points are
+    compared with each other, so the sweep should not change the plant, its noises or the reference.
 
     Parameters
     ----------
     x : name of the metric of the horizontal axis
     y : name of the metric of the vertical axis
-    bars : quartiles shows medians with interquartile ranges, se means with standard errors
-    front : whether to show which points are not dominated
+    bars : `quartiles` shows medians with interquartile ranges, `se` means with standard errors
+    front : whether to show the Pareto front
     log : logarithmic axes; linear, with a remark, if a value is not positive
-    height : height of the whole picture [in]; if not given 0.8 of the width; legend and title add to it if they need
-        more than a line
+    height : height of the whole picture [in]; if not given 0.8 of the width, plus the height of a legend or title of
+        several lines
     order : methods to show, later ones above earlier ones; all if not given
     at : points of the sweep to show, each by values of its paths; all if not given
     """

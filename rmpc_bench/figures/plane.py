@@ -52,7 +52,7 @@ class Plane(OnePointFigure):
     ----------
     components : the two outputs (counted from 0), the horizontal one first
     run : index of the run, which must be recorded with the signal y
-    marks : time between two marks on the paths [s], whose numbers stand beside the reference; 0 for none
+    marks : time between two marks on the paths [s], with numbers next to the reference; 0 for none
     magnify : factor by which the control errors are enlarged, r + magnify (y - r)
     from_ : first time to show [s]
     to : last time to show [s]

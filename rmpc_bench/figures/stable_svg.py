@@ -1,4 +1,4 @@
-"""SVG text that does not depend on rounding errors of the CPU that has written it.
+"""SVG text that does not depend on the rounding errors of the CPU.
 
 matplotlib writes coordinates with six decimals of a point and names clipping paths and markers by a hash of unrounded
 numbers, so that an error of 1e-13 changes many lines of a file.  A thousandth of a point cannot be seen.

@@ -1,4 +1,4 @@
-"""Style of all figures: palette, fonts, and settings of matplotlib that give the same bytes every time."""
+"""Style of all figures: palette, fonts, and settings of matplotlib for reproducible files."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def _cross(S: float | list[list[float]], W: Array, V: Array) -> Float[Array, "nw
         raise DesignError("must be a list of rows of the same length", "S") from None
     cross = np.zeros(shape) if given.ndim == 0 and not given.any() else np.atleast_2d(given)
     if cross.shape != shape:
-        raise DesignError(f"shape {cross.shape} does not fit: {shape[0]} x {shape[1]} numbers are wanted", "S")
+        raise DesignError(f"shape {cross.shape} does not fit: {shape[0]} x {shape[1]} numbers are required", "S")
     try:
         as_covariance(np.block([[W, cross], [cross.T, V]]), sum(shape))
     except ValueError:

@@ -173,7 +173,7 @@ def _read(name: str, value: Any, n_steps: int) -> Array:
     """Return an array (k,) of numbers, (k, n) of diagonals or (k, rows, columns) of matrices."""
     if isinstance(value, np.ndarray) and value.ndim == 3:
         if len(value) not in (1, n_steps + 1):
-            raise DesignError(f"has {len(value)} entries over k; 1 or {n_steps + 1} are wanted", name)
+            raise DesignError(f"has {len(value)} entries over k; 1 or {n_steps + 1} are required", name)
         return np.array(value, dtype=float)
     entries = entries_of(name, value)
     found = [values_at(name, entries, k) for k in range(n_steps + 1 if depends_on_k(entries) else 1)]
@@ -236,6 +236,6 @@ def expanded(name: str, matrix: Array, shape: tuple[int, int]) -> Float[Array, "
     if matrix.ndim == 1 and not matrix.any():
         return np.zeros((1, *shape))
     if shape[0] != shape[1]:
-        message = f"a number stands for a multiple of the identity, but {shape[0]} x {shape[1]} entries are wanted"
+        message = f"a number stands for a multiple of the identity, but {shape[0]} x {shape[1]} entries are required"
         raise DesignError(message, name)
     return matrix.reshape(len(matrix), 1, -1) * np.eye(shape[0])

@@ -52,7 +52,7 @@ def as_matrix(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
         return np.diag(M)
     if M.shape == (n, n):
         return M
-    raise ValueError(f"shape {M.shape} does not fit: a number, {n} numbers or {n} x {n} numbers are wanted")
+    raise ValueError(f"shape {M.shape} does not fit: a number, {n} numbers or {n} x {n} numbers are required")
 
 
 def as_covariance(value: Matrix | Array, n: int) -> Float[Array, "n n"]:
@@ -87,7 +87,7 @@ def as_vector(value: float | list[float] | Array, n: int) -> Float[Array, " n"]:
         return np.full(n, float(v))
     if v.shape == (n,):
         return v
-    raise ValueError(f"shape {v.shape} does not fit: a number or {n} numbers are wanted")
+    raise ValueError(f"shape {v.shape} does not fit: a number or {n} numbers are required")
 
 
 def psd_sqrt(P: Float[Array, "*k n n"]) -> Float[Array, "*k n n"]:

@@ -1,1 +1,1 @@
-"""Tables and pictures from stored results, nothing else."""
+"""Tables of stored results for the screen and for files."""

@@ -1,4 +1,4 @@
-"""The tables that are kept under version control, rounded such that another CPU writes the same bytes.
+"""Tables for version control, rounded such that another CPU writes the same bytes.
 
 See `rmpc_bench.analysis.rounding` for the rules; trials.csv keeps full precision.
 """

@@ -1,1 +1,1 @@
-"""One block of runs, one process, no files."""
+"""Simulation of one block of runs in one process; it writes no files."""

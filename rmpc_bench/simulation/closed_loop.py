@@ -1,4 +1,4 @@
-"""The simulation loop: measure, correct, control, move the plant, predict."""
+"""The simulation loop: measure, correct, control, simulate the plant over one period, predict."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Mean and covariance over the runs, at every k, gathered in groups so that no trajectory has to be kept.
+"""Mean and covariance over the runs at every k, computed in groups so that trajectories need not be stored.
 
-A group is a fixed range of 50 runs, or the part of it that lies in a block; what is kept of groups is joined in the
-order of the runs, so that it depends on the blocks by rounding only.
+A group is a fixed range of 50 runs, or the part of it in a block.  The moments of the groups are combined in the order
+of the runs, so that the result depends on the block size only by rounding.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is recorded of a run: its signals, what its method reports of itself, and the bursts of the noise."""
+"""Recorded data of a run: its signals, the signals that its method reports, and the bursts of the noise."""
 
 from __future__ import annotations
 

@@ -239,7 +239,7 @@ def with_cross_covariance(scenario: Scenario, S: Float[Array, "rows columns"], n
     """
     laws = (*scenario.process, *scenario.measurement)
     if S.shape != (nw, nv):
-        raise DesignError(f"shape {S.shape} does not fit: {nw} x {nv} numbers are wanted")
+        raise DesignError(f"shape {S.shape} does not fit: {nw} x {nv} numbers are required")
     if (
         len(scenario.process) != 1
         or len(scenario.measurement) != 1

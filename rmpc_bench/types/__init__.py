@@ -1,8 +1,8 @@
 """Base classes of the components, and the records that they exchange.
 
 Axis 0 of every array is the run; ``k`` is the time index.  A design is frozen and shared by all runs, a state is a
-NamedTuple of arrays, a step is pure.  A capability is an attribute with a default value: whoever needs it reads the
-value.  The only imports are NumPy, jaxtyping and annotated-types.
+NamedTuple of arrays, a step is pure.  A capability is an attribute with a default value; callers read this value.
+The only imports are NumPy, jaxtyping and annotated-types.
 """
 
 from rmpc_bench.types.attribute import attribute

@@ -1,4 +1,4 @@
-"""An attribute of a base class with a default value, which its subclasses may replace in whatever way suits them."""
+"""An attribute of a base class with a default value that a derived class may replace by a constant or a property."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Arrays and numbers as annotations.
 
-The constraints are marks of annotated-types, which pydantic brings along and reads.
+The constraints are annotations of annotated-types, a dependency of pydantic, which validates them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le
 
 Array: TypeAlias = npt.NDArray[Any]
 Matrix: TypeAlias = float | list[float] | list[list[float]]
-"""A number stands for that number times the identity, a list for its diagonal."""
+"""A number (times the identity), a list (the diagonal) or a matrix."""
 
 
 class OverTime:

@@ -1,4 +1,4 @@
-"""Checks of what a design function has returned, the same for built-in, registered and installed components."""
+"""Checks of the object that a design function returns, the same for built-in, registered and installed components."""
 
 from __future__ import annotations
 

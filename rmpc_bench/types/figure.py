@@ -1,4 +1,4 @@
-"""The base class of figures: a picture of stored results as a frozen dataclass, whose fields are its YAML keys."""
+"""Base class of figures: each kind is a frozen dataclass whose fields are its YAML keys."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from rmpc_bench.types.result_layout import ResultLayout
 
 Inches = Annotated[float, Ge(1), Le(100)]
 Index = Annotated[int, Ge(0)]
-"""Of a component, a run or a sample, counted from 0."""
+"""Index of a component, a run or a sample, counted from 0."""
 PointValues: TypeAlias = dict[str, Any]
-"""Values by path of the sweep, such as ``{controller.Hp: 10}``; every one as the sweep gives it, or its name."""
+"""Values by path of the sweep, such as ``{controller.Hp: 10}``; each is a value of the sweep or its name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
     """A kind of figure.
 
-    A kind adds its own fields, says in `check` what it requires of the results, and draws them in `draw`.
+    A derived class adds its own fields, checks its requirements on the results in `check`, and draws them in `draw`.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Figure:
 
         Parameters
         ----------
-        layout : of the results, of which no more than these names need be known
+        layout : layout of the results; only these names must be known
         """
         if self.needs_runs:
             yield from layout.require_runs()
@@ -56,11 +56,11 @@ class Figure:
         yield from layout.require_methods(self.order)
 
     def check(self, layout: ResultLayout) -> Iterator[Issue]:
-        """Yield an issue for everything that these results cannot show.
+        """Yield an issue for every option that the results cannot satisfy.
 
         Parameters
         ----------
-        layout : of the results
+        layout : layout of the results
         """
         yield from self.check_names(layout)
 
@@ -70,7 +70,7 @@ class Figure:
         Raises
         ------
         DesignError
-            at the key to blame
+            if there is an issue; it names the key
         """
         for issue in self.check(layout):
             raise DesignError(issue.message, issue.key)
@@ -85,7 +85,7 @@ class Figure:
         Raises
         ------
         DesignError
-            when one of them is less than an inch, or not finite
+            if one of them is less than an inch, or not finite
         """
         for key, size in (("width", self.width), ("height", self.height)):
             if size is not None and not 1 <= size < math.inf:
@@ -101,12 +101,12 @@ class Figure:
 
         Returns
         -------
-        a figure of matplotlib, which is imported here and not before
+        a figure of matplotlib, which is imported only here
 
         Raises
         ------
         DesignError
-            when these results cannot be drawn
+            if these results cannot be drawn
         """
         raise NotImplementedError("draw")
 

@@ -1,4 +1,4 @@
-"""An issue of a component's parameters, found before any run, and the sentences that several components share."""
+"""An issue of a component's parameters, found before any run, and messages that several components share."""
 
 from __future__ import annotations
 

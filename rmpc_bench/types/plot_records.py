@@ -1,4 +1,4 @@
-"""Data a component provides for plots of itself."""
+"""Plot records: data that a component provides for plots."""
 
 from __future__ import annotations
 

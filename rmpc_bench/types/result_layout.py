@@ -1,7 +1,7 @@
-"""The layout of an experiment's results: the names and sizes that they have, known before the experiment runs.
+"""Layout of an experiment's results: their names and sizes, which are known before the experiment runs.
 
-Figures check their keys against it, and the dry run of a claim makes placeholder data from it.  What several kinds of
-figures require is written here, once: each ``require_*`` yields an `Issue` for what the results cannot satisfy.
+Figures check their keys against it, and the dry run of a claim creates placeholder data from it.  Requirements that
+several kinds of figures share are the methods ``require_*``; each yields an `Issue` if the results do not satisfy it.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ class ResultLayout:
     def require_runs(self) -> Iterator[Issue]:
         """Single runs are evaluated."""
         if not self.has_runs:
-            yield Issue("", "draws runs, and none are evaluated: add `runs` to `evaluate`")
+            yield Issue("", "shows runs, but no runs are evaluated: add `runs` to `evaluate`")
 
     def require_metric(self, name: str | None, key: str) -> Iterator[Issue]:
-        """There is a metric of this name; None stands for the primary metric, which always exists."""
+        """There is a metric of this name; None means the primary metric, which always exists."""
         if name is not None and name not in self.metrics:
             yield Issue(key, unknown(name, self.metrics, "metric of this configuration"))
 
@@ -111,7 +111,7 @@ class ResultLayout:
                 yield Issue("at", message)
 
     def require_at_most(self, most: int, n: int, what: str, key: str, advice: str) -> Iterator[Issue]:
-        """No more than so many things are to be shown in one figure."""
+        """The figure shows at most a given number of items."""
         if n > most:
             yield Issue(key, f"{n} {what} do not fit into one figure (at most {most}): {advice}")
 
@@ -123,7 +123,7 @@ class ResultLayout:
                 return
 
     def require_pair(self, noun: str, indices: Sequence[int], key: str, n: int = 2) -> Iterator[Issue]:
-        """There are n different indices."""
+        """At least n indices are different."""
         if len(set(indices)) < n:
             yield Issue(key, f"must be two different {noun}s")
 
@@ -193,7 +193,7 @@ def samples_between(start: float | None, stop: float | None, Ts: float, end: int
 
 
 def empty_window(start: float | None, end: float) -> Issue:
-    """Say that a window holds fewer than two samples."""
+    """Return the issue of a window with fewer than two samples."""
     message = f"fewer than two samples lie between `from` and `to` (there are 0 to {end:g})"
     return Issue("from" if start is not None else "to", message)
 

@@ -1,4 +1,4 @@
-"""Points of a sweep: the text of a value, and which point has the wanted values."""
+"""Points of a sweep: the text of a value, and the search for points with given values."""
 
 from __future__ import annotations
 

@@ -218,7 +218,7 @@ MISTAKES = [
     ("initial", f"{{x: {{sum: [{G}, {{ellipsoid: {{shape: [1]}}}}]}}}}", "[1]", "initial.x.sum.1.ellipsoid.shape",
      "4 x 4 numbers"),
     ("initial", "{M: -1}", "-1", "initial.M", "must be positive semidefinite (smallest eigenvalue -1)"),
-    ("initial", "{M: [1, 2]}", "[1, 2]", "initial.M", "a number, 4 numbers or 4 x 4 numbers are wanted"),
+    ("initial", "{M: [1, 2]}", "[1, 2]", "initial.M", "a number, 4 numbers or 4 x 4 numbers are required"),
     ("initial", "{M: process}", "process", "initial.M", "unknown name 'process'"),
 ]  # fmt: skip
 

@@ -220,6 +220,6 @@ def test_smoke(tmp_path):
 def test_a_figure_of_runs_without_runs(tmp_path, kind):
     """It is a mistake of the file; without a list of figures there is none."""
     path = write_estimation(tmp_path, evaluate="moments", figures=f"[{kind}]")
-    with pytest.raises(ConfigError, match=r"figures\.0: draws runs, and none are evaluated"):
+    with pytest.raises(ConfigError, match=r"figures\.0: shows runs, but no runs are evaluated"):
         load_config(path)
     assert load_config(write_estimation(tmp_path, evaluate="moments", figures=None)).figures == ()

@@ -331,7 +331,7 @@ def test_names_are_checked_in_the_same_way_by_every_figure(kind):
     wrong = figure(**keys, order=["S-MCP"], at=at if single else [at])
     layout = ResultLayout(methods=("S-MPC",), metrics=("mse",), points=({},), has_runs=False, is_complete=False)
     found = [(key, message) for key, message in wrong.check_names(layout) if message]
-    expected = [("", "draws runs, and none are evaluated: add `runs` to `evaluate`")] if figure.needs_runs else []
+    expected = [("", "shows runs, but no runs are evaluated: add `runs` to `evaluate`")] if figure.needs_runs else []
     expected += [
         (key, "'mes' is not a known metric of this configuration; did you mean 'mse'?") for key in figure.metric_keys
     ]

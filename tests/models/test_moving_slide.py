@@ -209,7 +209,7 @@ def test_the_assumed_noise():
 @pytest.mark.parametrize(
     ("noise", "parameter", "message"),
     [
-        (SlideNoise(process=[1.0, 2.0]), "noise.process", "a number or 3 numbers are wanted"),
+        (SlideNoise(process=[1.0, 2.0]), "noise.process", "a number or 3 numbers are required"),
         (SlideNoise(process=-1.0), "noise.process", "must be >= 0"),
         (SlideNoise(measurement=[1.0, -1.0, 1.0]), "noise.measurement", "must be >= 0"),
         (SlideNoise(measurement=np.inf), "noise.measurement", "must be >= 0"),

@@ -250,10 +250,10 @@ def test_a_radius_and_a_shape_mean_the_same_in_one_dimension():
 @pytest.mark.parametrize(
     ("keys", "parameter", "message"),
     [
-        ({"shape": [1.0, 2.0, 3.0]}, "shape", "2 x 2 numbers are wanted"),
+        ({"shape": [1.0, 2.0, 3.0]}, "shape", "2 x 2 numbers are required"),
         ({"shape": [[1.0, 2.0], [2.0, 1.0]]}, "shape", "semidefinite"),
         ({"shape": [[1.0, 2.0], [1.0, 1.0]]}, "shape", "symmetric"),
-        ({"shape": 1.0, "center": [1.0, 2.0, 3.0]}, "center", "2 numbers are wanted"),
+        ({"shape": 1.0, "center": [1.0, 2.0, 3.0]}, "center", "2 numbers are required"),
         ({"shape": [[1.0, 1.0], [1.0, 1.0]], "root": "lower"}, "root", "singular"),
         ({"shape": [1.0, 1e-13], "root": "upper"}, "root", "singular"),
         ({"shape": 0.0, "root": "lower"}, "root", "singular"),
@@ -278,7 +278,7 @@ def test_bad_ellipsoids_are_design_errors(keys, parameter, message):
 )
 def test_bad_boxes_are_design_errors(keys):
     """Oracle: the docstring; the parameter to blame is named."""
-    with pytest.raises(DesignError, match="2 numbers are wanted|2 x 2 numbers are wanted") as caught:
+    with pytest.raises(DesignError, match="2 numbers are required|2 x 2 numbers are required") as caught:
         uniform(2, **keys)
     assert caught.value.parameter == next(iter(keys))
 

@@ -13,7 +13,7 @@ def test_a_constant_for_every_output():
     np.testing.assert_array_equal(constant(2, value=3.0).sample(2), [[3, 3], [3, 3]])
     np.testing.assert_array_equal(constant(2, value=[3.0, 4.0]).sample(2), [[3, 4], [3, 4]])
     assert isinstance(constant(1, value=0.0), Reference)
-    with pytest.raises(DesignError, match="2 numbers are wanted") as caught:
+    with pytest.raises(DesignError, match="2 numbers are required") as caught:
         constant(2, value=[1.0, 2.0, 3.0])
     assert caught.value.parameter == "value"
 
@@ -69,7 +69,7 @@ def test_a_vector_for_every_output():
         ({"period": 1.0, "duty": 0.25}, "duty", "must lie on samples"),
         ({"period": 1.0, "duty": 1e-12}, "duty", "must lie on samples"),
         ({"period": 1.0, "duty": 1 - 1e-12}, "duty", "leaves no sample for the second value"),
-        ({"period": 1.0, "values": (0.0, [1.0, 2.0])}, "values", "a number or 1 numbers are wanted"),
+        ({"period": 1.0, "values": (0.0, [1.0, 2.0])}, "values", "a number or 1 numbers are required"),
     ],
 )
 def test_what_a_square_wave_refuses(keys, parameter, message):
