@@ -1,4 +1,4 @@
-"""The tree of a claim's check, and the words that its grammar knows."""
+"""The tree of a claim's check, and the functions and operators of its grammar."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from dataclasses import dataclass, fields
 from rmpc_bench.expressions.arithmetic import Call, Node, Percent
 
 _TABLE = {
-    "mean": ("x", "of a column over its runs, of a series over its samples; of a signal over the runs at each k"),
-    "median": ("x", "of a column over its runs, of a series over its samples"),
-    "std": ("x", "root of var"),
-    "var": ("x", "divided by n - 1, over what mean is taken; of a signal the diagonal of cov"),
+    "mean": ("x", "mean of a column over its runs, of a series over its samples, of a signal over the runs at each k"),
+    "median": ("x", "median of a column over its runs, of a series over its samples"),
+    "std": ("x", "standard deviation, the root of var"),
+    "var": ("x", "sample variance (n - 1) over the same index as mean; of a signal the diagonal of cov"),
     "cov": ("x", "covariance matrix of a signal over the runs at each k, as cov(e[METHOD])"),
     "min": ("x", "smallest value of a column, series or list"),
     "max": ("x", "largest value of a column, series or list"),
-    "quantile": ("x, q", "of a column or series, q from 0 to 1, linear between order statistics"),
+    "quantile": ("x, q", "quantile of a column or series, q from 0 to 1, linear between order statistics"),
     "share": ("a < b", "share of the runs, or of the samples k, in which the comparisons hold"),
-    "all": ("a < b", "the comparisons hold in every run, at every k and in every entry; a check of its own"),
-    "ratio": ("a, b", "of two columns the geometric mean of a/b run by run; else a/b"),
+    "all": ("a < b", "whether the comparisons hold in every run, k and entry; must be the whole check"),
+    "ratio": ("a, b", "geometric mean of a/b over the runs of two columns; a/b of other values"),
     "at": ("x, k", "sample k of a series"),
     "last": ("x", "last sample of a series"),
     "slope": ("x", "least-squares slope of a series per step"),
-    "since": ("x, k", "samples of a series from k on; each keeps its number"),
-    "upto": ("x, k", "samples of a series up to k; each keeps its number"),
+    "since": ("x, k", "samples of a series from k on, with unchanged indices"),
+    "upto": ("x, k", "samples of a series up to k, with unchanged indices"),
     "entry": ("x, i", "entry i, counted from 0, of a vector or of every vector of a series or column"),
-    "abs": ("x", "magnitude, entry by entry"),
+    "abs": ("x", "absolute value, entry by entry"),
     "diag": ("x", "diagonal of a matrix, or of every matrix of a series"),
     "trace": ("x", "trace of a matrix, or of every matrix of a series"),
     "det": ("x", "determinant of a matrix, or of every matrix of a series"),
     "excess": (
         "a, b",
-        "max z'az / z'bz of symmetric matrices: above 1 where b does not cover a",
+        "max z'az / z'bz of symmetric matrices: at most 1 if b - a is positive semidefinite",
     ),
-    "distance": ("x, centre, P", "sqrt((x - centre)' P^-1 (x - centre)): at most 1 in the ellipsoid of P"),
+    "distance": ("x, centre, P", "sqrt((x - centre)' P^-1 (x - centre)): at most 1 inside the ellipsoid of P"),
 }
 FUNCTIONS = {name: arguments.count(",") + 1 for name, (arguments, _) in _TABLE.items()}
 """Function of the grammar -> number of its arguments."""
@@ -43,9 +43,9 @@ COMPARISONS = ("<", "<=", ">", ">=", "==", "~")
 COUNTS = ("n_failed",)
 """Quantities of a term that are neither a metric nor a series: they exist for every method."""
 SIGNALS = ("x", "x_hat", "e")
-"""True state, estimate and error x - x_hat, where no metric has the name: of them only moments over the runs exist."""
+"""True state, estimate and error x - x_hat, if no metric has the name; only their moments over the runs exist."""
 MOMENTS = {"mean": "mean", "var": "cov", "std": "cov", "cov": "cov"}
-"""Function of a signal -> what it reads: of e the series ``mean(e)`` or ``cov(e)``."""
+"""Function of a signal -> series that it reads: for e ``mean(e)`` or ``cov(e)``."""
 
 
 @dataclass(frozen=True, order=True)
@@ -67,7 +67,7 @@ class Listing(Node):
 
 @dataclass(frozen=True)
 class Link(Node):
-    """One comparison; `tolerance` belongs to ~ and is a share of the right side where it is a percentage."""
+    """One comparison; `tolerance` is that of ~, relative to the right side if it is a percentage."""
 
     left: Node
     operator: str
@@ -83,7 +83,7 @@ class Link(Node):
 
 @dataclass(frozen=True)
 class Chain(Node):
-    """Comparisons that must all hold; `everywhere` when they stand in ``all(...)``, as one statement `text`."""
+    """Comparisons that must all hold; `everywhere` if they are the argument of ``all(...)``, with the text `text`."""
 
     links: tuple[Link, ...]
     text: str

@@ -23,7 +23,7 @@ CAPTION = (
     "  s: standard deviation of the plant's noise divided by that of the design model",
     "  The gains do not depend on s; the mean part grows as 1 / s^2.  Friction and limits, which make the true density",
     "  non-normal, are left out.  States that the design model lacks are marginalised.  The process noise of the plant",
-    "  is that of the design model.  With `kl: printed`, c stands for twice (10).",
+    "  is that of the design model.  With `kl: printed`, c is compared with twice (10).",
 )
 NOISE = {
     "measurement": "s of the measurement noise",

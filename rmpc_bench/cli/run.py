@@ -72,18 +72,18 @@ class Request:
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Directory for the results.")
 @click.option("-j", "--jobs", type=Workers(), help="Worker processes, or auto.  [default: execution.workers]")
 @click.option("-s", "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Replace one value of the file.")
-@click.option("--runs", type=click.IntRange(min=1), help="Number of runs instead of the file's.")
+@click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the file.")
 @click.option("--only", multiple=True, metavar="METHOD", help="Compute this method only; may be repeated.")
-@click.option("--smoke", is_flag=True, help="Run the small size under `smoke`, into results/smoke.")
-@click.option("--strict", is_flag=True, help="Exit with 1 when a claim's finding differs from its record.")
-@click.option("--fresh", is_flag=True, help="Rename an old directory and compute everything again.")
-@click.option("-n", "--dry-run", is_flag=True, help="Show what would be computed, and stop.")
+@click.option("--smoke", is_flag=True, help="Use the size of the section `smoke`; results go to results/smoke.")
+@click.option("--strict", is_flag=True, help="Exit with 1 if the finding of a claim differs from its record.")
+@click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
+@click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
 @click.option("--progress", type=click.Choice(["auto", "bar", "plain", "none"]), default="auto", show_default=True)
 @exits.guarded
 def run(**options: Any) -> int:
     """Run an experiment, or continue it, and write its results.
 
-    The same command continues what an interrupted one has left; finished runs are never computed again.  Results go to
+    After an interruption the same command continues; finished runs are not computed again.  Results go to
     results/<paper>/<name> unless -o names another directory.
     """
     started = time.monotonic()

@@ -80,10 +80,10 @@ class Elements(OnePointFigure):
         for shape in sorted(shown, key=str):
             if shape is None or len(shape) != 2 or shape[0] != shape[1]:
                 sizes = f" ({' x '.join(map(str, shape))})" if shape else ""
-                yield Issue("signal", f"{self.signal} is no square matrix{sizes}: show it with trajectories")
+                yield Issue("signal", f"{self.signal} is not a square matrix{sizes}: show it with trajectories")
                 return
         if len(shown) > 1:
-            yield Issue("order", f"{self.signal} has not the same size in all methods: name some with `order`")
+            yield Issue("order", f"{self.signal} has different sizes in the methods: select some with `order`")
         n = max((shape[0] for shape in shown if shape), default=1)
         least = 0.5 + 0.9 * n
         if self.width < least:

@@ -133,7 +133,7 @@ def ellipses_of(
         found[name] = {component: parts[component] for component in entries}
     last = min(_last(list(parts.values())) for parts in found.values())
     if k is not None and not 0 <= k <= last:
-        raise DesignError(f"there is no sample {k} (they go from 0 to {last})", "k")
+        raise DesignError(f"there is no sample {k} (the samples are 0 to {last})", "k")
     k = last if k is None else k
     values = {name: {entry: curve.at(k) for entry, curve in parts.items()} for name, parts in found.items()}
     i, j = pair

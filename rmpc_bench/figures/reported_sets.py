@@ -48,7 +48,7 @@ class Tube(NamedTuple):
         try:
             return np.asarray(distances(gap, symmetrised(self.S)) > 1.0 + EDGE)
         except ValueError as error:
-            raise DesignError(f"a reported set is no ellipsoid: its matrix {error}", "") from None
+            raise DesignError(f"a reported set is not an ellipsoid: its matrix {error}", "") from None
 
 
 def reported_set(values: Mapping[str, _Value]) -> _Value | None:

@@ -54,7 +54,7 @@ class Series(OnePointFigure):
         yield from super().check(layout)
         if self.quantity not in layout.series:
             known = ", ".join(layout.series) or "none"
-            yield Issue("quantity", f"{self.quantity!r} is no series of these methods (they have {known})")
+            yield Issue("quantity", f"{self.quantity!r} is not a series of these methods (available: {known})")
             return
         shape = layout.series[self.quantity]
         if self.component is None:
@@ -129,8 +129,8 @@ def _is_component(text: str, shape: Shape) -> bool:
 
 def _no_component(quantity: str, component: str | int, shape: Shape) -> str:
     last = ",".join(str(length - 1) for length in shape)
-    way_out = f"they go from {','.join('0' for _ in shape)} to {last}" if shape else "it is a number and has none"
-    return f"{component!r} is no component of {quantity}: {way_out}"
+    way_out = f"the components are {','.join('0' for _ in shape)} to {last}" if shape else "it is a number and has none"
+    return f"{component!r} is not a component of {quantity}: {way_out}"
 
 
 def _draw(

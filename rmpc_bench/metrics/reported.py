@@ -82,7 +82,7 @@ class Reported(BurstMetric):
         if self.normalised and (len(shape) != 2 or shape[0] != shape[1]):
             raise DesignError(f"{self.of} has {_sizes(shape)}; only a square matrix is normalised", "normalised")
         if self.reduce == "last" and len(places) > 1:
-            raise DesignError(f"last is one of {len(places)} entries at the last sample; choose it", "component")
+            raise DesignError(f"last needs one component, but {len(places)} are selected; choose one", "component")
 
     def evaluate(self, record: Record) -> Float[Array, " runs"]:
         """Reduce the entries at the samples that count."""

@@ -1,8 +1,8 @@
-"""An adversary of a filter: a sequence of F that makes its error as large as it can at the end.
+"""An adversary of a filter: a sequence of F that maximises the error covariance at the last step (greedy search).
 
 Model   the loop of moments.py.  The F(k) are chosen within F' F <= I so that the trace of the covariance of x - x_pred
-        at k = N is large; the choice depends on the gains and the covariances, but on no run, so all runs and all
-        methods have the same sequence.
+        at k = N is large.  The choice depends on the gains and the covariances but not on a run, so that all runs
+        and all methods have the same sequence.
 Method  sweeps backward in time.  With the others fixed, the trace is a convex quadratic function of one F(k): what
         enters at k counts with the weight L(k+1), where L(N) picks the error and L(k) = A' L(k+1) A.
         It is largest at an extreme: for a scalar F at -1 or 1, whichever fits the sign of the linear part (1 where it
@@ -46,7 +46,7 @@ def worst_sequence(
     """
     nx, periods = len(laws.x), []
     if len(schedule.x0) != nx:
-        raise DesignError(f"the filter has {len(schedule.x0)} states, the plant {nx}: there is no error to make large")
+        raise DesignError(f"the filter has {len(schedule.x0)} states, the plant {nx}: the error x - x_hat is undefined")
     for k in range(n_steps + 1):
         period = plant.period(k)
         assert period is not None  # a greedy law is white: it is the same for every run

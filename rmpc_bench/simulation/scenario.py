@@ -245,7 +245,7 @@ def with_cross_covariance(scenario: Scenario, S: Float[Array, "rows columns"], n
         or len(scenario.measurement) != 1
         or not all(isinstance(law, Gaussian) for law in laws)
     ):
-        raise DesignError("a cross-covariance needs one gaussian law of either noise")
+        raise DesignError("a cross-covariance needs one gaussian law for the process and one for the measurement noise")
     w, v = (law for law in laws if isinstance(law, Gaussian))
     std_w, std_v = np.sqrt(np.diag(w.cov)), np.sqrt(np.diag(v.cov))
     units = np.outer(std_w, std_v)
@@ -256,7 +256,7 @@ def with_cross_covariance(scenario: Scenario, S: Float[Array, "rows columns"], n
     left = v.cov / np.outer(scale_v, scale_v) - T @ shared
     fits = np.allclose(T @ W, shared.T, rtol=1e-9, atol=1e-12) and np.linalg.eigvalsh(left)[0] > -1e-12  # rounding
     if S[units == 0.0].any() or not fits:
-        raise DesignError("no noises with these covariances have this cross-covariance")
+        raise DesignError("the joint covariance of the noises with this cross-covariance is not positive semidefinite")
     rest = Gaussian(v.mean, scale_v[:, None] * psd_sqrt(left))
     return replace(scenario, measurement=(rest,), cross=scale_v[:, None] * T / scale_w)
 

@@ -24,7 +24,7 @@ class Problem:
 
 
 class ConfigError(Exception):
-    """Everything that is wrong with a configuration, sorted by place, at once."""
+    """All problems of a configuration, sorted by their position."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = tuple(sorted(set(problems)))
@@ -36,7 +36,7 @@ class ConfigError(Exception):
 
 
 class DesignError(Exception):
-    """A design that cannot be made from its parameters; raised before any run.
+    """Invalid parameters of a design; raised before any run.
 
     Parameters
     ----------

@@ -151,8 +151,9 @@ def test_deep_looks_at_every_point_of_a_sweep(tmp_path):
     places = [shown.index(f"\n  controller.Hu={Hu}\n") for Hu in (3, 8)]
     tables = [match.start() for match in re.finditer("divergence of the plant", shown)]
     assert len(tables) == 2 and places[0] < tables[0] < places[1] < tables[1]
-    assert shown.count("s: standard deviation of the plant's noise") == shown.count("c stands for twice (10)") == 1
-    assert shown.endswith("With `kl: printed`, c stands for twice (10).\n")
+    captions = ("s: standard deviation of the plant's noise", "c is compared with twice (10)")
+    assert [shown.count(caption) for caption in captions] == [1, 1]
+    assert shown.endswith("With `kl: printed`, c is compared with twice (10).\n")
 
 
 def test_only_deep_imports_what_it_needs(tmp_path):

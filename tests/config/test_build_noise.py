@@ -236,7 +236,7 @@ def test_one_mistake_is_reported_once_at_its_place(load, key, value, text, path,
 
 def test_a_cross_covariance_needs_normal_noises(mixed):
     """A sum has no cross-covariance with anything."""
-    with pytest.raises(ConfigError, match="one gaussian law of either noise"):
+    with pytest.raises(ConfigError, match="one gaussian law for the process"):
         mixed(noise="{process: same, measurement: same, cross: [[0.1], [0]]}")
 
 

@@ -125,12 +125,12 @@ def test_mistakes(tmp_path, mistake):
 
 GAUSSIAN = "process: {gaussian: {std: 1}}, measurement: {gaussian: {std: 1}}"
 CROSS = {
-    f"{{{GAUSSIAN}, cross: 1.5}}": "no noises with these covariances have this cross-covariance",
+    f"{{{GAUSSIAN}, cross: 1.5}}": "the joint covariance of the noises with this cross-covariance is not",
     f"{{{GAUSSIAN}, cross: [[0.5, 1]]}}": "shape (1, 2) does not fit: 1 x 1 numbers are required",
     f"{{{GAUSSIAN}, cross: [[0.5, 1], [1]]}}": "must be a number or a list of rows of the same length",
     f"{{{GAUSSIAN}, cross: [1]}}": "expected a number or a matrix (got a list of 1)",
     f"{{{GAUSSIAN}, cross: foo}}": "column 1 of 'foo': unknown name 'foo'",
-    "{process: {gaussian: {std: 1}}, cross: 0.5}": "a cross-covariance needs one gaussian law of either noise",
+    "{process: {gaussian: {std: 1}}, cross: 0.5}": "a cross-covariance needs one gaussian law for the process and one",
 }  # fmt: skip
 
 

@@ -134,8 +134,8 @@ def test_a_method_that_failed_does_not_shrink_the_others(trials, matrices):
     ("given", "parameter", "message"),
     [
         ({"signal": "Q"}, "signal", "'Q' is not recorded (recorded: y, bursts, Q_yw, r)"),
-        ({"signal": "r"}, "signal", "r is no square matrix (4): show it with trajectories"),
-        ({"signal": "y"}, "signal", "y is no square matrix (3): show it with trajectories"),
+        ({"signal": "r"}, "signal", "r is not a square matrix (4): show it with trajectories"),
+        ({"signal": "y"}, "signal", "y is not a square matrix (3): show it with trajectories"),
         ({"signal": "Q_yw", "run": 2}, "run", "run 2 is not recorded (recorded: 0, 1)"),
         ({"signal": "Q_yw", "order": ["KF"]}, "order", "'KF' does not report Q_yw"),
         (
@@ -158,7 +158,7 @@ def test_matrices_of_different_sizes(trials):
     """They cannot share panels."""
     traces = trials.traces["tuned"]
     other = traces._replace(signals={**traces.signals, "Q_yw": np.ones((RUNS, N, 4))}, shapes={"Q_yw": (2, 2)})
-    with pytest.raises(DesignError, match="Q_yw has not the same size in all methods: name some with `order`"):
+    with pytest.raises(DesignError, match="Q_yw has different sizes in the methods: select some with `order`"):
         elements(replace(trials, traces=trials.traces | {"tuned": other}), signal="Q_yw")
 
 

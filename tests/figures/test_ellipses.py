@@ -209,7 +209,7 @@ def test_a_method_without_P(trials):
     [
         ({"x": "mse"}, "x", "'mse' is not a known metric of this configuration; known: x0_end, x1_end"),
         ({"y": "mse"}, "y", "'mse' is not a known metric of this configuration; known: x0_end, x1_end"),
-        ({"k": 21}, "k", "there is no sample 21 (they go from 0 to 20)"),
+        ({"k": 21}, "k", "there is no sample 21 (the samples are 0 to 20)"),
         ({"components": (0, 2)}, "components", "there is no state 2 (they count from 0 to 1)"),
         ({"components": (1, 1)}, "components", "must be two different states"),
         ({"sigmas": ()}, "sigmas", "must be 1 to 4 positive numbers"),

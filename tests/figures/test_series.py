@@ -112,9 +112,9 @@ def test_methods_and_points(trials, make_sweep):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"quantity": "M"}, "'M' is no series of these methods (they have L, theta, var, P)"),
-        ({"quantity": "L", "component": "2,0"}, "'2,0' is no component of L: they go from 0,0 to 1,0"),
-        ({"quantity": "L", "component": 2}, "2 is no component of L: they go from 0,0 to 1,0"),
+        ({"quantity": "M"}, "'M' is not a series of these methods (available: L, theta, var, P)"),
+        ({"quantity": "L", "component": "2,0"}, "'2,0' is not a component of L: the components are 0,0 to 1,0"),
+        ({"quantity": "L", "component": 2}, "2 is not a component of L: the components are 0,0 to 1,0"),
         ({"quantity": "P"}, "16 components do not fit into one figure (at most 6): choose one with `component`"),
         ({"quantity": "theta", "order": ["A", "B"]}, "'A' has no theta (those that have: B, C)"),
         ({"quantity": "L", "order": ["D"]}, "'D' is not a known method; known: A, B, C"),
@@ -133,7 +133,7 @@ def test_errors_show_the_choices(trials, given, message):
 
 def test_no_series_at_all(make_trials):
     """Methods without designs that tell something."""
-    with pytest.raises(DesignError, match=r"'L' is no series of these methods \(they have none\)"):
+    with pytest.raises(DesignError, match=r"'L' is not a series of these methods \(available: none\)"):
         series(make_trials(THREE), quantity="L")
 
 

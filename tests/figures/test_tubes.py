@@ -203,7 +203,7 @@ def test_what_is_no_shape(trials):
     series.loc[
         (series["method"] == "MIX") & (series["quantity"] == "M") & (series["component"] == "0,0"), "value"
     ] = -4.0
-    with pytest.raises(DesignError, match="a reported set is no ellipsoid: its matrix has a negative eigenvalue"):
+    with pytest.raises(DesignError, match="a reported set is not an ellipsoid: its matrix has a negative eigenvalue"):
         tubes(replace(trials, series=series))
 
 

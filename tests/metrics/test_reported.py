@@ -134,7 +134,7 @@ def test_fallbacks_are_counted(rng):
         ({"of": "r", "component": 2}, "component", r"r has 2 entries and no '2'; choose \"0\" to \"1\""),
         ({"of": "fallback", "component": 0}, "component", "fallback has one entry and no '0'; leave component out"),
         ({"of": "r", "normalised": True}, "normalised", "only a square matrix"),
-        ({"of": "Q_yw", "reduce": "last"}, "component", "one of 4 entries"),
+        ({"of": "Q_yw", "reduce": "last"}, "component", "4 are selected"),
     ],
 )
 def test_issues(keys, parameter, message, bursts=True):

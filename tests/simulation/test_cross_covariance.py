@@ -116,8 +116,8 @@ def test_perfectly_correlated_noises():
 @pytest.mark.parametrize(
     ("S", "message"),
     [
-        (np.array([[1.5]]), "no noises with these covariances"),
-        (np.array([[-1.5]]), "no noises with these covariances"),
+        (np.array([[1.5]]), "joint covariance of the noises"),
+        (np.array([[-1.5]]), "joint covariance of the noises"),
         (np.array([[1.0, 0.0]]), r"shape \(1, 2\) does not fit: 1 x 1 numbers"),
     ],
 )
@@ -130,9 +130,9 @@ def test_an_impossible_cross_covariance_is_refused(S, message):
 
 def test_a_noise_that_is_not_there_cannot_be_correlated():
     """Oracle: W = 0 leaves S = 0 only."""
-    with pytest.raises(DesignError, match="no noises with these covariances"):
+    with pytest.raises(DesignError, match="joint covariance of the noises"):
         with_cross_covariance(independent([[0.0]], [[2.0]], [0.0], [0.0]), np.array([[1e-9]]), 1, 1)
-    with pytest.raises(DesignError, match="no noises with these covariances"):
+    with pytest.raises(DesignError, match="joint covariance of the noises"):
         with_cross_covariance(independent([[2.0]], [[0.0]], [0.0], [0.0]), np.array([[1e-9]]), 1, 1)
     after = with_cross_covariance(independent(np.diag([0.0, 2.0]), [[2.0]], [0.0, 0.0], [0.0]), np.eye(2, 1, -1), 2, 1)
     np.testing.assert_allclose(after.noise_laws(2, 1)[1], [[0, 0, 0], [0, 2, 1], [0, 1, 2]], atol=1e-14)
@@ -161,8 +161,8 @@ class Other(Noise):
     "parts", [{"process": ()}, {"measurement": (Other(),)}, {"process": (gaussian(1, std=1.0),) * 2}]
 )
 def test_other_laws_have_none(parts):
-    """Oracle: one gaussian law of either noise."""
-    with pytest.raises(DesignError, match="one gaussian law of either noise"):
+    """Oracle: one gaussian law for the process."""
+    with pytest.raises(DesignError, match="one gaussian law for the process"):
         with_cross_covariance(replace(independent([[1.0]], [[2.0]], [0.0], [0.0]), **parts), np.eye(1), 1, 1)
 
 
