@@ -62,7 +62,7 @@ def _stable(value: float) -> Decimal:
 
 
 def negligible(value: float, scale: float) -> bool:
-    """Whether a number cannot be told from 0 beside a scale.
+    """Whether a number cannot be distinguished from 0 beside a scale.
 
     Parameters
     ----------

@@ -11,8 +11,31 @@ from rmpc_bench.config.writer import dump
 
 ROOT = Path(__file__).parents[2] / "configs"
 CONFIGS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.yaml"))
-HEAVY = {"souto2011/guarantee.yaml", "benchmarks/xie1994.yaml", "zenere2017/interpretations-sim2.yaml"}
-"""Designs of theirs at full size take five to ten seconds: a search of an adversary, 10,000 steps, nine long points."""
+HEAVY = {
+    "benchmarks/xie1994.yaml",
+    "souto2011/benchmarks.yaml",
+    "souto2011/comparison.yaml",
+    "souto2011/guarantee.yaml",
+    "souto2011/table.yaml",
+    "zenere2017/interpretations-sim2.yaml",
+    "zenere2018/propositions.yaml",
+}
+"""Designs of theirs at full size take two to ten seconds: searches, 10,000 steps, many points."""
+LONG = {"belda2017/correlation.yaml", "belda2017/fair.yaml", "ma2025/ablation.yaml", "ma2025/certificate.yaml"}
+"""Two runs of theirs take eight seconds or more; `make smoke` runs them as well."""
+
+
+def marked(slow):
+    """All configurations, some of them among the slow tests."""
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name in slow)) for name in CONFIGS]
+
+
+def check_names(config, name):
+    """Results of configs/<paper>/<name>.yaml go to results/<paper>/<name>; a claim has a finding and a source."""
+    folder, _, stem = name.removesuffix(".yaml").rpartition("/")
+    assert (config.name, bool(config.title)) == (stem, True)
+    assert folder in ("benchmarks", config.paper or "")
+    assert [claim.says for claim in config.claims if not (claim.finding and claim.source)] == []
 
 
 def test_there_are_configurations():
@@ -20,18 +43,14 @@ def test_there_are_configurations():
     assert CONFIGS
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", marked(LONG))
 def test_two_runs_of_a_few_steps(name, tmp_path):
     """Every method completes two short runs with a value for every metric, at up to four points of a sweep.
 
-    Where only exact moments are evaluated, there are these and no runs.  Results of configs/<paper>/<name>.yaml go to
-    results/<paper>/<name>; a claim has a recorded finding and a source.
+    Where only exact moments are evaluated, there are these and no runs.
     """
     config = load_config(ROOT / name, runs=2, smoke=True)
-    folder, _, stem = name.removesuffix(".yaml").rpartition("/")
-    assert (config.name, bool(config.title)) == (stem, True)
-    assert folder in ("benchmarks", config.paper or "")
-    assert [claim.says for claim in config.claims if not (claim.finding and claim.source)] == []
+    check_names(config, name)
     config = replace(config, points=config.points[:: max(1, len(config.points) // 4)][:4])
     trials = run(config, directory=tmp_path, jobs=1).trials
     assert trials.methods == tuple(config.methods)
@@ -44,10 +63,11 @@ def test_two_runs_of_a_few_steps(name, tmp_path):
     assert not trials.frame.isna().any(axis=None)
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in HEAVY)) for name in CONFIGS])
+@pytest.mark.parametrize("name", marked(HEAVY))
 def test_full_size_is_valid_and_survives_being_written(name, tmp_path):
     """All designs can be made, and what is written with every default filled in is the same experiment."""
     config = load_config(ROOT / name)
+    check_names(config, name)
     copy = tmp_path / "config.resolved.yaml"
     copy.write_text(dump(plain(config.resolved)), encoding="utf-8")
     again = load_config(copy)

@@ -78,6 +78,7 @@ def assert_digits_agree(cases: Sequence[Case]) -> None:
             assert np.abs(states - exact).max() <= 1e-12, case
 
 
+@pytest.mark.slow
 def test_forty_digits_agree():
     assert_digits_agree([*bang_bang(11, 1, 6), *near_breakaway(3, 1), *random_states(4, 4)])
 
