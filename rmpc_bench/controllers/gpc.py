@@ -10,6 +10,8 @@ Model   At every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
         apply u(k) (7).  Q_yw and Q_u are roots: the weights are Q_yw' Q_yw and Q_u' Q_u.  The cost weighs the inputs,
         not their increments: a reference that needs a constant input is reached with an offset.
         A state-dependent model is evaluated at x_hat(k-1), at k = 0 at x_hat(0); a time-varying model at k.
+        The predictions include the constant parts of the model and, if the estimator estimates it, the mean of the
+        process noise (`w_mean` of the estimate), which is held over the horizon.
 Source  belda2017, section III; order of the steps as in its section VI.
 Tuning  `constant`, or `lp-noise` (noise_tuning.py), which computes Q_yw(k) from recent estimates and measurements.
 Limit   Without a reference lqr with horizon = Np, Q_x = C' Q_yw' Q_yw C and R_u = Q_u' Q_u.  With Np = 1, Q_u = 0 and
@@ -29,6 +31,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning, TuningData
+from rmpc_bench.controllers.prediction import Frozen, with_mean
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import as_matrix, mv
@@ -36,16 +39,6 @@ from rmpc_bench.numerics.tracking import SMALLEST, TrackingLaw, gains, track
 from rmpc_bench.types import Array, Command, Controller, DesignError, Estimate, Estimator, Horizon, Matrix, Status
 
 OK = np.int8(Status.OK)
-
-
-class Frozen(NamedTuple):
-    """A model that is constant over the horizon."""
-
-    A: Float[Array, "nx nx"] | Float[Array, "runs nx nx"]
-    B: Float[Array, "nx nu"] | Float[Array, "runs nx nu"]
-    f: Float[Array, " nx"]
-    C: Float[Array, "ny nx"]
-    d: Float[Array, " ny"]
 
 
 class GpcState(NamedTuple):
@@ -61,6 +54,8 @@ class TunedState(NamedTuple):
     u_previous: Float[Array, "runs nu"]
     Q_yw: Float[Array, "runs ny ny"]
     window: Float[Array, "runs samples numbers"]
+    w_mean_previous: Float[Array, "runs nx"]
+    """Estimated mean of the process noise, 0 if the estimator does not estimate it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +69,7 @@ class Gpc(Controller):
     Q_yw : root of the output weight
     R_u : upper triangular root of the input weight
     gains : the constant law, None if the law varies with k or with the state
+    uses_mean : whether the predictions use the estimated mean of the process noise
     """
 
     model: Any
@@ -81,6 +77,7 @@ class Gpc(Controller):
     Q_yw: Float[Array, "ny ny"]
     R_u: Float[Array, "nu nu"]
     gains: TrackingLaw | None
+    uses_mean: bool
 
     @property
     def preview(self) -> int:
@@ -112,9 +109,9 @@ class Gpc(Controller):
         """Apply the first input of the minimiser."""
         x_hat = estimate.x_hat
         if self.gains is not None:
-            u, loss = _linear(self.gains, x_hat, r[1:] - self._frozen(k, x_hat).d)
+            u, loss = _linear(self.gains, self._extended(estimate), r[1:] - self._frozen(k, x_hat).d)
         else:
-            u, loss = self._first(self._frozen(k, state.x_previous if k else x_hat), self.Q_yw[None], x_hat, r)
+            u, loss = self._first(self._frozen(k, state.x_previous if k else x_hat), self.Q_yw[None], estimate, r)
         info = {"Q_yw": np.broadcast_to(self.Q_yw, (len(u), *self.Q_yw.shape)), "loss": loss}
         return GpcState(x_hat), Command(u, np.full(len(u), OK), info)
 
@@ -125,7 +122,8 @@ class Gpc(Controller):
 
     def _try(self, k: int) -> None:
         ny = len(self.Q_yw)
-        nothing = Estimate(np.zeros((1, self._nx)), None, None, np.full(1, OK), {})
+        x_hat = np.zeros((1, self._nx))
+        nothing = Estimate(x_hat, None, None, np.full(1, OK), {"w_mean": x_hat})
         self.control(k, self.init(1), np.zeros((1, ny)), nothing, np.zeros((self.preview, ny)))
 
     @cached_property
@@ -149,12 +147,17 @@ class Gpc(Controller):
         self,
         now: Frozen,
         Q_yw: Float[Array, "weights ny ny"],
-        x: Float[Array, "runs nx"],
+        estimate: Estimate,
         r: Float[Array, "preview ny"],
     ) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
         """Return the first inputs and the minimal costs."""
+        now = with_mean(now) if self.uses_mean else now
         A, B = (matrix if matrix.ndim == 3 else matrix[None] for matrix in (now.A, now.B))
-        return track(A, B, now.f, now.C, Q_yw, self.R_u, r[1:] - now.d, x)
+        return track(A, B, now.f, now.C, Q_yw, self.R_u, r[1:] - now.d, self._extended(estimate))
+
+    def _extended(self, estimate: Estimate) -> Float[Array, "runs n"]:
+        """Return the estimate, followed by the estimated mean of the process noise if it is used."""
+        return np.hstack([estimate.x_hat, estimate.info["w_mean"]]) if self.uses_mean else estimate.x_hat
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +184,8 @@ class TunedGpc(Gpc):
     def init(self, n_runs: int) -> TunedState:
         """Start with the output weight of the design and an empty window."""
         Q_yw, nu = np.tile(self.Q_yw, (n_runs, 1, 1)), len(self.R_u)
-        return TunedState(np.zeros((n_runs, self._nx)), np.zeros((n_runs, nu)), Q_yw, self.noise.init(n_runs))
+        nothing = np.zeros((n_runs, self._nx))
+        return TunedState(nothing, np.zeros((n_runs, nu)), Q_yw, self.noise.init(n_runs), nothing)
 
     def control(
         self,
@@ -196,12 +200,14 @@ class TunedGpc(Gpc):
         now = self._frozen(k, state.x_previous if k else x_hat)
         before = now if self._follows or k == 0 else self._frozen(k - 1, x_hat)
         x_tilde = mv(before.A, state.x_previous) + mv(before.B, state.u_previous) + before.f
+        x_tilde = x_tilde + state.w_mean_previous if self.uses_mean else x_tilde
         sample = TuningData(y, mv(now.C, x_hat) + now.d, x_hat, x_tilde if k else np.full_like(x_hat, np.nan))
         window = self.noise.moved(state.window, sample)
         Q_yw, info = self.noise.penalties(k, window, state.Q_yw)
-        u, loss = self._first(now, Q_yw, x_hat, r)
+        u, loss = self._first(now, Q_yw, estimate, r)
         info = {"Q_yw": Q_yw, "loss": loss, **info}
-        return TunedState(x_hat, u, Q_yw, window), Command(u, np.full(len(u), OK), info)
+        w_mean = estimate.info["w_mean"] if self.uses_mean else state.w_mean_previous
+        return TunedState(x_hat, u, Q_yw, window, w_mean), Command(u, np.full(len(u), OK), info)
 
     def warm_up(self) -> None:
         """Compile the kernels of a step before the design is sent to workers."""
@@ -224,7 +230,8 @@ def design(
     ----------
     model : prediction model, linear or state-dependent; the nominal part of an uncertain model
     n_steps : number of control periods; without it, a model that may vary is treated as varying
-    estimator : estimator of the method; `lp-noise` starts after the window of an estimator with a window is full
+    estimator : estimator of the method; the predictions use the mean of the process noise if it estimates one, and
+        `lp-noise` starts after the window of an estimator with a window is full
     Np : prediction horizon [samples]
     Q_yw : root of the weight of the output error: a number, a diagonal or a matrix
     Q_u : root of the weight of the input: a number, a diagonal or a matrix
@@ -233,24 +240,30 @@ def design(
     Raises
     ------
     DesignError
-        If a size is inconsistent, the bounds are in the wrong order, or the cost does not determine the inputs.
+        If a size is inconsistent, the bounds are in the wrong order, the cost does not determine the inputs, or the
+        estimator estimates the mean of the process noise of a state-dependent model.
     """
     model = _constant(model, n_steps)
+    uses_mean = estimator is not None and estimator.estimates_mean
+    if uses_mean and isinstance(model, StateDependentModel):
+        raise DesignError("does not support an estimated mean of the process noise with a state-dependent model")
     now = model if isinstance(model, StateDependentModel) else model.at(0)
     outputs, inputs = _root("Q_yw", Q_yw, now.ny), _root("Q_u", Q_u, now.nu)
     R_u = np.linalg.qr(inputs)[1]
     if isinstance(tuning, ConstantTuning) and isinstance(model, LinearModel):
+        fixed = Frozen(model.A, model.B, model.f0, model.C, model.d0)
+        fixed = with_mean(fixed) if uses_mean else fixed
         try:
-            law = gains(model.A, model.B, model.f0, model.C, outputs, inputs, Np)
+            law = gains(fixed.A, fixed.B, fixed.f, fixed.C, outputs, inputs, Np)
         except ValueError as error:
             raise DesignError(f"{error}; choose another Q_u", "Q_u") from None
-        return Gpc(model, Np, outputs, R_u, law)
+        return Gpc(model, Np, outputs, R_u, law, uses_mean)
     sizes = np.linalg.svd(inputs, compute_uv=False)
     if not sizes[-1] > SMALLEST * sizes[0]:
         raise DesignError("must be of full rank, unless both the model and Q_yw are constant", "Q_u")
     if isinstance(tuning, ConstantTuning):
-        return Gpc(model, Np, outputs, R_u, None)
-    return TunedGpc(model, Np, outputs, R_u, None, _noise(tuning, estimator, now.nx, now.ny))
+        return Gpc(model, Np, outputs, R_u, None, uses_mean)
+    return TunedGpc(model, Np, outputs, R_u, None, uses_mean, _noise(tuning, estimator, now.nx, now.ny))
 
 
 def _root(name: str, root: Matrix, n: int) -> Float[Array, "n n"]:

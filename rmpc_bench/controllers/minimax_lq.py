@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.state_feedback import Regulator, game_of, noise_roots, stages_of
+from rmpc_bench.controllers.state_feedback import Regulator, game_of, noise_roots, refuse_mean, stages_of
 from rmpc_bench.models.noise_sets import LEVEL
 from rmpc_bench.numerics.ellipsoid import confidence
 from rmpc_bench.numerics.game_table import HALF, MIDDLE, Tables, tables
@@ -181,11 +181,10 @@ def design(
     Raises
     ------
     DesignError
-        If a weight is not admissible, the model has constant parts, or noise grows beyond 1e100 over the horizon.
+        If a weight is not admissible, the process noise has a mean, or noise grows beyond 1e100 over the horizon.
     """
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
-    if any(model.at(k).f0.any() for k in range(len(stages.A))):
-        raise DesignError("does not support a known mean of the process noise; use lqr, or a model without this mean")
+    refuse_mean(model, estimator, stages)
     w_roots = noise_roots(model, estimator, stages, horizon)
     return MinimaxLq(stages, horizon, set, _error_roots(estimator), w_roots)
 

@@ -3,6 +3,8 @@
 Model   Minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)|^2_R  over the input increments
         du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu.  Predictions start at x_hat(k); the reference is known in advance.
         Law: u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k), u(k-1) the applied input, u(-1) = 0.
+        With constant parts f0 and d0 of the model, or an estimated mean d_hat of the process noise (`w_mean` of the
+        estimate), the predictions include them and u(k) has the further terms - u_0 - K_d d_hat(k).
 Source  zenere2018, cost (2).  The printed solution (4) minimises |u|^2 instead of |du|^2: `law: printed`.
 Assumed `law: increment`, because the text states (2).  `law: printed` holds the input after Hu, as (2) does (du = 0),
         so that the last block column of Theta is a step response; the printed entry C A^(Hp-Hu-1) B of that column
@@ -21,7 +23,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.prediction import predict_inputs, predict_moves
+from rmpc_bench.controllers.prediction import predict_disturbance, predict_inputs, predict_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
 from rmpc_bench.types import (
@@ -30,6 +32,7 @@ from rmpc_bench.types import (
     Controller,
     DesignError,
     Estimate,
+    Estimator,
     Horizon,
     LinearLaw,
     Matrix,
@@ -85,6 +88,10 @@ class Mpc(Controller):
     low: float
     high: float
     preview: int
+    K_d: Float[Array, "nu nx"] | None = None
+    """Gain of the estimated mean of the process noise, None if the estimator does not estimate it."""
+    u_0: Float[Array, " nu"] | None = None
+    """Input that compensates the constant parts of the model, None if they are zero."""
 
     def init(self, n_runs: int) -> MpcState:
         """Start from the input 0."""
@@ -104,16 +111,24 @@ class Mpc(Controller):
         ahead = mv(self.K_r, r[1:].reshape(1, -1))
         # Exactly 0 if K_u = I.
         kept = u_previous - mv(self.K_u, u_previous)
-        u = np.clip(kept + ahead - mv(self.K_x, estimate.x_hat), self.low, self.high)
+        u = kept + ahead - mv(self.K_x, estimate.x_hat)
+        if self.u_0 is not None:
+            u = u - self.u_0
+        if self.K_d is not None:
+            u = u - mv(self.K_d, estimate.info["w_mean"])
+        u = np.clip(u, self.low, self.high)
         return MpcState(u), Command(u, np.full(len(u), OK), {})
 
-    def linear_law(self) -> LinearLaw:
-        """Return the gains; the law is linear as long as no input is clipped."""
+    def linear_law(self) -> LinearLaw | None:
+        """Return the gains; the law is linear as long as no input is clipped, and affine with constant parts."""
+        if self.u_0 is not None or self.K_d is not None:
+            return None
         return LinearLaw(self.K_x, self.K_u, self.K_r)
 
 
 def design(
     model: Model,
+    estimator: Estimator | None = None,
     *,
     Hp: Horizon,
     Hu: Horizon,
@@ -128,6 +143,7 @@ def design(
     Parameters
     ----------
     model : prediction model; the nominal part of an uncertain model
+    estimator : estimator of the method; the predictions use the mean of the process noise if it estimates one
     Hp : prediction horizon [samples]
     Hu : control horizon [samples], at most Hp
     Q : weight of the scaled output error: a number, a diagonal or a matrix
@@ -155,10 +171,15 @@ def design(
     if law == "printed":
         Psi, Theta = predict_inputs(model, Hp, Hu)
         first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # u(k) = first (r - Psi x), (4)
-        return Mpc(first @ Psi, np.eye(model.nu), first, *bounds, preview=Hp + 1)
-    Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
-    first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # du(k) = first (r - Psi x - Upsilon u(k-1))
-    return Mpc(first @ Psi, first @ Upsilon, first, *bounds, preview=Hp + 1)
+        K_u = np.eye(model.nu)
+    else:
+        Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
+        first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # du(k) = first (r - Psi x - Upsilon u(k-1))
+        K_u = first @ Upsilon
+    Phi, constant = predict_disturbance(model, Hp)
+    K_d = first @ Phi if estimator is not None and estimator.estimates_mean else None
+    u_0 = first @ constant if constant.any() else None
+    return Mpc(first @ Psi, K_u, first, *bounds, preview=Hp + 1, K_d=K_d, u_0=u_0)
 
 
 def _constant(model: Model) -> LinearModel:

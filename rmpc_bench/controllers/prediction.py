@@ -19,6 +19,25 @@ class Prediction(NamedTuple):
     Theta: Float[Array, "rows moves"]
 
 
+class Frozen(NamedTuple):
+    """A model that is constant over the horizon."""
+
+    A: Float[Array, "nx nx"] | Float[Array, "runs nx nx"]
+    B: Float[Array, "nx nu"] | Float[Array, "runs nx nu"]
+    f: Float[Array, " nx"]
+    C: Float[Array, "ny nx"]
+    d: Float[Array, " ny"]
+
+
+def with_mean(now: Frozen) -> Frozen:
+    """Extend a model by a constant mean of the process noise as additional states: [x; mean]."""
+    nx = now.A.shape[-1]
+    nothing = np.zeros((nx, nx))
+    A = np.block([[now.A, np.eye(nx)], [nothing, np.eye(nx)]])
+    B, C = np.vstack([now.B, np.zeros_like(now.B)]), np.hstack([now.C, np.zeros_like(now.C)])
+    return Frozen(A, B, np.concatenate([now.f, np.zeros(nx)]), C, now.d)
+
+
 def predict_moves(model: LinearModel, Hp: int, Hu: int) -> Prediction:
     """Stack the predictions for ``Hu`` input moves, after which the input is constant.
 
@@ -45,6 +64,26 @@ def predict_inputs(model: LinearModel, Hp: int, Hu: int) -> tuple[Float[Array, "
     for move in range(Hu):
         _fill(Theta, move, step if move == Hu - 1 else impulse, model)
     return np.vstack(free[1:]), Theta
+
+
+def predict_disturbance(model: LinearModel, Hp: int) -> tuple[Float[Array, "rows nx"], Float[Array, " rows"]]:
+    """Stack what a constant disturbance d of x(k+1) and the constant parts f0 and d0 add to the predictions.
+
+    Parameters
+    ----------
+    model : prediction model
+    Hp : prediction horizon [samples]
+
+    Returns
+    -------
+    the gain of d, and the sum of what f0 and d0 add
+    """
+    held, Phi = np.zeros((model.nx, model.nx)), []
+    for _ in range(Hp):
+        held = model.A @ held + np.eye(model.nx)
+        Phi.append(model.C @ held)
+    gain = np.vstack(Phi)
+    return gain, gain @ model.f0 + np.tile(model.d0, Hp)
 
 
 def _powers(model: LinearModel, Hp: int) -> list[Array]:

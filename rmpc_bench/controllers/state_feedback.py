@@ -105,7 +105,7 @@ def lqr(
     horizon: Horizon,
     Q_x: Matrix,
     R_u: Matrix,
-    mean: Literal["known", "estimated", "ignored"] = "known",
+    mean: Literal["known", "estimated", "ignored"] | None = None,
 ) -> Lqr:
     """Linear-quadratic control of the estimate over a receding horizon.
 
@@ -118,13 +118,15 @@ def lqr(
     Q_x : weight of the state: a number, a diagonal or a matrix
     R_u : weight of the input, positive definite
     mean : mean of the process noise: `known` uses that of the model, `estimated` adds the estimated one, `ignored`
-        uses 0
+        uses 0 (default: `estimated` if the estimator estimates the mean, otherwise `known`)
 
     Raises
     ------
     DesignError
         If a weight is not admissible, or the estimator does not estimate the mean.
     """
+    if mean is None:
+        mean = "estimated" if estimator.estimates_mean else "known"
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
     nx = stages.A.shape[1]
     f0 = np.array([model.at(k).f0 for k in range(len(stages.A))])[:, :, None]
@@ -189,9 +191,10 @@ def game_gain(
     Raises
     ------
     DesignError
-        If a weight is not admissible, or noise grows beyond 1e100 over the horizon.
+        If a weight is not admissible, the process noise has a mean, or noise grows beyond 1e100 over the horizon.
     """
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
+    refuse_mean(model, estimator, stages)
     return GameGain(stages, noise_roots(model, estimator, stages, horizon), horizon, ratio)
 
 
@@ -226,6 +229,16 @@ def _ahead(what: Callable[[int], Any], k: int) -> Any:
             raise
         blamed = error.parameter or "matrix"
         raise DesignError(f"reaches k = {k}, where the model's {blamed} {error}", "horizon") from None
+
+
+def refuse_mean(model: Model, estimator: Estimator, stages: Stages) -> None:
+    """Raise a DesignError if the process noise has a mean, known from the model or estimated: the law ignores it."""
+    if any(model.at(k).f0.any() for k in range(len(stages.A))):
+        raise DesignError("does not support a known mean of the process noise; use lqr, or a model without this mean")
+    if estimator.estimates_mean:
+        raise DesignError(
+            "does not support an estimated mean of the process noise; use lqr, mpc or gpc, or another estimator"
+        )
 
 
 def noise_roots(model: Model, estimator: Estimator, stages: Stages, horizon: int) -> Float[Array, "t nx nx"]:

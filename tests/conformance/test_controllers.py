@@ -20,11 +20,14 @@ PARAMETERS = {
         {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1},
         {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1, "tuning": LpNoise(Ne2=4, kp=0.3)},
         {"Np": 2, "Q_yw": 1.0, "Q_u": 0.1, "tuning": LpNoise(Ne2=4, kp=0.3, on="residual", weight="square")},
+        {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1, "of": "mean"},
+        {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1, "tuning": LpNoise(Ne2=4, kp=0.3), "of": "mean"},
     ],
     "mpc": [
         {"Hp": 6, "Hu": 2, "Q": 1.0, "R": 0.1, "limits": Limits(u=(-0.3, 0.3))},
         {"Hp": 3, "Hu": 3, "Q": 1.0, "R": 0.1, "scale": Scale(u=2.0, y=3.0)},
         {"Hp": 4, "Hu": 2, "Q": 1.0, "R": 0.1, "law": "printed"},
+        {"Hp": 6, "Hu": 2, "Q": 1.0, "R": 0.1, "of": "mean"},
     ],
     "minimax-lq": [
         {"horizon": 7, "Q_x": 1.0, "R_u": 0.1},
@@ -64,7 +67,8 @@ def case(request):
     if "estimator" in inspect.signature(make).parameters:
         start = {"x0": np.zeros(nx), "P0": np.eye(nx)}
         filter_of = {"data": data_dependent, "mean": kalman_disturbance}.get(parameters.pop("of", ""), kalman)
-        provided = {"n_steps": STEPS, "estimator": filter_of(model, STEPS, **start)}
+        given = {"n_steps": STEPS, "estimator": filter_of(model, STEPS, **start)}
+        provided = {name: value for name, value in given.items() if name in inspect.signature(make).parameters}
     design = make(model, **provided, **parameters)
     return design, ControllerExample.random(nx, ny, design.preview, n_runs=RUNS, n_steps=STEPS), nu
 
