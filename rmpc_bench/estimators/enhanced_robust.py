@@ -42,6 +42,7 @@ from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.noise_pair import NoisePair
 from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel
+from rmpc_bench.numerics.robust_literal import Channel, is_covariance
 from rmpc_bench.numerics.robust_step import ParameterRules, RobustBounds, RobustStep
 from rmpc_bench.types import Array, DesignError, Model, NonNegative, Positive
 
@@ -72,6 +73,7 @@ def design(
     tuned: bool = False,
     design_scale: Positive = 1.0,
     equations: Literal["corrected", "printed"] = "corrected",
+    literal: bool = False,
 ) -> GainScheduleFilter:
     """Enhanced robust predictor; equal to the Kalman predictor if the model has no uncertainty.
 
@@ -89,6 +91,8 @@ def design(
         not increase the next X compared with eps or gamma
     design_scale : factor of all uncertainty in this design
     equations : `printed` omits B U D' in the cross term of P (Step 5 as printed)
+    literal : whether to evaluate Table 2 a second time, line by line with plain inverses; the series `literal` is 1
+        while the result is a covariance matrix and 0 after that, and the filter does not use it
 
     Raises
     ------
@@ -107,6 +111,8 @@ def design(
     extra = {name: np.array([step.a[i] for step in steps]) for i, name in enumerate(("a_x", "a_w", "a_v"))}
     if rules.state:
         extra["X"] = np.array(X)
+    if literal:
+        extra["literal"] = is_covariance(P0, [_channels(now, P0, rules) for now in systems])
     nominal, K, Phi = [now.nominal for now in systems], [step.K for step in steps], [step.Phi for step in steps]
     remarks = _remarks(steps, X, rules, design_scale)
     return predictor_schedule(nominal, x0, K, P, F=Phi, extra=extra, remarks=remarks)
@@ -155,6 +161,15 @@ def _robust_step(now: DesignSystem, rules: ParameterRules) -> RobustStep:
         NoiseChannel(np.vstack([m.Bv, m.Dv]), np.vstack([m.H_Bv, m.H_Dv]), m.G_v, now.V),
     )
     return RobustStep(m.A, m.C, np.vstack([m.H_A, m.H_C]), m.G_x, noises, rules)
+
+
+def _channels(now: DesignSystem, P0: Array, rules: ParameterRules) -> tuple[Channel, Channel, Channel]:
+    m = now.m
+    return (
+        Channel(m.A, m.C, m.H_A, m.H_C, m.G_x, P0, rules.x),
+        Channel(m.Bw, m.Dw, m.H_Bw, m.H_Dw, m.G_w, now.W, rules.w),
+        Channel(m.Bv, m.Dv, m.H_Bv, m.H_Dv, m.G_v, now.V, rules.v),
+    )
 
 
 def _refuse_overflow(k: int, bound: Array, what: str) -> None:

@@ -206,9 +206,21 @@ def test_the_literal_recursion_loses_its_symmetry(eps, lasts):
     else:
         assert 0.6 * lasts < len(plain) - 1 < 1.6 * lasts
         assert np.abs(plain[-1] - plain[-1].T).max() > 1e-3 * np.abs(plain[-1]).max()
+    counted = design(benchmark(300), 300, x0=X0, P0=P0, eps=eps, literal=True).extra["literal"]
+    # Rounding decides the step, and the product's one is not the same program.
+    assert counted.all() if lasts == 300 else 0.6 * lasts < counted.sum() < 1.6 * lasts
+    assert not np.diff(counted).any() if lasts == 300 else counted[0] == 1 and (np.diff(counted) <= 0).all()
     mended = literally(benchmark(300), P0, eps, 300, symmetric=True)
     assert len(mended) == 301
     np.testing.assert_allclose(mended[-1], ours.P[-1], rtol=1e-5)
+
+
+def test_the_literal_evaluation_changes_no_gain():
+    """The series `literal` is a diagnosis beside the predictor."""
+    plain, with_it = (design(benchmark(40), 40, x0=X0, P0=P0, eps=0.01, literal=b) for b in (False, True))
+    for name in ("F", "K", "P"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(with_it, name))
+    assert "literal" not in plain.extra
 
 
 @pytest.mark.parametrize(
