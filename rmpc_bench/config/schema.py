@@ -30,7 +30,7 @@ from rmpc_bench import registry
 from rmpc_bench.config.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.config.unions import union
 from rmpc_bench.expressions import quantity
-from rmpc_bench.types import OverTime, Problem
+from rmpc_bench.types import OverTime, Problem, row_by_row
 
 PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps"}),
@@ -221,7 +221,13 @@ def _message(entry: Any, kind: Any, steps: Sequence[str | int]) -> str:
         known = _keys_at(kind, entry["loc"][:-1])
         return registry.unknown(str(steps[-1]), known, "key")
     text = _WORDS.get(entry["type"], entry["msg"]).format(**context)
+    if entry["type"] == "shape" and _is_flat(entry["input"]) and text.endswith("a matrix"):
+        return f"{text} (got {shown(entry['input'])}); {row_by_row(entry['input'])}"
     return text if entry["type"] == "value_error" else f"{text} (got {shown(entry['input'])})"
+
+
+def _is_flat(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and not any(isinstance(entry, list | dict) for entry in value)
 
 
 def shown(value: Any) -> str:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.matrix_sizes import Sizes, sizes_of
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.types import Array, DesignError, Matrix, Model
 
 Rows = Array | list[list[float]]
-Covariance = Array | Matrix
+Given = Array | Matrix
+SIZES: Sizes = {"A": ("nx", "nx"), "B": ("nx", "nu"), "C": ("ny", "nx")}
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -20,9 +23,9 @@ class LinearModel(Model):
 
     Parameters
     ----------
-    A : (nx, nx) state matrix
-    B : (nx, nu) input matrix
-    C : (ny, nx) output matrix
+    A : (nx, nx) state matrix; a list is its diagonal
+    B : (nx, nu) input matrix, row by row
+    C : (ny, nx) output matrix, row by row
     Q_w : (nx, nx) covariance of the process noise w, positive semidefinite; a number or a diagonal is expanded
     R_v : (ny, ny) covariance of the measurement noise v, given in the same ways
     S_wv : (nx, ny) cross-covariance E w v', zero by default
@@ -48,22 +51,19 @@ class LinearModel(Model):
 
     def __init__(
         self,
-        A: Rows,
-        B: Rows,
-        C: Rows,
-        Q_w: Covariance,
-        R_v: Covariance,
+        A: Given,
+        B: Given,
+        C: Given,
+        Q_w: Given,
+        R_v: Given,
         *,
         S_wv: Rows | None = None,
         f0: Rows | None = None,
         d0: Rows | None = None,
     ) -> None:
-        A, B, C = (np.atleast_2d(np.array(matrix, dtype=float)) for matrix in (A, B, C))
-        nx, ny = len(A), len(C)
-        for name, matrix, wanted in (("A", A, (nx, nx)), ("B", B, (nx, B.shape[1])), ("C", C, (ny, nx))):
-            if matrix.shape != wanted:
-                raise DesignError(f"{name} has shape {matrix.shape}; {wanted} fits the other matrices")
+        for name, matrix in _system({"A": A, "B": B, "C": C}).items():
             object.__setattr__(self, name, matrix)
+        nx, ny = len(self.A), len(self.C)
         for name, cov, n in (("Q_w", Q_w, nx), ("R_v", R_v, ny)):
             try:
                 object.__setattr__(self, name, as_covariance(np.array(cov, dtype=float), n))
@@ -72,7 +72,8 @@ class LinearModel(Model):
         for name, value, shape in (("S_wv", S_wv, (nx, ny)), ("f0", f0, (nx,)), ("d0", d0, (ny,))):
             array = np.zeros(shape) if value is None else np.array(value, dtype=float)
             if array.shape != shape:
-                raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices")
+                turned = ", as its transpose has" if len(shape) == 2 and array.T.shape == shape else ""
+                raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices{turned}")
             object.__setattr__(self, name, array)
 
     def at(self, k: int) -> LinearModel:
@@ -93,3 +94,18 @@ class LinearModel(Model):
     def ny(self) -> int:
         """Number of outputs."""
         return len(self.C)
+
+
+def _system(given: Mapping[str, Given]) -> dict[str, Array]:
+    """Return A, B and C as matrices; a number is a matrix of one entry, a list the diagonal of A."""
+    read = {}
+    for name, value in given.items():
+        array = np.array(value, dtype=float)
+        read[name] = array.reshape(1, 1, 1) if array.ndim == 0 else array[None]
+        if array.ndim > 2:
+            raise DesignError(f"{name} has shape {array.shape}; a matrix is expected")
+    try:
+        sizes_of(read, SIZES)
+    except DesignError as error:
+        raise DesignError(f"{error.parameter}: {error}") from None
+    return {name: np.diag(array[0]) if array.ndim == 2 else array[0] for name, array in read.items()}

@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.uncertain_system import depends_on_k, entries_of, expanded, sizes_of, values_at
+from rmpc_bench.models.matrix_sizes import expanded, sizes_of
+from rmpc_bench.models.uncertain_system import depends_on_k, entries_of, values_at
 from rmpc_bench.numerics.linalg import as_covariance, as_vector
 from rmpc_bench.types import Array, DesignError, Model, SystemMatrix
 
@@ -152,8 +153,8 @@ def design(
 ) -> MixedModel:
     """Linear model with stochastic and bounded noises; `from: plant` uses the plant's A, B and C.
 
-    A missing matrix is zero.  A number stands for that number times the identity, a list for a diagonal matrix.
-    Entries may depend on the time index k.
+    A missing matrix is zero.  A number stands for that number times the identity.  A matrix is a list of rows; a list
+    is a diagonal, except for B and C.  Entries may depend on the time index k.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ from math import inf
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.matrix_sizes import NOUNS
 from rmpc_bench.models.uncertain_system import CHANNELS, Matrices, UncertainSystem
 from rmpc_bench.numerics.invariant_zeros import zeros
 from rmpc_bench.numerics.stability import INSIDE, hinf_peak, mean_square_radius, spectral_radius
@@ -21,7 +22,6 @@ Fact = tuple[str, str]
 ON_CIRCLE = 1e-6
 """Distance of a zero from the unit circle that counts as rounding; a zero of multiplicity d is accurate to about
 1e-16^(1/d)."""
-NOUNS = {"nx": "state", "nu": "input", "ny": "output", "nw": "process noise", "nv": "measurement noise"}
 ENTRANCES = {"nu": {"B"}, "nw": {"Bw", "Dw", "w"}, "nv": {"Bv", "Dv", "v"}}
 """Size of a signal -> the matrices and channels through which that signal enters."""
 

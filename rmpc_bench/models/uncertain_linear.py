@@ -20,7 +20,7 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_system import Matrices, UncertainSystem, takes_matrices, uncertain_system
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, symmetrise
-from rmpc_bench.types import Array, DesignError, Matrix, Model, SystemMatrix
+from rmpc_bench.types import Array, DesignError, Matrix, Model, SystemMatrix, does_not_fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,8 @@ def design(
 ) -> UncertainModel:
     """Uncertain linear model; `from: plant` uses the plant's matrices where none are given.
 
-    A missing matrix is zero.  A number stands for that number times the identity, a list for a diagonal matrix.
-    Entries may depend on the time index k.
+    A missing matrix is zero.  A number stands for that number times the identity.  A matrix is a list of rows; for A, W
+    and V a list is a diagonal.  Entries may depend on the time index k.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _cross(S: float | list[list[float]], W: Array, V: Array) -> Float[Array, "nw
         raise DesignError("must be a list of rows of the same length", "S") from None
     cross = np.zeros(shape) if given.ndim == 0 and not given.any() else np.atleast_2d(given)
     if cross.shape != shape:
-        raise DesignError(f"shape {cross.shape} does not fit: {shape[0]} x {shape[1]} numbers are required", "S")
+        raise DesignError(does_not_fit(cross.shape, shape), "S")
     try:
         as_covariance(np.block([[W, cross], [cross.T, V]]), sum(shape))
     except ValueError:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.matrix_sizes import expanded, sizes_of
 from rmpc_bench.numerics.linalg import at_sample
 from rmpc_bench.types import Array, DesignError, SystemMatrix
 
@@ -142,8 +143,8 @@ def uncertain_system(n_steps: int, given: Mapping[str, SystemMatrix]) -> Uncerta
     Parameters
     ----------
     n_steps : N; matrices that vary are evaluated at k = 0..N
-    given : matrices by the names of `SIZES`; each None (zero), a number (times the identity), a list (the diagonal), a
-        matrix as a list of rows, or an array (k, rows, columns); entries may be functions of ``{"k": k}``
+    given : matrices by the names of `SIZES`; each None (zero), a number (times the identity), a matrix as a list of
+        rows, or an array (k, rows, columns); A may be a list, its diagonal; entries may be functions of ``{"k": k}``
 
     Raises
     ------
@@ -184,7 +185,7 @@ def entries_of(name: str, value: Any) -> Array:
     """Return the entries of a short form or of a list of rows, numbers or functions of ``{"k": k}``, as objects."""
     entries = np.array(value, dtype=object)
     if entries.ndim > 2 or any(isinstance(entry, list) for entry in entries.flat):
-        raise DesignError("must be a number, a list (the diagonal) or a list of rows of the same length", name)
+        raise DesignError("must be a number or a list of rows of the same length", name)
     return entries
 
 
@@ -200,42 +201,3 @@ def values_at(name: str, entries: Array, k: int) -> Array:
     except ValueError as error:
         raise DesignError(f"has no value at k = {k}: {error}", name) from None
     return np.array(values, dtype=float).reshape(entries.shape)
-
-
-def sizes_of(read: Mapping[str, Array], table: Mapping[str, tuple[str, str]]) -> dict[str, int]:
-    """Determine all sizes: first from matrices and diagonals, then from numbers.
-
-    Parameters
-    ----------
-    read : numbers (k,), diagonals (k, n) and matrices (k, rows, columns) by name
-    table : names of the sizes of every matrix, as in `SIZES`
-    """
-    sizes: dict[str, int] = {}
-
-    def learn(name: str, shape: tuple[int, ...]) -> None:
-        for what, size, length in zip(("rows", "columns"), table[name], shape, strict=True):
-            if sizes.setdefault(size, length) != length:
-                raise DesignError(f"has {length} {what}; {sizes[size]} fit the other matrices ({size})", name)
-
-    for name, matrix in read.items():
-        if matrix.ndim > 1:
-            learn(name, matrix.shape[1:] if matrix.ndim == 3 else matrix.shape[1:] * 2)
-    numbers = [name for name, matrix in read.items() if matrix.ndim == 1 and matrix.any()]
-    # Repeated passes, as a number may determine a size that an earlier one needs.
-    for name in numbers * len(numbers):
-        known = [sizes[size] for size in table[name] if size in sizes]
-        if len(set(known)) == 1:
-            learn(name, (known[0], known[0]))
-    return {size: sizes.get(size, 1) for pair in table.values() for size in pair}
-
-
-def expanded(name: str, matrix: Array, shape: tuple[int, int]) -> Float[Array, "k rows columns"]:
-    """Expand numbers (k,) and diagonals (k, n) to matrices."""
-    if matrix.ndim == 3:
-        return matrix
-    if matrix.ndim == 1 and not matrix.any():
-        return np.zeros((1, *shape))
-    if shape[0] != shape[1]:
-        message = f"a number stands for a multiple of the identity, but {shape[0]} x {shape[1]} entries are required"
-        raise DesignError(message, name)
-    return matrix.reshape(len(matrix), 1, -1) * np.eye(shape[0])

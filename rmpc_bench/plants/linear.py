@@ -18,8 +18,8 @@ NONE = Uncertainty("fixed", value=0.0)
 def design(Ts: float, n_steps: int, *, A: SystemMatrix, B: SystemMatrix = None, C: SystemMatrix) -> UncertainLinear:
     """Linear system with one noise per state and one per output.
 
-    A missing matrix is zero.  A number stands for that number times the identity, a list for a diagonal matrix.
-    Entries may depend on the time index k.
+    A missing matrix is zero.  A number stands for that number times the identity.  A is a list of rows or a list, its
+    diagonal; the other matrices are lists of rows.  Entries may depend on the time index k.
 
     Parameters
     ----------

@@ -222,8 +222,8 @@ def design(
 ) -> UncertainLinear:
     """Uncertain linear system.
 
-    A missing matrix is zero.  A number stands for that number times the identity, a list for a diagonal matrix.
-    Entries may depend on the time index k.
+    A missing matrix is zero.  A number stands for that number times the identity.  A is a list of rows or a list, its
+    diagonal; the other matrices are lists of rows.  Entries may depend on the time index k.
 
     Parameters
     ----------

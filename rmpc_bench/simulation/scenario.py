@@ -28,6 +28,7 @@ from rmpc_bench.types import (
     Noise,
     Plant,
     Reference,
+    does_not_fit,
 )
 
 
@@ -239,7 +240,7 @@ def with_cross_covariance(scenario: Scenario, S: Float[Array, "rows columns"], n
     """
     laws = (*scenario.process, *scenario.measurement)
     if S.shape != (nw, nv):
-        raise DesignError(f"shape {S.shape} does not fit: {nw} x {nv} numbers are required")
+        raise DesignError(does_not_fit(S.shape, (nw, nv)))
     if (
         len(scenario.process) != 1
         or len(scenario.measurement) != 1

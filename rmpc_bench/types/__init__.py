@@ -25,7 +25,7 @@ from rmpc_bench.types.errors import (
 )
 from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.figure import Figure, OnePointFigure, SweepFigure
-from rmpc_bench.types.issue import Issue, issues_of, no_such_component
+from rmpc_bench.types.issue import Issue, does_not_fit, issues_of, no_such_component, row_by_row
 from rmpc_bench.types.method import Method
 from rmpc_bench.types.metric import (
     Bound,
@@ -105,6 +105,8 @@ __all__ = [
     "SystemMatrix",
     "WindowMetric",
     "attribute",
+    "does_not_fit",
     "issues_of",
     "no_such_component",
+    "row_by_row",
 ]

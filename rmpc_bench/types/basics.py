@@ -28,7 +28,8 @@ class OfTime(Protocol):
 
 
 SystemMatrix: TypeAlias = Annotated[Any, OverTime()]
-"""None (zero), a number (times the identity), a list (the diagonal) or a list of rows, of numbers or `OfTime`."""
+"""None (zero), a number (times the identity) or a list of rows, of numbers or `OfTime`; a list is the diagonal
+of a matrix that is square by its meaning, and refused for any other."""
 
 Positive: TypeAlias = Annotated[float, Gt(0)]
 NonNegative: TypeAlias = Annotated[float, Ge(0)]

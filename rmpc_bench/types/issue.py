@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from rmpc_bench.types.errors import DesignError
@@ -30,6 +30,18 @@ def no_such_component(noun: str, index: int, n: int) -> str:
     return f"there is no {noun} {index} (they count from 0 to {n - 1})"
 
 
+def does_not_fit(shape: tuple[int, ...], expected: tuple[int, int]) -> str:
+    """Say that a matrix has the wrong shape, with both shapes, and whether its transpose would fit.
+
+    Examples
+    --------
+    >>> does_not_fit((1, 2), (2, 1))
+    'shape (1, 2) does not fit: 2 x 1 numbers are required, as in its transpose'
+    """
+    turned = ", as in its transpose" if shape == expected[::-1] and shape != expected else ""
+    return f"shape {shape} does not fit: {expected[0]} x {expected[1]} numbers are required{turned}"
+
+
 def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> str:
     """Say that a name is unknown, and give the nearest known one, or else all known ones.
 
@@ -40,7 +52,31 @@ def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> st
     noun : what they are names of
     way_out : command that lists them
     """
-    known = list(known)
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
+    # A name in the wrong case is nearest to the same name in the right one.
+    cased = {each.lower(): each for each in reversed(list(known))}
+    near = difflib.get_close_matches(name.lower(), cased, n=1, cutoff=0.5)
+    hint = f"; did you mean {cased[near[0]]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
     return f"{name!r} is not a known {noun}{hint}" + (f" ({way_out})" if way_out else "")
+
+
+def row_by_row(values: Sequence[Any], meaning: Callable[[int, int], str] | None = None) -> str:
+    """Say that a matrix is written row by row, with the two matrices that a flat list could mean.
+
+    Parameters
+    ----------
+    values : the list
+    meaning : says what the rows and columns of a shape stand for; only the shape is shown without it
+
+    Examples
+    --------
+    >>> row_by_row([1, 0])
+    'write it row by row: [[1, 0]] is 1 x 2, [[1], [0]] is 2 x 1'
+    """
+    texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
+    n = len(texts)
+    readings = {(1, n): f"[[{', '.join(texts)}]]", (n, 1): f"[{', '.join(f'[{text}]' for text in texts)}]"}
+    words = [
+        f"{text} is {rows} x {columns}" + (f" ({meaning(rows, columns)})" if meaning else "")
+        for (rows, columns), text in readings.items()
+    ]
+    return f"write it row by row: {', '.join(words)}"

@@ -279,7 +279,10 @@ INSIDE = {
         {"plant": PLANT.replace("0.7", "1/k")},
         "6:36: plant.A: has no value at k = 0: column 2 of '1/k': division",
     ),
-    "size": ({"plant": PLANT.replace("[[1], [0.5]]", "[[1], [1], [1]]")}, ": plant.Bw: has 3 rows; 2 fit"),
+    "size": (
+        {"plant": PLANT.replace("[[1], [0.5]]", "[[1], [1], [1]]")},
+        ": plant.Bw: has the shape 3 x 1; 2 x nw",
+    ),
     "noise": ({"noise": "{process: 3}"}, ": noise.process: '3' is not a known noise law"),
     "W": ({"model": "{from: plant, W: -1, V: 1}"}, "7:25: model.W: must be positive semidefinite"),
     "model.from": ({"model": "{from: moon}"}, "7:15: model.from: must be 'plant' (got 'moon')"),

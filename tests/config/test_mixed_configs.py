@@ -73,7 +73,10 @@ def test_an_empty_set_ends_a_run(tmp_path):
     ("keys", "message"),
     [
         ({"model": "{from: plant, M_w: -1}"}, "model.M_w: must be positive semidefinite"),
-        ({"model": "{from: plant, M_w: 1, M_v: [1, 2]}"}, "model.M_v: has 2 rows; 1 fit the other matrices (ny)"),
+        (
+            {"model": "{from: plant, M_w: 1, M_v: [1, 2]}"},
+            "model.M_v: is a diagonal: it has the shape 2 x 2; 1 x 1 fits",
+        ),
         ({"model": '{from: plant, P_w: "sqrt(5 - k)", P_v: 1}'}, "model.P_w: has no value at k = 6"),
         ({"model": "{from: plant, Q_w: 1}"}, "model.Q_w: 'Q_w' is not a known key"),
         ({"methods": "{E: {estimator: {kind: mixed, q: twice}}}"}, "methods.E.estimator.q: must be"),

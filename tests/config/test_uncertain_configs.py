@@ -93,7 +93,7 @@ WRONG = {
     ),
     "rows of several lengths": (
         {"plant": PLANT.replace("[0, 0.7]", "[0]")},
-        "plant.A: must be a number, a list (the diagonal) or a list of rows of the same length",
+        "plant.A: must be a number or a list of rows of the same length",
     ),
     "text": (
         {"plant": PLANT.replace("[[0.9, 0.2], [0, 0.7]]", "foo")},

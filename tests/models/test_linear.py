@@ -24,9 +24,9 @@ def test_short_forms_are_expanded():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"A": np.ones((2, 3))}, r"A has shape \(2, 3\)"),
-        ({"B": [[1.0], [1.0], [1.0]]}, r"B has shape \(3, 1\)"),
-        ({"C": [[1.0, 0.0, 0.0]]}, r"C has shape \(1, 3\)"),
+        ({"A": np.ones((2, 3))}, "A: has the shape 2 x 3; a square matrix"),
+        ({"B": [[1.0], [1.0], [1.0]]}, "B: has the shape 3 x 1; 2 x nu fits"),
+        ({"C": [[1.0, 0.0, 0.0]]}, "C: has the shape 1 x 3; ny x 2 fits"),
         ({"Q_w": [1.0, 2.0, 3.0]}, "Q_w: shape"),
         ({"Q_w": [1.0, -2.0]}, "Q_w: must be positive semidefinite"),
         ({"R_v": [[-1.0]]}, "R_v: must be positive semidefinite"),

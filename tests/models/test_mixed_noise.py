@@ -75,9 +75,9 @@ def test_an_array_over_time_ends():
     [
         ({"A": None}, "A", "missing"),
         ({"C": None}, "C", "missing"),
-        ({"A": [[1.0, 2.0]]}, "A", "fit the other matrices"),
-        ({"B": [[1.0]]}, "B", "1 rows; 2 fit"),
-        ({"P_w": [1.0, 2.0, 3.0]}, "P_w", "fit the other matrices"),
+        ({"A": [[1.0, 2.0]]}, "A", "1 x 2; a square matrix is expected"),
+        ({"B": [[1.0]]}, "B", "1 x 1; 2 x nu fits"),
+        ({"P_w": [1.0, 2.0, 3.0]}, "P_w", "2 x 2 fits the other matrices"),
         ({"P_w": -1.0}, "P_w", "positive semidefinite"),
         ({"M_w": [[1.0, 2.0], [2.0, 1.0]]}, "M_w", "positive semidefinite"),
         ({"M_v": -5.0}, "M_v", "positive semidefinite"),

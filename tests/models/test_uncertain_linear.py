@@ -107,7 +107,7 @@ def test_what_does_not_vary_is_one_model(rng):
         ({"S": [[0.5], [0.5]]}, "S", "1 x 2 numbers are required"),
         ({"S": [[1.0, 0.1]]}, "S", "joint covariance"),
         ({"W": 0.0, "S": [[0.0, 1e-3]]}, "S", "joint covariance"),
-        ({"A": [[1.0, 2.0]]}, "A", "fit the other matrices"),
+        ({"A": [[1.0, 2.0]]}, "A", "1 x 2; a square matrix is expected"),
     ],
 )
 def test_what_belongs_to_no_noises_is_refused(change, parameter, message):
@@ -122,7 +122,7 @@ def test_what_belongs_to_no_noises_is_refused(change, parameter, message):
 def test_a_ragged_cross_covariance_is_refused():
     """Oracle: a DesignError that blames S, not an exception of NumPy."""
     with pytest.raises(DesignError) as caught:
-        design(3, A=[0.5, 0.5], C=[1.0, 1.0], Bw=1.0, Dv=1.0, W=1.0, V=1.0, S=[[0.1, 0.1], [0.1]])
+        design(3, A=[0.5, 0.5], C=1.0, Bw=1.0, Dv=1.0, W=1.0, V=1.0, S=[[0.1, 0.1], [0.1]])
     assert caught.value.parameter == "S"
 
 

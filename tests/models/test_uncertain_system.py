@@ -73,10 +73,10 @@ def test_short_forms(short, full):
 
 
 def test_functions_of_k():
-    """Oracle: their values by hand at k = 0..N, as number, diagonal and matrix; the other matrices stay."""
+    """Oracle: their values by hand at k = 0..N, as number and matrix; the other matrices stay."""
     given = {
         "A": [[lambda at: at["k"] / 10, 1.0], [0.0, 0.5]], "Bw": lambda at: 2.0 + at["k"],
-        "G_x": [lambda at: -at["k"], 3.0], "H_A": 1.0, "C": [[1.0, 0.0]],
+        "G_x": [[lambda at: -at["k"], 0.0], [0.0, 3.0]], "H_A": 1.0, "C": [[1.0, 0.0]],
     }  # fmt: skip
     system = uncertain_system(5, given)
     assert system.varies
@@ -136,15 +136,19 @@ def bad_at_3(values):
 @pytest.mark.parametrize(
     ("change", "parameter", "message"),
     [
-        ({"A": [[1, 2, 3], [4, 5, 6]]}, "A", "has 3 columns; 2 fit the other matrices"),
-        ({"Bw": [[1], [2], [3]]}, "Bw", "has 3 rows; 2 fit the other matrices"),
-        ({"C": [[1, 2, 3]]}, "C", "has 3 columns; 2 fit the other matrices"),
-        ({"H_Bw": [[1, 0], [0, 1]], "H_Dw": [[1.0, 2.0, 3.0]]}, "H_Dw", "has 3 columns; 2 fit"),
-        ({"G_w": [[1.0, 2.0]]}, "G_w", "has 2 columns; 1 fit the other matrices"),
-        ({"B": [1.0, 2.0, 3.0]}, "B", "has 3 rows; 2 fit"),
+        ({"A": [[1, 2, 3], [4, 5, 6]]}, "A", "has the shape 2 x 3; a square matrix is expected"),
+        ({"Bw": [[1], [2], [3]]}, "Bw", "has the shape 3 x 1; 2 x nw fits the other matrices"),
+        ({"C": [[1, 2, 3]]}, "C", "has the shape 1 x 3; ny x 2 fits the other matrices"),
+        (
+            {"H_Bw": [[1, 0], [0, 1]], "H_Dw": [[1.0, 2.0, 3.0]]},
+            "H_Dw",
+            "1 x 3; 1 x 2 fits the other matrices \\(ny = 1, rw = 2\\)",
+        ),
+        ({"G_w": [[1.0, 2.0]]}, "G_w", "1 x 2; sw x 1 fits the other matrices"),
+        ({"B": [1.0, 2.0, 3.0]}, "B", "a flat list is ambiguous"),
         ({"A": [[1, 2], [3]]}, "A", "a list of rows of the same length"),
-        ({"A": [[[1, 2], [3, 4]]]}, "A", "must be a number, a list"),
-        ({"A": [1.0, [2.0]]}, "A", "must be a number, a list"),
+        ({"A": [[[1, 2], [3, 4]]]}, "A", "must be a number or a list of rows"),
+        ({"A": [1.0, [2.0]]}, "A", "must be a number or a list of rows"),
         ({"C": 2.0}, "C", "1 x 2 entries are required"),
         ({"A": np.zeros((3, 2, 2))}, "A", "has 3 entries over k; 1 or 6 are required"),
         ({"A": [[1, bad_at_3], [0, 1]]}, "A", "has no value at k = 3: 1 / 0"),

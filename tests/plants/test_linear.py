@@ -50,6 +50,6 @@ def test_numbers_are_enough_and_sizes_must_fit():
     """Oracle: one state; the parameter to blame."""
     plant = design(0.1, 5, A=0.9, C=1.0)
     assert (plant.nx, plant.nu, plant.ny) == (1, 1, 1)
-    with pytest.raises(DesignError, match="fit the other matrices") as caught:
+    with pytest.raises(DesignError, match="fits the other matrices") as caught:
         design(0.1, 5, A=[[0.9, 0.0], [0.0, 0.9]], C=[[1.0, 0.0, 0.0]])
     assert caught.value.parameter == "C"

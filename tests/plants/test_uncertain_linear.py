@@ -269,7 +269,7 @@ def test_the_plant_has_no_names_and_no_units(rng):
 
 def test_sizes_that_do_not_fit_are_refused():
     """Oracle: the matrix to blame."""
-    with pytest.raises(DesignError, match="fit the other matrices") as caught:
+    with pytest.raises(DesignError, match="fits the other matrices") as caught:
         design(0.1, STEPS, A=[[1.0, 0.0], [0.0, 1.0]], C=[[1.0, 2.0, 3.0]])
     assert caught.value.parameter == "C"
 
