@@ -94,6 +94,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "pareto": "rmpc_bench.figures.pareto:Pareto",
         "plane": "rmpc_bench.figures.plane:Plane",
         "series": "rmpc_bench.figures.series:Series",
+        "sweep-lines": "rmpc_bench.figures.sweep_lines:SweepLines",
         "trajectories": "rmpc_bench.figures.trajectories:Trajectories",
         "tubes": "rmpc_bench.figures.tubes:Tubes",
         "variance-with-bound": "rmpc_bench.figures.variance_with_bound:VarianceWithBound",

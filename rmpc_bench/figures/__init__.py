@@ -1,6 +1,6 @@
 """Figures of stored results: one file per kind, each one frozen dataclass whose fields are its YAML keys.
 
-The kinds are boxplot, elements, ellipses, means, paired, pareto, plane, series, trajectories, tubes and
+The kinds are boxplot, elements, ellipses, means, paired, pareto, plane, series, sweep_lines, trajectories, tubes and
 variance_with_bound.  A kind checks its requirements on the layout of the results in `check` and draws them in `draw`.
 Only `draw` imports matplotlib, so that ``rmpc-bench check`` stays fast.
 

@@ -90,12 +90,20 @@ def _dot(point: Trials, name: str, infos: tuple[MetricInfo, MetricInfo], bars: s
 
     columns = [point.column(info.name, name) for info in infos]
     both: Array = ~np.isnan(np.stack(columns)).any(axis=0)
-    x, y = (_spread(from_best(column[both], info.direction), bars) for column, info in zip(columns, infos, strict=True))
+    x, y = (
+        spread_of(from_best(column[both], info.direction), bars) for column, info in zip(columns, infos, strict=True)
+    )
     return Dot(name, point, x, y, int(both.sum()), len(both))
 
 
-def _spread(values: Array, bars: str) -> Spread:
-    """Median with the quartiles, or mean with one standard error on both sides."""
+def spread_of(values: Array, bars: str) -> Spread:
+    """Return the median with the quartiles, or the mean with one standard error on both sides.
+
+    Parameters
+    ----------
+    values : (n,) values without NaN
+    bars : `quartiles` or `se`
+    """
     if bars == "quartiles":
         return Spread(*(float(quantile(values, share)) for share in (0.25, 0.5, 0.75)))
     with np.errstate(invalid="ignore", over="ignore"):

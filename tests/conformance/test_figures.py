@@ -20,6 +20,7 @@ PARAMETERS = {
     "pareto": [{"x": "mse", "y": "power"}],
     "plane": [{"components": (0, 1), "marks": 1.0}],
     "series": [{"quantity": "P"}],
+    "sweep-lines": [{}, {"metric": "power", "log": True, "bars": "se"}],
     "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
     "tubes": [{}, {"over": "time"}],
     "variance-with-bound": [{}],
@@ -60,7 +61,9 @@ def test_every_registered_kind_is_tested():
 
 
 @pytest.mark.parametrize(("kind", "keys"), CASES)
-def test_conformance(kind, keys, results):
+def test_conformance(kind, keys, results, make_sweep):
     """Oracle: the rules of a figure."""
+    if kind == "sweep-lines":
+        results = FigureExample(make_sweep(*[({"controller.Hp": value}, results.results) for value in ("5", "10")]))
     checked = check_component(registry.get("figures", kind)(**keys), results)
     assert [str(result) for result in checked if result.status != "passed"] == []

@@ -81,3 +81,11 @@ def test_sizes_of_sets_to_the_digits_of_the_study(trials_of, method, trace, det)
     digits = [0.0005 if trace < 100 else 0.005, 0.005 if det < 1000 else 0.05]
     ours = np.trace(M, axis1=1, axis2=2).mean(), np.linalg.det(M).mean()
     assert abs(ours[0] - trace) <= digits[0] and abs(ours[1] - det) <= digits[1]
+
+
+def test_the_printed_bound_is_exceeded_at_the_horizon_of_the_paper(trials_of):
+    """Oracle: the study's rho and the cost that its own search found at N = 100, k = 20, to the digits given."""
+    _, trials = trials_of("ma2025/certificate")
+    point = {"controller.set": "stacked", "controller.horizon": "100"}
+    rho, ratio = (column(trials, metric, "RCMIX", **point) for metric in ("rho", "at_20"))
+    assert np.all(np.abs(rho - 62_908) <= 0.5) and np.all(np.abs(rho * ratio - 4.12e6) <= 0.005e6)
