@@ -102,7 +102,9 @@ def _model_law(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:
 
 
 def _varies(model: Any, channel: str, n_steps: int) -> bool:
-    """Whether a noise of the design model depends on k; only that of a model with sets does."""
+    """Whether a noise of the design model depends on k: that of a model with sets, or of one with bursts."""
+    if channel == "measurement" and model.R_v_varies:
+        return True
     if not model.has_sets:
         return False
 

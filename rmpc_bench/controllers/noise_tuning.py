@@ -14,6 +14,7 @@ Assumed `form: corrected` uses c = 1/3, the variance of a uniform distribution o
         requires C x_hat - y; the printed sign would give -Pi.  Both forms use the sign of (24).
         `on: output` multiplies Pi by y, as (24) does.  The result depends on the origin, and correlation of noise that
         is small compared with y has no effect.  `on: residual` multiplies Pi by e, and Lambda by x_hat - x_tilde.
+        `on: none` sets Pi and Lambda to zero, so that r is the largest residual of every output and C_y is diagonal.
         `weight: root` uses the result as Q_yw of (7), where it is squared; the published bounds refer to this form.
         `weight: square` uses it as Q_yw' Q_yw, as in (16), with negative eigenvalues after clipping set to 0.
         Diagonal entries are clipped to [lower, upper], the others to [-upper, upper].  Values of r and rho below
@@ -68,7 +69,8 @@ class LpNoise:
     bounds : [lower, upper] bounds of the diagonal of the weight; other entries lie in [-upper, upper] (default
         [0.5, 4.0])
     form : `corrected` (default) uses the variance of a uniform distribution in (28), `printed` the 1/2 of the paper
-    on : `output` (default) multiplies the correlation by outputs as in (24), `residual` by residuals
+    on : `output` (default) multiplies the correlation by outputs as in (24), `residual` by residuals, `none` has no
+        correlation
     weight : `root` (default) uses the result as Q_yw of (7), `square` as Q_yw' Q_yw
     floor : lower limit of the bounds of the noise (default 1e-6)
     state_rows : whether to estimate bounds and correlation of the process noise, too; the control does not depend on
@@ -80,7 +82,7 @@ class LpNoise:
     kp: Positive = 1e-7
     bounds: tuple[NonNegative, Positive] = (0.5, 4.0)
     form: Literal["corrected", "printed"] = "corrected"
-    on: Literal["output", "residual"] = "output"
+    on: Literal["output", "residual", "none"] = "output"
     weight: Literal["root", "square"] = "root"
     floor: Positive = 1e-6
     state_rows: bool = True
@@ -118,6 +120,18 @@ def fitted(e: Float[Array, "runs samples n"], z: Float[Array, "runs samples n"])
         found = fit(-z[:, :, i + 1 :], e[:, :, i], one_group)
         T[:, i, i + 1 :], width[:, i] = found.x, found.r[:, 0]
     return Triangle(T, width)
+
+
+def uncorrelated(e: Float[Array, "runs samples n"]) -> Triangle:
+    """Return the largest |e_i| over the samples, with T = I.
+
+    Parameters
+    ----------
+    e : residuals to be bounded; NaN or inf makes the half-width of its component NaN, as in `fitted`
+    """
+    runs, _, n = e.shape
+    width = np.abs(e).max(axis=1)
+    return Triangle(np.tile(np.eye(n), (runs, 1, 1)), np.where(np.isfinite(width), width, np.nan))
 
 
 def covariance(box: Triangle, c: float) -> Float[Array, "runs n n"]:
@@ -207,6 +221,8 @@ class NoiseTuning:
 
     def _fit(self, z: Float[Array, "runs samples n"], z_hat: Float[Array, "runs samples n"]) -> Triangle:
         e = z - z_hat
+        if self.keys.on == "none":
+            return uncorrelated(e)
         return fitted(e, e if self.keys.on == "residual" else z)
 
     def _floored(self, box: Triangle) -> Triangle:

@@ -2,7 +2,7 @@
 
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k),  w ~ N(0, Q_w), v ~ N(0, R_v), white, independent.
         P is the covariance of x_hat - x, P_pred that of x_pred - x (the paper's P_t).  If A and B depend on the state,
-        they are evaluated at x_hat(k) of each run and held constant over the sample.
+        they are evaluated at x_hat(k) of each run and held constant over the sample; R_v may then depend on k.
 Source  zenere2018, (5)-(8).
 Limit   The other filters are tested against this one.  With a state-dependent model whose A and B do not change it is
         the filter of the linear model.
@@ -64,7 +64,7 @@ class RelinearisedFilter(Estimator):
         self, k: int, state: RelinearisedState, y: Float[Array, "runs ny"]
     ) -> tuple[RelinearisedState, Estimate]:
         """Use y(k) with the gain of the run; P in Joseph form."""
-        C, R_v, (x_pred, P_pred) = self.model.C, self.model.R_v, state
+        C, R_v, (x_pred, P_pred) = self.model.C, self.model.R_v_at(k), state
         e = y - mv(C, x_pred)
         after = state
         if k > 0 or self.use_y0:
@@ -121,19 +121,19 @@ def design(
         If an innovation covariance is singular, or a key is not available for a state-dependent model.
     """
     if isinstance(model, StateDependentModel):
-        return _relinearised(model, x0, P0, form, noise, use_y0)
+        return _relinearised(model, n_steps, x0, P0, form, noise, use_y0)
     design_model, P0 = with_noise_kind(model, P0, M0, noise)
     return riccati_schedule(design_model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)
 
 
 def _relinearised(
-    model: StateDependentModel, x0: Array, P0: Array, form: Form, noise: NoiseKind, use_y0: bool
+    model: StateDependentModel, n_steps: int, x0: Array, P0: Array, form: Form, noise: NoiseKind, use_y0: bool
 ) -> RelinearisedFilter:
     for name, value, wanted in (("form", form, "filter"), ("noise", noise, "nominal")):
         if value != wanted:
             raise DesignError(f"{value} is not available for a state-dependent model; choose {wanted}", name)
     try:
-        np.linalg.cholesky(model.R_v)
+        np.linalg.cholesky([model.R_v_at(k) for k in range(n_steps + 1)])
     except np.linalg.LinAlgError:
         raise DesignError("R_v is singular: the state-dependent model needs measurement noise", "") from None
     return RelinearisedFilter(model, x0, P0, use_y0)

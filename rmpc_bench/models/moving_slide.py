@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.state_dependent import Pair, StateDependentModel
+from rmpc_bench.numerics.burst_times import Burst, Span, factor_at, spans_of
 from rmpc_bench.numerics.linalg import as_compiled, as_vector
 from rmpc_bench.types import Array, DesignError, NonNegative, Positive
 
@@ -61,10 +62,13 @@ class SlideNoise:
     ----------
     process : standard deviation of the white acceleration of the platform [m/s^2, m/s^2, rad/s^2]; one number or three
     measurement : half-width r of the uniform noise of an output [m, m, rad]; one number or three; variance r^2/3
+    bursts : time intervals {from: 3.4, to: 4.0, factor: 2} (seconds, ends included) in which the half-widths are
+        multiplied by `factor`; in overlapping bursts the factors multiply
     """
 
     process: float | list[float] = 0.05
     measurement: float | list[float] = 5e-4
+    bursts: list[Burst] | None = None
 
 
 NOISE = SlideNoise()
@@ -108,6 +112,7 @@ class MovingSlideModel(StateDependentModel):
     numbers : (8,) parameters in the order of `NUMBERS`, masses multiplied by `mass`
     Q_w, R_v : (6, 6), (3, 3) covariances of the noises
     euler : whether the matrices are sampled by Euler's method
+    bursts : samples at which the measurement noise is larger than R_v
     """
 
     Ts: float
@@ -115,6 +120,7 @@ class MovingSlideModel(StateDependentModel):
     Q_w: Float[Array, "6 6"]
     R_v: Float[Array, "3 3"]
     euler: bool = False
+    bursts: tuple[Span, ...] = ()
     nx: int = field(default=6, init=False)
     nu: int = field(default=4, init=False)
     ny: int = field(default=3, init=False)
@@ -124,6 +130,15 @@ class MovingSlideModel(StateDependentModel):
     def C(self) -> Float[Array, "3 6"]:
         """Output matrix: the pose is measured."""
         return np.eye(3, 6)
+
+    def R_v_at(self, k: int, /) -> Float[Array, "3 3"]:
+        """Covariance of the measurement noise at k: R_v times the squared factor of the bursts."""
+        return factor_at(self.bursts, k) ** 2 * self.R_v if self.bursts else self.R_v
+
+    @property
+    def R_v_varies(self) -> bool:
+        """Whether the noise has bursts."""
+        return bool(self.bursts)
 
     def at_state(self, x: Float[Array, "runs 6"]) -> Pair:
         """Sample the model with the matrices frozen at the state of every run."""
@@ -161,6 +176,13 @@ def _noise(noise: SlideNoise, Ts: float) -> tuple[Float[Array, "6 6"], Float[Arr
     return G @ G.T, np.diag(measurement**2 / 3.0)
 
 
+def _spans(noise: SlideNoise, Ts: float) -> tuple[Span, ...]:
+    try:
+        return spans_of(noise.bursts or (), Ts)
+    except DesignError as error:
+        raise DesignError(str(error), f"noise.{error.parameter}") from None
+
+
 def design(
     Ts: float,
     *,
@@ -181,7 +203,8 @@ def design(
     Parameters
     ----------
     Ts : sampling time [s]
-    noise : noise of the design model: `process` acts on the acceleration, `measurement` on the pose
+    noise : noise of the design model: `process` acts on the acceleration, `measurement` on the pose; `bursts` are
+        the times at which the measurement noise is larger
     discretisation : `zoh` samples the frozen matrices exactly with a zero-order hold; `euler` uses I + Ts A and Ts B
     mass : factor on all masses and inertias
     a : half side of the square of the base joints [m]
@@ -196,7 +219,7 @@ def design(
     Raises
     ------
     DesignError
-        If the noise is negative or its size does not match the pose.
+        If the noise is negative, its size does not match the pose, or a burst contains no sample.
     """
     p = dict(a=a, b=b, m_p=m_p, I_p=I_p, m_s=m_s, I_arm=I_arm, d_rot=d_rot, d_sl=d_sl, mass=mass)
-    return MovingSlideModel(Ts, kernel_numbers(p), *_noise(noise, Ts), discretisation == "euler")
+    return MovingSlideModel(Ts, kernel_numbers(p), *_noise(noise, Ts), discretisation == "euler", _spans(noise, Ts))

@@ -23,13 +23,18 @@ class Pair(NamedTuple):
 class StateDependentModel(Model):
     """Base class of models with another pair of matrices at every state.
 
-    A subclass gives `nx`, `nu`, `ny`, `Q_w`, `R_v`, `C` and the method `at_state`.
+    A subclass gives `nx`, `nu`, `ny`, `Q_w`, `R_v`, `C` and the method `at_state`, and `R_v_varies` and `R_v_at` if the
+    covariance of the measurement noise depends on k.
     """
 
     @attribute
     def C(self) -> Float[Array, "ny nx"]:
         """Output matrix."""
         raise NotImplementedError("C")
+
+    def R_v_at(self, k: int, /) -> Float[Array, "ny ny"]:
+        """Covariance of the measurement noise at k; `R_v` by default."""
+        return self.R_v
 
     @attribute
     def largest(self) -> float:

@@ -18,8 +18,9 @@ import numpy as np
 from annotated_types import Ge, Le
 from jaxtyping import Float
 
-from rmpc_bench.noise.bursts import Burst, BurstyNoise, CenteredNoise, RandomBursts, placed
+from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, placed
 from rmpc_bench.noise.points import Ball, Box, KnownPoints, Points, ProjectedCube, RejectedCube, SkewedCube
+from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 

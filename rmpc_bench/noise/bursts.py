@@ -20,27 +20,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.noise.distributions import Uniform
-from rmpc_bench.numerics.sampling import at_least, at_most
+from rmpc_bench.numerics.burst_times import Burst, Span, samples_of, spans_of
 from rmpc_bench.types import Array, DesignError, Noise, NonNegative
 
 Range: TypeAlias = NonNegative | tuple[NonNegative, NonNegative]
 """A number, or the ends of the range in which it is uniform."""
-
-
-@dataclass(frozen=True)
-class Burst:
-    """Time interval in which a noise is larger.
-
-    Parameters
-    ----------
-    from_ : begin of the burst [s]
-    to : end of the burst [s], included
-    factor : factor on the deviation of the noise from its centre
-    """
-
-    from_: NonNegative
-    to: NonNegative
-    factor: NonNegative
 
 
 @dataclass(frozen=True)
@@ -58,14 +42,6 @@ class RandomBursts:
     within: list[tuple[NonNegative, NonNegative]]
     duration: Range
     factor: Range
-
-
-class Span(NamedTuple):
-    """Samples first..last, both included, and the factor of the noise there."""
-
-    first: int
-    last: int
-    factor: float
 
 
 class Window(NamedTuple):
@@ -200,20 +176,14 @@ def placed(bursts: Sequence[Burst] | RandomBursts, Ts: float) -> Bursts:
     """
     if isinstance(bursts, RandomBursts):
         return _drawn(bursts, Ts)
-    spans = tuple(Span(*_samples(each.from_, each.to, Ts), each.factor) for each in bursts)
-    for number, (burst, span) in enumerate(zip(bursts, spans, strict=True)):
-        if burst.to < burst.from_:
-            raise DesignError(f"must not be before from, {burst.from_:g} (got {burst.to:g})", f"bursts.{number}.to")
-        if span.last < span.first:
-            raise DesignError(f"contains no sample; the sampling time is {Ts:g} s", f"bursts.{number}")
-    return FixedBursts(spans)
+    return FixedBursts(spans_of(bursts, Ts))
 
 
 def _drawn(bursts: RandomBursts, Ts: float) -> DrawnBursts:
     if not bursts.within:
         raise DesignError("contains no window; leave bursts out if there are none", "bursts.within")
     duration, factor = (_uniform(name, getattr(bursts, name)) for name in ("duration", "factor"))
-    windows = tuple(Window(*_samples(start, end, Ts)) for start, end in bursts.within)
+    windows = tuple(Window(*samples_of(start, end, Ts)) for start, end in bursts.within)
     for number, ((start, end), window) in enumerate(zip(bursts.within, windows, strict=True)):
         if end < start or window.last - window.first < round(duration.high / Ts):
             raise DesignError(
@@ -229,8 +199,3 @@ def _uniform(name: str, given: Range) -> Uniform:
     if low > high:
         raise DesignError(f"the range must begin with its smaller end (got [{low:g}, {high:g}])", f"bursts.{name}")
     return Uniform(low, high)
-
-
-def _samples(start: float, end: float, Ts: float) -> tuple[int, int]:
-    """First and last sample k with start <= k Ts <= end."""
-    return at_least(start, Ts), at_most(end, Ts)

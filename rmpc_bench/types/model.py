@@ -55,6 +55,11 @@ class Model:
         return covariance
 
     @attribute
+    def R_v_varies(self) -> bool:
+        """Whether a state-dependent model has another covariance of the measurement noise at some k."""
+        return False
+
+    @attribute
     def w_law(self) -> tuple[Float[Array, " nw"], Float[Array, "nw nw"]]:
         """Mean and covariance of the process noise of the plant, as `noise: same` takes them."""
         return np.zeros(self.nx), self.Q_w

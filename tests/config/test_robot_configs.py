@@ -58,6 +58,27 @@ def test_it_runs(tmp_path):
     assert (load_trials(tmp_path / "one").frame["status"] == "ok").all()
 
 
+def test_a_filter_with_known_bursts_changes_only_after_they_begin(tmp_path):
+    """Oracle: the reported covariance; until the burst begins it is that of the filter without bursts."""
+    bursts = "{bursts: [{from: 0.2, to: 0.3, factor: 3}]}"
+    methods = (
+        f"{{KF: {{estimator: {{kind: kalman}}}}, known: {{estimator: {{kind: kalman}}, model: {{noise: {bursts}}}}}}}"
+    )
+    keys = {"model": "{kind: moving-slide}", "methods": methods}
+    plain, known = (method.estimator for method in load_config(write_robot(tmp_path, **keys)).experiment.methods)
+    y, u, P = np.zeros((1, 3)), np.zeros((1, 4)), []
+    y[0] = [0.05657, 0.09239, 0.0]
+    for filter_ in (plain, known):
+        state = filter_.init(1)
+        for k in range(41):
+            state, estimate = filter_.correct(k, state, y)
+            P.append(estimate.P[0, 0, 0])
+            state = filter_.predict(k, state, u)
+    without, with_ = np.array(P).reshape(2, 41)
+    np.testing.assert_array_equal(with_[:20], without[:20])
+    assert (with_[20:31] > without[20:31]).all()
+
+
 def test_a_singular_pose_ends_a_run(tmp_path):
     """Oracle: acos(0.08/0.30) = 1.3009 in the middle, which 1 rad/s reaches; the table counts the runs by status."""
     start = "{x: [0, 0, 1.2, 0, 0, 1], x_hat: 0, P: 1}"
@@ -77,6 +98,19 @@ def test_a_singular_pose_ends_a_run(tmp_path):
         ({"plant": "{kind: moving-slide, l_min: 0.6}"}, "plant.l_min", "must be below the length of an arm"),
         ({"plant": "{kind: moving-slide, mass: 0}"}, "plant.mass", "must be > 0"),
         ({"model": "{kind: moving-slide, noise: {measurement: [1, 2]}}"}, "model.noise.measurement", "3 numbers"),
+        (
+            {"model": "{kind: moving-slide, noise: {bursts: [{from: 0.3, to: 0.2, factor: 2}]}}"},
+            "model.noise.bursts.0.to",
+            "must not be before from",
+        ),
+        (
+            {
+                "model": "{kind: moving-slide, noise: {bursts: [{from: 0.2, to: 0.3, factor: 2}]}}",
+                "noise": "{measurement: same}",
+            },
+            "noise",
+            "measurement noise of the design model changes with k",
+        ),
         ({"plant": "{kind: servo}", "initial": "{x: 0, x_hat: 0, P: 1}"}, "reference.kind", "has 1 outputs"),
         (
             {"model": "{kind: moving-slide}", "methods": "{R: {estimator: {kind: robust-kalman, c: 0.1}}}"},
@@ -84,7 +118,8 @@ def test_a_singular_pose_ends_a_run(tmp_path):
             "the model depends on the state",
         ),
     ],
-    ids=["far", "hook", "singular", "initial", "start", "name", "l_min", "mass", "noise", "outputs", "estimator"],
+    ids=["far", "hook", "singular", "initial", "start", "name", "l_min", "mass", "noise", "burst", "same", "outputs",
+         "estimator"],
 )  # fmt: skip
 def test_mistakes(tmp_path, keys, place, message):
     """Oracle: a line at the key to blame."""

@@ -22,6 +22,7 @@ PARAMETERS = {
         {"Np": 2, "Q_yw": 1.0, "Q_u": 0.1, "tuning": LpNoise(Ne2=4, kp=0.3, on="residual", weight="square")},
         {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1, "of": "mean"},
         {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1, "tuning": LpNoise(Ne2=4, kp=0.3), "of": "mean"},
+        {"Np": 3, "Q_yw": 1.0, "Q_u": 0.1, "tuning": LpNoise(Ne2=4, kp=0.3, on="none")},
     ],
     "mpc": [
         {"Hp": 6, "Hu": 2, "Q": 1.0, "R": 0.1, "limits": Limits(u=(-0.3, 0.3))},

@@ -4,7 +4,8 @@ import pytest
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import NoiseExample, check_component
-from rmpc_bench.noise.bursts import Burst, RandomBursts
+from rmpc_bench.noise.bursts import RandomBursts
+from rmpc_bench.numerics.burst_times import Burst
 
 KINDS = registry.names("noises")
 PARAMETERS = {

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import ROUND, STAT, random_model, within_stat
 from controllers.gpc_twin import Swing, Varying, commands, full_lp2
+from scipy.optimize import linprog
 
 from rmpc_bench.controllers.gpc import design
 from rmpc_bench.controllers.noise_tuning import LpNoise, NoiseTuning, Triangle, covariance, fitted, precision
@@ -162,6 +163,36 @@ def test_correlation_shows_in_residuals_and_not_in_outputs(rng):
     assert np.abs(output).max() < 0.1 and abs(output.mean()) < STAT * output.std() / np.sqrt(runs)
 
 
+def test_without_correlation_the_program_has_bounds_only(rng):
+    """Oracle: (22)-(27) by HiGHS with only r and rho as unknowns, and a diagonal inverse of C_y by hand."""
+    y, y_hat, x_hat, x_tilde = windows(rng)
+    window, before = np.concatenate([y, y_hat, x_hat, x_tilde], axis=2), np.tile(np.eye(3), (6, 1, 1))
+    Q_yw, info = tuning(on="none", bounds=(1e-3, 1e3)).penalties(0, window, before)
+    assert not info["Pi"].any() and not info["Lambda"].any()
+    for name, e in (("r_breve", y - y_hat), ("rho_breve", x_hat - x_tilde)):
+        for i, residuals in enumerate(e):
+            samples, n = residuals.shape
+            rows = np.vstack([np.tile(-np.eye(n), (samples, 1))] * 2)
+            right = np.concatenate([-residuals.ravel(), residuals.ravel()])
+            np.testing.assert_allclose(info[name][i], linprog(np.ones(n), rows, right).x, **FIT)
+    expected = np.stack([np.diag(np.clip(3e-7 / r**2, 1e-3, 1e3)) for r in info["r_breve"]])
+    np.testing.assert_allclose(Q_yw, expected, **ROUND)
+    free = tuning(on="output").penalties(0, window, before)[1]
+    assert (free["r_breve"] <= info["r_breve"] * (1 + 1e-12)).all()
+
+
+@pytest.mark.parametrize("on", ["output", "residual", "none"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_value_that_is_not_finite_keeps_the_weight(on, value, rng):
+    """Oracle: by construction; the other runs have weights of their own."""
+    window, before = np.concatenate(windows(rng), axis=2), np.tile(7.0 * np.eye(3), (6, 1, 1))
+    window[2, 4, 0] = value
+    with np.errstate(invalid="ignore"):
+        Q_yw = tuning(on=on).penalties(0, window, before)[0]
+    np.testing.assert_array_equal(Q_yw[2], before[2])
+    assert (np.delete(Q_yw, 2, axis=0)[:, 0, 0] <= 4.0).all()
+
+
 def test_rows_that_fit_nothing_have_no_coefficients(rng):
     """Oracle: the last row, max |e|; and one column of z that is 0, as an output at rest on 0 without noise."""
     e = rng.standard_normal((4, 9, 3))
@@ -231,7 +262,7 @@ def test_state_rows_use_the_model_s_prediction(dependent, rng):
     assert np.isnan(found[5].info["rho_breve"]).all()  # nothing has been predicted at k = 0
 
 
-@pytest.mark.parametrize("keys", [{}, {"on": "residual"}, {"weight": "square", "form": "printed"}])
+@pytest.mark.parametrize("keys", [{}, {"on": "residual"}, {"on": "none"}, {"weight": "square", "form": "printed"}])
 def test_state_rows_reach_no_control(keys, rng):
     """Oracle: the same law without them, bit for bit."""
     seed = int(rng.integers(2**31))

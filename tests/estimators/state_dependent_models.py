@@ -1,4 +1,4 @@
-"""Two small state-dependent models: one whose matrices are the same at every state, and a mass with friction."""
+"""Small state-dependent models: one whose matrices are the same at every state, and a mass with friction."""
 
 import numpy as np
 
@@ -48,3 +48,14 @@ class Mass(Base):
             x.append(np.einsum("rij,rj->ri", A, x[-1]) + np.einsum("rij,rj->ri", B, u[:, k]))
         x = np.stack(x, axis=1)
         return x, x[:, :, :1] + noise * rng.uniform(-1.0, 1.0, (runs, steps + 1, 1)), u
+
+
+class Bursty(Mass):
+    """The mass with a sensor whose noise is larger from k = 10 to 19."""
+
+    def __init__(self, factor=5.0):
+        super().__init__()
+        self.factor = factor
+
+    def R_v_at(self, k):
+        return (self.factor**2 if 10 <= k < 20 else 1.0) * self.R_v

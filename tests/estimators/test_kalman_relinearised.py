@@ -5,10 +5,13 @@ import pickle
 import numpy as np
 import pytest
 from conftest import ROUND, random_model, random_psd
-from estimators.state_dependent_models import Frozen, Mass
+from estimators.state_dependent_models import Bursty, Frozen, Mass
 from filterpy.kalman import KalmanFilter
 
 from rmpc_bench.estimators.kalman import design
+from rmpc_bench.models.moving_slide import SlideNoise
+from rmpc_bench.models.moving_slide import design as slide
+from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.types import DesignError, Estimator, Status
 
 
@@ -52,6 +55,37 @@ def test_of_a_model_that_depends_on_the_state_it_is_filterpys(rng):
             A, B = model.at_state(theirs.x.T)
             theirs.predict(u=u[i, k][:, None], F=A[0], B=B[0])
     assert np.ptp(P[:, -1, 1, 1]) > 0.0  # every run has its own
+
+
+def test_a_covariance_that_depends_on_k_is_used(rng):
+    """Oracle: filterpy's filter, given R of every sample; before the burst the filter with a constant R."""
+    model = Bursty()
+    _, y, u = model.simulated(rng, 2, 30, 0.1)
+    x_hat, P = run(design(model, 30, x0=np.array([0.1, 0.2]), P0=0.5 * np.eye(2)), y, u)
+    for i in range(2):
+        theirs = KalmanFilter(dim_x=2, dim_z=1, dim_u=1)
+        theirs.H, theirs.Q = model.C, model.Q_w
+        theirs.x, theirs.P = np.array([[0.1], [0.2]]), 0.5 * np.eye(2)
+        for k in range(31):
+            theirs.update(y[i, k], R=model.R_v_at(k))
+            np.testing.assert_allclose(x_hat[i, k], theirs.x[:, 0], atol=1e-12)
+            np.testing.assert_allclose(P[i, k], theirs.P, atol=1e-13)
+            A, B = model.at_state(theirs.x.T)
+            theirs.predict(u=u[i, k][:, None], F=A[0], B=B[0])
+    steady = run(design(Mass(), 30, x0=np.array([0.1, 0.2]), P0=0.5 * np.eye(2)), y, u)
+    np.testing.assert_array_equal(x_hat[:, :10], steady[0][:, :10])
+    assert (P[:, 10, 0, 0] > steady[1][:, 10, 0, 0]).all()
+
+
+def test_bursts_with_factor_1_change_nothing(rng):
+    """Oracle: the filter of the robot without bursts, bit for bit."""
+    bursts = [Burst(0.02, 0.08, 1.0)]
+    with_bursts, without = (slide(0.01, noise=SlideNoise(bursts=given)) for given in (bursts, []))
+    start = {"x0": np.array([0.05, -0.03, 0.1, 0.0, 0.0, 0.0]), "P0": 1e-6 * np.eye(6)}
+    y, u = start["x0"][:3] + 1e-3 * rng.standard_normal((2, 11, 3)), 0.1 * rng.standard_normal((2, 11, 4))
+    for left, right in zip(run(design(with_bursts, 10, **start), y, u), run(design(without, 10, **start), y, u),
+                           strict=True):  # fmt: skip
+        np.testing.assert_array_equal(left, right)
 
 
 def test_rows_do_not_depend_on_each_other(rng):
@@ -101,3 +135,7 @@ def test_a_sensor_without_noise_is_a_design_error():
     model.R_v = np.zeros((1, 1))
     with pytest.raises(DesignError, match="measurement noise"):
         design(model, 3, x0=np.zeros(2), P0=np.eye(2))
+    bursty = Bursty(factor=0.0)
+    design(bursty, 9, x0=np.zeros(2), P0=np.eye(2))
+    with pytest.raises(DesignError, match="measurement noise"):
+        design(bursty, 10, x0=np.zeros(2), P0=np.eye(2))

@@ -5,12 +5,14 @@ import pickle
 import numba
 import numpy as np
 import pytest
-from conftest import ROUND
+from conftest import ROUND, within_stat
 from models import moving_slide_twin as twin
 
 from rmpc_bench.models import moving_slide, moving_slide_kernel
 from rmpc_bench.models.moving_slide import SlideNoise, arms, design
 from rmpc_bench.models.state_dependent import StateDependentModel, pair_at
+from rmpc_bench.noise.bounded import uniform
+from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.numerics.s_shape import s_curve
 from rmpc_bench.types import DesignError
 
@@ -206,6 +208,20 @@ def test_the_assumed_noise():
     np.testing.assert_allclose(np.sqrt(3 * np.diag(design(0.01).R_v)), np.full(3, 5e-4), **ROUND)
 
 
+def test_the_covariance_in_bursts_is_that_of_the_noise(rng):
+    """Oracle: the empirical variance of the law `uniform` with the same bursts, which overlap, sample by sample."""
+    bursts = [Burst(0.05, 0.1, 2.0), Burst(0.08, 0.12, 3.0)]
+    model = design(0.01, noise=SlideNoise(measurement=0.3, bursts=bursts))
+    draws = np.array([uniform(3, 0.01, radius=0.3, bursts=bursts).draw(rng, 21) for _ in range(4000)])
+    for k in range(21):
+        assert within_stat(draws[:, k, 1] ** 2, model.R_v_at(k)[1, 1])
+    factors = [model.R_v_at(k)[0, 0] / model.R_v[0, 0] for k in (4, 5, 7, 8, 10, 11, 12, 13)]
+    np.testing.assert_allclose(factors, [1, 4, 4, 36, 36, 9, 9, 1], **ROUND)
+    steady = design(0.01)
+    assert all(steady.R_v_at(k) is steady.R_v for k in range(5))
+    assert model.R_v_varies and not steady.R_v_varies
+
+
 @pytest.mark.parametrize(
     ("noise", "parameter", "message"),
     [
@@ -213,6 +229,8 @@ def test_the_assumed_noise():
         (SlideNoise(process=-1.0), "noise.process", "must be >= 0"),
         (SlideNoise(measurement=[1.0, -1.0, 1.0]), "noise.measurement", "must be >= 0"),
         (SlideNoise(measurement=np.inf), "noise.measurement", "must be >= 0"),
+        (SlideNoise(bursts=[Burst(0.1, 0.2, 2.0), Burst(0.5, 0.4, 2.0)]), "noise.bursts.1.to", "must not be before"),
+        (SlideNoise(bursts=[Burst(0.101, 0.109, 2.0)]), "noise.bursts.0", "contains no sample"),
     ],
 )
 def test_noise_that_is_none(noise, parameter, message):

@@ -9,8 +9,9 @@ import pytest
 from conftest import ROUND, within_stat
 
 from rmpc_bench.noise.bounded import uniform
-from rmpc_bench.noise.bursts import Burst, RandomBursts
+from rmpc_bench.noise.bursts import RandomBursts
 from rmpc_bench.noise.gaussian import gaussian
+from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.types import DesignError
 
 PAPER = [Burst(3.4, 4.0, 2.0), Burst(6.2, 6.6, 2.0)]  # belda2017, Section VI

@@ -5,9 +5,10 @@ import pytest
 from simulation.toy import Walk
 
 from rmpc_bench.noise.bounded import uniform
-from rmpc_bench.noise.bursts import Burst, RandomBursts
+from rmpc_bench.noise.bursts import RandomBursts
 from rmpc_bench.noise.distributions import Uniform
 from rmpc_bench.noise.gaussian import gaussian
+from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.plants import servo
 from rmpc_bench.simulation.reference import constant
 from rmpc_bench.simulation.scenario import Scenario, stream
