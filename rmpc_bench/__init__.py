@@ -9,6 +9,11 @@ from typing import Any
 
 __version__ = "0.1.0"
 
+NUMERICS = 1
+"""Number of the arithmetic, a part of the identity of trials: every change that alters numbers raises it.
+
+Trials of another number are kept apart and computed again; tests/test_numerics.py guards it."""
+
 _PUBLIC: dict[str, str] = {
     "LinearModel": "rmpc_bench.models.linear",
     "Scenario": "rmpc_bench.simulation.scenario",
@@ -46,4 +51,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """List the public names."""
-    return sorted([*_PUBLIC, "__version__"])
+    return sorted([*_PUBLIC, "NUMERICS", "__version__"])

@@ -31,7 +31,8 @@ MAY_IMPORT = {
     "figures": {"analysis", "types"},
     "report": {"figures", "claims", "analysis", "types"},
     # Keys of an uncertain quantity are the fields of its law; the noise `same` and sets of x(0) are made as laws.
-    "config": {"registry", "expressions", "claims", "simulation", "noise", "types"},
+    # NUMERICS is a part of the key of a trial.
+    "config": {"registry", "expressions", "claims", "simulation", "noise", "types", "rmpc_bench"},
     "execution": {
         "config",
         "simulation",

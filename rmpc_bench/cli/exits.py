@@ -53,7 +53,9 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
 
 
 def show(written: Publication, seconds: float | None = None) -> None:
-    """Print what was published: the summary on stdout, figures that were left out on stderr."""
+    """Print what was published: the summary on stdout, what is missing in it on stderr."""
+    if written.results.other_code:
+        click.echo(f"{written.results.other_code}; `rmpc-bench run` computes them again", err=True)
     for text in written.left_out:
         click.echo(f"figure left out: {text}", err=True)
     click.echo(written.summary(seconds))
@@ -78,7 +80,7 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, Terminated):
         return _say("terminated; finished blocks are stored, the same command continues", TERMINATED)
     # Only now: an import that was interrupted must not be begun again.
-    from rmpc_bench.execution.store import MissingError, StoreError, WriteError
+    from rmpc_bench.execution.database import MissingError, StoreError, WriteError
     from rmpc_bench.types import ConfigError
 
     if isinstance(error, ConfigError | MissingError):

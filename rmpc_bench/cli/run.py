@@ -92,10 +92,10 @@ def run(**options: Any) -> int:
         import scipy.linalg  # noqa: F401
 
         from rmpc_bench.config.load import load_config
+        from rmpc_bench.execution.database import StoreError
         from rmpc_bench.execution.progress import choose
         from rmpc_bench.execution.publish import publish
         from rmpc_bench.execution.results import run as run_experiment
-        from rmpc_bench.execution.store import StoreError
 
     request = Request(**options)
     config = load_config(request.config, overrides=request.overrides, runs=request.runs, smoke=request.smoke)
@@ -145,23 +145,30 @@ def _directory(request: Request, config: ExperimentConfig) -> Path:
 
 
 def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -> int:
+    from rmpc_bench.execution.database import FILE
+    from rmpc_bench.execution.other_code import rows_of_other_code
     from rmpc_bench.execution.runner import pending
-    from rmpc_bench.execution.store import FILE, Store
+    from rmpc_bench.execution.store import Store
 
     names = [method.name for method in config.experiment.methods if not only or method.name in only]
     left = total = config.n_trials(names)
+    apart = ""
     if (directory / FILE).exists():
         with Store(directory, writable=False) as store:
             store.check(config.hash, config.shared)
             left = sum(len(task.runs) for task in pending(config, store, names))
+            apart = rows_of_other_code(config, store, names)
     click.echo(f"{config.name}: {left} of {total} trials to compute ({', '.join(names)})")
+    if apart:
+        click.echo(f"{apart}; to compute again")
     click.echo(f"results go to {directory}; nothing was computed (--dry-run)")
     return 0
 
 
 def _set_aside(directory: Path) -> None:
     """Rename a directory; nothing is ever deleted."""
-    from rmpc_bench.execution.store import FILE, Store
+    from rmpc_bench.execution.database import FILE
+    from rmpc_bench.execution.store import Store
 
     if (directory / FILE).exists():  # without it the directory counts as new
         if directory.resolve() in (Path.cwd(), *Path.cwd().parents):

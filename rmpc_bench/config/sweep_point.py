@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from rmpc_bench.config.code_version import code_version
 from rmpc_bench.simulation.scenario import Experiment
 
 
@@ -44,11 +45,17 @@ class SweepPoint:
         return digest(self.shared)
 
     @cached_property
-    def method_keys(self) -> dict[str, str]:
-        """Hashes under which trials are stored, by method; points with an equal hash share the trials."""
+    def definitions(self) -> dict[str, str]:
+        """Hashes of what the configuration determines of the trials, by method: all but the code."""
         return {
             name: digest({"experiment": self.experiment_hash, "method": data}) for name, data in self.methods.items()
         }
+
+    @cached_property
+    def method_keys(self) -> dict[str, str]:
+        """Hashes under which trials are stored, by method: definition and code; points with equal ones share trials."""
+        code = code_version()
+        return {name: digest({"definition": key, "code": code}) for name, key in self.definitions.items()}
 
     @cached_property
     def metric_keys(self) -> dict[str, str]:
@@ -57,11 +64,11 @@ class SweepPoint:
 
     @cached_property
     def uncertainty_key(self) -> str:
-        """Hash under which the values of the uncertain quantities are stored."""
+        """Hash under which the values of the uncertain quantities are stored; the code that draws them is in it."""
         law = self.shared["plant"].get("uncertainty", {})
         # The plant itself draws these values, once per run.
         own = {"plant": law} if law.get("per") == "run" else {}
         # Random bursts of the noise are uncertain quantities too; they begin and end on samples.
         if self.experiment.scenario.burst_names:
             own |= {"noise": self.shared["noise"], "step": self.shared["time"]["step"]}
-        return digest({key: self.shared[key] for key in ("seed", "uncertainty")} | own)
+        return digest({key: self.shared[key] for key in ("seed", "uncertainty")} | own | {"code": code_version()})

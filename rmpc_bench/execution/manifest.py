@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any
 
 import rmpc_bench
+from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
 
 FILE = "manifest.json"
@@ -51,6 +52,7 @@ class Session:
             "seed": self._config.experiment.scenario.seed,
             "modified": self._modified,
             "versions": versions,
+            **code_version(),
             "blas": _blas(),
             "git": _git(self._config.path.parent),
             "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},

@@ -14,10 +14,10 @@ from rmpc_bench.analysis.trials import Traces, Trials
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
 from rmpc_bench.execution import manifest
+from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.progress import Progress
 from rmpc_bench.execution.runner import RESOLVED, compute
-from rmpc_bench.execution.store import FILE, MissingError
-from rmpc_bench.execution.stored_trials import n_complete, stored_trials, uncertainty
+from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, uncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +32,7 @@ class Results:
     uncertainty : sweep columns, ``run`` and one column per named uncertain quantity
     n_complete : method -> number of runs that are stored with all metrics, at the point of the sweep with fewest
     overrides : options that changed the configuration, such as ``--smoke``; claims are then not evaluated
+    other_code : stored rows of other code that are missing in the tables, in words; empty where there are none
     """
 
     config: ExperimentConfig
@@ -40,6 +41,7 @@ class Results:
     uncertainty: pd.DataFrame
     n_complete: Mapping[str, int]
     overrides: tuple[str, ...] = ()
+    other_code: str = ""
 
     @property
     def series(self) -> pd.DataFrame:
@@ -181,4 +183,5 @@ def stored_results(config: ExperimentConfig, directory: Path, overrides: Collect
         uncertainty=uncertainty(config, directory),
         n_complete=n_complete(config, directory),
         overrides=tuple(overrides),
+        other_code=other_code(config, directory),
     )

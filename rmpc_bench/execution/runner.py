@@ -12,10 +12,12 @@ from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import engines
+from rmpc_bench.execution.database import WriteError
 from rmpc_bench.execution.engines import Done, Task
 from rmpc_bench.execution.manifest import Session
+from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
-from rmpc_bench.execution.store import Store, WriteError
+from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -93,7 +95,10 @@ def compute(
         _keep_configuration(config, directory)
         tasks = pending(config, store, methods)
         with Session(directory, config, modified, progress.say):
+            if apart := rows_of_other_code(config, store, methods):
+                progress.say(f"{apart}; computed again")
             if tasks:
+                store.register(stored_methods(config, methods))
                 total = config.n_trials(methods)
                 left = sum(len(task.runs) for task in tasks)
                 _compute(config, store, tasks, workers or config.execution.workers, progress, (total, total - left))

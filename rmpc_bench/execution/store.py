@@ -1,63 +1,41 @@
-"""The trial store of an experiment: trials.sqlite.
+"""The trial store of an experiment, with one transaction per finished block.
 
-The store uses one transaction per finished block, one writer with an exclusive lock, and a rollback journal.  This also
-works on network file systems.  A process that is killed loses only the unfinished blocks.  Trials are stored under the
-hash of the definition of their method, and metrics under the hash of their definition.  After a change of a definition
-the old numbers are therefore not used.
+Trials are stored under the hash of the definition of their method and of the code that computed them, and metrics under
+the hash of their definition.  After a change of a definition or of the code the old numbers are therefore not used.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import sqlite3
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from rmpc_bench.execution.database import Database, StoreError
 from rmpc_bench.simulation.closed_loop import Block
-from rmpc_bench.simulation.ensemble import Group
+from rmpc_bench.simulation.ensemble import SIZE, Group, gathered, start_of_group
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import Array, Status
-
-FILE = "trials.sqlite"
-_SCHEMA = """
-CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE trials (method TEXT, run INTEGER, status TEXT NOT NULL, PRIMARY KEY (method, run)) WITHOUT ROWID;
-CREATE TABLE metrics (method TEXT, metric TEXT, run INTEGER, value REAL, PRIMARY KEY (method, metric, run))
-    WITHOUT ROWID;
-CREATE TABLE uncertainty (draw TEXT, run INTEGER, name TEXT, value REAL NOT NULL, PRIMARY KEY (draw, run, name))
-    WITHOUT ROWID;
-CREATE TABLE traces (method TEXT, signal TEXT, run INTEGER, width INTEGER NOT NULL, data BLOB NOT NULL,
-    PRIMARY KEY (method, signal, run));
-CREATE TABLE ensemble (method TEXT, first INTEGER, stop INTEGER NOT NULL, n INTEGER NOT NULL, width INTEGER NOT NULL,
-    mean BLOB NOT NULL, second BLOB NOT NULL, PRIMARY KEY (method, first));
-"""
-
-
-_ADDED = ("traces", "ensemble")
-"""Tables that a store of an earlier version lacks."""
 
 _NOTHING = Recording()
 _WORDS = {int(status): status.word for status in Status}
 
 
-class StoreError(Exception):
-    """A directory that cannot be used: it holds another experiment, or another process writes to it."""
+class StoredMethod(NamedTuple):
+    """A method whose trials are stored under one key."""
 
-
-class MissingError(Exception):
-    """A directory without trials."""
-
-
-class WriteError(Exception):
-    """Results could not be written; everything stored before is intact."""
+    key: str
+    """Hash of its definition and of the code."""
+    definition: str
+    """Hash of its definition."""
+    code: Mapping[str, Any]
+    """What identifies the code that computes its trials."""
 
 
 class Store:
@@ -78,36 +56,8 @@ class Store:
 
     def __init__(self, directory: Path, *, writable: bool = True) -> None:
         self.directory = directory
-        path = directory / FILE
-        try:
-            if writable:
-                directory.mkdir(parents=True, exist_ok=True)
-                self._connection = sqlite3.connect(path, timeout=0.0, isolation_level=None)
-            else:
-                # Opened for writing if possible: the journal of a killed writer is rolled back before the first read.
-                mode = "rw" if os.access(path, os.W_OK) else "ro"
-                self._connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", uri=True, timeout=5.0)
-                self._connection.execute("PRAGMA query_only = ON")
-        except (OSError, sqlite3.OperationalError) as error:
-            raise WriteError(f"{path}: {error}") from None
-        try:
-            if writable:
-                self._prepare()
-            for table in ("meta", *_ADDED):
-                self._connection.execute(f"SELECT 1 FROM {table} LIMIT 1")
-        except sqlite3.DatabaseError as error:
-            self._connection.close()
-            raise _translated(error, path) from None
-
-    def _prepare(self) -> None:
-        execute = self._connection.execute
-        execute("PRAGMA locking_mode = EXCLUSIVE")
-        execute("PRAGMA journal_mode = DELETE")
-        execute("BEGIN EXCLUSIVE")
-        for statement in filter(str.strip, _SCHEMA.split(";")):
-            # A store of an earlier version lacks some tables.
-            execute(statement.replace("TABLE", "TABLE IF NOT EXISTS"))
-        execute("COMMIT")
+        self._database = Database(directory, writable=writable)
+        self._read, self._write = self._database.read, self._database.write
 
     def __enter__(self) -> Store:
         """Return itself."""
@@ -117,7 +67,7 @@ class Store:
         self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Close the file and release the lock."""
-        self._connection.close()
+        self._database.close()
 
     def meta(self, key: str) -> str | None:
         """Read a value that was set with `set_meta`."""
@@ -153,12 +103,26 @@ class Store:
             lines = differences(json.loads(self.meta("shared") or "{}"), json.loads(json.dumps(shared)))
             raise StoreError(f"{self.directory} holds another experiment:\n" + "\n".join(f"  {line}" for line in lines))
 
+    def register(self, methods: Iterable[StoredMethod]) -> None:
+        """Note definition and code of methods whose trials are about to be stored."""
+        rows = [(method.key, method.definition, json.dumps(method.code)) for method in methods]
+        self._write([("INSERT OR IGNORE INTO methods VALUES (?, ?, ?)", rows)])
+
+    def of_other_code(self, method: StoredMethod, n_runs: int) -> dict[int, list[Any]]:
+        """Return the runs that other code has computed and this code has not, each with what identifies the others."""
+        query = """SELECT run, code FROM methods JOIN trials USING (method)
+            WHERE definition = ? AND method != ? AND run < ? AND run NOT IN (SELECT run FROM trials WHERE method = ?)"""
+        found: dict[int, list[Any]] = {}
+        for run, code in self._read(query, (method.definition, method.key, n_runs, method.key)):
+            found.setdefault(run, []).append(json.loads(code))
+        return found
+
     def finished(
         self, method: str, metrics: Iterable[str], recording: Recording = _NOTHING, n_runs: int = sys.maxsize
     ) -> set[int]:
-        """Return the runs of a method that are stored with all given metrics and, where required, signals and groups.
+        """Return the runs of a method that are stored with all given metrics and, where required, signals and moments.
 
-        Of the groups those count that `ensemble` returns for ``n_runs``.
+        Of the moments those count that `ensemble` returns for ``n_runs``.
         """
         runs = {run for (run,) in self._read("SELECT run FROM trials WHERE method = ?", (method,))}
         for metric in metrics:
@@ -168,7 +132,9 @@ class Store:
             rows = self._read("SELECT run FROM traces WHERE method = ? AND signal = ?", (method, signal))
             runs -= set(range(recording.n_runs)) - {run for (run,) in rows}
         if recording.ensemble:
-            rows = self._read("SELECT first, stop FROM ensemble WHERE method = ? AND stop <= ?", (method, n_runs))
+            rows = self._read(
+                "SELECT first, stop FROM ensemble_groups WHERE method = ? AND stop <= ?", (method, n_runs)
+            )
             runs &= {run for first, stop in rows for run in range(first, stop)}
         return runs
 
@@ -206,16 +172,16 @@ class Store:
         named = [
             (draw, run, name, value) for run, row in zip(runs, uncertainty, strict=True) for name, value in row.items()
         ]
-        span = [(method, runs[0], runs[-1] + 1)]
-        groups = [
-            (method, group.first, group.stop, group.n, group.mean.shape[1], _bytes(group.mean), _bytes(group.second))
-            for group in block.ensemble
-        ]
+        groups = self._with_stored_runs(method, block.ensemble)
+        reduced = [(method, group.first, group.stop) for group in groups if not group.is_single]
         self._write(
             [
-                # Groups of an earlier run with other blocks may overlap; their other runs are computed again.
-                ("DELETE FROM ensemble WHERE method = ? AND stop > ? AND first < ?", span if groups else []),
-                ("INSERT INTO ensemble VALUES (?, ?, ?, ?, ?, ?, ?)", groups),
+                # Single runs of a group are needed until it is whole.
+                ("DELETE FROM ensemble_groups WHERE method = ? AND first >= ? AND stop <= ?", reduced),
+                (
+                    "INSERT OR REPLACE INTO ensemble_groups VALUES (?, ?, ?, ?, ?, ?, ?)",
+                    [(method, *group[:3], group.mean.shape[1], *map(_bytes, group[3:])) for group in groups],
+                ),
                 ("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", trials),
                 ("INSERT OR REPLACE INTO metrics VALUES (?, ?, ?, ?)", values),
                 ("INSERT OR REPLACE INTO traces VALUES (?, ?, ?, ?, ?)", traces),
@@ -243,38 +209,40 @@ class Store:
         return [run for run, *_ in rows], np.array(recorded) if rows else np.zeros((0, 0, 0))
 
     def ensemble(self, method: str, n_runs: int) -> list[Group]:
-        """Groups of runs of a method, in their order; one that reaches beyond n_runs is left out."""
-        query = "SELECT first, stop, n, width, mean, second FROM ensemble WHERE method = ? AND stop <= ? ORDER BY first"
+        """Groups of runs of a method and single runs of groups that are not whole, in their order.
+
+        A group that reaches beyond n_runs is left out.
+        """
+        query = "SELECT * FROM ensemble_groups WHERE method = ? AND stop <= ? ORDER BY first"
+        parts = self._groups(query, (method, n_runs))
+        whole = {part.first for part in parts if not part.is_single}
+        return [part for part in parts if not part.is_single or start_of_group(part.first) not in whole]
+
+    def _with_stored_runs(self, method: str, parts: Sequence[Group]) -> list[Group]:
+        """Reduce the groups of which all runs are there now: those of a block with those that are stored."""
+        found = [part for part in parts if not part.is_single]
+        singles = (part for part in parts if part.is_single)
+        where = "FROM ensemble_groups WHERE method = ? AND first >= ? AND stop <= ? AND stop = first + 1"
+        for start, members in groupby(singles, key=lambda single: start_of_group(single.first)):
+            new, span = {single.first: single for single in members}, (method, start, start + SIZE)
+            stored = {first for (first,) in self._read(f"SELECT first {where}", span)}
+            if len(stored | new.keys()) == SIZE:
+                before = {single.first: single for single in self._groups(f"SELECT * {where}", span)}
+                found.append(gathered([single for _, single in sorted((before | new).items())]))
+            else:
+                found += new.values()
+        return found
+
+    def _groups(self, query: str, parameters: tuple[Any, ...]) -> list[Group]:
         return [
             Group(first, stop, n, _array(mean).reshape(-1, width), _array(second).reshape(-1, width, width))
-            for first, stop, n, width, mean, second in self._read(query, (method, n_runs))
+            for _, first, stop, n, width, mean, second in self._read(query, parameters)
         ]
 
     def uncertainty(self, draw: str, n_runs: int) -> list[tuple[int, str, float]]:
         """All (run, name, value) of the named uncertain quantities, sorted."""
         query = "SELECT run, name, value FROM uncertainty WHERE draw = ? AND run < ? ORDER BY run, name"
         return self._read(query, (draw, n_runs))
-
-    def _read(self, query: str, parameters: tuple[Any, ...]) -> list[Any]:
-        try:
-            return self._connection.execute(query, parameters).fetchall()
-        except sqlite3.DatabaseError as error:
-            raise _translated(error, self.directory / FILE) from None
-
-    def _write(self, statements: Sequence[tuple[str, Sequence[tuple[Any, ...]]]]) -> None:
-        try:
-            with closing(self._connection.cursor()) as cursor:
-                cursor.execute("BEGIN IMMEDIATE")
-                try:
-                    for statement, rows in statements:
-                        cursor.executemany(statement, rows)
-                    cursor.execute("COMMIT")
-                except BaseException:
-                    if self._connection.in_transaction:
-                        cursor.execute("ROLLBACK")
-                    raise
-        except sqlite3.DatabaseError as error:
-            raise _translated(error, self.directory / FILE) from None
 
 
 def _bytes(array: Array) -> bytes:
@@ -283,17 +251,6 @@ def _bytes(array: Array) -> bytes:
 
 def _array(data: bytes) -> Array:
     return np.frombuffer(data, dtype="<f8")
-
-
-def _translated(error: sqlite3.DatabaseError, path: Path) -> Exception:
-    text = str(error)
-    if "locked" in text:
-        return StoreError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
-    if any(f"no such table: {table}" in text for table in _ADDED):
-        return StoreError(f"{path}: holds trials of an earlier version; rmpc-bench run completes it")
-    if "not a database" in text or "no such table" in text or "malformed" in text:
-        return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh")
-    return WriteError(f"{path}: {text}")
 
 
 def differences(before: Any, after: Any, path: str = "") -> list[str]:

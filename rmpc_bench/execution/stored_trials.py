@@ -12,8 +12,10 @@ import pandas as pd
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.execution.database import FILE, MissingError
+from rmpc_bench.execution.other_code import rows_of_other_code
 from rmpc_bench.execution.series import SeriesReader, with_point
-from rmpc_bench.execution.store import FILE, MissingError, Store
+from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.traces import traces_of, units_of
 from rmpc_bench.simulation.recording import kept
 
@@ -43,7 +45,9 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
         tables = [_table(config, point, store, series) for point in config.points]
         filled = [table for table in tables if len(table.methods)]
         if not filled:
-            raise MissingError(f"{directory}: no trial of this configuration is stored; continue with `rmpc-bench run`")
+            apart = rows_of_other_code(config, store, config.methods)
+            stored = f"{apart}; no trial" if apart else "no trial of this configuration"
+            raise MissingError(f"{directory}: {stored} is stored; continue with `rmpc-bench run`")
         return _joined(config, filled, series) if config.paths else filled[0]
 
 
@@ -101,6 +105,12 @@ def _frame(point: SweepPoint, store: Store, name: str) -> pd.DataFrame:
     runs, status = store.column(key, point.experiment.n_runs)
     columns = {metric: store.values(key, stored, runs) for metric, stored in point.metric_keys.items()}
     return pd.DataFrame({"method": name, "run": np.array(runs, dtype=np.int64), "status": status, **columns})
+
+
+def other_code(config: ExperimentConfig, directory: Path) -> str:
+    """Describe the stored rows of other code that are missing in the tables; empty where there are none."""
+    with Store(directory, writable=False) as store:
+        return rows_of_other_code(config, store, config.methods)
 
 
 def n_complete(config: ExperimentConfig, directory: Path) -> dict[str, int]:

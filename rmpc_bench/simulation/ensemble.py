@@ -1,24 +1,27 @@
 """Mean and covariance over the runs at every k, computed in groups so that trajectories need not be stored.
 
-A group is a fixed range of 50 runs, or the part of it in a block.  The moments of the groups are combined in the order
-of the runs, so that the result depends on the block size only by rounding.
+A group is a fixed range of 50 runs.  The moments of the groups are combined in the order of the runs.
+A block reduces the groups that lie in it; the runs of a group that it cuts are kept one by one and are reduced together
+when the others are there.  The arithmetic is therefore the same for any blocks, bit for bit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import Array
 
 SIZE = 50
 
 
 class Group(NamedTuple):
-    """Runs first..stop-1, without those that failed."""
+    """Runs first..stop-1, without those that failed: a whole group, or a single run of it."""
 
     first: int
     stop: int
@@ -26,8 +29,13 @@ class Group(NamedTuple):
     """How many of them ended well."""
     mean: Float[Array, "samples nz"]
     """Of z = (x, x_hat); zero where there is none."""
-    second: Float[Array, "samples nz nz"]
-    """Sum of (z - mean)(z - mean)'."""
+    second: Float[Array, "_ nz nz"]
+    """Sum of (z - mean)(z - mean)' at every sample; of a single run it is zero and left out (no samples)."""
+
+    @property
+    def is_single(self) -> bool:
+        """Whether it is a single run."""
+        return self.stop == self.first + 1
 
 
 def groups(
@@ -36,7 +44,7 @@ def groups(
     ok: Bool[Array, " runs"],
     runs: range,
 ) -> list[Group]:
-    """Gather the runs of a block.
+    """Reduce the runs of a block: groups that lie in it, and one by one the runs of those that it cuts.
 
     Parameters
     ----------
@@ -44,24 +52,48 @@ def groups(
     ok : which runs ended well
     runs : their indices
     """
-    found = []
-    for first, stop in _ranges(runs):
-        rows = slice(first - runs.start, stop - runs.start)
-        good = ok[rows]
-        z = np.concatenate([x[rows][good], x_hat[rows][good]], axis=2)
-        n = len(z)
-        mean = z.sum(axis=0) / max(n, 1)
-        deviation = np.ascontiguousarray((z - mean).transpose(1, 2, 0))
-        found.append(Group(first, stop, n, mean, deviation @ deviation.mT))
+    found = list[Group]()
+    for start, members in groupby(range(len(runs)), key=lambda row: start_of_group(runs[row])):
+        rows = list(members)
+        block = slice(rows[0], rows[-1] + 1)
+        if len(rows) == SIZE:
+            good = ok[block]
+            found.append(_reduced(start, np.concatenate([x[block][good], x_hat[block][good]], axis=2)))
+        else:
+            found += [_single(runs[row], x[row], x_hat[row], ok=bool(ok[row])) for row in rows]
     return found
 
 
-def _ranges(runs: range) -> Iterator[tuple[int, int]]:
-    first = runs.start
-    while first < runs.stop:
-        stop = min(runs.stop, (first // SIZE + 1) * SIZE)
-        yield first, stop
-        first = stop
+def start_of_group(run: int) -> int:
+    """Return the first run of the group that a run belongs to."""
+    return run // SIZE * SIZE
+
+
+def _reduced(first: int, z: Float[Array, "n samples nz"]) -> Group:
+    n = len(z)
+    mean = z.sum(axis=0) / max(n, 1)
+    deviation = np.ascontiguousarray((z - mean).transpose(1, 2, 0))
+    return Group(first, first + SIZE, n, mean, deviation @ deviation.mT)
+
+
+def _single(run: int, x: Float[Array, "samples nx"], x_hat: Float[Array, "samples nx_hat"], *, ok: bool) -> Group:
+    z = np.concatenate([x, x_hat], axis=1)
+    mean = z if ok else np.zeros_like(z)
+    return Group(run, run + 1, int(ok), mean, np.empty((0, z.shape[1], z.shape[1])))
+
+
+def gathered(singles: Sequence[Group]) -> Group:
+    """Reduce single runs of one group, by the arithmetic of a block that holds them all.
+
+    Parameters
+    ----------
+    singles : runs in their order, not empty; runs that are not there count like failed ones
+    """
+    good = [single.mean for single in singles if single.n]
+    z = np.array(good) if good else np.zeros((0, *singles[0].mean.shape))
+    # A block is reduced on one thread as well.
+    with single_thread():
+        return _reduced(start_of_group(singles[0].first), z)
 
 
 def joined(parts: Sequence[Group]) -> tuple[int, Float[Array, "samples nz"], Float[Array, "samples nz nz"]]:
@@ -69,10 +101,12 @@ def joined(parts: Sequence[Group]) -> tuple[int, Float[Array, "samples nz"], Flo
 
     Parameters
     ----------
-    parts : groups in the order of the runs, not empty
+    parts : groups and single runs in the order of the runs, not empty
     """
-    _, _, n, mean, second = parts[0]
-    for part in parts[1:]:
+    by_group = (list(members) for _, members in groupby(parts, key=lambda part: start_of_group(part.first)))
+    whole = [gathered(members) if members[0].is_single else members[0] for members in by_group]
+    _, _, n, mean, second = whole[0]
+    for part in whole[1:]:
         if part.n:
             gap, total = part.mean - mean, n + part.n
             mean = mean + gap * (part.n / total)

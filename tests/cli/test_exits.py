@@ -7,7 +7,7 @@ import click
 import pytest
 
 from rmpc_bench.cli import exits
-from rmpc_bench.execution.store import StoreError, WriteError
+from rmpc_bench.execution.database import StoreError, WriteError
 from rmpc_bench.types import ConfigError, Problem
 
 

@@ -103,7 +103,7 @@ def test_a_full_disk(tmp_path, uninterrupted):
     path = write(tmp_path, **KEYS)
 
     def small_disk():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (44_000, 44_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (52_000, 52_000))
 
     process = start(path, preexec_fn=small_disk)
     out, err = process.communicate(timeout=60)

@@ -4,7 +4,6 @@ import sqlite3
 
 import numpy as np
 import pytest
-from conftest import ROUND
 from small_experiment import cli, ran, spied
 from uncertain_experiment import PLANT, write_estimation
 
@@ -13,53 +12,63 @@ from rmpc_bench.execution import engines
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_trials import n_complete
 from rmpc_bench.simulation.closed_loop import Block
-from rmpc_bench.simulation.ensemble import Group
+from rmpc_bench.simulation.ensemble import SIZE, Group, groups
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import Status
 
 N = 130
 KEYS = {"runs": N, "evaluate": "[runs, ensemble]", "execution": "{max_failures: 1000}"}
-SMALL = 1e-13
-"""Absolute, for means and covariances that are zero but for rounding; the states are about 1."""
 ENSEMBLE = Recording(ensemble=True)
+
+
+FILES = ("trials.csv", "series.csv")
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """Return trials.csv and the series of one uninterrupted run in this process."""
+    """Return trials.csv and series.csv of one uninterrupted run in this process."""
     directory = tmp_path_factory.mktemp("whole")
-    return ran(write_estimation(directory, **KEYS), directory / "out"), load_trials(directory / "out").series
+    ran(write_estimation(directory, **KEYS), directory / "out")
+    return files(directory / "out")
 
 
-def assert_series(directory, expected):
-    """Every row is the same, numbers to rounding."""
-    found = load_trials(directory).series
-    assert found.drop(columns="value").equals(expected.drop(columns="value"))
-    np.testing.assert_allclose(found["value"], expected["value"], **ROUND, atol=SMALL)
+def files(directory):
+    """Return trials.csv and series.csv of a directory."""
+    return [(directory / name).read_bytes() for name in FILES]
+
+
+def filled(path, directory, *options, jobs=1):
+    """Run, and return trials.csv and series.csv."""
+    ran(path, directory, *options, jobs=jobs)
+    return files(directory)
+
+
+def single(run, value, n=1, samples=2):
+    """Return a group of one run."""
+    return Group(run, run + 1, n, np.full((samples, 1), value * n), np.empty((0, 1, 1)))
+
+
+def group(first, value=1.0):
+    """Return a whole group."""
+    return Group(first, first + SIZE, SIZE, np.full((2, 1), value), np.full((2, 1, 1), value))
 
 
 def add(store, runs, groups, method="m"):
-    """Store a block with groups of runs, each as (first, stop, n, value)."""
-    groups = [
-        Group(first, stop, n, np.full((2, 1), value), np.full((2, 1, 1), value)) for first, stop, n, value in groups
-    ]
+    """Store a block with groups of runs."""
     block = Block(np.full(len(runs), Status.OK, dtype=np.int8), np.zeros((1, len(runs))), {}, groups)
     store.add_block(method, runs, block, {"q": np.zeros(len(runs))}, "d", [{} for _ in runs])
 
 
-@pytest.mark.parametrize(("block", "jobs"), [(7, 1), (50, 2), (500, 1), (33, 2)])
+def spans(store, n_runs):
+    """Return (first, stop) of what is stored of the ensemble."""
+    return [(part.first, part.stop) for part in store.ensemble("m", n_runs)]
+
+
+@pytest.mark.parametrize(("block", "jobs"), [(1, 1), (7, 1), (50, 2), (64, 2), (500, 1), (33, 2), (100, 2)])
 def test_any_block_and_any_workers(tmp_path, whole, block, jobs):
-    """trials.csv by bytes, ensembles to rounding."""
+    """The same bytes in trials.csv and series.csv."""
     path = write_estimation(tmp_path, **KEYS | {"execution": f"{{block: {block}}}"})
-    assert ran(path, tmp_path / "out", jobs=jobs) == whole[0]
-    assert_series(tmp_path / "out", whole[1])
-
-
-def test_blocks_of_fifty_by_bytes(tmp_path, whole):
-    """Groups are whole in every block, so that not even rounding differs."""
-    path = write_estimation(tmp_path, **KEYS | {"execution": "{block: 100}"})
-    ran(path, tmp_path / "out", jobs=2)
-    assert load_trials(tmp_path / "out").series.equals(whole[1])
+    assert filled(path, tmp_path / "out", jobs=jobs) == whole
 
 
 def test_interrupted_and_resumed_with_other_blocks(tmp_path, whole, monkeypatch):
@@ -76,11 +85,21 @@ def test_interrupted_and_resumed_with_other_blocks(tmp_path, whole, monkeypatch)
         command = ("run", path, "-o", tmp_path / "out", "-j", 1, "-s", f"execution.block={block}")
         assert cli(*command).exit_code == 130
     monkeypatch.setattr(engines, "simulate_block", simulate)
-    assert ran(path, tmp_path / "out", jobs=2) == whole[0]
-    assert_series(tmp_path / "out", whole[1])
+    assert filled(path, tmp_path / "out", jobs=2) == whole
     blocks = spied(monkeypatch)
     ran(path, tmp_path / "out", "-s", "execution.block=13")
     assert blocks == []
+
+
+@pytest.mark.parametrize("block", [7, 50])
+def test_more_runs_later(tmp_path, whole, monkeypatch, block):
+    """Only the new runs are computed, and the files are those of all runs at once."""
+    path = write_estimation(tmp_path, **KEYS | {"execution": f"{{block: {block}}}"})
+    for n_runs in (23, 60, 110):
+        ran(path, tmp_path / "out", "--runs", n_runs)
+    blocks = spied(monkeypatch)
+    assert filled(path, tmp_path / "out") == whole
+    assert sorted({run for _, runs in blocks for run in runs}) == [*range(110, N)]
 
 
 def test_a_new_metric_with_other_blocks(tmp_path, whole, monkeypatch):
@@ -89,30 +108,32 @@ def test_a_new_metric_with_other_blocks(tmp_path, whole, monkeypatch):
     ran(path, tmp_path / "out")
     write_estimation(tmp_path, **KEYS | {"metrics": "[estimation_mse, nees]", "execution": "{block: 70}"})
     ran(path, tmp_path / "out")
-    assert_series(tmp_path / "out", whole[1])
+    assert (tmp_path / "out" / "series.csv").read_bytes() == whole[1]
     blocks = spied(monkeypatch)
     ran(path, tmp_path / "out")
     assert blocks == []
 
 
-def test_the_first_runs_of_a_larger_experiment(tmp_path, whole):
+def test_the_first_runs_of_a_larger_experiment(tmp_path, whole, monkeypatch):
     """Fewer runs than are stored: by bytes those of a smaller experiment; a group that goes beyond is left out."""
     small, large = write_estimation(tmp_path, **KEYS | {"runs": 100}), tmp_path / "large"
-    expected = ran(small, tmp_path / "small")
-    assert whole[0].splitlines()[:101] == expected.splitlines()[:101]
+    expected = filled(small, tmp_path / "small")
+    assert whole[0].splitlines()[:101] == expected[0].splitlines()[:101]
     ran(write_estimation(tmp_path, **KEYS), large)
-    assert ran(write_estimation(tmp_path, **KEYS | {"runs": 100}), large) == expected
-    assert load_trials(large).series.equals(load_trials(tmp_path / "small").series)
+    blocks = spied(monkeypatch)
+    assert filled(write_estimation(tmp_path, **KEYS | {"runs": 100}), large) == expected
+    assert blocks == []
 
 
-def test_fewer_runs_than_a_group_has(tmp_path):
-    """The group is made again for the runs that count, and with more runs once more."""
-    path = write_estimation(tmp_path, **KEYS)
-    ran(path, tmp_path / "out")
-    write_estimation(tmp_path, **KEYS | {"runs": 120})
-    expected = ran(path, tmp_path / "fresh")
-    assert ran(path, tmp_path / "out") == expected
-    assert_series(tmp_path / "out", load_trials(tmp_path / "fresh").series)
+def test_fewer_runs_than_a_group_has(tmp_path, whole, monkeypatch):
+    """Runs of a group that is whole are computed again for a part of it; the whole one stays."""
+    path = write_estimation(tmp_path, **KEYS | {"runs": 150})
+    large = filled(path, tmp_path / "out")
+    assert filled(path, tmp_path / "out", "--runs", N) == whole
+    blocks = spied(monkeypatch)
+    assert filled(path, tmp_path / "out", "--runs", N) == whole
+    assert filled(path, tmp_path / "out") == large
+    assert blocks == []
 
 
 def test_failed_runs_are_left_out(tmp_path):
@@ -136,41 +157,58 @@ def test_failed_runs_are_left_out(tmp_path):
 def test_groups_come_back_bit_for_bit(tmp_path):
     """In the order of the runs; one that goes beyond the wanted number stays out."""
     with Store(tmp_path) as store:
-        add(store, range(50, 60), [(50, 60, 9, 0.1 + 0.2)])
-        add(store, range(0, 50), [(0, 50, 50, 5e-324)])
+        add(store, range(50, 60), [single(run, 0.1 + 0.2) for run in range(50, 60)])
+        add(store, range(0, 50), [group(0, 5e-324)])
         found = store.ensemble("m", 60)
-        assert [(group.first, group.stop, group.n) for group in found] == [(0, 50, 50), (50, 60, 9)]
-        assert [group.mean[0, 0] for group in found] == [5e-324, 0.1 + 0.2]
-        assert found[0].second.shape == (2, 1, 1)
-        assert [group.stop for group in store.ensemble("m", 59)] == [50]
+        assert [(part.first, part.stop, part.n) for part in found[:2]] == [(0, 50, 50), (50, 51, 1)]
+        assert [part.mean[0, 0] for part in found[:2]] == [5e-324, 0.1 + 0.2]
+        assert (found[0].second.shape, found[1].second.shape) == ((2, 1, 1), (0, 1, 1))
+        assert spans(store, 59)[-1] == (58, 59)
         assert store.ensemble("other", 60) == []
 
 
-def test_overlapping_groups_give_way(tmp_path):
-    """The new block's groups take the place of those that they overlap; what these had beside is computed again."""
+def test_single_runs_become_a_group(tmp_path, rng):
+    """As soon as all are there, in any order, failed ones included; oracle: the group of one block."""
+    x, ok = rng.standard_normal((SIZE, 4, 2)), rng.random(SIZE) > 0.2
+    [expected] = groups(x, x[..., :1], ok, range(SIZE))
+    rows = rng.permutation(SIZE)
     with Store(tmp_path) as store:
-        add(store, range(0, 7), [(0, 7, 7, 1.0)])
-        add(store, range(7, 14), [(7, 14, 7, 2.0)])
-        add(store, range(0, 10), [(0, 10, 10, 3.0)])
-        assert [(group.first, group.stop) for group in store.ensemble("m", 100)] == [(0, 10)]
-        assert store.finished("m", ["q"]) == {*range(14)}
-        assert store.finished("m", ["q"], ENSEMBLE) == {*range(10)}
+        for at, row in enumerate(map(int, rows)):
+            assert [part.is_single for part in store.ensemble("m", SIZE)] == [True] * at
+            part = slice(row, row + 1)
+            add(store, [row], groups(x[part], x[part, :, :1], ok[part], range(row, row + 1)))
+        [found] = store.ensemble("m", SIZE)
+        assert found[:3] == expected[:3]
+        np.testing.assert_array_equal(found.mean, expected.mean)
+        np.testing.assert_array_equal(found.second, expected.second)
+        assert store.finished("m", ["q"], ENSEMBLE) == {*range(SIZE)}
+
+
+def test_single_runs_beside_a_group(tmp_path):
+    """They count where the group reaches beyond the wanted number, until the group is stored again."""
+    with Store(tmp_path) as store:
+        add(store, range(SIZE), [group(0)])
+        add(store, range(2), [single(0, 2.0), single(1, 3.0)])
+        assert (spans(store, SIZE), spans(store, 2)) == ([(0, SIZE)], [(0, 1), (1, 2)])
+        assert store.finished("m", ["q"], ENSEMBLE, 2) == {0, 1}
+        add(store, range(SIZE), [group(0)])
+        assert (spans(store, SIZE), spans(store, 2)) == ([(0, SIZE)], [])
 
 
 def test_other_methods_keep_their_groups(tmp_path):
     """A block replaces the groups of its own method only."""
     with Store(tmp_path) as store:
-        add(store, range(0, 7), [(0, 7, 7, 1.0)], method="a")
-        add(store, range(0, 7), [(0, 7, 7, 2.0)], method="b")
-        assert [store.ensemble(name, 7)[0].mean[0, 0] for name in "ab"] == [1.0, 2.0]
+        add(store, range(SIZE), [group(0, 1.0)], method="a")
+        add(store, range(SIZE), [group(0, 2.0)], method="b")
+        assert [store.ensemble(name, SIZE)[0].mean[0, 0] for name in "ab"] == [1.0, 2.0]
 
 
 def test_a_block_without_groups_leaves_those_that_are_there(tmp_path):
     """Runs that are computed again for a metric, without an ensemble, are the same runs."""
     with Store(tmp_path) as store:
-        add(store, range(0, 7), [(0, 7, 7, 1.0)])
-        add(store, range(0, 7), [])
-        assert len(store.ensemble("m", 7)) == 1
+        add(store, range(SIZE), [group(0)])
+        add(store, range(SIZE), [])
+        assert len(store.ensemble("m", SIZE)) == 1
 
 
 def test_a_store_from_before_there_were_ensembles(tmp_path, monkeypatch):
@@ -178,7 +216,7 @@ def test_a_store_from_before_there_were_ensembles(tmp_path, monkeypatch):
     path = write_estimation(tmp_path)
     first = ran(path, tmp_path / "out")
     with sqlite3.connect(tmp_path / "out" / "trials.sqlite") as connection:
-        connection.execute("DROP TABLE ensemble")
+        connection.execute("DROP TABLE ensemble_groups")
     connection.close()
     blocks = spied(monkeypatch)
     assert ran(path, tmp_path / "out") == first and blocks == []
@@ -191,6 +229,6 @@ def test_a_missing_group_is_missing(tmp_path):
     path = write_estimation(tmp_path, **KEYS)
     ran(path, tmp_path / "out")
     with sqlite3.connect(tmp_path / "out" / "trials.sqlite") as connection:
-        connection.execute("DELETE FROM ensemble WHERE first = 50")
+        connection.execute("DELETE FROM ensemble_groups WHERE first = 50")
     connection.close()
     assert n_complete(load_config(path), tmp_path / "out") == {"KF": N - 50, "ERP": N - 50}

@@ -8,8 +8,8 @@ from small_experiment import ran, write
 
 from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.analysis.trials import Traces
+from rmpc_bench.execution.database import MissingError, StoreError
 from rmpc_bench.execution.series import series
-from rmpc_bench.execution.store import MissingError, StoreError
 from rmpc_bench.execution.stored_trials import stored_trials, uncertainty
 from rmpc_bench.execution.traces import units_of
 

@@ -6,7 +6,8 @@ import sqlite3
 import numpy as np
 import pytest
 
-from rmpc_bench.execution.store import FILE, Store, StoreError, WriteError, differences
+from rmpc_bench.execution.database import FILE, StoreError, WriteError
+from rmpc_bench.execution.store import Store, differences
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.types import Status
 
@@ -156,12 +157,12 @@ def test_a_full_disk(tmp_path):
     """Writing fails, everything before is there, and room makes it go on."""
     with Store(tmp_path) as store:
         add(store, range(10))
-        [pages] = store._connection.execute("PRAGMA page_count").fetchone()
-        store._connection.execute(f"PRAGMA max_page_count = {pages}")
+        [pages] = store._database.connection.execute("PRAGMA page_count").fetchone()
+        store._database.connection.execute(f"PRAGMA max_page_count = {pages}")
         with pytest.raises(WriteError, match="full"):
             add(store, range(10, 5000))
         assert store.finished("m", ["q"]) == set(range(10))
-        store._connection.execute("PRAGMA max_page_count = 100000")
+        store._database.connection.execute("PRAGMA max_page_count = 100000")
         add(store, range(10, 5000))
         assert store.finished("m", ["q"]) == set(range(5000))
 

@@ -36,7 +36,7 @@ def test_a_store_of_an_earlier_version(tmp_path, monkeypatch):
     first = ran(path, tmp_path / "a")
     with sqlite3.connect(tmp_path / "a" / "trials.sqlite") as connection:
         connection.execute("DROP TABLE traces")
-        connection.execute("DROP TABLE ensemble")
+        connection.execute("DROP TABLE ensemble_groups")
     connection.close()
     result = cli("report", tmp_path / "a")
     assert result.exit_code == 5

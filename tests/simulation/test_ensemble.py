@@ -1,7 +1,9 @@
-"""Mean and covariance over runs in groups: any blocks give those of NumPy."""
+"""Mean and covariance over runs in groups: any blocks give those of NumPy, and the same bytes."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rmpc_bench.simulation.ensemble import SIZE, groups, joined
 
@@ -44,21 +46,28 @@ def test_any_blocks_give_the_mean_and_covariance_of_all_runs(parts, trajectories
     close(joined(split(parts, trajectories)), trajectories)
 
 
-@pytest.mark.parametrize("parts", [[50], [100, 150], [50, 100, 150]])
-def test_blocks_of_whole_groups_give_the_same_bytes(parts, trajectories):
+@given(
+    parts=st.sets(st.integers(1, RUNS - 1)).map(sorted),
+    seed=st.integers(0, 2**32 - 1),
+    failing=st.sampled_from([0.0, 0.1, 0.9, 1.0]),
+    widths=st.tuples(st.integers(1, 4), st.integers(1, 3)),
+)
+def test_any_blocks_give_the_same_bytes(parts, seed, failing, widths):
     """Oracle: one block, bit for bit."""
-    whole, ours = split([], trajectories), split(parts, trajectories)
-    assert len(whole) == len(ours)
-    for a, b in zip(joined(whole), joined(ours), strict=True):
+    rng = np.random.default_rng(seed)
+    x, x_hat = (10.0 ** rng.integers(-3, 4) * rng.standard_normal((RUNS, SAMPLES, nx)) for nx in widths)
+    case = x, x_hat, rng.random(RUNS) >= failing
+    for a, b in zip(joined(split([], case)), joined(split(parts, case)), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 def test_groups_are_fixed_ranges_of_runs(trajectories):
-    """Oracle: multiples of 50, cut by the block; how many ended well."""
+    """Oracle: multiples of 50; the runs of a group that a block cuts come one by one; how many ended well."""
     _, _, ok = trajectories
     found = split([60], trajectories)
     assert SIZE == 50
-    assert [(part.first, part.stop) for part in found] == [(0, 50), (50, 60), (60, 100), (100, 150), (150, RUNS)]
+    singles = [(run, run + 1) for run in (*range(50, 100), *range(150, RUNS))]
+    assert [(part.first, part.stop) for part in found] == sorted([(0, 50), (100, 150), *singles])
     assert [part.n for part in found] == [int(ok[part.first : part.stop].sum()) for part in found]
 
 

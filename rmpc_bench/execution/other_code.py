@@ -1,0 +1,43 @@
+"""Stored rows that other code has computed: they are kept apart under their own keys and enter no table."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from rmpc_bench.config.code_version import code_version
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.execution.store import Store, StoredMethod
+
+
+def rows_of_other_code(config: ExperimentConfig, store: Store, methods: Collection[str]) -> str:
+    """Describe the rows that other code has computed and this code has not.
+
+    Parameters
+    ----------
+    config : the experiment
+    store : its open store
+    methods : names of the methods to look at
+
+    Returns
+    -------
+    such as ``800 rows of other code (NUMERICS 1, here 2) are kept apart``; empty where there are none
+    """
+    here, numbers, n_rows = code_version(), set[int](), 0
+    for method in stored_methods(config, methods):
+        runs = store.of_other_code(method, config.experiment.n_runs)
+        numbers |= {code["numerics"] for codes in runs.values() for code in codes}
+        n_rows += len(runs)
+    there = ", ".join(map(str, sorted(numbers)))
+    return f"{n_rows} rows of other code (NUMERICS {there}, here {here['numerics']}) are kept apart" if n_rows else ""
+
+
+def stored_methods(config: ExperimentConfig, methods: Collection[str]) -> list[StoredMethod]:
+    """Return what identifies the trials of some methods at all points of the sweep, each once."""
+    code = code_version()
+    found = {
+        key: StoredMethod(key, point.definitions[name], code)
+        for point in config.points
+        for name, key in point.method_keys.items()
+        if name in methods
+    }
+    return list(found.values()) if "runs" in config.evaluate else []
