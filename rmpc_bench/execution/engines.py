@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from rmpc_bench.execution.interrupts import held
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
+from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.threads import single_thread
 
@@ -52,7 +53,9 @@ def work(experiments: Sequence[Experiment], task: Task) -> Done:
     """
     experiment = experiments[task.point]
     draws = _drawn(experiment, task.runs)
-    block = simulate_block(experiment, experiment.method(task.method), task.runs, draws)
+    # The plant may write into its record, and a component into its arguments: no method must find traces of another.
+    own = own_draws(experiment.scenario, experiment.plant, task.runs, experiment.n_steps, draws)
+    block = simulate_block(experiment, experiment.method(task.method), task.runs, own)
     return Done(task, block, _uncertain_values(experiment, task.runs, draws))
 
 
@@ -70,7 +73,7 @@ def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list
 
 
 _last_draw: list[tuple[Experiment, range, Draws]] = []
-"""One-entry cache of the last random draw in this process: the methods of a block follow each other and share it."""
+"""One-entry cache of the last random draw in this process: the methods of a block follow each other and get copies."""
 
 
 def _drawn(experiment: Experiment, runs: range) -> Draws:

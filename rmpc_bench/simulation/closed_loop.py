@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.simulation.ensemble import Group, groups
+from rmpc_bench.simulation.recorder import Recorder
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.types import Array, Estimator, Method, Plant, Record, Status, Statuses
 
@@ -81,6 +82,7 @@ def simulate(
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
     A run whose status leaves `Status.OK` is frozen: it keeps its last state.  The other runs are not affected.
+    Every array that a component returns is copied at once, so that it may use the same memory again.
 
     Parameters
     ----------
@@ -96,50 +98,36 @@ def simulate(
     mixes, preview = plant.mixes_noise, controller.preview
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = _start(estimator, n_runs, draws.delta), controller.init(n_runs)
-    status, P, M = np.full(n_runs, OK), list[Array | None](), list[Array | None]()
+    status, known = np.full(n_runs, OK), r[: n_steps + 1].copy()
     outputs, inputs = Recorder(n_steps + 1), Recorder(n_steps)
     no_noise = np.zeros_like(v[:, 0])
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps + 1):
-            y_true = plant.output(k, draws.delta, x, no_noise)
-            y = y_true + v[:, k] if mixes else plant.output(k, draws.delta, x, v[:, k])
+            y_true = np.array(plant.output(k, draws.delta, x, no_noise))
+            outputs.at(k, x=x, y=y_true)
+            y = y_true + v[:, k] if mixes else np.array(plant.output(k, draws.delta, x, v[:, k]))
             e, estimate = estimator.correct(k, e, y)
+            estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
             status = _first(status, estimate.status, estimate.x_hat)
-            outputs.at(k, x=x, y=y_true, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
-            P.append(estimate.P if with_P else None)
-            M.append(estimate.M if with_M else None)
+            outputs.at(k, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
+            outputs.matrix_at(k, "P", estimate.P if with_P else None)
+            outputs.matrix_at(k, "M", estimate.M if with_M else None)
             if k == n_steps:
                 break
             c, command = controller.control(k, c, y, estimate, r[k : k + preview])
             status = _first(status, command.status, command.u)
-            motion = plant.step(k, draws.delta, x, command.u, w[:, k])
+            u = np.array(command.u)
+            inputs.at(k, u=u, **_wanted(command.info, info))
+            motion = plant.step(k, draws.delta, x.copy(), u.copy(), w[:, k])
             status = _first(status, motion.status, motion.x)
-            x = motion.x if (status == OK).all() else np.where((status == OK)[:, None], motion.x, x)
-            inputs.at(k, u=command.u, **_wanted(command.info, info))
-            e = estimator.predict(k, e, command.u)
+            x = np.array(motion.x) if (status == OK).all() else np.where((status == OK)[:, None], motion.x, x)
+            e = estimator.predict(k, e, u)
     signals = {**outputs.all(), **inputs.all()}
     x_all, y_all, x_hat_all, u_all = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
-    record = Record(plant.Ts, x_all, y_all, x_hat_all, u_all, r[: n_steps + 1], _stacked(P), _stacked(M), controller)
+    matrices = outputs.matrix("P"), outputs.matrix("M")
+    record = Record(plant.Ts, x_all, y_all, x_hat_all, u_all, known, *matrices, controller)
     return record._replace(info=signals, bursts=draws.bursts), status
-
-
-class Recorder:
-    """Collects signals sample by sample."""
-
-    def __init__(self, n_samples: int) -> None:
-        self.n_samples, self.signals = n_samples, dict[str, Array]()
-
-    def at(self, k: int, **values: Array) -> None:
-        """Keep the values (runs, n) of signals at k."""
-        for name, value in values.items():
-            if k == 0:
-                self.signals[name] = np.empty((self.n_samples, *value.shape))
-            self.signals[name][k] = value
-
-    def all(self) -> dict[str, Array]:
-        """Signals with the run first and contiguous in memory: sums over time do not depend on other runs."""
-        return {name: np.ascontiguousarray(signal.transpose(1, 0, 2)) for name, signal in self.signals.items()}
 
 
 def _wanted(info: Mapping[str, Array], names: Collection[str]) -> dict[str, Float[Array, "runs _"]]:
@@ -158,14 +146,6 @@ def _start(estimator: Estimator, n_runs: int, delta: Any) -> Any:
     """State of an estimator before the first measurement; an oracle estimator gets the drawn uncertainty."""
     init: Callable[..., Any] = estimator.init
     return init(n_runs, delta) if estimator.knows_uncertainty else init(n_runs)
-
-
-def _stacked(reported: Sequence[Array | None]) -> Array | None:
-    """Stack matrices over k: (samples, nx, nx), or (runs, samples, nx, nx) where every run has its own."""
-    matrices = [matrix for matrix in reported if matrix is not None]
-    if len(matrices) < len(reported):
-        return None
-    return np.ascontiguousarray(np.stack(matrices, axis=matrices[0].ndim - 2))
 
 
 def _first(status: Statuses, reported: Statuses, values: Float[Array, "runs n"]) -> Statuses:

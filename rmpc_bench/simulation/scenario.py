@@ -127,23 +127,34 @@ class Scenario:
         n_steps : number of control periods N
         """
         n_samples = n_steps + 1  # y(N) may depend on w(N)
-        drawn = [self.named_values(run) for run in runs]
-        parameters = {
-            name: np.array([self.parameters[name](values) if name in self.parameters else nominal for values in drawn])
-            for name, nominal in plant.nominal.items()
-        }
         w = self._sum(self.process, "w", runs, n_samples, plant.nw)
         v = self._sum(self.measurement, "v", runs, n_samples, plant.nv)
         if self.cross is not None:
             deviation = w - sum(term.mean for term in self.process if term.mean is not None)
             v += np.einsum("ij,rkj->rki", self.cross, deviation)
         return Draws(
-            delta=plant.draw(parameters, [stream(self.seed, run, "delta") for run in runs], n_steps),
+            delta=self.draw_delta(plant, runs, n_steps),
             x0=np.array([self._initial_state(run) for run in runs]),
             w=w,
             v=v,
             bursts=self._in_burst(runs, n_samples),
         )
+
+    def draw_delta(self, plant: Plant, runs: range, n_steps: int) -> Any:
+        """Let the plant draw what is uncertain; the same call gives the same numbers.
+
+        Parameters
+        ----------
+        plant : receives the parameters and may draw more
+        runs : indices of the runs
+        n_steps : number of control periods N
+        """
+        drawn = [self.named_values(run) for run in runs]
+        parameters = {
+            name: np.array([self.parameters[name](values) if name in self.parameters else nominal for values in drawn])
+            for name, nominal in plant.nominal.items()
+        }
+        return plant.draw(parameters, [stream(self.seed, run, "delta") for run in runs], n_steps)
 
     @property
     def burst_names(self) -> tuple[str, ...]:
