@@ -67,6 +67,35 @@ def geometric(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
         return float(np.exp(np.mean(logs))), (float(np.exp(low)), float(np.exp(high)))
 
 
+def fieller(a: Array, b: Array, confidence: float) -> Interval:
+    """Fieller interval of the ratio of two means, paired.
+
+    A factor c lies in it exactly where the Student interval of the mean of a - c b contains 0.
+
+    Parameters
+    ----------
+    a, b : (n,) finite samples, paired
+    confidence : level, such as 0.95
+
+    Returns
+    -------
+    low, high; unbounded where the interval of the mean of b contains 0, NaN below two pairs
+    """
+    from scipy import stats
+
+    n = len(a)
+    if n < 2:
+        return NONE
+    covariance = np.cov(a, b) * (float(stats.t.ppf((1 + confidence) / 2, n - 1)) ** 2 / n)
+    mean_a, mean_b = float(np.mean(a)), float(np.mean(b))
+    # c solves square c^2 - 2 half c + rest = 0.
+    square, half, rest = mean_b**2 - covariance[1, 1], mean_a * mean_b - covariance[0, 1], mean_a**2 - covariance[0, 0]
+    if square <= 0:
+        return -math.inf, math.inf
+    reach = math.sqrt(max(0.0, half**2 - square * rest)) / square
+    return float(half / square - reach), float(half / square + reach)
+
+
 def wilson(k: float, n: int, confidence: float) -> Interval:
     """Wilson interval of a share.
 

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+
+CLOSE = 0.01
+"""Relative difference up to which a computed number counts as close to the printed one, unless the claim gives one."""
+MAX_INTERPRETATIONS = 8
+"""Points at which a statement of a paper may be checked; a wider search is an additional result."""
+MAX_QUOTED_WORDS = 25
+MISPRINT = "suspected misprint"
 
 
 class Finding(StrEnum):
@@ -18,6 +25,9 @@ class Finding(StrEnum):
     DEPENDS_ON_ASSUMPTIONS = "depends-on-assumptions"
     NOT_CONFIRMED = "not-confirmed"
     NOT_TESTABLE = "not-testable"
+    EQUAL = "equal"
+    CLOSE = "close"
+    DIFFERENT = "different"
 
     @property
     def sentence(self) -> str:
@@ -27,26 +37,51 @@ class Finding(StrEnum):
     @property
     def is_confirmed(self) -> bool:
         """Whether the statement holds, whatever the size of the effect."""
-        return self in (Finding.CONFIRMED, Finding.CONFIRMED_SMALLER, Finding.CONFIRMED_LARGER)
+        return self in _CONFIRMED
 
 
+_CONFIRMED = frozenset(
+    (Finding.CONFIRMED, Finding.CONFIRMED_SMALLER, Finding.CONFIRMED_LARGER, Finding.EQUAL, Finding.CLOSE)
+)
 _SENTENCES = {
     Finding.CONFIRMED_SMALLER: "confirmed, smaller effect",
     Finding.CONFIRMED_LARGER: "confirmed, larger effect",
     Finding.DEPENDS_ON_ASSUMPTIONS: "depends on unstated assumptions",
+    Finding.EQUAL: "equal to the digits printed",
 }
 FINDINGS = tuple(finding.value for finding in Finding)
 """The words that a configuration may record."""
 
 
+class HoldsFor(StrEnum):
+    """How many of its cases a statement is about: "is", "usually is" or "can be"."""
+
+    ALL = "all"
+    MOST = "most"
+    ANY = "any"
+
+
 @dataclass(frozen=True)
 class Stated:
-    """The size that a paper gives: the expression `of` is `value` +- `tolerance` (absolute); `text` as printed."""
+    """A number that a paper gives.
+
+    Parameters
+    ----------
+    of : the expression that computes it
+    value : the number of the paper
+    tolerance : largest absolute difference of the same size of effect; None for a number without Monte Carlo error,
+        which is compared by its printed digits
+    text : the number in words, as in the paper
+    printed : the digits as printed, where there is no tolerance
+    close : relative difference up to which a number without tolerance counts as close
+    """
 
     of: str
     value: float
-    tolerance: float
+    tolerance: float | None
     text: str
+    printed: str = ""
+    close: float = CLOSE
 
 
 @dataclass(frozen=True)
@@ -59,23 +94,58 @@ class Claim:
     source : where it stands
     check : comparisons, see `claims.grammar`; empty when nothing here can test it
     finding : the recorded finding
-    stated : what the paper gives, as a text or as a size that is checked when all comparisons hold
+    stated : what the paper gives, as a text or as numbers: sizes, which are checked when all comparisons hold, and
+        numbers without Monte Carlo error, which need no comparison
     assumptions : what the paper leaves open and what this project assumes, one sentence each
     at : points of a sweep, path -> text of the value, one per interpretation in which the checks are made; terms that
         name a point of their own override it
     pooled : whether terms that name no point use the runs of all points together
+    name : names the statement in all configurations of a paper; empty where it stands in one only
+    quote : the words of the paper
+    holds_for : whether all, most or any of the cases must hold; the cases are all checks at all points of `at`
+    grounds : point of `at` in words -> what in the text of the paper allows this interpretation
+    elsewhere : configuration -> the finding that it records for the same statement
     """
 
     says: str
     source: str
     check: tuple[str, ...]
     finding: Finding | None = None
-    stated: str | Stated | None = None
+    stated: str | Stated | tuple[Stated, ...] | None = None
     assumptions: tuple[str, ...] = ()
     at: tuple[Mapping[str, str], ...] = ()
     pooled: bool = False
+    name: str = ""
+    quote: str = ""
+    holds_for: HoldsFor = HoldsFor.ALL
+    grounds: Mapping[str, str] = field(default_factory=dict)
+    elsewhere: Mapping[str, Finding] = field(default_factory=dict)
+
+    @property
+    def numbers(self) -> tuple[Stated, ...]:
+        """The stated numbers."""
+        if isinstance(self.stated, Stated):
+            return (self.stated,)
+        return self.stated if isinstance(self.stated, tuple) else ()
+
+    @property
+    def is_testable(self) -> bool:
+        """Whether there is something to check."""
+        return bool(self.check) or any(number.tolerance is None for number in self.numbers)
 
     @property
     def of_paper(self) -> bool:
         """Whether the paper says so; what this project adds has a source that begins with ``additional result``."""
-        return not self.source.startswith("additional result")
+        return not self.source.startswith(("additional result", MISPRINT))
+
+    @property
+    def is_misprint(self) -> bool:
+        """Whether it is about a suspected misprint of the paper; its source begins with ``suspected misprint``."""
+        return self.source.startswith(MISPRINT)
+
+
+def point_words(at: Mapping[str, str]) -> str:
+    """Name a point of a sweep: by its name alone where it has one, else by its values."""
+    named = {"name": at["name"]} if "name" in at else {}
+    rest = [f"{path}={value}" for path, value in at.items() if path not in named]
+    return ", ".join([*named.values(), *rest])

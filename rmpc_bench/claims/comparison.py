@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import Interval, difference, geometric, quantile, student, wilson
+from rmpc_bench.analysis.intervals import Interval, difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, negligible, without_noise
-from rmpc_bench.claims import magnitudes, tree
+from rmpc_bench.claims import decision, magnitudes, tree
+from rmpc_bench.claims.decision import Change
 from rmpc_bench.claims.evaluator import Evaluator
+from rmpc_bench.claims.spread import spread_of
 from rmpc_bench.claims.values import Value, compare
-from rmpc_bench.expressions.arithmetic import Call, Node
 from rmpc_bench.types import Array
-
-_RESAMPLES = 1000
-_MIN_RUNS = 10
-"""Runs below which resampling gives no interval."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +26,7 @@ class ComparisonResult:
     left, right : the two sides; of columns, series and matrices the entries with the smallest margin, or with the
         largest violation
     scales : magnitudes of the numbers that the two sides were computed from; 0 for a number that the check gives
-    holds : None when the interval of the difference contains 0, so that the runs do not decide
+    holds : None when the interval of the difference contains the border, so that the runs do not decide
     interval : of left - right, None where there is none; its ends may be infinite
     n : runs that all methods of the comparison finished; 0 when it uses no runs
     n_excluded : runs that one of them failed or has not computed
@@ -40,6 +36,9 @@ class ComparisonResult:
     n_entries : how many were compared
     n_equal : how many of those that hold were not considered for `left` and `right`, because their sides are equal up
         to rounding
+    change : where the outcome changes if a threshold, factor or margin of the check does; None where it has none
+    n_deciding : about how many runs would decide, if the numbers stay as they are; None where that is not known
+    exceptions : largest share of exceptions among all runs that fits a statement about every run, which holds in these
     """
 
     text: str
@@ -56,15 +55,19 @@ class ComparisonResult:
     n_entries: int = 1
     n_equal: int = 0
     scales: tuple[float, float] = (0.0, 0.0)
+    change: Change | None = None
+    n_deciding: int | None = None
+    exceptions: float | None = None
 
     def rounded(self) -> ComparisonResult:
         """Return the comparison with the digits that another CPU reproduces, for what is written."""
         left = _settled(self.left, self.scales[0], self.right)
         right = _settled(self.right, self.scales[1], self.left)
+        change = None if self.change is None else self.change.rounded(sum(self.scales))
         if self.interval is None:
-            return replace(self, left=left, right=right)
+            return replace(self, left=left, right=right, change=change)
         low, high = (without_noise(end, sum(self.scales)) for end in self.interval)
-        return replace(self, left=left, right=right, interval=(low, high))
+        return replace(self, left=left, right=right, interval=(low, high), change=change)
 
 
 def _settled(value: float, scale: float, other: float) -> float:
@@ -74,13 +77,14 @@ def _settled(value: float, scale: float, other: float) -> float:
     return without_noise(value, scale)
 
 
-def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> ComparisonResult:
+def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator, confidence: float) -> ComparisonResult:
     """Evaluate one comparison, or an ``all(...)`` as one.
 
     Parameters
     ----------
     statement : a link of a chain, or a chain that is `everywhere`
     evaluator : made for the statement
+    confidence : level of the interval
 
     Returns
     -------
@@ -92,26 +96,31 @@ def compared(statement: tree.Link | tree.Chain, evaluator: Evaluator) -> Compari
         when the stored results have no answer
     """
     if isinstance(statement, tree.Link):
-        return _compared(statement, evaluator, statement.text)
-    parts = [_compared(link, evaluator, statement.text) for link in statement.links]
-    return next((part for part in parts if not part.holds), parts[0])
+        return _compared(statement, evaluator, statement.text, confidence)
+    parts = [_compared(link, evaluator, statement.text, confidence) for link in statement.links]
+    # The part that decides: one that fails, else one that is inconclusive.
+    order = {False: 0, None: 1, True: 2}
+    return min(parts, key=lambda part: order[part.holds])
 
 
-def _compared(link: tree.Link, evaluator: Evaluator, text: str) -> ComparisonResult:
+def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: float) -> ComparisonResult:
     value, right_sides, tolerance = evaluator.sides(link)
     held = bool(compare(link.operator, value.array, right_sides, tolerance).all())
     sizes = magnitudes.of_sides(link, evaluator, value)
     left, right = _without_noise((value.array, right_sides), sizes)
     alike = _alike(link, left, right) if held else np.zeros(left.shape, dtype=bool)
     place = _decisive(_violation(link.operator, left, right, tolerance), alike, sizes)
-    interval = _interval(link, evaluator) if not left.ndim else None
+    spread = spread_of(link, evaluator, confidence) if not left.ndim else None
+    interval = None if spread is None else spread.gap()
     k, entry = _place(value, place)
+    holds = held if spread is None else decision.decided(link.operator, spread)
+    inconclusive = spread is not None and holds is None
     return ComparisonResult(
         text=text,
         left=float(value.array[place]),
         right=float(right_sides[place]),
         scales=(float(sizes[0][place]), float(sizes[1][place])),
-        holds=held if interval is None else _decided(link.operator, held, interval),
+        holds=holds,
         interval=interval,
         n=evaluator.n,
         n_excluded=evaluator.n_excluded,
@@ -120,6 +129,9 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str) -> ComparisonRes
         entry=entry,
         n_entries=left.size,
         n_equal=int(alike.sum()) if left.ndim else 0,
+        change=decision.change(link, evaluator, spread),
+        n_deciding=decision.n_deciding(link.operator, spread, len(evaluator.runs)) if inconclusive else None,
+        exceptions=decision.exceptions(link, value, evaluator, confidence) if held and spread is None else None,
     )
 
 
@@ -168,94 +180,3 @@ def _place(value: Value, index: tuple[int, ...]) -> tuple[int | None, tuple[int,
     entry = index[1:] if value.axis else index
     changes = value.axis == "k" and not value.constant
     return value.span[0] + index[0] if changes else None, entry or None
-
-
-def _decided(operator: str, held: bool, interval: Interval) -> bool | None:
-    """Decide by the interval: an order holds, or fails, only when the whole interval lies on that side of 0."""
-    low, high = interval
-    if operator in ("==", "~"):
-        return True if held else (None if low <= 0 <= high else False)
-    if operator in (">", ">="):
-        low, high = -high, -low
-    strict = operator in ("<", ">")
-    below = high < 0 or (high == 0 and not strict)
-    above = low > 0 or (low == 0 and strict)
-    if held and below:
-        return True
-    return False if above and not held else None
-
-
-def _interval(link: tree.Link, evaluator: Evaluator) -> Interval | None:
-    """Interval of left - right: by its formula where there is one, else by resampling the runs."""
-    if len(evaluator.runs) < 2 or _about_these_runs(link, evaluator):
-        # A single run, or a statement about the runs at hand: the two numbers decide.
-        return None
-    if evaluator.pooled:
-        return _bootstrap(link, evaluator)
-    found = _of_means(link, evaluator) or _against_level(link.left, link.right, evaluator)
-    if found is None:
-        found = _against_level(link.right, link.left, evaluator)
-        found = (-found[1], -found[0]) if found is not None else _bootstrap(link, evaluator)
-    return found
-
-
-def _about_these_runs(link: tree.Link, evaluator: Evaluator) -> bool:
-    """Whether nothing is estimated: no run enters, an extreme or a count does, or a share is every run or none."""
-    names = tree.functions(link)
-    sides = [side for side in (link.left, link.right) if not tree.terms(side)]
-    every_or_none = "share" in names and any(evaluator.number(side) in (0.0, 1.0) for side in sides)
-    extreme = any(  # of runs; that of a series is a number like others
-        call.function in ("min", "max") and not tree.terms(call).isdisjoint(evaluator.columns)
-        for call in tree.calls(link)
-    )
-    return not evaluator.columns or every_or_none or extreme or "n_failed" in names
-
-
-def _of_means(link: tree.Link, evaluator: Evaluator) -> Interval | None:
-    """Student interval of the difference of two means of one metric, paired, or of a mean and a level."""
-    columns = [_mean_of(side, evaluator) for side in (link.left, link.right)]
-    if columns[0] is None or columns[1] is None:
-        return None
-    gap = difference(columns[0], columns[1])
-    return student(gap, evaluator.trials.confidence) if gap.ndim and np.isfinite(gap).all() else None
-
-
-def _mean_of(side: Node, evaluator: Evaluator) -> Array | None:
-    """The column whose mean a side is, or the number that it is."""
-    if not tree.terms(side):
-        return np.array(evaluator.number(side))
-    if isinstance(side, Call) and side.function == "mean" and isinstance(side.arguments[0], tree.Term):
-        return evaluator.column(side.arguments[0])
-    return None
-
-
-def _bootstrap(link: tree.Link, evaluator: Evaluator) -> Interval | None:
-    """Percentile interval of left - right over resampled runs, whole rows, so that pairs stay pairs."""
-    if len(evaluator.runs) < _MIN_RUNS:
-        return -math.inf, math.inf
-    rng, confidence = np.random.Generator(np.random.PCG64(evaluator.trials.seed)), evaluator.trials.confidence
-    gaps = []
-    for _ in range(_RESAMPLES):
-        left, right, _ = evaluator.resampled(rng).sides(link)
-        gaps.append(float(difference(left.array, right)))
-    low, high = (float(quantile(np.array(gaps), p)) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
-    return low, high
-
-
-def _against_level(estimate: Node, level: Node, evaluator: Evaluator) -> Interval | None:
-    """Interval of a share (Wilson), or of a ratio (Student on the logs), minus a fixed level."""
-    if not isinstance(estimate, Call) or tree.terms(level):
-        return None
-    fixed, confidence = evaluator.number(level), evaluator.trials.confidence
-    (a, *_), low, high = estimate.arguments, math.nan, math.nan
-    if isinstance(a, tree.Chain):
-        holds = evaluator.holds(a.links)
-        if holds.axis == "runs":
-            low, high = wilson(int(holds.array.sum()), len(holds.array), confidence)
-    elif estimate.function == "ratio":
-        b = estimate.arguments[1]
-        if isinstance(a, tree.Term) and isinstance(b, tree.Term):
-            first, second = evaluator.column(a), evaluator.column(b)
-            if first is not None and second is not None:
-                low, high = geometric(first, second, confidence)[1]
-    return None if math.isnan(low) else (low - fixed, high - fixed)

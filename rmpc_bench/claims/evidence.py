@@ -10,6 +10,7 @@ import math
 from rmpc_bench.analysis.rounding import STABLE, decimal_text, significant, significant_text
 from rmpc_bench.analysis.statistics import decimals
 from rmpc_bench.claims.comparison import ComparisonResult
+from rmpc_bench.claims.decision import Change
 
 _MIN_DIGITS, _MAX_DIGITS = 4, 9
 """Significant digits; beyond the second limit two numbers count as equal."""
@@ -39,7 +40,36 @@ def evidence(comparison: ComparisonResult) -> str:
     if comparison.n_excluded:
         runs = "1 run" if comparison.n_excluded == 1 else f"{comparison.n_excluded} runs"
         details.append(f"{runs} excluded (failed or not computed)")
-    return f"{word}; {', '.join(details)}"
+    return "; ".join([f"{word}; {', '.join(details)}", *_further(comparison)])
+
+
+def _further(comparison: ComparisonResult) -> list[str]:
+    """Write what would change the outcome: another threshold, more runs, further runs."""
+    found = []
+    if comparison.exceptions is not None:
+        found.append(f"at most {significant_text(100 * comparison.exceptions, 2)} % of all runs are exceptions")
+    # Sides that are equal up to rounding are equivalent within 0.
+    if comparison.change is not None and comparison.change.high != 0:
+        found.append(change_text(comparison.change))
+    if comparison.n_deciding is not None:
+        found.append(f"about {comparison.n_deciding:,} runs would decide")
+    return found
+
+
+def change_text(change: Change) -> str:
+    """Write at which value of a number of the check the outcome changes.
+
+    Examples
+    --------
+    >>> change_text(Change("factor", 0.28, 0.331)), change_text(Change("relative margin", 0.0, 0.132))
+    ('changes at factors from 0.28 to 0.331', 'equivalent within 13.2 % at the smallest')
+    """
+    low, high = (significant_text(end, _MIN_DIGITS) for end in (change.low, change.high))
+    if change.kind == "margin":
+        return f"equivalent within {high} at the smallest"
+    if change.kind == "relative margin":
+        return f"equivalent within {significant_text(100 * change.high, 3)} % at the smallest"
+    return f"changes at a {change.kind} of {low}" if low == high else f"changes at {change.kind}s from {low} to {high}"
 
 
 def _sides(comparison: ComparisonResult, reach: float) -> str:

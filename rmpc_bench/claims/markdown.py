@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
-from rmpc_bench.claims.claim import Claim, Stated
+from rmpc_bench.analysis.rounding import significant_text
+from rmpc_bench.claims.claim import Claim, Finding, point_words
 from rmpc_bench.claims.comparison import ComparisonResult
 from rmpc_bench.claims.evidence import evidence, number_text
-from rmpc_bench.claims.verdict import ClaimVerdict, point_words
+from rmpc_bench.claims.size import Size
+from rmpc_bench.claims.verdict import ClaimVerdict
 
 INFORMATIONAL = "For information only: the configuration was modified or did not run at full size."
+_SECTIONS = ("What the paper says", "Additional results", "Suspected misprints")
 
 
 def claims_markdown(verdicts: Iterable[ClaimVerdict], *, informational: bool) -> str:
@@ -17,45 +21,106 @@ def claims_markdown(verdicts: Iterable[ClaimVerdict], *, informational: bool) ->
 
     Parameters
     ----------
-    verdicts : the verdicts; additional results are moved behind the statements of the paper
+    verdicts : the verdicts; additional results and suspected misprints are moved behind the statements of the paper
     informational : True when the configuration was modified or not at full size
 
     Returns
     -------
     Markdown, ending with a newline
     """
-    ordered = sorted(verdicts, key=lambda verdict: not verdict.claim.of_paper)
+    ordered = sorted(verdicts, key=lambda verdict: _SECTIONS.index(_section(verdict.claim)))
     lines = [INFORMATIONAL, ""] if informational else []
+    section = ""
     for position, verdict in enumerate(ordered, 1):
-        if position == 1 or ordered[position - 2].claim.of_paper != verdict.claim.of_paper:
-            lines += ["# What the paper says" if verdict.claim.of_paper else "# Additional results", ""]
+        if _section(verdict.claim) != section:
+            section = _section(verdict.claim)
+            lines += [f"# {section}", ""]
         lines += [f"## {position}. {_line(verdict.claim.says)}", "", *_items(verdict), ""]
     return "\n".join(lines)
+
+
+def _section(claim: Claim) -> str:
+    return _SECTIONS[0 if claim.of_paper else 2 if claim.is_misprint else 1]
 
 
 def _items(verdict: ClaimVerdict) -> list[str]:
     """The list below a statement."""
     claim = verdict.claim
-    items = [f"- source: {_line(claim.source)}", f"- finding: **{verdict.finding.sentence}**"]
-    if claim.finding:
-        items[-1] += f" (recorded: {claim.finding.sentence})"
+    items = [f"- source: {_line(claim.source)}"]
+    if claim.quote:
+        items.append(f'- quote: "{_line(claim.quote)}"')
+    items += _finding(verdict)
     if verdict.reason:
         items.append(f"- not evaluated: {_line(verdict.reason)}")
-    for finding in dict.fromkeys(each.finding for each in verdict.interpretations):
-        points = [each.at for each in verdict.interpretations if each.finding == finding]
-        items.append(f"- {finding.sentence} at: {'; '.join(points)}")
+    items += _interpretations(verdict)
+    if verdict.cases:
+        held, failed = (verdict.cases.count(outcome) for outcome in (True, False))
+        items.append(
+            f"- holds for {claim.holds_for}: {held} of {len(verdict.cases)} cases hold, {failed} do not"
+            + ("" if verdict.level is None else f", each at a one-sided level of {100 * verdict.level:.2g} %")
+        )
     items += [_comparison(comparison) for comparison in verdict.comparisons]
     runs = "1 run" if verdict.n_runs == 1 else f"{verdict.n_runs} runs"
     basis = f"{runs}, seed {verdict.seed}" if verdict.n_runs else "exact, no runs"
     items.append(f"- {basis}{_where(claim)}")
-    if isinstance(claim.stated, Stated):
-        size = number_text(verdict.size_written)
-        items.append(f"- stated: {_line(claim.stated.text)}; computed: `{claim.stated.of}` is {size}")
-    elif claim.stated:
+    items += [_size(size) for size in verdict.sizes]
+    if isinstance(claim.stated, str):
         items.append(f"- stated: {_line(claim.stated)}")
-    if claim.assumptions:
-        items += ["- assumptions:", *(f"  - {_line(assumption)}" for assumption in claim.assumptions)]
+    assumptions = [*claim.assumptions, *_limits(verdict)]
+    if assumptions:
+        items += ["- assumptions:", *(f"  - {_line(assumption)}" for assumption in assumptions)]
     return items
+
+
+def _finding(verdict: ClaimVerdict) -> list[str]:
+    """The finding, joined with those of other configurations, and the recorded one."""
+    recorded = f" (recorded: {verdict.claim.finding.sentence})" if verdict.claim.finding else ""
+    if not verdict.claim.elsewhere:
+        return [f"- finding: **{verdict.finding.sentence}**{recorded}"]
+    others = [f"{name} ({finding.sentence})" for name, finding in verdict.claim.elsewhere.items()]
+    return [
+        f"- finding: **{verdict.joined.sentence}**, joined over this configuration and {', '.join(others)}",
+        f"- finding here: {verdict.finding.sentence}{recorded}",
+    ]
+
+
+def _interpretations(verdict: ClaimVerdict) -> list[str]:
+    """Under how many interpretations the statement holds, under which it does not, and their grounds in the text."""
+    found = verdict.interpretations
+    items = []
+    if found and verdict.finding is Finding.DEPENDS_ON_ASSUMPTIONS:
+        n_confirmed = sum(each.finding.is_confirmed for each in found)
+        items.append(f"- confirmed under {n_confirmed} of {len(found)} interpretations")
+    for finding in dict.fromkeys(each.finding for each in found):
+        points = [each.at for each in found if each.finding == finding]
+        items.append(f"- {finding.sentence} at: {'; '.join(points)}")
+    if verdict.claim.grounds:
+        grounds = verdict.claim.grounds.items()
+        items += ["- grounds in the text:", *(f"  - {name}: {_line(ground)}" for name, ground in grounds)]
+    return items
+
+
+def _size(size: Size) -> str:
+    size = size.rounded()
+    text = f"- stated: {_line(size.stated.text or size.stated.printed)}; computed: `{_line(size.stated.of)}` is "
+    text += number_text(size.value)
+    if size.interval is not None and size.interval[0] < size.interval[1]:
+        low, high = (number_text(end) for end in size.interval)
+        text += f" [{low}, {high}]"
+    if not size.is_exact:
+        return text
+    difference = "" if size.relative is None or size.finding is Finding.EQUAL else f" by {_percent(size.relative)}"
+    return f"{text}, {size.finding.sentence}{difference}"
+
+
+def _percent(relative: float) -> str:
+    return "infinitely much" if math.isinf(relative) else f"{significant_text(100 * relative, 2)} %"
+
+
+def _limits(verdict: ClaimVerdict) -> list[str]:
+    """Limits of ours that decide the finding."""
+    limits = dict.fromkeys(size.stated.close for size in verdict.sizes if size.is_exact and size.finding != "equal")
+    return [f"Close means within {100 * limit:g} %, a limit of ours." for limit in limits]
 
 
 def _where(claim: Claim) -> str:

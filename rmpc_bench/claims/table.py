@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+from rmpc_bench.analysis.intervals import Interval
 from rmpc_bench.analysis.rounding import significant
-from rmpc_bench.claims.claim import Stated
 from rmpc_bench.claims.comparison import ComparisonResult
+from rmpc_bench.claims.size import Size
 from rmpc_bench.claims.verdict import ClaimVerdict
 
 
@@ -37,8 +38,8 @@ def claims_table(verdicts: Iterable[ClaimVerdict]) -> list[dict[str, Any]]:
             "numbers": [_numbers(comparison) for comparison in verdict.comparisons],
             "n_runs": verdict.n_runs,
             "seed": verdict.seed,
-            "stated": _stated(verdict.claim.stated),
-            "size": None if verdict.size_written is None else _number(verdict.size_written),
+            "stated": verdict.claim.stated if isinstance(verdict.claim.stated, str) else None,
+            "sizes": [_size(size) for size in verdict.sizes],
             "assumptions": list(verdict.claim.assumptions),
         }
         for verdict in verdicts
@@ -53,7 +54,7 @@ def _numbers(comparison: ComparisonResult) -> dict[str, Any]:
         "left": _number(comparison.left),
         "right": _number(comparison.right),
         "holds": comparison.holds,
-        "interval": None if interval is None else [significant(e) if math.isfinite(e) else None for e in interval],
+        "interval": None if interval is None else _interval(interval),
         "n": comparison.n,
         "n_excluded": comparison.n_excluded,
         "at": comparison.at or None,
@@ -62,10 +63,23 @@ def _numbers(comparison: ComparisonResult) -> dict[str, Any]:
     }
 
 
-def _stated(stated: str | Stated | None) -> Any:
-    if not isinstance(stated, Stated):
-        return stated
-    return {"of": stated.of, "value": stated.value, "tolerance": stated.tolerance, "text": stated.text}
+def _size(size: Size) -> dict[str, Any]:
+    size = size.rounded()
+    stated, interval = size.stated, size.interval
+    return {
+        "of": stated.of,
+        "stated": stated.printed or stated.value,
+        "tolerance": stated.tolerance,
+        "text": stated.text,
+        "computed": _number(size.value),
+        "interval": None if interval is None else _interval(interval),
+        "finding": str(size.finding),
+        "relative_difference": None if size.relative is None else _number(size.relative),
+    }
+
+
+def _interval(interval: Interval) -> list[float | None]:
+    return [significant(end) if math.isfinite(end) else None for end in interval]
 
 
 def _number(value: float) -> float | str:

@@ -5,16 +5,17 @@ A finding refers to our interpretation of the statement and to the configured ex
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from rmpc_bench.analysis.rounding import negligible
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.claims.claim import Claim, Finding, Stated
+from rmpc_bench.claims import joining
+from rmpc_bench.claims.claim import Claim, Finding, HoldsFor, point_words
 from rmpc_bench.claims.comparison import ComparisonResult, compared
 from rmpc_bench.claims.evaluator import EvaluationError, Evaluator
-from rmpc_bench.claims.grammar import ExpressionError, parse, parse_expression
+from rmpc_bench.claims.grammar import ExpressionError, parse
+from rmpc_bench.claims.size import Size, size_of
 
 
 class Interpretation(NamedTuple):
@@ -32,12 +33,14 @@ class ClaimVerdict:
     Parameters
     ----------
     claim : what was judged
-    finding : the outcome
+    finding : the outcome in this experiment
     comparisons : one record per comparison that could be evaluated
     seed, n_runs : of the experiment
     reason : why a comparison could not be evaluated; else empty
-    size : value of the stated expression, None where none is stated
+    sizes : the stated numbers and the computed ones, at the first point
     interpretations : of a claim that is checked at several points
+    cases : of a statement with a hedge, whether each of its cases holds
+    level : one-sided error of each case of a statement about any of them; None where there is none
     """
 
     claim: Claim
@@ -46,16 +49,17 @@ class ClaimVerdict:
     seed: int
     n_runs: int
     reason: str = ""
-    size: float | None = None
+    sizes: tuple[Size, ...] = ()
     interpretations: tuple[Interpretation, ...] = ()
+    cases: tuple[joining.Outcome, ...] = ()
+    level: float | None = None
 
     @property
-    def size_written(self) -> float | None:
-        """The size, 0 where it is nothing but rounding beside the stated one."""
-        stated, size = self.claim.stated, self.size
-        if size is None or not isinstance(stated, Stated):
-            return size
-        return 0.0 if negligible(size, max(abs(stated.value), stated.tolerance)) else size
+    def joined(self) -> Finding:
+        """The finding over this and all other configurations with the same statement."""
+        if not self.claim.elsewhere:
+            return self.finding
+        return joining.over_interpretations([self.finding, *self.claim.elsewhere.values()])
 
     @property
     def differs(self) -> bool:
@@ -63,22 +67,32 @@ class ClaimVerdict:
         return self.claim.finding is not None and self.finding != self.claim.finding
 
 
-class _Outcome(NamedTuple):
-    """The checks of a claim, evaluated at one point."""
+@dataclass(frozen=True)
+class _AtPoint:
+    """The checks of a claim and its stated numbers, evaluated at one point."""
 
-    comparisons: list[ComparisonResult]
-    reasons: list[str]
-    size: float | None
+    comparisons: list[list[ComparisonResult]] = field(default_factory=list)
+    """For every check its comparisons."""
+    reasons: list[str] = field(default_factory=list)
+    sizes: list[Size] = field(default_factory=list)
+
+    @property
+    def cases(self) -> list[joining.Outcome]:
+        """Whether each check holds."""
+        return [joining.all_of([each.holds for each in check]) for check in self.comparisons]
 
     def finding(self, claim: Claim) -> Finding:
         if self.reasons:
             return Finding.INCONCLUSIVE
-        held = [comparison.holds for comparison in self.comparisons]
-        if all(held):
-            return _confirmed(claim.stated, self.size)
-        if False not in held:
-            return Finding.INCONCLUSIVE
-        return Finding.PARTIALLY_CONFIRMED if True in held else Finding.NOT_CONFIRMED
+        if not claim.check:
+            return joining.over_numbers([size.finding for size in self.sizes if size.is_exact])
+        found = joining.over_list([each.holds for check in self.comparisons for each in check])
+        return self.with_sizes(found)
+
+    def with_sizes(self, finding: Finding) -> Finding:
+        """Say of a statement that holds whether the effect has the stated size."""
+        effects = (size.effect for size in self.sizes)
+        return next((each for each in effects if each is not finding), finding) if finding.is_confirmed else finding
 
 
 def judge(claim: Claim, trials: Trials) -> ClaimVerdict:
@@ -93,72 +107,56 @@ def judge(claim: Claim, trials: Trials) -> ClaimVerdict:
     -------
     the verdict; a claim that cannot be evaluated is inconclusive, with the reason
     """
-    outcomes = [_evaluated(claim, trials, at) for at in claim.at or ({},)]
-    findings = [outcome.finding(claim) for outcome in outcomes]
-    reasons = dict.fromkeys(reason for outcome in outcomes for reason in outcome.reasons)
-    several = len(claim.at) > 1 and claim.check
+    at = claim.at or ({},)
+    # One case of "can": its error is shared by all cases that are tried, and one-sided.
+    level = (1 - trials.confidence) / (len(at) * len(claim.check)) if claim.holds_for is HoldsFor.ANY else None
+    confidence = trials.confidence if level is None else 1 - 2 * level
+    points = [_evaluated(claim, trials, where, confidence) for where in at]
+    reasons = dict.fromkeys(reason for point in points for reason in point.reasons)
+    hedged = claim.holds_for is not HoldsFor.ALL
+    cases = [case for point in points for case in point.cases] if hedged else []
+    findings = [point.finding(claim) for point in points] if claim.is_testable else [Finding.NOT_TESTABLE]
+    overall = joining.over_interpretations(findings)
+    if hedged and claim.check:
+        overall = points[0].with_sizes(joining.over_cases(cases, claim.holds_for))
+    if hedged and reasons:
+        overall = Finding.INCONCLUSIVE
+    several = len(claim.at) > 1 and claim.is_testable and not hedged
     return ClaimVerdict(
         claim=claim,
-        finding=_overall(findings) if claim.check else Finding.NOT_TESTABLE,
-        comparisons=tuple(comparison for outcome in outcomes for comparison in outcome.comparisons),
+        finding=overall,
+        comparisons=tuple(each for point in points for check in point.comparisons for each in check),
         seed=trials.seed,
         n_runs=len(trials.each[0].runs),
         reason="; ".join(reasons),
-        size=outcomes[0].size,
+        sizes=tuple(points[0].sizes),
         interpretations=tuple(map(Interpretation, map(point_words, claim.at), findings)) if several else (),
+        cases=tuple(cases),
+        level=level,
     )
 
 
-def _evaluated(claim: Claim, trials: Trials, at: Mapping[str, str]) -> _Outcome:
-    """Evaluate all checks of a claim at one point."""
-    comparisons, reasons, size = [], [], None
+def _evaluated(claim: Claim, trials: Trials, at: Mapping[str, str], confidence: float) -> _AtPoint:
+    """Evaluate all checks and stated numbers of a claim at one point."""
+    found = _AtPoint()
     where = point_words(at) if len(claim.at) > 1 else ""
     for check in claim.check:
         try:
             chain = parse(check)
         except ExpressionError as error:
-            reasons.append(f"{check}: {error}")
+            found.reasons.append(f"{check}: {error}")
             continue
+        parts = []
         for statement in (chain,) if chain.everywhere else chain.links:
             try:
                 evaluator = Evaluator(trials, statement, at, pooled=claim.pooled)
-                comparisons.append(replace(compared(statement, evaluator), at=where))
+                parts.append(replace(compared(statement, evaluator, confidence), at=where))
             except EvaluationError as error:
-                reasons.append(f"{statement.text}: {error}")
-    if isinstance(claim.stated, Stated):
+                found.reasons.append(f"{statement.text}: {error}")
+        found.comparisons.append(parts)
+    for stated in claim.numbers:
         try:
-            node = parse_expression(claim.stated.of)
-            size = Evaluator(trials, node, at, pooled=claim.pooled).number(node)
+            found.sizes.append(size_of(stated, trials, at, pooled=claim.pooled))
         except (ExpressionError, EvaluationError) as error:
-            reasons.append(f"{claim.stated.of}: {error}")
-    return _Outcome(comparisons, reasons, size)
-
-
-def point_words(at: Mapping[str, str]) -> str:
-    """Name a point of a sweep: by its name alone where it has one, else by its values."""
-    named = {"name": at["name"]} if "name" in at else {}
-    rest = [f"{path}={value}" for path, value in at.items() if path not in named]
-    return ", ".join([*named.values(), *rest])
-
-
-def _overall(findings: Sequence[Finding]) -> Finding:
-    """Join the findings of all interpretations: confirmed in some of them only depends on unstated assumptions."""
-    if len(set(findings)) == 1:
-        return findings[0]
-    confirmed = [finding.is_confirmed for finding in findings]
-    if all(confirmed):
-        # The sizes differ: the first interpretation is ours.
-        return findings[0]
-    if any(confirmed):
-        return Finding.DEPENDS_ON_ASSUMPTIONS
-    mixed = (Finding.PARTIALLY_CONFIRMED, Finding.INCONCLUSIVE)
-    return next(finding for finding in mixed if finding in findings)
-
-
-def _confirmed(stated: str | Stated | None, size: float | None) -> Finding:
-    """Compare the size of the effect with the stated one."""
-    if not isinstance(stated, Stated) or size is None or abs(size - stated.value) <= stated.tolerance:
-        return Finding.CONFIRMED
-    # A reduction of -8 % is smaller than one of -10 %.
-    grows = size > stated.value if stated.value >= 0 else size < stated.value
-    return Finding.CONFIRMED_LARGER if grows else Finding.CONFIRMED_SMALLER
+            found.reasons.append(f"{stated.of}: {error}")
+    return found

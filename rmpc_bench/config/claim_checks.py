@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
-from rmpc_bench.claims.claim import Claim, Finding, Stated
+from rmpc_bench.claims.claim import Claim, Finding, HoldsFor, Stated, point_words
 from rmpc_bench.claims.dry_run import PlaceholderResults, dry_run, placeholder_results
+from rmpc_bench.claims.exact import printed_number
 from rmpc_bench.claims.grammar import COUNTS, ExpressionError, parse, parse_expression
 from rmpc_bench.claims.tree import (
     MOMENTS,
@@ -19,7 +19,7 @@ from rmpc_bench.claims.tree import (
     uses,
 )
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.sections import ClaimKeys
+from rmpc_bench.config.sections import ClaimKeys, StatedKeys
 from rmpc_bench.config.tree import Map, plain
 from rmpc_bench.expressions.arithmetic import Node
 from rmpc_bench.registry import unknown
@@ -48,6 +48,18 @@ def read_claims(draft: DraftConfig, layout: ResultLayout) -> tuple[Claim, ...]:
     return tuple(claims)
 
 
+def _stated(keys: Any) -> str | Stated | tuple[Stated, ...] | None:
+    if isinstance(keys, StatedKeys):
+        return _number(keys)
+    return tuple(map(_number, keys)) if isinstance(keys, list) else keys
+
+
+def _number(keys: StatedKeys) -> Stated:
+    printed = keys.value if isinstance(keys.value, str) else ""
+    value = float(printed_number(printed)) if printed else float(keys.value)
+    return Stated(keys.of, value, keys.tolerance, keys.text, printed, keys.close)
+
+
 class _Checker:
     """Checks one claim."""
 
@@ -70,22 +82,50 @@ class _Checker:
 
     def claim(self, keys: ClaimKeys) -> Claim:
         check = (keys.check,) if isinstance(keys.check, str) else tuple(keys.check or ())
-        stated = keys.stated if isinstance(keys.stated, str) or keys.stated is None else Stated(**asdict(keys.stated))
         claim = Claim(
             keys.says,
             keys.source,
             check,
             Finding(keys.finding) if keys.finding else None,
-            stated,
+            _stated(keys.stated),
             tuple(keys.assumptions),
             self._at(keys.at),
             keys.at == "all",
+            name=keys.id or "",
+            quote=keys.quote or "",
+            holds_for=HoldsFor(keys.holds_for),
+            grounds=keys.grounds,
+            elsewhere={name: Finding(text) for name, text in (keys.elsewhere or {}).items()},
         )
         for text in check:
             self._terms(claim, text, "check", parse)
-        if isinstance(stated, Stated):
-            self._terms(claim, stated.of, "stated.of", parse_expression)
+        for place, number in enumerate(claim.numbers):
+            path = f"stated.{place}.of" if isinstance(keys.stated, list) else "stated.of"
+            self._terms(claim, number.of, path, parse_expression)
+            if number.tolerance is None and self._uses_runs(number.of):
+                self._note(path, "is estimated from runs: give a tolerance")
+        self._interpretations(claim)
         return claim
+
+    def _interpretations(self, claim: Claim) -> None:
+        """Check that every ground is that of a point, and that a hedge has cases."""
+        points = [point_words(at) for at in claim.at]
+        for name in claim.grounds:
+            if not self.misplaced and name not in points:
+                self._note("grounds", unknown(name, points, "point of `at`"))
+        if claim.holds_for is not HoldsFor.ALL and not claim.check:
+            self._note("holds_for", "there is no check whose cases could hold")
+
+    def _uses_runs(self, text: str) -> bool:
+        """Whether a value is estimated: from a column of several runs, or by moments that are not exact."""
+        try:
+            named = terms(parse_expression(text))
+        except ExpressionError:
+            return False
+        several = self.draft.values["runs"] is not None and self.draft.values["runs"] > 1
+        of_runs = [*self.layout.metrics, *COUNTS] if several else []
+        of_runs += [] if "moments" in (self.draft.values["evaluate"] or ()) else self.signals
+        return any(term.quantity in of_runs for term in named)
 
     def _note(self, key: str, message: str) -> None:
         self.n_errors += 1

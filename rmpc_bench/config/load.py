@@ -8,6 +8,7 @@ from pathlib import Path
 from rmpc_bench.config.build import build
 from rmpc_bench.config.canonical import canonicalise
 from rmpc_bench.config.checks import check
+from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.inheritance import inherit
 from rmpc_bench.config.origin import problems_at_origin
@@ -40,6 +41,7 @@ def load_config(
     tree = inherit(source)
     sweep = expand(tree, source.overrides)
     drafts = validate_sections(sweep.points, runs=runs, smoke=smoke)
+    join_findings(source.path, drafts[0])
     points = build(drafts, smoke=smoke)
     # Figures and claims are written for the full size; a reduced or overridden one may be too short for them.
     claims = check(sweep, drafts, points, lenient=smoke or bool(overrides))

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 from annotated_types import Ge, Gt, Le, Len, Lt
 from pydantic import Field
 
-from rmpc_bench.claims.claim import FINDINGS
+from rmpc_bench.claims.claim import CLOSE, FINDINGS, MAX_QUOTED_WORDS
+from rmpc_bench.claims.exact import printed_number
 from rmpc_bench.types import Count, NonNegative, Positive
 
 MAX_STEPS = 1_000_000
@@ -95,12 +96,27 @@ class Smoke:
 
 @dataclass(frozen=True)
 class StatedKeys:
-    """A number of the paper: the expression `of` is `value` within `tolerance` (absolute)."""
+    """A number of the paper, which the expression `of` computes.
+
+    With a `tolerance` (absolute) it is a size of effect.  Without one it is a number without Monte Carlo error: `value`
+    is then a text with the digits that the paper prints, such as '58.20', and the finding is ``equal``, ``close``
+    (relative difference up to `close`) or ``different``.
+    """
 
     of: Text
-    value: float
-    tolerance: NonNegative = 0.0
+    value: float | Text
+    tolerance: NonNegative | None = None
     text: str = ""
+    close: Annotated[float, Gt(0), Lt(1)] = CLOSE
+
+    def __post_init__(self) -> None:
+        """Refuse a number whose digits are not known, and words in place of one."""
+        if self.tolerance is not None:
+            object.__setattr__(self, "value", float(self.value))
+        elif not isinstance(self.value, str):
+            raise ValueError(f"without a tolerance value is the printed text, such as '{self.value:g}' in quotes")
+        else:
+            printed_number(self.value)
 
 
 @dataclass(frozen=True)
@@ -109,11 +125,22 @@ class ClaimKeys:
 
     says: Text
     source: str = ""
+    id: Name | None = None
+    quote: Text | None = None
     check: Text | list[Text] | None = None
+    holds_for: Literal["all", "most", "any"] = "all"
     at: Any = None
+    grounds: dict[str, Text] = field(default_factory=dict)
     finding: Literal[FINDINGS] | None = None  # type: ignore[valid-type]
-    stated: Text | StatedKeys | None = None
+    stated: Text | StatedKeys | list[StatedKeys] | None = None
     assumptions: list[Text] = field(default_factory=list)
+    elsewhere: dict[Name, Literal[FINDINGS]] | None = None  # type: ignore[valid-type]
+
+    def __post_init__(self) -> None:
+        """Refuse a quotation that is longer than what may be quoted."""
+        n_words = len((self.quote or "").split())
+        if n_words > MAX_QUOTED_WORDS:
+            raise ValueError(f"quote must have at most {MAX_QUOTED_WORDS} words (got {n_words})")
 
 
 class Section(NamedTuple):

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 
 
@@ -60,12 +61,11 @@ def _claim_lines(verdicts: Sequence[ClaimVerdict], overrides: Sequence[str], inc
     if reasons:
         return [f"claims      not evaluated: {'; '.join(reasons)}"]
     lines = []
-    for of_paper, label, noun in (
-        (True, "claims", "statements of the paper"),
-        (False, "additional", "additional results"),
+    for label, noun, group in (
+        ("claims", "statements of the paper", [each for each in verdicts if each.claim.of_paper]),
+        ("additional", "additional results", [each for each in verdicts if not each.claim.of_paper]),
     ):
-        group = [verdict for verdict in verdicts if verdict.claim.of_paper == of_paper]
-        confirmed = sum(verdict.finding == "confirmed" for verdict in group)
+        confirmed = sum(verdict.joined in (Finding.CONFIRMED, Finding.EQUAL) for verdict in group)
         lines += [f"{label:12}{confirmed} of {len(group)} {noun} confirmed (claims.md)"] if group else []
     return lines + [
         f"{'':12}recorded {verdict.claim.finding}, now {verdict.finding}: {verdict.claim.says}"

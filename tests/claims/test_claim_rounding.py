@@ -103,7 +103,9 @@ def test_what_is_written(written):
     assert lines["mean(noise[A]) ~ 1e-2 +- 50%"].startswith("does not hold; 0 and 0.01")
     assert lines["all(wave[A] < bound[A])"] == "holds; smallest margin at k = 1: 1 and 1.25"
     assert lines["all(wave[A] > 0.5)"] == "does not hold; largest violation at k = 3: -1 and 0.5"
-    assert lines["all(wave[A] ~ 0 +- 2)"] == "holds; largest difference at k = 1: 1 and 0"
+    assert lines["all(wave[A] ~ 0 +- 2)"] == (
+        "holds; largest difference at k = 1: 1 and 0; equivalent within 1 at the smallest"
+    )
     assert lines["last(det(thin[A])) < 1"] == "holds; 0.02325 and 1"  # 150 * 1.5503e-4, up to 1e-9 of 300 * 300
     assert "computed: `mean(mse[B]) - mean(mse[C])` is 0\n" in text
 

@@ -13,6 +13,7 @@ from rmpc_bench.claims.table import claims_table
 from rmpc_bench.claims.verdict import judge
 
 INF = math.inf
+SMALLER = "confirmed-smaller"
 RNG = np.random.default_rng(11)
 BASE = RNG.uniform(1, 2, 60)
 NOISE = RNG.normal(0, 0.02, 60)
@@ -142,7 +143,7 @@ def test_sizes(trials):
     for value, finding in ((-0.3, "confirmed"), (-0.5, "confirmed-smaller"), (-0.1, "confirmed-larger")):
         verdict = judge(claim("mean(mse[low]) < 10", stated=Stated(change, value, 0.01, "30 %")), trials)
         assert verdict.finding == finding
-        assert verdict.size == pytest.approx(-0.3)
+        assert verdict.sizes[0].value == pytest.approx(-0.3)
     gain = "mean(mse[high]) - mean(mse[base])"
     for value, finding in ((0.5, "confirmed-smaller"), (0.1, "confirmed-larger")):
         assert judge(claim("1 < 2", stated=Stated(gain, value, 0.01, "")), trials).finding == finding
@@ -220,8 +221,12 @@ def test_table_is_plain_json(trials):
     verdict = judge(claim(f"{mean('low')} < {mean('base')}", stated=stated), trials)
     (row,) = json.loads(json.dumps(claims_table([verdict]), allow_nan=False))
     assert (row["recorded"], row["finding"], row["n_runs"], row["seed"]) == ("confirmed", "confirmed-smaller", 60, 7)
-    assert row["stated"] == {"of": stated.of, "value": 0.9, "tolerance": 0.01, "text": "about 10 %"}
-    assert row["size"] == pytest.approx(stats.gmean(COLUMNS["low"] / BASE))
+    [size] = row["sizes"]
+    given = {key: size[key] for key in ("of", "stated", "tolerance", "text", "finding")}
+    assert given == {"of": stated.of, "stated": 0.9, "tolerance": 0.01, "text": "about 10 %", "finding": SMALLER}
+    logs = stats.ttest_1samp(np.log(COLUMNS["low"] / BASE), 0).confidence_interval(0.95)
+    assert size["computed"] == pytest.approx(stats.gmean(COLUMNS["low"] / BASE), rel=1e-5)
+    assert size["interval"] == pytest.approx(np.exp(logs), rel=1e-5)
     assert row["numbers"][0]["holds"] is True
 
 

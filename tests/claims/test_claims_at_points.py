@@ -91,13 +91,13 @@ def test_a_path_that_a_term_leaves_open(sweep):
         ("12", "depends-on-assumptions"),
         ("21", "depends-on-assumptions"),
         ("13", "depends-on-assumptions"),
-        ("23", "inconclusive"),
+        ("23", "depends-on-assumptions"),
         ("33", "inconclusive"),
         ("124", "depends-on-assumptions"),
     ],
 )
 def test_finding_over_several_interpretations(trials, at, finding):
-    """Confirmed in all: confirmed; in some: it depends; in none: the best of what is left."""
+    """All alike: that finding; else it depends, whatever the findings are."""
     assert judge(claim(BELOW, at=at), trials).finding == finding
 
 
@@ -107,7 +107,7 @@ def test_interpretations_of_which_a_part_holds(trials):
     assert judge(claim(*checks, at="1"), trials).finding == "partially-confirmed"
     assert judge(claim(*checks, at="2"), trials).finding == "not-confirmed"
     assert judge(claim(*checks, at="14"), trials).finding == "partially-confirmed"
-    assert judge(claim(*checks, at="12"), trials).finding == "partially-confirmed"
+    assert judge(claim(*checks, at="12"), trials).finding == "depends-on-assumptions"
     assert judge(claim(*checks[:2], "mean(mse[A]) > 0", at="12"), trials).finding == "depends-on-assumptions"
 
 
@@ -142,7 +142,7 @@ def test_the_unit_is_the_run(sweep):
     """Seeing the same runs at two points makes the interval no narrower than seeing them once."""
     rng = np.random.default_rng(3)
     columns = {"A": rng.normal(1.0, 0.5, 20).tolist(), "B": rng.normal(1.3, 0.5, 20).tolist()}
-    check = "1 * mean(mse[A]) < mean(mse[B])"
+    check = "ratio(mean(mse[A]), mean(mse[B])) < 1"
     twice = judge(claim(check, pooled=True), sweep({"1": columns, "2": columns})).comparisons[0]
     once = judge(claim(check, at="1"), sweep({"1": columns, "2": columns})).comparisons[0]
     assert (twice.n, once.n) == (40, 20)
@@ -187,12 +187,12 @@ def test_the_stated_size_is_that_of_the_first_interpretation(trials):
     stated = Stated("mean(mse[A])", 1.1, 0.01, "1.1")
     for at, finding, size in (
         ("14", "confirmed", 1.1),
-        ("3", "confirmed-larger", 2.05),
+        ("3", "confirmed", 2.05),  # four runs fit 1.1 as well
         ("21", "confirmed-larger", 3.15),
         ("12", "confirmed", 1.1),
     ):
         verdict = judge(claim("mean(mse[A]) > 0", at=at, stated=stated), trials)
-        assert (verdict.finding, verdict.size) == (finding, pytest.approx(size))
+        assert (verdict.finding, verdict.sizes[0].value) == (finding, pytest.approx(size))
 
 
 def test_a_method_that_does_not_depend_needs_no_point(sweep):

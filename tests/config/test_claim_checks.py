@@ -109,7 +109,7 @@ def test_one_mistake_is_reported_once_at_its_place(load, check, at, key, message
 
 def test_the_size_is_checked_like_a_check(load, tmp_path):
     """Its expression must be about one point, too."""
-    stated = "[{says: s, check: '1 < 2', stated: {of: 'mean(mse[S-MPC])', value: 1}}]"
+    stated = "[{says: s, check: '1 < 2', stated: {of: 'mean(mse[S-MPC])', value: 1, tolerance: 0}}]"
     with pytest.raises(ConfigError, match=r"claims.0.stated.of: mse\[S-MPC\] may be at any of 2 points"):
         load_config(write(tmp_path, sweep=HORIZONS, claims=stated))
 
@@ -343,6 +343,6 @@ def test_shapes_of_a_configuration(load, check, message):
 
 def test_the_shape_of_a_size(tmp_path):
     """It is one number."""
-    stated = "[{says: s, check: '1 < 2', stated: {of: 'last(P[S-MPC])', value: 1}}]"
+    stated = "[{says: s, check: '1 < 2', stated: {of: 'last(P[S-MPC])', value: 1, tolerance: 0}}]"
     with pytest.raises(ConfigError, match=r"claims.0.stated.of: the size: the expression is not one number"):
         load_config(write(tmp_path, claims=stated))

@@ -1,0 +1,222 @@
+"""What an interval decides, at which value of a threshold the decision changes, and how many runs would decide."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.intervals import difference
+from rmpc_bench.analysis.rounding import significant, without_noise
+from rmpc_bench.claims import tree
+from rmpc_bench.claims.evaluator import Evaluator
+from rmpc_bench.claims.spread import Spread
+from rmpc_bench.claims.values import Value
+from rmpc_bench.expressions.arithmetic import Call, Node, Operation
+
+MAX_RUNS = 10_000_000
+"""Larger numbers of runs are not named."""
+
+
+class Change(NamedTuple):
+    """Where the outcome of a comparison changes with a number of its check: inconclusive from `low` to `high`."""
+
+    kind: str
+    """``threshold``, ``factor``, ``margin`` or ``relative margin``."""
+    low: float
+    high: float
+    per_unit: float = 1.0
+    """Change of `low` and `high` per unit of the sides of the comparison."""
+
+    def rounded(self, scale: float) -> Change:
+        """Round to the digits that sides computed from numbers of this scale support."""
+        low, high = (without_noise(end, scale * self.per_unit) for end in (self.low, self.high))
+        return self._replace(low=low, high=high)
+
+
+def decided(operator: str, spread: Spread) -> bool | None:
+    """Decide by intervals: a comparison holds, or fails, only when its whole interval does.
+
+    Parameters
+    ----------
+    operator : of the comparison
+    spread : of its sides
+
+    Returns
+    -------
+    None where the interval contains the border; equality up to a tolerance holds when the interval lies inside it
+    """
+    low, high = spread.gap()
+    if operator == "==":
+        return True if low == high == 0 else None if low <= 0 <= high else False
+    if operator == "~":
+        above, below = spread.gap(-1), spread.gap(1)
+        if above[1] <= 0 <= below[0]:
+            return True
+        return False if above[0] > 0 or below[1] < 0 else None
+    if operator in (">", ">="):
+        low, high = -high, -low
+    strict = operator in ("<", ">")
+    if high < 0 or (high == 0 and not strict):
+        return True
+    return False if low > 0 or (low == 0 and strict) else None
+
+
+def n_deciding(operator: str, spread: Spread | None, n: int) -> int | None:
+    """Estimate how many runs would decide an inconclusive comparison.
+
+    The interval becomes narrower with the root of the number of runs; its centre is taken to stay.
+
+    Parameters
+    ----------
+    operator : of the comparison
+    spread : of its sides; None where the two numbers decide
+    n : number of runs
+
+    Returns
+    -------
+    about how many, with two significant digits; None where no number can be named
+    """
+    if spread is None or operator == "==":
+        # Runs can contradict equality, not prove it.
+        return None
+    borders = [spread.gap(-1), spread.gap(1)] if operator == "~" else [spread.gap()]
+    needed = 0.0
+    for low, high in borders:
+        if not low <= 0 <= high:
+            continue
+        centre, reach = (low + high) / 2, (high - low) / 2
+        if not math.isfinite(reach) or abs(centre) * math.sqrt(MAX_RUNS) <= reach * math.sqrt(n):
+            return None
+        needed = max(needed, n * (reach / centre) ** 2)
+    return math.ceil(significant(needed, 2)) if needed else None
+
+
+def change(link: tree.Link, evaluator: Evaluator, spread: Spread | None) -> Change | None:
+    """Find where the outcome of a comparison changes with the tolerance, factor or threshold that the check gives.
+
+    Parameters
+    ----------
+    link : the comparison
+    evaluator : made for it
+    spread : of its sides; None where the two numbers decide
+
+    Returns
+    -------
+    None where the check gives no such number, or only 0 or 1, which are borders and no thresholds
+    """
+    if link.operator == "~":
+        return _margin(link, evaluator, spread)
+    for side, other in ((link.left, link.right), (link.right, link.left)):
+        parts = _factored(side)
+        if parts is not None and tree.terms(other):
+            factor, rest = parts
+            return _factor(link, evaluator, spread, evaluator.number(factor), rest)
+    return None if spread is None else _threshold(link, evaluator, spread)
+
+
+def _margin(link: tree.Link, evaluator: Evaluator, spread: Spread | None) -> Change | None:
+    """Smallest tolerance within which both sides are equivalent, and the largest at which they certainly are not."""
+    left, right, _ = evaluator.sides(link)
+    scale = float(np.abs(right).min()) if link.relative else 1.0
+    if spread is None:
+        gaps = np.abs(difference(left.array, right))
+        if link.relative:
+            with np.errstate(all="ignore"):
+                gaps = np.where(gaps == 0, 0.0, gaps / np.abs(right))
+        largest = float(gaps.max())
+        low, high = largest, largest
+    else:
+        ends = spread.gap()
+        if link.relative:
+            ends = (spread.ratio()[0] - 1, spread.ratio()[1] - 1)
+        low = 0.0 if ends[0] <= 0 <= ends[1] else min(abs(end) for end in ends)
+        high = max(abs(end) for end in ends)
+    kind = "relative margin" if link.relative else "margin"
+    return Change(kind, low, high, 1 / scale if scale else 0.0) if math.isfinite(high) else None
+
+
+def _threshold(link: tree.Link, evaluator: Evaluator, spread: Spread) -> Change | None:
+    """Interval of the side beside a fixed number; 0, 1 and inf are borders of what can be, no thresholds."""
+    low, high = spread.gap()
+    for side, sign in ((link.right, 1), (link.left, -1)):
+        if tree.terms(side):
+            continue
+        level = evaluator.number(side)
+        ends = sorted((level + sign * low, level + sign * high))
+        if level in (0.0, 1.0) or not all(map(math.isfinite, (level, *ends))):
+            return None
+        return Change("threshold", *ends)
+    return None
+
+
+def _factored(side: Node) -> tuple[Node, Node] | None:
+    """Split ``factor * rest``, in any order."""
+    if not (isinstance(side, Operation) and len(side.rest) == 1 and side.rest[0].operator == "*"):
+        return None
+    for factor, rest in ((side.first, side.rest[0].node), (side.rest[0].node, side.first)):
+        if not tree.terms(factor) and tree.terms(rest) and not isinstance(factor, tree.Listing):
+            return factor, rest
+    return None
+
+
+def _factor(link: tree.Link, evaluator: Evaluator, spread: Spread | None, factor: float, rest: Node) -> Change | None:
+    """Interval of the other side divided by the rest; of exact entries the ratio of the tightest one."""
+    on_right = isinstance(link.right, Operation) and rest in (link.right.first, link.right.rest[0].node)
+    left, right, _ = evaluator.sides(link)
+    other, side = (left.array, right) if on_right else (right, left.array)
+    smallest = float(np.abs(side).min())
+    if not smallest:
+        return None
+    if spread is None:
+        ratios = other / side
+        if not (np.isfinite(ratios).all() and (side * factor > 0).all()):
+            return None
+        upper = on_right == (link.operator in ("<", "<="))
+        low = high = float(ratios.max() if upper else ratios.min())
+    else:
+        low, high = spread.ratio() if on_right else spread.ratio()[::-1]
+        if not 0 < min(low, high) <= max(low, high) < math.inf:
+            return None
+        low, high = (low, high) if on_right else (1 / low, 1 / high)
+    return Change("factor", factor * low, factor * high, abs(factor) / smallest)
+
+
+def exceptions(link: tree.Link, value: Value, evaluator: Evaluator, confidence: float) -> float | None:
+    """Bound the share of exceptions to a statement about every run, which holds in all runs at hand.
+
+    Parameters
+    ----------
+    link : the comparison
+    value : its left side as compared
+    evaluator : made for it
+    confidence : level of the bound
+
+    Returns
+    -------
+    one-sided exact bound; None for statements that are not about every run
+    """
+    n = len(evaluator.runs) or (len(evaluator.trials.runs) if "n_failed" in tree.functions(link) else 0)
+    if n < 2 or not _about_every_run(link, value, evaluator):
+        return None
+    return float(1 - (1 - confidence) ** (1 / n))
+
+
+def _about_every_run(link: tree.Link, value: Value, evaluator: Evaluator) -> bool:
+    if value.axis == "runs":
+        return True
+    for side, level, bounds in ((link.left, link.right, ("<", "<=")), (link.right, link.left, (">", ">="))):
+        if tree.terms(level):
+            continue
+        number = evaluator.number(level)
+        if isinstance(side, tree.Term):
+            return side.quantity in tree.COUNTS and number == 0 and link.operator in ("==", *bounds)
+        if not isinstance(side, Call):
+            continue
+        if side.function == "share":
+            return number in (0.0, 1.0)
+        upward = link.operator in bounds
+        if side.function in ("max", "min") and not tree.terms(side).isdisjoint(evaluator.columns):
+            return upward == (side.function == "max")
+    return False

@@ -1,0 +1,87 @@
+"""From the outcomes of single comparisons to one finding: over a list, over cases and over interpretations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rmpc_bench.claims.claim import Finding, HoldsFor
+
+Outcome = bool | None
+"""Whether a comparison holds; None where the runs do not decide."""
+
+
+def all_of(parts: Sequence[Outcome]) -> Outcome:
+    """Whether all parts of one case hold: not if one fails, else inconclusive if one is."""
+    if False in parts:
+        return False
+    return None if None in parts else True
+
+
+def over_list(parts: Sequence[Outcome]) -> Finding:
+    """Join the parts of a statement that says all of them.
+
+    Examples
+    --------
+    >>> [over_list(parts).value for parts in ([True, None], [True, False], [None, False])]
+    ['inconclusive', 'partially-confirmed', 'not-confirmed']
+    """
+    if False not in parts:
+        return Finding.INCONCLUSIVE if None in parts else Finding.CONFIRMED
+    return Finding.PARTIALLY_CONFIRMED if True in parts else Finding.NOT_CONFIRMED
+
+
+def over_cases(cases: Sequence[Outcome], holds_for: HoldsFor) -> Finding:
+    """Join the cases of a statement with a hedge.
+
+    Parameters
+    ----------
+    cases : at least one outcome
+    holds_for : ``any`` for "can": one case is enough, and it fails if all do; ``most`` for "usually": more than half
+
+    Returns
+    -------
+    confirmed, not confirmed, or inconclusive where the inconclusive cases decide
+
+    Examples
+    --------
+    >>> [over_cases(cases, HoldsFor.MOST).value for cases in ([True, True, None], [True, None], [False, None])]
+    ['confirmed', 'inconclusive', 'not-confirmed']
+    """
+    needed = 1 if holds_for is HoldsFor.ANY else len(cases) // 2 + 1
+    if cases.count(True) >= needed:
+        return Finding.CONFIRMED
+    possible = len(cases) - cases.count(False)
+    return Finding.INCONCLUSIVE if possible >= needed else Finding.NOT_CONFIRMED
+
+
+def over_numbers(findings: Sequence[Finding]) -> Finding:
+    """Join numbers without Monte Carlo error, each equal, close or different."""
+    if len(set(findings)) == 1:
+        return findings[0]
+    return Finding.PARTIALLY_CONFIRMED if Finding.DIFFERENT in findings else Finding.CLOSE
+
+
+def over_interpretations(findings: Sequence[Finding]) -> Finding:
+    """Join the findings under all interpretations; the first is ours.
+
+    Parameters
+    ----------
+    findings : at least one; those that are not testable count only if all are
+
+    Returns
+    -------
+    the finding that all of them have; else it depends on unstated assumptions
+
+    Examples
+    --------
+    >>> over_interpretations([Finding.CONFIRMED, Finding.CONFIRMED_SMALLER]).value
+    'confirmed'
+    >>> over_interpretations([Finding.INCONCLUSIVE, Finding.NOT_CONFIRMED]).value
+    'depends-on-assumptions'
+    """
+    tested: list[Finding] = [finding for finding in findings if finding is not Finding.NOT_TESTABLE]
+    tested = tested or [*findings]
+    # Under other interpretations the size may differ: the statement holds all the same.
+    if len(set(tested)) == 1 or all(finding.is_confirmed for finding in tested):
+        return tested[0]
+    return Finding.DEPENDS_ON_ASSUMPTIONS

@@ -1,0 +1,110 @@
+"""Keys of a claim: id, quote, holds_for, grounds and stated numbers; and the same statement in other files."""
+
+import pytest
+from small_experiment import cli, write
+
+from rmpc_bench import load_config
+from rmpc_bench.types import ConfigError
+
+SWEEP = "{zip: [{name: ours, seed: 1}, {name: theirs, seed: 2}]}"
+CHECK = "check: 'last(trace(P[R-MPC])) < 1e9'"
+
+
+def problems(path):
+    """Return path and message of every error."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    return [(problem.path, problem.message) for problem in caught.value.problems]
+
+
+@pytest.fixture
+def paper(tmp_path):
+    """Return a function that writes a file of a paper with one claim."""
+
+    def make(name, finding, claim_id="hu-large", paper="smith2020"):
+        claim = f"{{says: s, id: {claim_id}, {CHECK}, finding: {finding}}}"
+        return write(tmp_path, file=f"{name}.yaml", name=name, paper=paper, claims=f"[{claim}]")
+
+    return make
+
+
+def test_the_findings_of_other_files(paper):
+    """Of the same paper and the same id, with a recorded finding; the file itself does not count."""
+    path = paper("fig8", "confirmed")
+    paper("interpretations-fig8", "depends-on-assumptions")
+    paper("fig7", "confirmed", claim_id="c-larger")
+    paper("other", "not-confirmed", paper="jones2021")
+    [claim] = load_config(path).claims
+    assert claim.name == "hu-large" and dict(claim.elsewhere) == {"interpretations-fig8": "depends-on-assumptions"}
+
+
+def test_other_files_may_have_errors(paper, tmp_path):
+    """They are reported where they are checked; an unreadable file joins nothing."""
+    path = paper("fig8", "confirmed")
+    (tmp_path / "broken.yaml").write_text("paper: smith2020\nclaims: [{id: hu-large, finding: ")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe hu-large")
+    (tmp_path / "words.yaml").write_text("paper: smith2020\nclaims: [hu-large, {id: hu-large, finding: perhaps}]")
+    [claim] = load_config(path).claims
+    assert not claim.elsewhere
+
+
+def test_results_do_not_need_the_other_files(paper, tmp_path):
+    """config.resolved.yaml keeps their findings; `report` shows the joined one without the checkout."""
+    path = paper("fig8", "confirmed")
+    other = paper("interpretations-fig8", "not-confirmed")
+    place = tmp_path / "results"
+    assert cli("run", path, "-o", place, "-j", 1, "--progress", "none").exit_code == 0
+    other.unlink()
+    path.unlink()
+    [claim] = load_config(place / "config.resolved.yaml").claims
+    assert dict(claim.elsewhere) == {"interpretations-fig8": "not-confirmed"}
+    (place / "claims.md").unlink()
+    assert cli("report", place).exit_code == 0
+    text = (place / "claims.md").read_text(encoding="utf-8")
+    assert "- finding: **depends on unstated assumptions**, joined over this configuration and interp" in text
+    assert "- finding here: confirmed (recorded: confirmed)" in text
+
+
+def test_a_statement_has_one_claim(tmp_path):
+    """An id that stands twice in a file is an error at its place."""
+    claims = f"[{{says: s, id: a, {CHECK}}}, {{says: t, id: a, {CHECK}}}]"
+    assert problems(write(tmp_path, claims=claims)) == [
+        ("claims.1.id", "is that of claim 1, too; a statement has one claim")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("keys", "path", "message"),
+    [
+        ("id: Hu large", "claims.0.id", "must consist of letters"),
+        (f"quote: '{'word ' * 26}'", "claims.0", "quote must have at most 25 words (got 26)"),
+        ("holds_for: some", "claims.0.holds_for", "must be"),
+        ("stated: {of: 'last(trace(P[S-MPC]))', value: 58.2}", "claims.0.stated", "in quotes"),
+        ("stated: {of: 'last(trace(P[S-MPC]))', value: 'about 58'}", "claims.0.stated", "as the paper prints it"),
+        ("stated: {of: 'mean(mse[S-MPC])', value: '58.2'}", "claims.0.stated.of", "estimated from runs: give a tol"),
+        ("stated: [{of: 'mean(mse[S-MPC])', value: '1'}]", "claims.0.stated.0.of", "estimated from runs: give a tol"),
+        ("grounds: {hours: Section 2}, at: [{name: ours}]", "claims.0.grounds", "did you mean 'ours'?"),
+    ],
+)
+def test_mistakes_are_reported_at_their_place(tmp_path, keys, path, message):
+    """With what is wrong and the way out."""
+    claims = f"[{{says: s, check: '1 < 2', {keys}}}]"
+    [(found, text)] = problems(write(tmp_path, claims=claims, sweep=SWEEP if "at:" in keys else None))
+    assert found.startswith(path) and message in text
+
+
+def test_a_hedge_needs_cases(tmp_path):
+    """Without a check there are none."""
+    [(path, message)] = problems(write(tmp_path, claims="[{says: s, holds_for: any}]"))
+    assert (path, message) == ("claims.0.holds_for", "there is no check whose cases could hold")
+
+
+def test_numbers_of_a_single_run_may_be_compared_by_their_digits(tmp_path):
+    """One run is no estimate."""
+    stated = "{of: 'mean(mse[S-MPC])', value: '58.20', text: as printed}"
+    [claim] = load_config(write(tmp_path, runs=1, claims=f"[{{says: s, stated: {stated}}}]")).claims
+    [number] = claim.numbers
+    assert (number.value, number.tolerance, number.printed, claim.is_testable) == (58.2, None, "58.20", True)
+    assert load_config(write(tmp_path, runs=1, claims=f"[{{says: s, stated: {stated}}}]")).resolved["claims"][0][
+        "stated"
+    ] == {"of": "mean(mse[S-MPC])", "value": "58.20", "text": "as printed", "close": 0.01}
