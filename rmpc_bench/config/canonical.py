@@ -63,8 +63,7 @@ def canonicalise(
         evaluate=tuple(values["evaluate"]),
         in_samples=values["time"].duration is None and values["time"].step == 1.0,
         labels={
-            name: components.label + (" (oracle)" if name in experiment.oracles else "")
-            for name, components in draft.methods.items()
+            name: label + (" (oracle)" if name in experiment.oracles else "") for name, label in draft.labels.items()
         },
         figures=tuple(figure for figure in draft.figures if figure is not None),
         claims=claims,
@@ -100,7 +99,8 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
     for name, components in draft.methods.items():
         data = method_data(draft, components)
         named: dict[str, Any] = {key: data[key] for key in ("model", "estimator", "controller") if key in data}
-        methods[name] = {"label": components.label, **named}
+        # A template stays one, so that an override of the resolved configuration changes the label too.
+        methods[name] = named if components.label is None else {"label": components.label, **named}
     return {
         **head,
         "time": {"step": time.step, **length},

@@ -9,6 +9,7 @@ from rmpc_bench.config.claim_checks import read_claims
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.evaluation_checks import check_evaluation, check_recording
 from rmpc_bench.config.figure_checks import check_figures
+from rmpc_bench.config.labels import labels_of
 from rmpc_bench.config.result_layout import layout_of
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
@@ -38,6 +39,7 @@ def check(
     for draft, point in zip(drafts, points, strict=True):
         if point is not None:
             check_evaluation(draft, point.experiment)
+    first.labels = labels_of(drafts)
     _check_statistics(first)
     check_recording(first, [None if point is None else point.experiment for point in points])
     check_figures(first, layout)

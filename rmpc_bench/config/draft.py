@@ -34,7 +34,8 @@ class ParameterChange(NamedTuple):
 class MethodComponents:
     """The components of a method, the defaults of all methods merged in."""
 
-    label: str
+    label: str | None
+    """Template of the label; None if it is made of what differs between the methods."""
     model: Component | None
     estimator: Component | None
     controller: Component | None
@@ -70,6 +71,8 @@ class DraftConfig:
     """Cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model."""
     initial: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, MethodComponents] = field(default_factory=dict)
+    labels: dict[str, str] = field(default_factory=dict)
+    """Method -> its label with the values of the parameters."""
     metrics: list[Component | None] = field(default_factory=list)
     figures: list[Component | None] = field(default_factory=list)
     claims: list[ClaimKeys | None] = field(default_factory=list)

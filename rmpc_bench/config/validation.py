@@ -162,12 +162,12 @@ def _methods(draft: DraftConfig) -> None:
         for key in own:
             if key not in known:
                 draft.note([*path, key], registry.unknown(key, known, "key"), key=True)
-        label = own.get("label", name)
-        if not isinstance(label, str):
+        label = own.get("label")
+        if "label" in own and not isinstance(label, str):
             draft.note([*path, "label"], f"must be text (got {shown(label)})")
         named = {key: _method_component(draft, own, key, path) for key in ("model", "estimator", "controller")}
         controlled = own.get("controller", draft.tree.get("controller")) is not None
-        draft.methods[name] = MethodComponents(str(label), **named, controlled=controlled)
+        draft.methods[name] = MethodComponents(None if label is None else str(label), **named, controlled=controlled)
 
 
 def _method_component(draft: DraftConfig, own: Map, key: str, path: list[str | int]) -> Component | None:

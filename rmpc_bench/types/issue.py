@@ -52,10 +52,11 @@ def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> st
     noun : what they are names of
     way_out : command that lists them
     """
+    known = list(known)
     # A name in the wrong case is nearest to the same name in the right one.
-    cased = {each.lower(): each for each in reversed(list(known))}
-    near = difflib.get_close_matches(name.lower(), cased, n=1, cutoff=0.5)
-    hint = f"; did you mean {cased[near[0]]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
+    near = [each for each in known if each.lower() == name.lower()]
+    near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
     return f"{name!r} is not a known {noun}{hint}" + (f" ({way_out})" if way_out else "")
 
 

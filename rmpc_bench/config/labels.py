@@ -1,0 +1,209 @@
+"""Labels of the methods in figures and tables: templates, or made of what differs between the methods.
+
+A label such as ``R-MPC1, $c=${c}$`` may contain ``${path}``, the value of a parameter of the model, the estimator or
+the controller of the method, defaults and overrides included.  The path is complete (``estimator.c``) or its end
+(``c``), if only one parameter has that end.  Every other dollar sign belongs to a formula.
+
+A method without a label has its name.  If other methods have components of the same kinds, its scalar parameters that
+differ from theirs are added, except for those at their default and those whose value is part of the name.  The name
+stands alone if more than two parameters would have to be added, or one that is a list or a mapping.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rmpc_bench.config.component import Component, plain_data
+from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.schema import model_of
+from rmpc_bench.registry import unknown
+
+MAX_ADDED = 2
+"""Parameters that a label without template repeats at most."""
+DIGITS = 6
+_PARAMETER = re.compile(r"\$\{([A-Za-z_]\w*(?:\.\w+)*)\}")
+_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+_GREEK = {"theta": r"\theta", "lam": r"\lambda", "gamma": r"\gamma", "rho": r"\rho", "eps": r"\varepsilon"}
+
+
+class Parameter(NamedTuple):
+    """A parameter of a method."""
+
+    value: Any
+    is_default: bool
+
+
+class LabelError(ValueError):
+    """A template that cannot be filled in."""
+
+
+def labels_of(drafts: Sequence[DraftConfig]) -> dict[str, str]:
+    """Return the label of every method; an error in a template is added to the problems of the first draft.
+
+    Parameters
+    ----------
+    drafts : the sections of every point of the sweep; the labels are the same at all points
+    """
+    first = drafts[0]
+    labels = {}
+    points = {name: [_parameters(draft.methods[name]) for draft in drafts if name in draft.methods]
+              for name in first.methods}  # fmt: skip
+    for name, components in first.methods.items():
+        labels[name] = name
+        try:
+            if components.label is None:
+                labels[name] = _derived(name, points)
+            elif _is_valid(components):
+                labels[name] = fill(components.label, name, points[name])
+        except LabelError as error:
+            first.note(["methods", name, "label"], str(error))
+    return labels
+
+
+def fill(template: str, method: str, points: Sequence[Mapping[str, Parameter]]) -> str:
+    """Return a template with the values of its parameters.
+
+    Parameters
+    ----------
+    template : the label as given
+    method : name of the method, for messages
+    points : parameters of the method at every point of the sweep, by their path
+
+    Raises
+    ------
+    LabelError
+        If a parameter is unknown, ambiguous or swept, or a brace is not closed; with the column in the template.
+    """
+
+    def value(found: re.Match[str]) -> str:
+        before = _PARAMETER.sub("", template[: found.start()]).replace(r"\$", "")
+        try:
+            path = _complete(found[1], points[0], method)
+            if any(point.get(path) != points[0][path] for point in points):
+                raise LabelError(f"{path!r} changes with the sweep; figures and tables name the point, so leave it out")
+        except LabelError as error:
+            raise LabelError(f"column {found.start() + 1} of {template!r}: {error}") from None
+        return written(points[0][path].value, math=before.count("$") % 2 == 1)
+
+    opened = re.search(r"\$\{[^}]*$", template)
+    if opened is not None:
+        raise LabelError(f"column {opened.start() + 1} of {template!r}: '${{' is not closed")
+    return _PARAMETER.sub(value, template)
+
+
+def written(value: Any, *, math: bool) -> str:
+    r"""Write a value as papers do: powers of ten below 1, plain decimals, else a mantissa and a power.
+
+    Parameters
+    ----------
+    value : plain data
+    math : whether the text stands inside a formula
+
+    Examples
+    --------
+    >>> [written(value, math=True) for value in (0.1, 1.0, 0.03, 1.5e-4)]
+    ['10^{-1}', '1', '0.03', '1.5 \\cdot 10^{-4}']
+    >>> [written(value, math=False) for value in (0.1, 1e-3, [0.5, 4])]
+    ['0.1', '$10^{-3}$', '[0.5, 4]']
+    """
+    if isinstance(value, list):
+        return f"[{', '.join(written(each, math=math) for each in value)}]"
+    if isinstance(value, bool) or value is None:
+        return "none" if value is None else str(value).lower()
+    if not isinstance(value, int | float):
+        return str(value)
+    mantissa, exponent = f"{value:.{DIGITS - 1}e}".split("e")
+    mantissa, power = mantissa.rstrip("0").rstrip("."), int(exponent)
+    is_power = mantissa == "1" and power < 0
+    if value == 0 or (-3 < power < DIGITS and not (is_power and math)):
+        return f"{value:.{DIGITS}g}"
+    text = f"10^{{{power}}}" if mantissa == "1" else rf"{mantissa} \cdot 10^{{{power}}}"
+    return text if math else f"${text}$"
+
+
+def _is_valid(components: MethodComponents) -> bool:
+    given = [components.model, components.estimator] + [components.controller] * components.controlled
+    return all(component is not None for component in given)
+
+
+def _complete(path: str, known: Mapping[str, Parameter], method: str) -> str:
+    """Return the complete path of a parameter."""
+    ends = [each for each in known if each == path or each.endswith(f".{path}")]
+    if len(ends) > 1 and path not in ends:
+        raise LabelError(f"{path!r} is ambiguous; write {' or '.join(f'${{{each}}}' for each in ends)}")
+    if not ends:
+        short = {each.rpartition(".")[2] for each in known if not each.endswith("kind")}
+        names = known if "." in path else sorted(short)
+        raise LabelError(unknown(path, names, f"parameter of {method}"))
+    return path if path in ends else ends[0]
+
+
+def _derived(name: str, points: Mapping[str, Sequence[Mapping[str, Parameter]]]) -> str:
+    """Make the label of a method without a template."""
+    own = points[name][0]
+    group = [point[0] for other, point in points.items() if other != name and point and _kinds(point[0]) == _kinds(own)]
+    differing = [
+        path for path, (value, is_default) in own.items()
+        if not is_default and any(other.get(path, Parameter(None, True)).value != value for other in group)
+    ]  # fmt: skip
+    if any(point.get(path) != own[path] for path in differing for point in points[name]):
+        return name
+    values = {path: own[path].value for path in differing if not _is_in_name(path, own[path].value, name)}
+    lists = any(path in each and isinstance(each[path].value, list) for path in values for each in (own, *group))
+    if lists or len(values) > MAX_ADDED:
+        return name
+    return ", ".join([name, *(_equation(path.rpartition(".")[2], value) for path, value in values.items())])
+
+
+def _is_in_name(path: str, value: Any, name: str) -> bool:
+    """Whether the name of a method contains the value of a parameter, or the key of one that is true."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value) in {float(text) for text in _NUMBER.findall(name)}
+    word = path.rpartition(".")[2] if value is True else str(value)
+    return word in re.split(r"[^A-Za-z0-9]+", name)
+
+
+def _equation(key: str, value: Any) -> str:
+    """Write a parameter and its value: a formula for a number of one letter, such as ``$c=10^{-1}$``."""
+    letter = _GREEK.get(key, key if len(key) == 1 else "")
+    if letter and isinstance(value, int | float) and not isinstance(value, bool):
+        return f"${letter}={written(value, math=True)}$"
+    return key if value is True else f"{key} = {written(value, math=False)}"
+
+
+def _kinds(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+    return {path: value for path, (value, _) in parameters.items() if path.rpartition(".")[2] == "kind"}
+
+
+def _parameters(components: MethodComponents) -> dict[str, Parameter]:
+    """Return the parameters of the components of a method by their path, such as ``estimator.theta_from.c``."""
+    named = {"model": components.model, "estimator": components.estimator, "controller": components.controller}
+    return {
+        f"{role}.{path}": parameter
+        for role, component in named.items() if component is not None
+        for path, parameter in _leaves(component)
+    }  # fmt: skip
+
+
+def _leaves(component: Component) -> Iterator[tuple[str, Parameter]]:
+    yield "kind", Parameter(component.kind, False)
+    fields = model_of(component.group, component.kind).model_fields
+    for name, value in component.parameters.items():
+        field = fields[name]
+        yield from _flat(name.rstrip("_"), value, value == field.default and not field.is_required())
+
+
+def _flat(path: str, value: Any, is_default: bool) -> Iterator[tuple[str, Parameter]]:
+    """Yield a parameter, or those inside a dataclass or a mapping."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type) and not callable(value):
+        for field in dataclasses.fields(value):
+            inner = getattr(value, field.name)
+            yield from _flat(f"{path}.{field.name.rstrip('_')}", inner, is_default or inner == field.default)
+    elif isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _flat(f"{path}.{key}", inner, is_default)
+    else:
+        yield path, Parameter(plain_data(value), is_default)
