@@ -23,7 +23,7 @@ from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccat
 from rmpc_bench.models.noise_sets import NoiseKind, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.kl_ball import Inflation
-from rmpc_bench.numerics.linalg import mv, symmetrise
+from rmpc_bench.numerics.linalg import congruence, mv, symmetrise
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
 
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
@@ -71,7 +71,7 @@ class RelinearisedFilter(Estimator):
             CP = np.einsum("ij,rjk->rik", C, P_pred)
             L = np.linalg.solve(np.einsum("rij,kj->rik", CP, C) + R_v, CP).swapaxes(1, 2)
             rest = np.eye(self.model.nx) - np.einsum("rij,jk->rik", L, C)
-            P = symmetrise(_sandwiched(rest, P_pred) + _sandwiched(L, np.broadcast_to(R_v, (len(y), *R_v.shape))))
+            P = symmetrise(congruence(rest, P_pred) + congruence(L, np.broadcast_to(R_v, (len(y), *R_v.shape))))
             after = RelinearisedState(x_pred + mv(L, e), P)
         # True for NaN, which the closed loop detects itself.
         sound = ~(np.abs(after.x_hat) > self.model.largest).any(axis=1)
@@ -80,14 +80,7 @@ class RelinearisedFilter(Estimator):
     def predict(self, k: int, state: RelinearisedState, u: Float[Array, "runs nu"]) -> RelinearisedState:
         """Predict k+1 with the model at x_hat(k)."""
         A, B = self.model.at_state(state.x_hat)
-        return RelinearisedState(mv(A, state.x_hat) + mv(B, u), symmetrise(_sandwiched(A, state.P) + self.model.Q_w))
-
-
-def _sandwiched(A: Float[Array, "runs n m"], P: Float[Array, "runs m m"]) -> Float[Array, "runs n n"]:
-    """Return A P A' for every run."""
-    A = np.ascontiguousarray(A)
-    product: Array = np.einsum("rik,rlk->ril", np.einsum("rij,rjk->rik", A, P), A)
-    return product
+        return RelinearisedState(mv(A, state.x_hat) + mv(B, u), symmetrise(congruence(A, state.P) + self.model.Q_w))
 
 
 def design(

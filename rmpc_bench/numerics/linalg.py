@@ -26,6 +26,17 @@ def mv(A: Float[Array, "n m"] | Float[Array, "runs n m"], x: Float[Array, "runs 
     return product
 
 
+def congruence(
+    A: Float[Array, "n m"] | Float[Array, "runs n m"], P: Float[Array, "runs m m"]
+) -> Float[Array, "runs n n"]:
+    """Return A P A' for every run, with a shared or a per-run A; by einsum for the reason given in `mv`."""
+    A = np.ascontiguousarray(A)
+    shape = "ij" if A.ndim == 2 else "rij"
+    half = np.einsum(f"{shape},rjk->rik", A, np.ascontiguousarray(P))
+    product: Array = np.einsum(f"rik,{shape.replace('i', 'l').replace('j', 'k')}->ril", half, A)
+    return product
+
+
 def as_compiled(array: Array) -> Array:
     """Return an array of the one kind that kernels are compiled for: of doubles, contiguous and writable."""
     return np.require(array, np.float64, ["C", "W"])

@@ -22,7 +22,7 @@ PARAMETERS = {
     "risk-sensitive": [{"theta": 0.01}, {"theta_from": Radius(c=0.01)}, {"theta": 0.01, "tau": 1.0}],
     "kalman-predictor": [{}, {"R": 2.0, "gain": "steady"}],
     "enhanced-robust": [{}, {"eps": Margins(x=0.1, w=0.2, v=0.3), "tuned": True}, {"rule": "state"}],
-    "sayed-bdu": [{}, {"alpha": 0.1, "form": "predictor"}],
+    "sayed-bdu": [{}, {"alpha": 0.1, "form": "predictor"}, {"lam": "search"}],
     "lmmse": [{}, {"law": EntryLaw(mean=0.2, variance=0.1)}],
     "lp-window": [{}, {"Ne": 2, "start": "anchored"}],
     "mixed": [{}, {"q": "lag", "use_y0": False}, {"q": "one-pass"}],

@@ -1,5 +1,7 @@
 """Sayed's filter against its own regularised least squares, brute force, and the Kalman filter."""
 
+import pickle
+
 import numpy as np
 import pytest
 from conftest import random_model, random_psd
@@ -113,9 +115,38 @@ def test_the_least_squares_are_a_min_max(rng):
         np.testing.assert_allclose(cost, brute.fun, rtol=1e-4)  # the circle has 720 directions
         np.testing.assert_allclose(problem.worst(z), brute.fun, rtol=1e-4)
         best = design(model, 1, x0=x0, P0=start, alpha=float(np.exp(dual.x)))
-        state, _ = best.correct(0, best.init(1), y[0])
-        _, estimate = best.correct(1, best.predict(0, state, u), y[1])
-        np.testing.assert_allclose(estimate.x_hat[0], problem.x_hat_next(z), atol=1e-8)
+        searched = design(model, 1, x0=x0, P0=start, lam="search")
+        for filter_, atol in ((best, 1e-8), (searched, 1e-5)):  # the oracle's lam is good to 1e-7
+            state, _ = filter_.correct(0, filter_.init(1), y[0])
+            _, estimate = filter_.correct(1, filter_.predict(0, state, u), y[1])
+            np.testing.assert_allclose(estimate.x_hat[0], problem.x_hat_next(z), atol=atol)
+
+
+@pytest.mark.parametrize("varying", [False, True])
+def test_the_search_finds_the_least_value_at_every_step(varying, rng):
+    """Oracle: the published scalar function G(lam), evaluated by its normal equations on a grid of 400 values.
+
+    The estimate of the found lam is that of the modified weights, solved as one big linear system.
+    """
+    for _ in range(4):
+        model = system(rng, varying=varying)
+        filter_ = design(model, 8, x0=rng.standard_normal(3), P0=random_psd(rng, 3), lam="search")
+        state, past = filter_.init(2), []
+        for k in range(9):
+            y, u = rng.standard_normal((2, 2)), rng.standard_normal((2, 1))
+            state, estimate = filter_.correct(k, state, y)
+            for i in range(2 if k else 0):
+                before, u_before = past[-1]
+                problem = LeastSquares(model, k - 1, before.x_hat[i], before.P[i], y[i], u_before[i])
+                lam = estimate.info["lam"][i, 0]
+                assert lam > problem.lam_l
+                z, least = problem.solve(lam)
+                grid = problem.lam_l * (1 + np.logspace(-7, 7, 400))
+                # The normal equations lose digits where lam is close to its lower bound.
+                assert least <= min(problem.solve(each)[1] for each in grid) * (1 + 1e-6)
+                np.testing.assert_allclose(estimate.x_hat[i], problem.x_hat_next(z), atol=1e-5)
+            past.append((estimate, u))
+            state = filter_.predict(k, state, u)
 
 
 @pytest.mark.parametrize("form", ["filter", "predictor"])
@@ -143,6 +174,64 @@ def test_without_uncertainty_it_is_the_kalman_filter(form, rng):
             left, right = np.broadcast_arrays(getattr(ours, name), getattr(theirs, name))
             np.testing.assert_allclose(left, right, atol=1e-11)
         np.testing.assert_array_equal(ours.extra["lam"], np.zeros(9))
+
+
+def filtered(filter_, y, u):
+    """Estimates (runs, samples, nx) and matrices P of a filter."""
+    state, x_hat, P = filter_.init(len(y)), [], []
+    for k in range(y.shape[1]):
+        state, estimate = filter_.correct(k, state, y[:, k])
+        x_hat.append(estimate.x_hat)
+        P.append(estimate.P)
+        state = filter_.predict(k, state, u[:, k])
+    return np.stack(x_hat, axis=1), P
+
+
+def test_the_search_without_uncertainty_is_the_kalman_filter(rng):
+    """Oracle: `kalman`; where the uncertainty is out of sight (C M = 0) and for a plain linear model; lam is 0."""
+    blind = {"C": [[1.0, 0, 0]], "H_A": [[0], [1.0], [0]], "H_Bw": 0, "vbar": [0.3], "V": 0.5, "Dv": 1.0}
+    for model in (system(rng, **blind), random_model(rng)):
+        start = {"x0": np.ones(3), "P0": random_psd(rng, 3)}
+        y, u = rng.standard_normal((4, 9, model.ny)), rng.standard_normal((4, 9, model.nu))
+        ours, P = filtered(design(model, 8, **start, lam="search"), y, u)
+        theirs, P_theirs = filtered(kalman(model, 8, **start), y, u)
+        np.testing.assert_allclose(ours, theirs, atol=1e-11)
+        for left, right in zip(P, P_theirs, strict=True):
+            np.testing.assert_allclose(left, np.broadcast_to(right, left.shape), atol=1e-12)
+
+
+def test_a_given_lam_is_the_approximation_with_that_lam(rng):
+    """Oracle: alpha that gives the same lam; a value below the lower bound is refused, with the bound."""
+    model = system(rng)
+    start = {"x0": np.ones(3), "P0": random_psd(rng, 3)}
+    theirs = design(model, 8, **start, alpha=2.0)
+    ours = design(model, 8, **start, lam=float(theirs.extra["lam"][0]))
+    for name in ("F", "K", "L", "P"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+    with pytest.raises(DesignError, match="must be above .* = ") as error:
+        design(model, 8, **start, lam=float(theirs.extra["lam"][0]) / 3.1)
+    assert error.value.parameter == "lam"
+
+
+def test_the_search_needs_the_measurement():
+    """Oracle: lam of the step to k+1 uses y(k+1), which a predictor does not have."""
+    with pytest.raises(DesignError, match="choose filter") as error:
+        design(system(np.random.default_rng(1)), 8, x0=np.zeros(3), P0=np.eye(3), lam="search", form="predictor")
+    assert error.value.parameter == "form"
+
+
+def test_the_search_treats_every_run_on_its_own(rng):
+    """Oracle: every run alone, and a pickle, bit for bit, beside a run whose measurement is missing."""
+    model = system(rng, 12)
+    filter_ = design(model, 12, x0=rng.standard_normal(3), P0=random_psd(rng, 3), lam="search")
+    y, u = rng.standard_normal((7, 13, 2)), rng.standard_normal((7, 13, 1))
+    y[3, 5] = np.nan
+    x_hat, P = filtered(pickle.loads(pickle.dumps(filter_)), y, u)
+    assert np.isnan(x_hat[3, 5:]).all() and np.isfinite(np.delete(x_hat, 3, axis=0)).all()
+    for i in range(7):
+        alone, P_alone = filtered(filter_, y[i : i + 1], u[i : i + 1])
+        np.testing.assert_array_equal(alone[0], x_hat[i])
+        np.testing.assert_array_equal(P_alone[-1][0], P[-1][i])
 
 
 def test_the_recursion_is_the_papers(rng):
