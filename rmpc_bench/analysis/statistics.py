@@ -1,4 +1,4 @@
-"""Summary and paired comparisons; the unit is the run, paired with the baseline's run of the same index."""
+"""Summary of every metric of every method, and comparisons in words."""
 
 from __future__ import annotations
 
@@ -11,26 +11,18 @@ import pandas as pd
 
 from rmpc_bench.analysis.intervals import (
     NONE,
-    Interval,
-    difference,
-    geometric,
-    holm,
     quantile,
-    signed_rank_p,
     standard_error,
     student,
     wilson,
 )
-from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
+from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array, MetricInfo
 
-__all__ = ["comparisons", "format_with_error", "sentence", "summary", "wilson"]
+__all__ = ["format_with_error", "sentence", "summary", "wilson"]
 
 SUMMARY = "method metric n n_failed mean se ci_low ci_high median q25 q75 min max did_not_occur".split()
-COMPARISONS = (
-    "method baseline metric change_pct ci_low ci_high won lost tied superiority p_wilcoxon_holm n_pairs word".split()
-)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -74,72 +66,6 @@ def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
     }
 
 
-@np.errstate(over="ignore", invalid="ignore")
-def comparisons(trials: Trials) -> pd.DataFrame:
-    """Compare every method with the baseline, run by run.
-
-    Parameters
-    ----------
-    trials : the table of trials
-
-    Returns
-    -------
-    one row per metric and method but the baseline with the columns `COMPARISONS`; change and interval in per cent of
-    the baseline, NaN where a value of the pairs is inf; `superiority` is the share of better runs, a run that does
-    not differ counting half; `p_wilcoxon_holm` is a text, empty without pairs
-    """
-    rows: list[dict[str, Any]] = []
-    for info in trials.metrics:
-        family = [_compare(trials, method, info) for method in trials.methods if method != trials.baseline]
-        for row, p in zip(family, holm([row["p_wilcoxon_holm"] for row in family]), strict=True):
-            row["p_wilcoxon_holm"] = _p_text(p)
-        rows += family
-    return pd.DataFrame(rows, columns=COMPARISONS)
-
-
-def _compare(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
-    a, b = trials.pairs(info.name, method, trials.baseline)
-    a, b = from_best(a, info.direction), from_best(b, info.direction)
-    change, (low, high) = _change(a, b, trials.confidence)
-    gap = _gap(a, b)
-    # Two infs have gap 0; a finite value against an infinite baseline is not close to it.
-    tied = (gap == 0) | (np.isfinite(gap) & (np.abs(gap) <= trials.relevant * np.abs(b)))
-    better = gap > 0 if info.direction == "higher" else gap < 0
-    won, lost = int((better & ~tied).sum()), int((~better & ~tied).sum())
-    on_logs = bool(np.isfinite(a).all() and np.isfinite(b).all() and (a > 0).all() and (b > 0).all())
-    if math.isnan(change):
-        word = _word_of_counts(won, lost, trials.confidence)
-    else:
-        word = _word_of_change(low, high, 100 * trials.relevant, info.direction)
-    return {
-        "method": method,
-        "baseline": trials.baseline,
-        "metric": info.name,
-        "change_pct": change,
-        "ci_low": low,
-        "ci_high": high,
-        "won": won,
-        "lost": lost,
-        "tied": int(tied.sum()),
-        "superiority": float((better + 0.5 * (gap == 0)).mean()) if len(a) else math.nan,
-        "p_wilcoxon_holm": signed_rank_p(_log_gap(a, b, gap) if on_logs else gap),
-        "n_pairs": len(a),
-        "word": word,
-    }
-
-
-def _gap(a: Array, b: Array) -> Array:
-    """Differences run by run, 0 where two values differ by rounding errors only: their sign would depend on the CPU."""
-    gap, size = difference(a, b), np.maximum(np.abs(a), np.abs(b))
-    return np.where(np.isfinite(gap) & (np.abs(gap) <= NEGLIGIBLE * size), 0.0, gap)
-
-
-def _log_gap(a: Array, b: Array, gap: Array) -> Array:
-    """Differences of the logarithms, rounded so that equal ratios have equal ranks on every CPU."""
-    found: Array = np.where(gap == 0, 0.0, np.round(np.log(a) - np.log(b), STABLE))
-    return found
-
-
 def from_best(values: Array, direction: str) -> Array:
     """Distance from the best value where that is neither the lowest nor the highest; from 1 as a ratio."""
     if direction not in ("zero", "one"):
@@ -153,76 +79,38 @@ def name_from_best(info: MetricInfo) -> str:
     return {"zero": f"|{info.name}|", "one": f"|log {info.name}|"}.get(info.direction, info.name)
 
 
-def _change(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
-    """Change from `b` to `a` in per cent with its interval."""
-    if not len(a) or not (np.isfinite(a).all() and np.isfinite(b).all()):
-        return math.nan, NONE
-    if (a > 0).all() and (b > 0).all():
-        ratio, (low, high) = geometric(a, b, confidence)
-        return 100 * (ratio - 1), (100 * (low - 1), 100 * (high - 1))
-    scale = abs(float(np.mean(b)))
-    if scale == 0:
-        return math.nan, NONE
-    low, high = student(a - b, confidence)
-    return 100 * float(np.mean(a - b)) / scale, (100 * low / scale, 100 * high / scale)
-
-
-def _word_of_change(low: float, high: float, relevant: float, direction: str) -> str:
-    if direction == "higher":
-        low, high = -high, -low
-    low, high = (0.0 if abs(end) < NEGLIGIBLE * 100 else end for end in (low, high))
-    if math.isnan(low) or low <= 0 <= high:
-        return "not separated"
-    if high < -relevant:
-        return "better"
-    return "worse" if low > relevant else "detectable but small"
-
-
-def _word_of_counts(won: int, lost: int, confidence: float) -> str:
-    """Word where no change exists; ties are left out, or two methods that do not settle would differ."""
-    low, high = wilson(won, won + lost, confidence)
-    if low > 0.5:
-        return "better"
-    return "worse" if high < 0.5 else "not separated"
-
-
-def _p_text(p: float) -> str:
-    if math.isnan(p):
-        return ""
-    return "<0.001" if p < 0.001 else f"{p:.3f}"
-
-
 def sentence(row: Mapping[str, Any], info: MetricInfo, *, confidence: float = 0.95) -> str:
     """Say one comparison in one sentence that can be pasted into a paper.
 
     Parameters
     ----------
-    row : a row of `comparisons`
+    row : a row of `comparison.comparisons`
     info : the metric of the row
     confidence : level of its interval
 
     Returns
     -------
-    such as "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (paired, 95 %, 200 runs; better in 195)."
+    such as "R-MPC1 against S-MPC: mse -10.2 % [-11.3, -9.0], better (paired, 95 %, 200 runs; better in 195)."
     """
-    name = name_from_best(info)
-    n, method, baseline = int(row["n_pairs"]), row["method"], row["baseline"]
+    n = int(row["n_pairs"])
     counts = f"better in {row['won']}" + (f", tied in {row['tied']}" if row["tied"] else "")
     basis = f"(paired, {100 * confidence:g} %, {n} {'run' if n == 1 else 'runs'}; {counts})"
-    change, low, high = float(row["change_pct"]), float(row["ci_low"]), float(row["ci_high"])
-    if math.isnan(change):
-        verdict = "not separated from" if row["word"] == "not separated" else f"{row['word']} than"
-        return f"{method} is {verdict} {baseline} in {name} {basis}."
+    pieces = [piece for piece in (_size(row, info), str(row["verdict"]).replace("-", " ")) if piece]
+    return f"{row['method']} against {row['baseline']}: {name_of_distance(info)} {', '.join(pieces)} {basis}."
+
+
+def _size(row: Mapping[str, Any], info: MetricInfo) -> str:
+    """Write the average difference with its interval; empty where there is none."""
+    signed = row.get("average") == "difference"
+    names = ("difference", "difference_low", "difference_high") if signed else ("change_pct", "ci_low", "ci_high")
+    value, low, high = (float(row[name]) for name in names)
+    unit = " " + (info.unit if signed else "%") if info.unit or not signed else ""
+    if math.isnan(value):
+        return ""
     if math.isnan(low):
-        return f"{method} changes {name} by {change:+.3g} % against {baseline}, without an interval {basis}."
-    places = min(3, decimals((high - low) / 2))  # constant ratios have an interval of rounding
-    if row["word"] == "not separated":
-        interval = f"{change:+.{places}f} % [{low:+.{places}f}, {high:+.{places}f}]"
-        return f"{method} is not separated from {baseline} in {name}: {interval} {basis}."
-    verb, ends = ("lowers", (-high, -low)) if change < 0 else ("raises", (low, high))
-    interval = f"{abs(change):.{places}f} % [{ends[0]:.{places}f}, {ends[1]:.{places}f}]"
-    small = ", detectable but small" if row["word"] == "detectable but small" else ""
-    return f"{method} {verb} {name} by {interval} against {baseline}{small} {basis}."
+        return f"{value:+.3g}{unit}"
+    places = decimals((high - low) / 2) if signed else min(3, decimals((high - low) / 2))
+    return f"{value:+.{places}f}{unit} [{low:+.{places}f}, {high:+.{places}f}]"
 
 
 def decimals(uncertainty: float) -> int:

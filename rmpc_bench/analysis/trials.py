@@ -50,6 +50,12 @@ class Trials:
     baseline : the method that all others are compared with
     confidence : level of every interval, such as 0.95
     relevant : the smallest relative change that matters, such as 0.01
+    margins : metric -> the smallest difference that matters where it is not `relevant`: a relative change, or a number
+        in the unit of a signed metric
+    primary : name of the metric that has a verdict; the first one if empty
+    average : averages that are asked for: ``geometric``, ``mean`` or ``both``
+    headline : the average that the verdict rests on where both are asked for
+    look : how often a verdict was published with other numbers of runs, this one included
     seed : seed of the experiment
     Ts : sampling time [s]; 0 where it is not known
     units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
@@ -83,6 +89,28 @@ class Trials:
     title: str = ""
     keys: Mapping[str, str] = field(default_factory=dict)
     oracles: frozenset[str] = frozenset()
+    margins: Mapping[str, float] = field(default_factory=dict)
+    primary: str = ""
+    average: str = "both"
+    headline: str = "geometric"
+    look: int = 1
+
+    @property
+    def primary_info(self) -> MetricInfo | None:
+        """The metric that has a verdict; None where it is not in this table."""
+        if not self.primary:
+            return self.metrics[0] if self.metrics else None
+        return next((info for info in self.metrics if info.name == self.primary), None)
+
+    def relevant_of(self, metric: str, *, default: float | None = None) -> float:
+        """Return the smallest difference of a metric that matters.
+
+        Parameters
+        ----------
+        metric : name of a metric
+        default : for a metric without a margin of its own; `relevant` if None
+        """
+        return self.margins.get(metric, self.relevant if default is None else default)
 
     @property
     def each(self) -> tuple[Trials, ...]:
@@ -159,6 +187,14 @@ class Trials:
         a, b = self.column(metric, method), self.column(metric, other)
         both = ~(np.isnan(a) | np.isnan(b))
         return a[both], b[both]
+
+    def failed(self, method: str) -> Array:
+        """Return whether a method failed, (n_runs,) in the order of `runs`; an absent run did not."""
+        found = np.zeros(len(self.runs), dtype=bool)
+        if method in self._rows:
+            _, places, ok = self._rows[method]
+            found[places[~ok]] = True
+        return found
 
     def n_failed(self, method: str) -> int:
         """Count the runs of `method` that ended with any status but ok."""

@@ -57,7 +57,7 @@ def _check_columns(draft: DraftConfig, sweep: Sweep) -> None:
 
 
 def _check_statistics(draft: DraftConfig) -> None:
-    """Refuse a primary metric or a baseline that does not exist."""
+    """Refuse a primary metric, a baseline or a metric with a margin that does not exist."""
     given, names = draft.tree.get("statistics"), draft.metric_names
     if not isinstance(given, Map):
         return
@@ -65,3 +65,7 @@ def _check_statistics(draft: DraftConfig) -> None:
         draft.note(["statistics", "primary"], unknown(given["primary"], names, "metric of this configuration"))
     if isinstance(given.get("baseline"), str) and draft.methods and given["baseline"] not in draft.methods:
         draft.note(["statistics", "baseline"], unknown(given["baseline"], draft.methods, "method"))
+    margins = given.get("relevant")
+    for name in margins if isinstance(margins, Map) else ():
+        if name not in names:
+            draft.note(["statistics", "relevant", name], unknown(name, names, "metric of this configuration"))

@@ -80,6 +80,16 @@ class ExperimentConfig:
         """Name of the method that all others are compared with."""
         return self.statistics.baseline or self.experiment.methods[0].name
 
+    @property
+    def headline(self) -> str:
+        """The average that verdicts rest on where both are asked for: ``mean`` if the claims name it, else geometric.
+
+        A claim names the mean by ``mean(metric[...])`` and the geometric mean by ``ratio(metric[...])``.
+        """
+        checks = " ".join(check for claim in self.claims for check in claim.check).replace(" ", "")
+        names_mean, names_ratio = (f"{function}({self.primary}[" in checks for function in ("mean", "ratio"))
+        return "mean" if names_mean and not names_ratio else "geometric"
+
     def n_trials(self, methods: Collection[str] | None = None) -> int:
         """Count the trials; those that points of the sweep share count once.
 

@@ -50,14 +50,34 @@ class Time:
         return self.step if self.duration is not None else 1.0
 
 
+DEFAULT_RELEVANT = 0.01
+Relevant: Any = Annotated[float, Ge(0), Lt(1)] | dict[str, NonNegative]
+
+
 @dataclass(frozen=True)
 class Statistics:
-    """Comparison of the methods; `primary` and `baseline` default to the first metric and the first method."""
+    """Comparison of the methods; `primary` and `baseline` default to the first metric and the first method.
+
+    `relevant` is the smallest difference that matters: a relative change for all metrics, or a number per metric.  A
+    signed metric, for which 0 is best or which has negative values, takes a number in its unit; without one, none of
+    its differences is too small to matter.  `average` says which averages of the paired runs are computed.
+    """
 
     primary: Text | None = None
     baseline: Text | None = None
     confidence: Annotated[float, Gt(0), Lt(1)] = 0.95
-    relevant: Annotated[float, Ge(0), Lt(1)] = 0.01
+    relevant: Relevant = DEFAULT_RELEVANT
+    average: Literal["geometric", "mean", "both"] = "both"
+
+    @property
+    def relevant_change(self) -> float:
+        """The smallest relative change that matters in a metric without a margin of its own."""
+        return DEFAULT_RELEVANT if isinstance(self.relevant, dict) else self.relevant
+
+    @property
+    def margins(self) -> dict[str, float]:
+        """Metric -> margin of its own."""
+        return self.relevant if isinstance(self.relevant, dict) else {}
 
 
 @dataclass(frozen=True)

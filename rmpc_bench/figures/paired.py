@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
+    from rmpc_bench.analysis.comparison import Levels
     from rmpc_bench.analysis.trials import Trials
 
 BAND = "#ebebeb"
@@ -74,7 +75,7 @@ class Paired(SweepFigure):
         if not methods:
             raise DesignError(f"must name a method besides the baseline '{results.baseline}'", "order")
         size = self.size(0.5 + len(points) * (PANEL + ROW * len(methods)))
-        return _draw(points, info, methods, size)
+        return _draw(results, points, info, methods, size)
 
 
 class Change(NamedTuple):
@@ -90,7 +91,7 @@ class Change(NamedTuple):
     n_pairs: int
 
 
-def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str]) -> list[Change]:
+def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str], of: Levels | None = None) -> list[Change]:
     """Compare methods with the baseline.
 
     Parameters
@@ -98,10 +99,12 @@ def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str]) -> list[
     point : the table that is shown
     info : the metric
     methods : methods to show, without the baseline
+    of : levels of the intervals of the experiment; of this table alone unless given
     """
-    from rmpc_bench.analysis.statistics import comparisons
+    from rmpc_bench.analysis.comparison import comparisons
 
-    rows = comparisons(replace(point, metrics=(info,))).set_index("method")
+    rows = comparisons(replace(point, metrics=(info,), primary=point.primary or point.metrics[0].name), of)
+    rows = rows.set_index("method")
     found = []
     for name in methods:
         row = rows.loc[name]
@@ -111,21 +114,24 @@ def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str]) -> list[
     return found
 
 
-def _draw(points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], size: tuple[float, float]) -> MplFigure:
+def _draw(
+    results: Trials, points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], size: tuple[float, float]
+) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    from rmpc_bench.analysis.statistics import name_from_best
+    from rmpc_bench.analysis.comparison import levels
+    from rmpc_bench.analysis.pairs import name_of_distance
 
-    first = points[0]
+    first, of = points[0], levels(results)
     margin, level = 100 * first.relevant, 100 * first.confidence
     limit = size[0] * POINTS_PER_INCH
     with style():
         figure = MplFigure(figsize=size, layout="constrained")
         panels = stacked_panels(figure, len(points))
         for axes, point in zip(panels, points, strict=True):
-            changes = changes_of(point, info, methods)
+            changes = changes_of(point, info, methods, of)
             axes.axvspan(-margin, margin, color=BAND, lw=0, zorder=0.2)
             axes.axvline(0.0, color=REFERENCE, lw=0.9, zorder=2.0)
             _draw_rows(axes, point, changes)
@@ -134,7 +140,8 @@ def _draw(points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], si
             title = ", ".join(filter(None, [short_title(point), _runs(changes)]))
             axes.set_title("\n".join(wrapped(literal(title), 0.7 * limit)))
         better = "higher" if info.direction == "higher" else "lower"
-        text = wrapped(f"change of {literal(name_from_best(info))} against {literal(first.baseline)} [%]", 0.7 * limit)
+        name = literal(name_of_distance(info))
+        text = wrapped(f"change of {name} against {literal(first.baseline)} [%]", 0.7 * limit)
         panels[-1].set_xlabel("\n".join([*text, f"({better} is better)"]))
         interval = Line2D([], [], color=REFERENCE, lw=1.3, **{**MARKER, "ls": "-"})
         band = Patch(facecolor=BAND, edgecolor="none")

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from rmpc_bench.analysis import statistics
+from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.summary import stacked
 from rmpc_bench.report.tables import explanation, markdown_table
@@ -21,7 +22,7 @@ class ComparisonTable:
 
     Parameters
     ----------
-    frame : sweep columns, then the columns `statistics.COMPARISONS`; one row per metric and method
+    frame : sweep columns, then the columns `comparison.COLUMNS`; one row per metric and method
     sentences : each row as one sentence that can be quoted
     notes : what the columns mean: pairing, level of the intervals, relevant change
     """
@@ -98,7 +99,8 @@ def comparison_table(
         )
         for point in trials.each
     ]
-    tables = [statistics.comparisons(point) for point in points]
+    of = levels(replace(trials, points=tuple(points)) if trials.points else points[0])
+    tables = [comparisons(point, of) for point in points]
     return ComparisonTable(
         frame=stacked(list(zip(points, tables, strict=True))),
         sentences=tuple(text for point, table in zip(points, tables, strict=True) for text in _sentences(point, table)),

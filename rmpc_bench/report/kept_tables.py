@@ -13,7 +13,12 @@ from rmpc_bench.types import Array
 
 MIDDLE = ["median", "q25", "q75"]
 NUMBERS = ["mean", "se", "ci_low", "ci_high", *MIDDLE, "min", "max"]
-CHANGES = ["change_pct", "ci_low", "ci_high"]
+CHANGES = [
+    *("change_pct", "ci_low", "ci_high", "geometric_pct", "geometric_low", "geometric_high"),
+    *("mean_pct", "mean_low", "mean_high"),
+]
+SHARES = ["superiority", "ci_level", "superiority_low", "superiority_high", "failed_low", "failed_high"]
+DIFFERENCES = ["difference", "difference_low", "difference_high"]
 PER_CENT = 100.0
 UNRELIABLE = 1e-12
 """Digits of a small metric that may be rounding errors of the numbers whose difference it is."""
@@ -60,7 +65,9 @@ def comparisons_table(compared: pd.DataFrame) -> pd.DataFrame:
     """
     table = compared.copy()
     table[CHANGES] = rounded(table[CHANGES].to_numpy(dtype=float), PER_CENT)
-    table["superiority"] = rounded(table["superiority"].to_numpy(dtype=float), 1.0)
+    table[SHARES] = rounded(table[SHARES].to_numpy(dtype=float), 1.0)
+    # They are rounded beside the numbers that they were computed from already.
+    table[DIFFERENCES] = rounded(table[DIFFERENCES].to_numpy(dtype=float))
     return table
 
 

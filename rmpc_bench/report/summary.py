@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from rmpc_bench.analysis import statistics
+from rmpc_bench.analysis.comparison import Levels, comparisons, levels
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_screen
 from rmpc_bench.report.tables import screen, summary_markdown
@@ -52,7 +53,7 @@ class PointSummary(NamedTuple):
     described: pd.DataFrame
     """One row per method and metric, see `statistics.summary`."""
     compared: pd.DataFrame
-    """One row per comparison with the baseline, see `statistics.comparisons`."""
+    """One row per comparison with the baseline, see `comparison.comparisons`."""
 
 
 class Summary(NamedTuple):
@@ -119,14 +120,15 @@ def summarise(trials: Trials) -> Summary:
     trials : the table of trials
     """
     pooled = _population(trials.pooled()) if len(trials.points) > MOST_ON_SCREEN and trials.is_population else None
-    return Summary([_summary(point) for point in trials.each], pooled)
+    of = levels(trials)
+    return Summary([_summary(point, of) for point in trials.each], pooled)
 
 
-def _summary(trials: Trials) -> PointSummary:
-    return PointSummary(trials, statistics.summary(trials), statistics.comparisons(trials))
+def _summary(trials: Trials, of: Levels) -> PointSummary:
+    return PointSummary(trials, statistics.summary(trials), comparisons(trials, of))
 
 
 def _population(trials: Trials) -> PointSummary:
     """Describe points that are all there are: nothing is estimated, so there are no errors, intervals and tests."""
     none = {"se": math.nan, "ci_low": math.nan, "ci_high": math.nan}
-    return PointSummary(trials, statistics.summary(trials).assign(**none), statistics.comparisons(trials).iloc[:0])
+    return PointSummary(trials, statistics.summary(trials).assign(**none), comparisons(trials).iloc[:0])

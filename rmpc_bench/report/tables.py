@@ -8,15 +8,17 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from rmpc_bench.analysis.statistics import decimals, format_with_error, sentence, wilson
+from rmpc_bench.analysis.statistics import decimals, format_with_error, sentence
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.types import MetricInfo, Status
 
-GAPS = {"mean": 4, "median": 3, "change": 4, "won": 5, "n": 3, "word": 2}
+GAPS = {"mean": 4, "median": 3, "change": 4, "won": 5, "n": 3, "verdict": 2}
 """Blanks before each column of the screen."""
 
 BEST = {"zero": "best at 0", "one": "best at 1"}
+
+AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio of the means"}
 
 ENORMOUS = 1e6
 """Per cent beyond which a change is written with an exponent."""
@@ -84,7 +86,7 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
     if table.with_failed:
         columns["n"] = ["n/n_failed", *(_counts(line) for line in table.lines)]
     if table.with_comparisons:
-        columns["word"] = ["", *(line.compared["word"] if line.compared else "" for line in table.lines)]
+        columns["verdict"] = ["", *(line.compared["verdict"] if line.compared else "" for line in table.lines)]
     rows = [""] * (len(table.lines) + 1)
     for name, cells in columns.items():
         width = max(len(cell) for cell in cells)
@@ -133,9 +135,9 @@ def _markdown_columns(trials: Trials, table: _Table) -> dict[str, list[str]]:
     if table.with_comparisons:
         columns[f"change vs {trials.baseline}"] = [_change(line) for line in lines]
         columns["won/lost/tied"] = [_won_lost_tied(line.compared) for line in lines]
-        columns["superiority"] = [_superiority(line.compared, trials.confidence) for line in lines]
+        columns["superiority"] = [_superiority(line.compared) for line in lines]
         columns["p"] = [(line.compared["p_wilcoxon_holm"] if line.compared else "") or "-" for line in lines]
-        columns["word"] = [line.compared["word"] if line.compared else "-" for line in lines]
+        columns["verdict"] = [line.compared["verdict"] if line.compared else "-" for line in lines]
     columns["n/n_failed"] = [_counts(line) for line in lines]
     return columns
 
@@ -166,11 +168,10 @@ def _legend(trials: Trials, table: _Table) -> list[str]:
 def explanation(trials: Trials) -> str:
     """Say how the columns of a comparison are computed."""
     return (
-        f"Runs are paired with those of {trials.baseline}; a failed run loses its pair. Change: geometric mean of the "
-        "per-run ratios where all values are positive, else mean difference over mean. Tied: closer than "
-        f"{100 * trials.relevant:g} %. Superiority: share of the pairs in which the method is better, equal ones half, "
-        "with its Wilson interval. p: Wilcoxon signed-rank, after Holm. Better or worse: the interval of the change "
-        f"lies beyond {100 * trials.relevant:g} %."
+        f"Runs are paired with those of {trials.baseline}; a failed run is worse than any finished one. Change: the "
+        f"average is the {AVERAGES[trials.headline]}. Tied: within {100 * trials.relevant:g} %. Superiority: share of "
+        "the runs in which the method is better, tied ones half. p: Wilcoxon signed-rank, after Holm. Verdicts: for "
+        "the primary metric, from intervals that hold together for all methods and points."
     )
 
 
@@ -255,11 +256,10 @@ def _won_lost_tied(row: Mapping[str, Any] | None) -> str:
     return f"{row['won']}/{row['lost']}/{row['tied']}" if row else "-"
 
 
-def _superiority(row: Mapping[str, Any] | None, confidence: float) -> str:
+def _superiority(row: Mapping[str, Any] | None) -> str:
     if row is None or not row["n_pairs"]:
         return "-"
-    share, n = float(row["superiority"]), int(row["n_pairs"])
-    low, high = (100 * end for end in wilson(share * n, n, confidence))
+    share, low, high = float(row["superiority"]), 100 * row["superiority_low"], 100 * row["superiority_high"]
     places = decimals((high - low) / 2)
     return f"{100 * share:.{places}f} % [{low:.{places}f}, {high:.{places}f}]"
 

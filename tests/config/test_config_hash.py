@@ -131,7 +131,7 @@ def test_a_window_in_seconds_is_not_one_in_samples(load):
                 "finding", "stated: {of: 'mean(mse[S-MPC])', value: 1%}, assumptions: ['a: b # c'], finding"
             )
         },
-        {"paper": "p", "title": "'yes'", "statistics": "{primary: input_power, baseline: R-MPC}"},
+        {"paper": "p", "title": "'yes'", "statistics": "{primary: input_power, relevant: {mse: 2%}}"},
         {"seed": "9007199254740993"},
     ],
 )

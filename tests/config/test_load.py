@@ -244,6 +244,33 @@ def test_defaults(load):
     assert (config.statistics.confidence, config.statistics.relevant) == (0.95, 0.01)
 
 
+@pytest.mark.parametrize(
+    ("statistics", "relevant", "margins"),
+    [("{}", 0.01, {}), ("{relevant: 2%}", 0.02, {}), ("{relevant: {mse: 3%}}", 0.01, {"mse": 0.03})],
+)
+def test_smallest_relevant_difference(load, statistics, relevant, margins):
+    """A relative change for all metrics, or a number per metric; both averages unless one is asked for."""
+    config = load(statistics=statistics)
+    assert (config.statistics.relevant_change, config.statistics.margins) == (relevant, margins)
+    assert config.statistics.average == "both"
+
+
+@pytest.mark.parametrize(
+    ("check", "headline"),
+    [
+        ("mean( mse[R-MPC]) < mean(mse[S-MPC])", "mean"),
+        ("ratio(mse[R-MPC], mse[S-MPC]) < 1", "geometric"),
+        ("mean(input_power[R-MPC]) < mean(input_power[S-MPC])", "geometric"),
+        ("median(mse[R-MPC]) < median(mse[S-MPC])", "geometric"),
+        ("mean(mse[R-MPC]) < ratio(mse[R-MPC], mse[S-MPC])", "geometric"),
+    ],
+)
+def test_verdicts_rest_on_the_average_that_the_claims_name(load, check, headline):
+    """Of the primary metric; the geometric mean where they name both or none."""
+    config = load(claims=f"[{{says: it is better, check: '{check}'}}]", metrics="[mse, input_power]")
+    assert config.headline == headline
+
+
 def test_size_of_a_smoke_run(tmp_path):
     """The smaller of the two sizes; windows beyond the end are cut."""
     path = write(tmp_path, time="{step: 0.1, duration: 5}", runs=3, metrics="[mse, {kind: mse, name: m, from: 3}]")

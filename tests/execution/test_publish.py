@@ -145,7 +145,7 @@ def test_compare_in_other_forms(results):
     table = compare(results, metric="mse", relevant=0.02, confidence=0.9)
     sentences, text = str(table).splitlines(), table.to_markdown()
     assert sum("R-MPC" in line and "S-MPC" in line and "90 %" in line for line in sentences[:2]) == 2
-    assert text.count("| R-MPC |") == 2 and "closer than 2 %" in text and text.endswith("\n")
+    assert text.count("| R-MPC |") == 2 and "within 2 %" in text and text.endswith("\n")
     assert [row["method"] for row in table.to_dict()] == ["R-MPC", "R-MPC"]
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rmpc_bench.analysis.statistics import comparisons, summary
+from rmpc_bench.analysis.comparison import comparisons
+from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 from rmpc_bench.types import MetricInfo
 
@@ -74,4 +75,4 @@ def test_equal_methods_are_not_separated(make_trials):
     trials = make_trials({"mse": {"A": values, "B": [value * (1 - 4e-16) for value in values]}}, METRICS[:1])
     row = comparisons_table(comparisons(trials)).to_dict("records")[0]
     assert (row["change_pct"], row["superiority"], row["p_wilcoxon_holm"]) == (0.0, 0.5, "1.000")
-    assert row["word"] == "not separated"
+    assert row["verdict"] == "inconclusive"

@@ -7,6 +7,7 @@ import pytest
 
 from rmpc_bench import summarise
 from rmpc_bench.analysis import statistics
+from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.report.summary import trials_csv, write_csv
 from rmpc_bench.report.tables import screen, summary_markdown
 
@@ -38,7 +39,7 @@ def test_sweep_columns_come_first(sweep):
     """Then what the statistics of every point say, point below point."""
     there = sweep(3)
     summary = summarise(there)
-    for stacked, single in ((summary.described, statistics.summary), (summary.compared, statistics.comparisons)):
+    for stacked, single in ((summary.described, statistics.summary), (summary.compared, comparisons)):
         expected = [single(point) for point in there.points]
         assert [*stacked.columns] == ["c", "d", *expected[0].columns]
         assert stacked["c"].tolist() == [c for c, part in zip("123", expected, strict=True) for _ in range(len(part))]
@@ -55,8 +56,8 @@ def test_without_a_sweep_nothing_is_added(make_trials):
     trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [2.0, 3.0]}})
     summary = summarise(trials)
     pd.testing.assert_frame_equal(summary.described, statistics.summary(trials))
-    pd.testing.assert_frame_equal(summary.compared, statistics.comparisons(trials))
-    described, compared = statistics.summary(trials), statistics.comparisons(trials)
+    pd.testing.assert_frame_equal(summary.compared, comparisons(trials))
+    described, compared = statistics.summary(trials), comparisons(trials)
     assert summary.to_screen("mse") == screen(trials, described, compared, "mse")
     assert summary.to_markdown() == summary_markdown(trials, described, compared)
     assert summary.pooled is None
@@ -69,7 +70,7 @@ def test_few_points_are_shown_one_by_one(sweep, n):
     summary = summarise(there)
     assert summary.pooled is None
     blocks = [
-        f"c={c}\n" + screen(point, statistics.summary(point), statistics.comparisons(point), "mse")
+        f"c={c}\n" + screen(point, statistics.summary(point), comparisons(point), "mse")
         for c, point in enumerate(there.points, 1)
     ]
     assert summary.to_screen("mse") == "\n\n".join(blocks)

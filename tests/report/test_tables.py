@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rmpc_bench.analysis.statistics import comparisons, summary
+from rmpc_bench.analysis.comparison import comparisons
+from rmpc_bench.analysis.statistics import summary
 from rmpc_bench.report.summary import trials_csv, write_csv
 from rmpc_bench.report.tables import screen, summary_markdown
 from rmpc_bench.types import MetricInfo
@@ -39,7 +40,7 @@ def test_screen_looks_like_the_specification(make_trials):
     described[names] = [[0.11861, 0.0015, 0.1131, 0.1011, 0.1321], [0.10541, 0.0007, 0.1021, 0.0991, 0.1101]]
     compared[["change_pct", "ci_low", "ci_high"]] = [[-10.2, -11.3, -9.0]]
     compared[["won", "tied", "n_pairs"]] = [[195, 0, 200]]
-    compared["word"] = "better"
+    compared["verdict"] = "better"
     assert screen(trials, described, compared, "mse").splitlines() == [
         "mse [rad^2]     mean        median [quartiles]       change vs S-MPC          runs won",
         "S-MPC          0.1186(15)   0.113 [0.101, 0.132]     -                        -",
@@ -55,7 +56,7 @@ def test_screen_with_failed_runs_and_long_names(make_trials):
     for text, row in (("mean", second), ("median", first), ("runs won", second), ("n/n_failed", first)):
         assert row[head.index(text) - 2] == " "
     assert first.split()[-1] == "3/0" and first[head.index("n/n_failed") :] == "3/0"
-    assert second[head.index("runs won") :].split() == ["0/2", "2/1", "worse"]
+    assert second[head.index("runs won") :].split() == ["0/2", "2/1", "inconclusive"]
     assert second[head.index("change") - 1 :].startswith("+100.000 % [+100.000, +100.000]  ")
     assert legend == "paired runs, 95 %; (9) = standard error of the last digits"
 
@@ -77,7 +78,7 @@ def test_an_event_that_does_not_occur_has_a_share_and_a_median_but_no_mean(make_
     assert head.split()[:5] == ["settling_time", "[s]", "did", "not", "occur"] and "mean" not in head
     assert rows[0].split()[1:4] == ["0/4", "(0", "%)"]
     assert rows[1].split()[1:7] == ["3/4", "(75", "%)", "inf", "[inf,", "inf]"]
-    assert rows[2].split() == ["C", "-", "-", "-", "0/0", "0/4", "not", "separated"]
+    assert rows[2].split() == ["C", "-", "-", "-", "0/0", "0/4", "inconclusive"]
     assert legend == "paired runs, 95 %; within 1 % is tied, not won"
     text = page(trials)
     assert "| method | did not occur | median [quartiles] |" in text
@@ -120,20 +121,19 @@ def test_markdown_page(make_trials):
         "# tiny\n\n4 runs per method, seed 7, intervals at 95 %.\n\n## mse [rad^2], lower is better\n"
     )
     assert "\n## offset, best at 0\n" in text and "compared by distance from 0" in text
-    assert (
-        "- B|b is not separated from A in mse: +8 % [-9, +29] (paired, 95 %, 3 runs; better in 0, tied in 1)." in text
-    )
+    assert "- B|b against A: mse +8 % [-9, +29], inconclusive (paired, 95 %, 3 runs; better in 0, tied in 1)." in text
     mse_part, offset_part = text.split("## offset")
     assert cells(mse_part, "method") == (
         ["method", "label", "mean", "median [quartiles]", "change vs A", "won/lost/tied"]
-        + ["superiority", "p", "word", "n/n_failed"]
+        + ["superiority", "p", "verdict", "n/n_failed"]
     )
     # Student t on ln 1.1, ln 1.15 and ln 1: 0.0784 +- 4.303 x 0.0412.
     row = cells(mse_part, r"B\|b")
-    assert row[1] == "B, $c=1$" and row[5] == "0/2/1" and row[9] == "3/1"
-    assert row[6] == "17 % [2, 69]"  # half of the tie: (0.5 + 1.92 -+ 1.96 sqrt(0.5 * 2.5 / 3 + 0.96)) / 6.84
+    assert row[1] == "B, $c=1$" and row[5] == "0/3/1" and row[9] == "3/1"
+    # 3 lost, the failed run among them, and half of a tie.
+    assert row[6].startswith("12 % [")
     assert cells(mse_part, "A")[4:] == ["-", "-", "-", "-", "-", "4/0"]
-    assert cells(offset_part, r"B\|b")[5] == "3/0/0"
+    assert cells(offset_part, r"B\|b")[5] == "3/1/0"
     assert text.endswith(
         "## Failed runs\n\n"
         "- B|b: 1 run out-of-range: a drawn parameter or the state left what the plant is made for "
@@ -182,9 +182,8 @@ def test_csv_of_the_derived_tables(make_trials, tmp_path):
     write_csv(comparisons(trials), tmp_path / "comparisons.csv")
     lines = (tmp_path / "summary.csv").read_text().splitlines()
     assert lines[0].startswith("method,metric,n,n_failed,mean,se,") and lines[2].startswith("B,mse,1,1,2.0,,,,2.0,")
-    assert (tmp_path / "comparisons.csv").read_text().splitlines()[
-        1
-    ] == "B,A,mse,100.0,,,0,1,0,0.0,1.000,1,not separated"
+    text = (tmp_path / "comparisons.csv").read_text().splitlines()[1]
+    assert text.startswith("B,A,mse,100.0,,,0,2,0,0.0,1.000,1,inconclusive,geometric,")
 
 
 def test_an_oracle_is_marked_on_screen_and_page(make_trials):

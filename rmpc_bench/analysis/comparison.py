@@ -1,0 +1,280 @@
+"""Paired comparison of every method with the baseline: averages with intervals, counts, superiority and verdict.
+
+The unit is the run, paired with the baseline's run of the same index.  The verdict is given for the primary metric
+only.  Its intervals hold together for all methods and all points of a sweep, see `levels`; those of other metrics have
+the level of the experiment one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.analysis.bootstrap import mean_interval
+from rmpc_bench.analysis.failures import mcnemar
+from rmpc_bench.analysis.intervals import NONE, Interval, holm, signed_rank_p, student
+from rmpc_bench.analysis.looks import unplanned_level
+from rmpc_bench.analysis.pairs import Pairs, pairs_of, worst_finished
+from rmpc_bench.analysis.rounding import without_noise
+from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
+from rmpc_bench.analysis.simultaneous import held_level
+from rmpc_bench.analysis.superiority import superiority, superiority_interval
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.verdict import FEW, Evidence, Failures, Verdict, verdict
+from rmpc_bench.types import Array, MetricInfo
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """A method against the baseline in one metric; a row of comparisons.csv.
+
+    Parameters
+    ----------
+    method, baseline, metric : names
+    change_pct, ci_low, ci_high : change from the baseline in per cent with its interval, in the average that `average`
+        names; NaN for a signed metric, and where an event did not occur
+    won, lost, tied : all runs of both; tied within the relevant difference; a failed run loses against a finished one
+    superiority : P(better) + P(tied)/2 by the same rule
+    p_wilcoxon_holm : signed-rank p after Holm as text, at most ``< 0.001``; empty without pairs
+    n_pairs : runs that both finished; averages rest on them
+    verdict : see `rmpc_bench.analysis.verdict`; empty but for the primary metric
+    average : ``geometric`` mean of the ratios, ratio of the ``mean`` values, mean ``difference``, or empty
+    ci_level : level of each interval of the row
+    geometric_pct, geometric_low, geometric_high : geometric mean of the ratios - 1 [%]; NaN where it is not asked for
+    mean_pct, mean_low, mean_high : ratio of the means - 1 [%]; NaN where it is not asked for
+    difference, difference_low, difference_high : mean difference in the unit of a signed metric
+    superiority_low, superiority_high : interval of `superiority`
+    failed_only, baseline_failed_only : runs in which one of the two failed and the other did not
+    failed_low, failed_high : exact interval of the difference of the shares of failed runs
+    runs_for_direction : about how many runs would decide for better or worse, where the verdict is inconclusive
+    runs_for_equivalence : about how many runs would show equivalence if there were no difference
+    look : number of the look at the growing number of runs
+    """
+
+    method: str
+    baseline: str
+    metric: str
+    change_pct: float = math.nan
+    ci_low: float = math.nan
+    ci_high: float = math.nan
+    won: int
+    lost: int
+    tied: int
+    superiority: float
+    p_wilcoxon_holm: str
+    n_pairs: int
+    verdict: str
+    average: str = ""
+    ci_level: float
+    geometric_pct: float = math.nan
+    geometric_low: float = math.nan
+    geometric_high: float = math.nan
+    mean_pct: float = math.nan
+    mean_low: float = math.nan
+    mean_high: float = math.nan
+    difference: float = math.nan
+    difference_low: float = math.nan
+    difference_high: float = math.nan
+    superiority_low: float
+    superiority_high: float
+    failed_only: int
+    baseline_failed_only: int
+    failed_low: float
+    failed_high: float
+    runs_for_direction: float = math.nan
+    runs_for_equivalence: float = math.nan
+    look: int
+
+
+COLUMNS = [field.name for field in fields(Comparison)]
+_WHOLE = ["runs_for_direction", "runs_for_equivalence"]
+
+
+class Levels(NamedTuple):
+    """Levels of the intervals of an experiment."""
+
+    plain: float
+    """Of the metrics that have no verdict."""
+    held: float
+    """Of each interval of the primary metric: together they have the level of the experiment."""
+    failures: float
+    """Of each interval of the difference of the shares of failed runs, as above."""
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def levels(trials: Trials) -> Levels:
+    """Find the levels at which the intervals of the primary metric hold together, over all methods and points.
+
+    Parameters
+    ----------
+    trials : the table of the whole experiment
+
+    Returns
+    -------
+    the levels; those of the primary metric are higher where the runs were looked at before with fewer of them
+    """
+    whole = unplanned_level(trials.confidence, trials.look)
+    runs = np.unique(np.concatenate([point.runs for point in trials.each]))
+    columns, n_failing = [], 0
+    for point in trials.each:
+        info = point.primary_info
+        for method in point.methods:
+            if method == point.baseline or info is None:
+                continue
+            pairs = pairs_of(point, method, info)
+            n_failing += any(pairs.failed)
+            column = np.full(len(runs), np.nan)
+            chosen, values = _deciding(point, pairs)
+            column[np.searchsorted(runs, chosen)] = values
+            columns.append(column)
+    held = held_level(np.stack(columns, axis=1), whole, trials.seed) if columns else whole
+    return Levels(trials.confidence, held, 1 - (1 - whole) / max(n_failing, 1))
+
+
+def _deciding(point: Trials, pairs: Pairs) -> tuple[Array, Array]:
+    """Return runs and the numbers whose mean decides: those of the average, or the scores where counts decide."""
+    averages, scores = _averages(point, pairs), pairs.scores
+    if averages and np.count_nonzero(scores[pairs.both]) >= FEW:
+        return pairs.runs[pairs.both], next(iter(averages.values()))
+    return pairs.runs, scores
+
+
+def _averages(point: Trials, pairs: Pairs) -> dict[str, Array]:
+    """Return the averages that are asked for, the one that the verdict rests on first."""
+    found = pairs.averages()
+    if point.average != "both":
+        found = {name: values for name, values in found.items() if name in (point.average, "difference")} or found
+    return dict(sorted(found.items(), key=lambda item: item[0] != point.headline))
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def comparisons(trials: Trials, of: Levels | None = None) -> pd.DataFrame:
+    """Compare every method with the baseline, run by run.
+
+    Parameters
+    ----------
+    trials : the table of an experiment without sweep, or of one point
+    of : levels of the whole experiment; of this table alone unless given
+
+    Returns
+    -------
+    one row per metric and method but the baseline, with the fields of `Comparison` as columns
+    """
+    of = of or levels(trials)
+    rows: list[dict[str, object]] = []
+    for info in trials.metrics:
+        methods = [method for method in trials.methods if method != trials.baseline]
+        family = [pairs_of(trials, method, info) for method in methods]
+        adjusted = holm([signed_rank_p(pairs.ranked()) for pairs in family])
+        for method, pairs, p in zip(methods, family, adjusted, strict=True):
+            rows.append(asdict(_compare(trials, method, info, pairs, of, p_text(p))))
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    return table.astype(dict.fromkeys(_WHOLE, "Int64"))
+
+
+def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels, p: str) -> Comparison:
+    is_primary = info == trials.primary_info
+    level = of.held if is_primary else of.plain
+    failure_level = of.failures if is_primary else of.plain
+    averages, scores = _averages(trials, pairs), pairs.scores
+    won, lost, tied = _counts(scores)
+    intervals = {name: _interval(name, values, level, trials.seed) for name, values in averages.items()}
+    failed = mcnemar(*pairs.failed, len(scores), failure_level)
+    word, planning = "", {}
+    if is_primary:
+        failures = None
+        if any(pairs.failed):
+            counted = pairs_of(trials, method, info, failed=worst_finished(trials, info))
+            failures = Failures(*pairs.failed, failed, _evidence(trials, counted, scores, level))
+        word = verdict(_evidence(trials, pairs, scores, level), failures)
+        planning = _planning(next(iter(averages.values()), scores), pairs, averages, word, level)
+    low, high = superiority_interval(won, lost, tied, level)
+    return Comparison(
+        method=method,
+        baseline=trials.baseline,
+        metric=info.name,
+        won=won,
+        lost=lost,
+        tied=tied,
+        superiority=superiority(won, lost, tied),
+        p_wilcoxon_holm=p,
+        n_pairs=int(pairs.both.sum()),
+        verdict=str(word),
+        average=next(iter(averages), ""),
+        ci_level=level,
+        superiority_low=low,
+        superiority_high=high,
+        failed_only=pairs.failed[0],
+        baseline_failed_only=pairs.failed[1],
+        failed_low=failed[0],
+        failed_high=failed[1],
+        look=trials.look,
+        **_sizes(averages, intervals, pairs.scale()),
+        **planning,
+    )
+
+
+def _interval(average: str, values: Array, level: float, seed: int) -> Interval:
+    return student(values, level) if average == "mean" else mean_interval(values, level, seed)
+
+
+def _evidence(trials: Trials, pairs: Pairs, scores: Array, level: float) -> Evidence:
+    """Collect what the verdict is made of, where negative differences are better."""
+    averages, scale = _averages(trials, pairs), pairs.scale()
+    found = [_interval(name, values, level, trials.seed) for name, values in averages.items()]
+    # Digits that another CPU does not reproduce must not decide.
+    found = [(without_noise(low, scale), without_noise(high, scale)) for low, high in found]
+    ends = [(-high, -low) if pairs.higher else (low, high) for low, high in found]
+    return Evidence(
+        interval=ends[0] if ends else NONE,
+        margin=pairs.margin,
+        n_pairs=int(pairs.both.sum()),
+        n_untied=int(np.count_nonzero(pairs.scores[pairs.both])),
+        superiority=superiority_interval(*_counts(scores), level),
+        other=ends[1] if len(ends) > 1 else NONE,
+    )
+
+
+def _counts(scores: Array) -> tuple[int, int, int]:
+    """Count the runs won, lost and tied."""
+    won, lost = int(np.count_nonzero(scores > 0)), int(np.count_nonzero(scores < 0))
+    return won, lost, len(scores) - won - lost
+
+
+def _sizes(averages: Mapping[str, Array], intervals: Mapping[str, Interval], scale: float) -> dict[str, float]:
+    """Return the averages with their intervals: in per cent, or in the unit of a signed metric."""
+    found: dict[str, float] = {}
+    for n, (name, values) in enumerate(averages.items()):
+        ends = (float(values.mean()), *intervals[name])
+        if name == "difference":
+            names = ("difference", "difference_low", "difference_high")
+            found |= {key: without_noise(end, scale) for key, end in zip(names, ends, strict=True)}
+            continue
+        per_cent = [float(100 * np.expm1(end)) for end in ends]
+        found |= dict(zip((f"{name}_pct", f"{name}_low", f"{name}_high"), per_cent, strict=True))
+        if n == 0:
+            found |= dict(zip(("change_pct", "ci_low", "ci_high"), per_cent, strict=True))
+    return found
+
+
+def _planning(
+    values: Array, pairs: Pairs, averages: Mapping[str, Array], word: Verdict, level: float
+) -> dict[str, float]:
+    """Return about how many runs would decide, from the numbers whose mean decides now."""
+    sd = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+    found = {"runs_for_equivalence": runs_for_equivalence(sd, pairs.margin, level) if averages else math.nan}
+    if word == Verdict.INCONCLUSIVE:
+        found["runs_for_direction"] = runs_for_direction(float(values.mean()), sd, level) if len(values) else math.nan
+    return found
+
+
+def p_text(p: float) -> str:
+    """Write a p value with three decimals, at most ``< 0.001``; empty for NaN."""
+    if math.isnan(p):
+        return ""
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"

@@ -1,0 +1,58 @@
+"""Failed runs of a method and of its baseline: difference of the shares, and values that stand for failed runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from rmpc_bench.analysis.intervals import NONE, Interval
+from rmpc_bench.types import Array
+
+
+def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> Interval:
+    """Exact interval of the difference of two shares of failed runs, from the runs that only one of the two failed in.
+
+    Given their number m, the runs in which only the method failed are binomial.  The interval of that probability p
+    (Clopper and Pearson) gives the one of the difference, (2 p - 1) m / n; it excludes 0 where the exact McNemar test
+    rejects equal shares.
+
+    Parameters
+    ----------
+    method_only, baseline_only : runs in which one of the two failed, the other not
+    n : runs of both
+    confidence : level, such as 0.95
+
+    Returns
+    -------
+    low, high of share(method) - share(baseline); 0 and 0 where no run differs, NaN without runs
+
+    Examples
+    --------
+    >>> [round(end, 3) for end in mcnemar(6, 0, 200, 0.95)]
+    [0.002, 0.03]
+    """
+    from scipy import stats
+
+    if not n:
+        return NONE
+    m = method_only + baseline_only
+    if not m:
+        return 0.0, 0.0
+    p = stats.binomtest(method_only, m).proportion_ci(confidence, method="exact")
+    return (2 * float(p.low) - 1) * m / n, (2 * float(p.high) - 1) * m / n
+
+
+def worst_of(columns: Iterable[Array], *, higher_is_better: bool) -> float:
+    """Return the worst value of the finished runs of all methods; NaN where there is none.
+
+    Parameters
+    ----------
+    columns : (n_runs,) values per method, NaN where a run failed
+    higher_is_better : whether the lowest value is the worst
+    """
+    values = np.concatenate([*columns, np.zeros(0)])
+    values = values[~np.isnan(values)]
+    if not len(values):
+        return float("nan")
+    return float(values.min() if higher_is_better else values.max())

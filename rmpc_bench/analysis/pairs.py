@@ -1,0 +1,172 @@
+"""The runs of a method beside those of its baseline: won, lost and tied runs, and the averages of their differences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rmpc_bench.analysis.failures import worst_of
+from rmpc_bench.analysis.intervals import difference
+from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.types import Array, MetricInfo
+
+
+def distance_from_best(values: Array, direction: str) -> Array:
+    """Return what is compared: the value, its size if 0 is best, max(value, 1/value) if 1 is best.
+
+    Parameters
+    ----------
+    values : (...) values of a metric
+    direction : of the metric, see `Direction`
+    """
+    if direction == "zero":
+        return np.abs(values)
+    if direction == "one":
+        with np.errstate(divide="ignore"):
+            return np.maximum(values, np.where(values >= 0, 1 / np.abs(values), np.inf))
+    return values
+
+
+def name_of_distance(info: MetricInfo) -> str:
+    """Name what `distance_from_best` makes of a metric."""
+    return {"zero": f"|{info.name}|", "one": f"max({info.name}, 1/{info.name})"}.get(info.direction, info.name)
+
+
+def is_signed(trials: Trials, info: MetricInfo) -> bool:
+    """Whether the differences of a metric have its unit instead of per cent: 0 is best, or some values are negative."""
+    if info.direction == "zero":
+        return True
+    if info.direction == "one":
+        return False
+    return any(bool((trials.column(info.name, method) < 0).any()) for method in trials.methods)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """The runs in which both methods either have a value or failed.
+
+    Parameters
+    ----------
+    a, b : (n,) distances from the best value of the method and of the baseline; inf where an event did not occur, NaN
+        where the run failed.  Values that differ by rounding errors only are equal
+    runs : (n,) run indices
+    higher : whether higher values are better
+    signed : whether differences have the unit of the metric; otherwise they are ratios
+    with_average : whether the metric has a mean; one of an event that may not occur has none
+    margin : differences up to this size are tied: on logs, or in the unit of a signed metric
+    """
+
+    a: Array
+    b: Array
+    runs: Array
+    higher: bool
+    signed: bool
+    with_average: bool
+    margin: float
+
+    @property
+    def both(self) -> Array:
+        """(n,) whether both methods finished."""
+        return ~(np.isnan(self.a) | np.isnan(self.b))
+
+    @property
+    def failed(self) -> tuple[int, int]:
+        """Runs in which only the method failed, and runs in which only the baseline did."""
+        a, b = np.isnan(self.a), np.isnan(self.b)
+        return int((a & ~b).sum()), int((b & ~a).sum())
+
+    @property
+    def scores(self) -> Array:
+        """(n,) 1 where the method is better, -1 where it is worse, 0 where the difference is within the margin.
+
+        A failed run is worse than any finished one; both failed are tied.
+        """
+        failed_a, failed_b = np.isnan(self.a), np.isnan(self.b)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gap = difference(self.a, self.b) if self.signed else difference(np.log(self.a), np.log(self.b))
+        # A difference equal to the margin is tied, whatever the last digit of its logarithm is.
+        untied = np.abs(gap) > self.margin * (1 + NEGLIGIBLE)
+        score = np.where(untied, np.sign(gap if self.higher else -gap), 0.0)
+        return np.where(failed_a | failed_b, failed_b.astype(float) - failed_a, score)
+
+    def averages(self) -> dict[str, Array]:
+        """Return the averages that exist -> (n_pairs,) numbers whose mean they are, of the runs that both finished.
+
+        ``geometric``: log ratios.  ``mean``: the linearised log of the ratio of the means (delta method).
+        ``difference``: differences in the unit of a signed metric.
+        """
+        both = self.both
+        a, b = self.a[both], self.b[both]
+        if not (len(a) and self.with_average and np.isfinite(a).all() and np.isfinite(b).all()):
+            return {}
+        if self.signed:
+            return {"difference": a - b}
+        if not (a.any() or b.any()):
+            return {"mean": np.zeros(len(a))}
+        found = {}
+        if (a > 0).all() and (b > 0).all():
+            found["geometric"] = np.where(a == b, 0.0, np.log(a) - np.log(b))
+        mean_a, mean_b = float(a.mean()), float(b.mean())
+        if 0 < mean_a < math.inf and 0 < mean_b < math.inf:
+            found["mean"] = math.log(mean_a / mean_b) + (a / mean_a - b / mean_b)
+        return found
+
+    def ranked(self) -> Array:
+        """(n_pairs,) differences of the runs that both finished, so rounded that equal ones tie on every CPU."""
+        both = self.both
+        a, b = self.a[both], self.b[both]
+        if not self.signed and np.isfinite(a).all() and np.isfinite(b).all() and (a > 0).all() and (b > 0).all():
+            return np.where(a == b, 0.0, np.round(np.log(a) - np.log(b), STABLE))
+        return np.round(difference(a, b) / (_mean_size(a, b) or 1.0), STABLE)
+
+    def scale(self) -> float:
+        """Size of the numbers that differences are computed from: 1 for ratios."""
+        return _mean_size(self.a[self.both], self.b[self.both]) if self.signed else 1.0
+
+
+def pairs_of(trials: Trials, method: str, info: MetricInfo, *, failed: float = math.nan) -> Pairs:
+    """Pair a method with the baseline of a table.
+
+    Parameters
+    ----------
+    trials : the table of an experiment, or of a point of its sweep
+    method : name of the method
+    info : the metric
+    failed : distance from the best value that stands for a failed run; NaN leaves it failed
+    """
+    a, b = (distance_from_best(trials.column(info.name, name), info.direction) for name in (method, trials.baseline))
+    known = np.ones(len(a), dtype=bool)
+    for values, name in ((a, method), (b, trials.baseline)):
+        has_failed = trials.failed(name)
+        known &= has_failed | ~np.isnan(values)
+        values[has_failed] = failed
+    a, b = a[known], b[known]
+    with np.errstate(invalid="ignore"):
+        close = np.isfinite(a - b) & (np.abs(a - b) <= NEGLIGIBLE * np.maximum(np.abs(a), np.abs(b)))
+    signed, d = is_signed(trials, info), trials.relevant_of(info.name, default=0.0 if is_signed(trials, info) else None)
+    return Pairs(
+        a=np.where(close, b, a),
+        b=b,
+        runs=trials.runs[known],
+        higher=info.direction == "higher",
+        signed=signed,
+        with_average=not info.may_not_occur,
+        # To the digits of the intervals that it is compared with.
+        margin=d if signed else round(math.log1p(d), 9),
+    )
+
+
+def worst_finished(trials: Trials, info: MetricInfo) -> float:
+    """Return the distance from the best value of the worst finished run of all methods of a table."""
+    columns = [distance_from_best(trials.column(info.name, name), info.direction) for name in trials.methods]
+    return worst_of(columns, higher_is_better=info.direction == "higher")
+
+
+def _mean_size(a: Array, b: Array) -> float:
+    """Mean absolute value of the finite numbers; 0 where there is none."""
+    sizes = np.abs(np.concatenate([a, b]))
+    sizes = sizes[np.isfinite(sizes)]
+    return float(sizes.mean()) if len(sizes) else 0.0

@@ -1,0 +1,63 @@
+"""About how many runs would decide a comparison, from the spread that was observed."""
+
+from __future__ import annotations
+
+import math
+
+POWER = 0.8
+"""Probability of a decision with the number of runs given."""
+
+
+def runs_for_direction(difference: float, sd: float, confidence: float) -> float:
+    """Return the runs after which an interval excludes 0 with probability `POWER`, if a difference is the true one.
+
+    Parameters
+    ----------
+    difference : average difference, such as a mean of log ratios
+    sd : standard deviation of a run's difference, in the same unit
+    confidence : level of the interval
+
+    Returns
+    -------
+    a whole number; NaN where the difference is 0 or not known
+
+    Examples
+    --------
+    >>> runs_for_direction(0.02, 0.10, 0.95)
+    197.0
+    """
+    from scipy import stats
+
+    return _runs(float(stats.norm.ppf((1 + confidence) / 2) + stats.norm.ppf(POWER)), sd, abs(difference))
+
+
+def runs_for_equivalence(sd: float, margin: float, confidence: float) -> float:
+    """Return the runs after which an interval lies inside the margin with probability `POWER`, without a difference.
+
+    Parameters
+    ----------
+    sd : standard deviation of a run's difference
+    margin : differences up to this size are irrelevant, in the same unit
+    confidence : level of the interval
+
+    Returns
+    -------
+    a whole number; NaN where the margin is 0 or the spread is not known
+
+    Examples
+    --------
+    >>> runs_for_equivalence(0.10, 0.01, 0.95)
+    1051.0
+    """
+    from scipy import stats
+
+    # Both ends must stay inside, so each of them may leave with half of the probability of failure.
+    return _runs(float(stats.norm.ppf((1 + confidence) / 2) + stats.norm.ppf((1 + POWER) / 2)), sd, margin)
+
+
+def _runs(z: float, sd: float, distance: float) -> float:
+    if not (math.isfinite(sd) and distance > 0):
+        return math.nan
+    # Rounded so that a number next to a whole one is the same on every CPU; two runs are needed for any interval.
+    n = round((z * sd / distance) ** 2, 6)
+    return float(max(2, math.ceil(n))) if math.isfinite(n) else math.nan

@@ -1,0 +1,130 @@
+"""The verdict of a comparison: a pure function of intervals, counts and failed runs.
+
+The rules follow equivalence testing with the smallest relevant difference as margin, in this order:
+
+1. `fails-more`: the method fails in more runs than the baseline, and either the interval of the difference excludes 0
+   or the word below would change if every failed run counted as the worst finished one of all methods.
+2. `depends-on-average`: the intervals of two averages exclude 0 with opposite signs.
+3. `better`, `worse`: the interval lies beyond the margin.
+4. `better-size-uncertain`, `worse-size-uncertain`: it excludes 0 and lies on both sides of the end of the margin.
+5. `equivalent`: it lies inside the margin.
+6. `inconclusive`: it contains 0 and leaves the margin.
+
+Without an interval, or with fewer than `FEW` untied pairs, counts decide: `better` or `worse` where the interval of the
+probability of superiority excludes 1/2, else `inconclusive`.  Few untied pairs are `equivalent` all the same if there
+are `FEW` pairs and the interval lies inside the margin.
+
+A method whose baseline fails more is not called worse for the runs that both finished: where the first case holds with
+the two exchanged, `worse` and `worse-size-uncertain` are `inconclusive`.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import NamedTuple
+
+from rmpc_bench.analysis.intervals import NONE, Interval
+
+FEW = 20
+"""Untied pairs below which counts decide."""
+
+
+class Verdict(StrEnum):
+    """The words, as they stand in comparisons.csv."""
+
+    FAILS_MORE = "fails-more"
+    DEPENDS_ON_AVERAGE = "depends-on-average"
+    BETTER = "better"
+    WORSE = "worse"
+    BETTER_SIZE_UNCERTAIN = "better-size-uncertain"
+    WORSE_SIZE_UNCERTAIN = "worse-size-uncertain"
+    EQUIVALENT = "equivalent"
+    INCONCLUSIVE = "inconclusive"
+
+
+_WORSE = (Verdict.WORSE, Verdict.WORSE_SIZE_UNCERTAIN)
+
+
+class Evidence(NamedTuple):
+    """What a verdict is made of; negative differences are better."""
+
+    interval: Interval
+    """Of the average difference, on logs for a ratio; NaN where there is none."""
+    margin: float
+    """Differences up to this size are irrelevant, in the same unit."""
+    n_pairs: int
+    """Runs that both methods finished."""
+    n_untied: int
+    """Those of them that differ by more than the margin."""
+    superiority: Interval = NONE
+    """Of the probability that a run of the method is better, ties counting half."""
+    other: Interval = NONE
+    """Of the second average; NaN where one is asked only."""
+
+
+class Failures(NamedTuple):
+    """Runs that only one of two methods failed in, and what would follow if they counted."""
+
+    method_only: int
+    baseline_only: int
+    interval: Interval
+    """Of the difference of the shares of failed runs, method minus baseline."""
+    counted: Evidence
+    """The evidence with every failed run as the worst finished one of all methods."""
+
+
+def verdict(evidence: Evidence, failures: Failures | None = None) -> Verdict:
+    """Return exactly one verdict.
+
+    Parameters
+    ----------
+    evidence : from the runs that both methods finished
+    failures : None where no run failed
+
+    Examples
+    --------
+    >>> str(verdict(Evidence((-0.12, -0.09), margin=0.01, n_pairs=200, n_untied=180)))
+    'better'
+    >>> str(verdict(Evidence((-0.076, 0.001), margin=0.01, n_pairs=200, n_untied=180)))
+    'inconclusive'
+    """
+    word = _word(evidence)
+    if failures is None or failures.method_only == failures.baseline_only:
+        return word
+    if not (_sign(failures.interval) or _word(failures.counted) != word):
+        return word
+    if failures.method_only > failures.baseline_only:
+        return Verdict.FAILS_MORE
+    return Verdict.INCONCLUSIVE if word in _WORSE else word
+
+
+def _word(evidence: Evidence) -> Verdict:
+    low, high = evidence.interval
+    few = evidence.n_untied < FEW
+    inside = -evidence.margin <= low and high <= evidence.margin
+    if math.isnan(low) or math.isnan(high) or (few and not (inside and evidence.n_pairs >= FEW)):
+        return _word_of_counts(evidence.superiority)
+    sign, other = _sign(evidence.interval), _sign(evidence.other)
+    if sign * other < 0:
+        return Verdict.DEPENDS_ON_AVERAGE
+    if inside:
+        return Verdict.EQUIVALENT
+    if sign < 0:
+        return Verdict.BETTER if high < -evidence.margin else Verdict.BETTER_SIZE_UNCERTAIN
+    if sign > 0:
+        return Verdict.WORSE if low > evidence.margin else Verdict.WORSE_SIZE_UNCERTAIN
+    return Verdict.INCONCLUSIVE
+
+
+def _word_of_counts(superiority: Interval) -> Verdict:
+    low, high = superiority
+    if low > 0.5:
+        return Verdict.BETTER
+    return Verdict.WORSE if high < 0.5 else Verdict.INCONCLUSIVE
+
+
+def _sign(interval: Interval) -> int:
+    """Return the sign of an interval that excludes 0, else 0; NaN excludes nothing."""
+    low, high = interval
+    return 1 if low > 0 else -1 if high < 0 else 0

@@ -1,0 +1,83 @@
+"""Levels that hold together."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rmpc_bench.analysis.bootstrap import bootstrap_t, mean_interval, skewness
+from rmpc_bench.analysis.simultaneous import held_level
+
+
+def test_all_sign_patterns_of_few_runs():
+    """Oracle: the largest |t| over all 2^9 sign patterns by a plain loop."""
+    x = np.random.default_rng(2).normal(size=(9, 3))
+    x[:, 2] = 0.7 * x[:, 0] + 0.3 * x[:, 2]
+    r = x - x.mean(axis=0)
+    largest = []
+    for signs in itertools.product([1, -1], repeat=9):
+        flipped = r * np.array(signs)[:, None]
+        largest.append(np.abs(stats.ttest_1samp(flipped, 0).statistic).max())
+    critical = np.quantile(largest, 0.95)
+    p = 2 * stats.t.sf(critical, 8)
+    # The p value interpolates between patterns where the statistic does, but not linearly in it.
+    assert held_level(x, 0.95, seed=1) == pytest.approx(1 - p, abs=2e-3)
+
+
+def test_limits():
+    """One comparison, and copies of it, keep the level; independent ones have nearly that of Sidak."""
+    x = np.random.default_rng(3).normal(size=(300, 8))
+    assert held_level(x[:, :1], 0.95, seed=1) == 0.95
+    # The quantile of 4096 patterns has a standard error of 0.0034.
+    assert held_level(np.repeat(x[:, :1], 8, axis=1), 0.95, seed=1) == pytest.approx(0.95, abs=0.012)
+    assert 1 - held_level(x, 0.95, seed=1) == pytest.approx(1 - 0.95 ** (1 / 8), abs=0.0015)
+    assert held_level(x, 0.95, seed=1) == held_level(x, 0.95, seed=1)
+
+
+def test_missing_pairs_and_no_spread():
+    """NaN leaves a run out; equal methods cannot be wrong by chance."""
+    x = np.random.default_rng(4).normal(size=(40, 3))
+    x[:, 1] = 0.0
+    x[5:9, 2] = np.nan
+    assert 0.95 < held_level(x, 0.95, seed=1) <= 0.975
+    assert held_level(x[:, :2], 0.95, seed=1) == 0.95
+    assert held_level(np.full((3, 2), np.nan), 0.95, seed=1) == 0.95
+
+
+def test_equal_methods_show_a_direction_in_five_per_cent():
+    """Eight equal methods against a common baseline, 400 experiments of 60 runs; one by one it is a quarter of them."""
+    rng, wrong, plain, n = np.random.default_rng(5), 0, 0, 400
+    for seed in range(n):
+        runs = rng.normal(size=(60, 9))
+        x = runs[:, 1:] - runs[:, :1]
+        p = 2 * stats.t.sf(np.abs(stats.ttest_1samp(x, 0).statistic).max(), 59)
+        wrong += p < 1 - held_level(x, 0.95, seed)
+        plain += p < 0.05
+    assert wrong / n <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / n)
+    assert plain / n > 0.15
+
+
+def test_bootstrap_t_of_a_skewed_sample():
+    """The end on the side of the long tail lies farther out than that of the t interval, and the seed decides."""
+    values = np.random.default_rng(6).lognormal(0, 1.6, 60)
+    assert skewness(values) > 2 and skewness(-values) == -skewness(values)
+    low, high = bootstrap_t(values, 0.95, seed=1)
+    t = stats.ttest_1samp(values, 0).confidence_interval(0.95)
+    assert high > t.high and low > t.low
+    assert mean_interval(values, 0.95, seed=1) == (low, high) != mean_interval(values, 0.95, seed=2)
+    normal = np.random.default_rng(7).normal(size=60)
+    t = stats.ttest_1samp(normal, 0).confidence_interval(0.95)
+    assert mean_interval(normal, 0.95, seed=1) == pytest.approx((t.low, t.high), rel=1e-12)
+
+
+def test_bootstrap_t_of_a_normal_sample_is_near_student():
+    """Oracle: Student's t, which is exact here; of 40 samples the mean ratio of the widths counts."""
+    rng, ratios = np.random.default_rng(8), []
+    for seed in range(40):
+        values = rng.normal(size=80)
+        low, high = bootstrap_t(values, 0.95, seed)
+        t = stats.ttest_1samp(values, 0).confidence_interval(0.95)
+        ratios.append((high - low) / (t.high - t.low))
+    # About 3 % wide each; five standard errors of the mean of 40.
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.025)
