@@ -215,6 +215,13 @@ def _unknown(name: str) -> str:
     return registry.unknown(name, [*components, *configs], "component or configuration", "rmpc-bench list")
 
 
+EVERY_PLANT = """Every plant also has the keys
+    perturb, set : factors on the nominal values of parameters, and values, as functions of the uncertain quantities
+    bounds : [low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is `out-of-range`
+    diverged : magnitude of a state, one number or one per state, beyond which a run is `diverged` (default: 1e6 times
+        the largest of 1, its initial value and the reference)"""
+
+
 def _show(group: str, kind: str) -> None:
     from rmpc_bench.config.schema import model_of
 
@@ -240,6 +247,8 @@ def _show(group: str, kind: str) -> None:
         for record in nested.get(name, ()):
             for key, meaning in _meanings(inspect.getdoc(record) or "").items():
                 click.echo(f"        {key.rstrip('_')} : {meaning}")
+    if group == "plants":
+        click.echo(f"\n{EVERY_PLANT}")
     sections = SECTION.split(doc)
     for title, text in zip(sections[1::2], sections[2::2], strict=True):
         if title == "Examples":

@@ -17,6 +17,7 @@ from rmpc_bench.config.build_noise import NoiseLaws
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import sweep_point
+from rmpc_bench.config.plant_range import build_range
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.expressions.quantity import Expression, QuantityError
 from rmpc_bench.registry import unknown
@@ -235,6 +236,7 @@ def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Exper
         return None
     builder.refuse_reference(reference, methods)
     builder.refuse_unreachable(reference, plant, scenario)
+    state_range = build_range(draft, plant, None if scenario is None else scenario.x0)
     opposed = builder.opposed(plant, methods, scenario) if scenario is not None else None
     if scenario is None or opposed is None or draft.problems or any(method is None for method in methods):
         return None
@@ -250,4 +252,5 @@ def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Exper
         recording=recording,
         tick=builder.time.tick,
         cut_windows=builder.smoke,
+        state_range=state_range,
     )

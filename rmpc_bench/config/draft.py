@@ -63,6 +63,8 @@ class DraftConfig:
     uncertainty: dict[str, distributions.Distribution] = field(default_factory=dict)
     parameter_changes: dict[str, ParameterChange] = field(default_factory=dict)
     plant: Component | None = None
+    plant_range: dict[str, Any] = field(default_factory=dict)
+    """Limits of the true state, the keys `bounds` and `diverged` of the plant."""
     model: Component | None = None
     reference: Component | None = None
     noise: dict[str, tuple[NoiseTerm, ...]] = field(default_factory=dict)

@@ -113,7 +113,7 @@ def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]
         }
         if expressions:
             plant[key] = expressions
-    return plant
+    return plant | {key: value for key, value in draft.plant_range.items() if value is not None}
 
 
 def noise_data(draft: DraftConfig, experiment: Experiment) -> Any:

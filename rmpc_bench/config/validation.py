@@ -9,6 +9,7 @@ import re
 from collections.abc import Sequence
 
 from rmpc_bench import registry
+from rmpc_bench.config import plant_range
 from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ParameterChange
 from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty
@@ -112,10 +113,11 @@ def _component(draft: DraftConfig, group: str, name: str, ignore: tuple[str, ...
 
 
 def _plant(draft: DraftConfig) -> None:
-    draft.plant = _component(draft, "plants", "plant", ignore=("perturb", "set"))
+    draft.plant = _component(draft, "plants", "plant", ignore=("perturb", "set", *plant_range.KEYS))
     tree = draft.tree.get("plant")
     if not isinstance(tree, Map):
         return
+    plant_range.read_range(draft)
     for key, relative in (("perturb", True), ("set", False)):
         entries = tree.get(key, {})
         if not isinstance(entries, dict):

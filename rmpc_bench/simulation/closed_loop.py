@@ -11,12 +11,9 @@ from jaxtyping import Float
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.recorder import Recorder
 from rmpc_bench.simulation.scenario import Draws, Experiment
-from rmpc_bench.types import Array, Estimator, Method, Plant, Record, Status, Statuses
+from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
+from rmpc_bench.types import Array, Estimator, Method, Plant, Record, Statuses
 
-# Looked up here once: access to a member of an enumeration is slow.
-OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
-LARGEST = 1e100
-"""Magnitude beyond which a run counts as diverged: squares must still be numbers that can be summed."""
 BURSTS = "bursts"
 """Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
 SIGNALS = ("y", "u", "x", "x_hat")
@@ -53,7 +50,9 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     info = {name for metric in experiment.metrics for name in metric.needs_info}
     n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
     info |= set(recording.signals) - set(SIGNALS) if n_recorded else set()
-    record, status = simulate(plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info)
+    record, status = simulate(
+        plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info, state_range=experiment.state_range
+    )
     record = record._replace(experiment=experiment.metric_layout)
     ok = status == OK
     # Failed runs may overflow; their values are replaced by NaN.
@@ -78,6 +77,7 @@ def simulate(
     with_P: bool = False,
     with_M: bool = False,
     info: Collection[str] = (),
+    state_range: StateRange = DEFAULT_RANGE,
 ) -> tuple[Record, Statuses]:
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
@@ -92,35 +92,38 @@ def simulate(
     n_steps : number of control periods N
     with_P, with_M : whether to record the reported covariance and the reported set of the estimation error
     info : names of the entries to record that estimator and controller report
+    state_range : limits of the state; a run that leaves them is `out-of-range` or `diverged`
     """
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
     mixes, preview = plant.mixes_noise, controller.preview
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = _start(estimator, n_runs, draws.delta), controller.init(n_runs)
-    status, known = np.full(n_runs, OK), r[: n_steps + 1].copy()
+    known = r[: n_steps + 1].copy()
+    limits, nothing = RunLimits(state_range, x, known), np.full(n_runs, OK)
     outputs, inputs = Recorder(n_steps + 1), Recorder(n_steps)
     no_noise = np.zeros_like(v[:, 0])
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
+        status = limits.of_state(nothing, nothing, x)
         for k in range(n_steps + 1):
             y_true = np.array(plant.output(k, draws.delta, x, no_noise))
             outputs.at(k, x=x, y=y_true)
             y = y_true + v[:, k] if mixes else np.array(plant.output(k, draws.delta, x, v[:, k]))
             e, estimate = estimator.correct(k, e, y)
             estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
-            status = _first(status, estimate.status, estimate.x_hat)
+            status = limits.of_estimate(status, estimate.status, estimate.x_hat)
             outputs.at(k, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
             outputs.matrix_at(k, "P", estimate.P if with_P else None)
             outputs.matrix_at(k, "M", estimate.M if with_M else None)
             if k == n_steps:
                 break
             c, command = controller.control(k, c, y, estimate, r[k : k + preview])
-            status = _first(status, command.status, command.u)
+            status = limits.of_input(status, command.status, command.u)
             u = np.array(command.u)
             inputs.at(k, u=u, **_wanted(command.info, info))
             motion = plant.step(k, draws.delta, x.copy(), u.copy(), w[:, k])
-            status = _first(status, motion.status, motion.x)
+            status = limits.of_state(status, motion.status, motion.x)
             x = np.array(motion.x) if (status == OK).all() else np.where((status == OK)[:, None], motion.x, x)
             e = estimator.predict(k, e, u)
     signals = {**outputs.all(), **inputs.all()}
@@ -146,12 +149,3 @@ def _start(estimator: Estimator, n_runs: int, delta: Any) -> Any:
     """State of an estimator before the first measurement; an oracle estimator gets the drawn uncertainty."""
     init: Callable[..., Any] = estimator.init
     return init(n_runs, delta) if estimator.knows_uncertainty else init(n_runs)
-
-
-def _first(status: Statuses, reported: Statuses, values: Float[Array, "runs n"]) -> Statuses:
-    """Keep the first failure of every run: the reported status, or values that are too large or not finite."""
-    if not reported.any() and np.abs(values).max(initial=0.0) < LARGEST:  # False for NaN
-        return status
-    in_range = (np.abs(values) < LARGEST).all(axis=1)
-    news = np.where(reported != OK, reported, np.where(in_range, OK, DIVERGED))
-    return np.where(status != OK, status, news)

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
+from rmpc_bench.simulation.state_range import StateRange
 from rmpc_bench.types import (
     Array,
     DesignError,
@@ -298,6 +299,7 @@ class Experiment:
     recording : the trajectories to keep
     tick : length of one sample in the unit in which windows of metrics are given: Ts with seconds, 1 with samples
     cut_windows : whether windows of metrics that reach beyond the last sample end there
+    state_range : limits of the state beyond which a run has failed
     """
 
     plant: Plant
@@ -309,6 +311,7 @@ class Experiment:
     recording: Recording = Recording()
     tick: float = 1.0
     cut_windows: bool = False
+    state_range: StateRange = StateRange()
 
     @property
     def metric_layout(self) -> MetricLayout:

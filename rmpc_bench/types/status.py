@@ -23,8 +23,11 @@ class Status(IntEnum):
         return member
 
     OK = 0, "the run reached its last sample"
-    DIVERGED = 1, "a state, an estimate or an input grew beyond all bounds or stopped being a number"
-    OUT_OF_RANGE = 2, "a drawn parameter or the state left what the plant is made for (a mass, the length of an arm)"
+    DIVERGED = 1, "a state or an estimate exceeded its limit (`plant.diverged`), or a value stopped being a number"
+    OUT_OF_RANGE = (
+        2,
+        "a drawn parameter or a state left the range of the plant (a mass, the length of an arm, `plant.bounds`)",
+    )
     TOO_MANY_EVENTS = 3, "friction stopped and released a body more often in one sample than can be followed"
     EMPTY_SET = 4, "the measurement and the predicted set have no state in common"
     SINGULAR = 5, "the mechanism came to a pose in which its drives cannot move it every way"

@@ -136,8 +136,8 @@ def test_markdown_page(make_trials):
     assert cells(offset_part, r"B\|b")[5] == "3/1/0"
     assert text.endswith(
         "## Failed runs\n\n"
-        "- B|b: 1 run out-of-range: a drawn parameter or the state left what the plant is made for "
-        "(a mass, the length of an arm)\n"
+        "- B|b: 1 run out-of-range: a drawn parameter or a state left the range of the plant "
+        "(a mass, the length of an arm, `plant.bounds`)\n"
     )
 
 

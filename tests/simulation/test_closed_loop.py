@@ -65,15 +65,15 @@ def others_unchanged(record, expected, row):
 
 
 def test_a_run_that_diverges_stands_still_and_the_others_do_not_notice(rng, r):
-    """Oracle: the same block with a tame run in row 2; 1e60 per sample passes 1e100 at k = 2."""
+    """Oracle: the same block with a tame run in row 2; 1e5 per sample passes 1e6 at k = 2."""
     draws = toy_draws(rng, [0.9] * RUNS)
-    wild = draws._replace(delta=Delta(np.array([0.9, 0.9, 1e60, 0.9, 0.9]), draws.delta.status))
+    wild = draws._replace(delta=Delta(np.array([0.9, 0.9, 1e5, 0.9, 0.9]), draws.delta.status))
     record, status = simulate(Walk(), TOY, wild, r, STEPS)
     expected, _ = simulate(Walk(), TOY, draws, r, STEPS)
     np.testing.assert_array_equal(status, [Status.OK, Status.OK, Status.DIVERGED, Status.OK, Status.OK])
     others_unchanged(record, expected, 2)
     x = record.x[2, :, 0]
-    assert 1e50 < abs(x[1]) < 1e100
+    assert 1e4 < abs(x[1]) < 1e6
     np.testing.assert_array_equal(x[1:], np.full(STEPS, x[1]))
 
 
