@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,7 @@ MAX_RUNS = 10_000_000
 class Change(NamedTuple):
     """Where the outcome of a comparison changes with a number of its check: inconclusive from `low` to `high`."""
 
-    kind: str
-    """``threshold``, ``factor``, ``margin`` or ``relative margin``."""
+    kind: Literal["threshold", "factor", "margin", "relative margin"]
     low: float
     high: float
     per_unit: float = 1.0
@@ -133,8 +132,11 @@ def _margin(link: tree.Link, evaluator: Evaluator, spread: Spread | None) -> Cha
             ends = (spread.ratio()[0] - 1, spread.ratio()[1] - 1)
         low = 0.0 if ends[0] <= 0 <= ends[1] else min(abs(end) for end in ends)
         high = max(abs(end) for end in ends)
-    kind = "relative margin" if link.relative else "margin"
-    return Change(kind, low, high, 1 / scale if scale else 0.0) if math.isfinite(high) else None
+    return (
+        Change("relative margin" if link.relative else "margin", low, high, 1 / scale if scale else 0.0)
+        if math.isfinite(high)
+        else None
+    )
 
 
 def _threshold(link: tree.Link, evaluator: Evaluator, spread: Spread) -> Change | None:

@@ -41,6 +41,7 @@ class ClaimVerdict:
     interpretations : of a claim that is checked at several points
     cases : of a statement with a hedge, whether each of its cases holds
     level : one-sided error of each case of a statement about any of them; None where there is none
+    confidence : level of the intervals of the comparisons
     """
 
     claim: Claim
@@ -53,6 +54,7 @@ class ClaimVerdict:
     interpretations: tuple[Interpretation, ...] = ()
     cases: tuple[joining.Outcome, ...] = ()
     level: float | None = None
+    confidence: float = 0.95
 
     @property
     def joined(self) -> Finding:
@@ -133,6 +135,7 @@ def judge(claim: Claim, trials: Trials) -> ClaimVerdict:
         interpretations=tuple(map(Interpretation, map(point_words, claim.at), findings)) if several else (),
         cases=tuple(cases),
         level=level,
+        confidence=confidence,
     )
 
 

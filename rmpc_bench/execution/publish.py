@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+import rmpc_bench
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.markdown import claims_markdown
-from rmpc_bench.claims.table import claims_table
+from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.claims.record import ExperimentRecord
+from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import drawn, judge, summarise
 from rmpc_bench.execution.results import Results
@@ -148,9 +151,29 @@ def _write_claims(results: Results, verdicts: tuple[ClaimVerdict, ...], director
         file.unlink(missing_ok=True)
     if not verdicts:
         return []
-    files[0].write_text(json.dumps(claims_table(verdicts), indent=2) + "\n", encoding="utf-8")
+    record = claims_record(verdicts, _experiment(results))
+    files[0].write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     files[1].write_text(claims_markdown(verdicts, informational=not results.is_final), encoding="utf-8")
     return files
+
+
+def _experiment(results: Results) -> ExperimentRecord:
+    """Describe the experiment by what is the same on every machine, since claims.json is kept under version control."""
+    config = results.config
+    file = "/".join(part for part in ("configs", config.paper, f"{config.name}.yaml") if part)
+    return {
+        "name": config.name,
+        "title": config.title,
+        "paper": config.paper,
+        "identifier": IDENTIFIERS.get(config.paper or ""),
+        "runs": len(results.trials.each[0].runs),
+        "seed": results.trials.seed,
+        "hash": config.hash,
+        "version": rmpc_bench.__version__,
+        "numerics": rmpc_bench.NUMERICS,
+        "command": " ".join(["rmpc-bench run", file, *results.overrides]),
+        "final": results.is_final,
+    }
 
 
 def _write_figures(results: Results, directory: Path) -> tuple[list[Path], list[str]]:

@@ -181,15 +181,18 @@ def test_what_did_not_occur(make_trials):
     table = claims_table(verdicts)
     assert table[0]["numbers"][0] == {
         "text": "median(t[A]) < median(t[B])",
+        "at": None,
         "left": 1.75,
         "right": "inf",
         "holds": True,
-        "interval": [None, None],
+        "interval": (None, None),
         "n": 16,
         "n_excluded": 0,
-        "at": None,
         "k": None,
         "entry": None,
+        "change": None,
+        "n_deciding": None,
+        "exceptions": None,
     }
     assert table[3]["numbers"][0]["left"] == "-inf"
 

@@ -236,7 +236,11 @@ def test_which_interpretations_give_a_finding(trials):
     assert verdict.interpretations == (("c=1", "confirmed"), ("c=2", "not-confirmed"), ("c=4", "confirmed"))
     lines = claims_markdown([verdict], informational=False).splitlines()
     assert "- confirmed at: c=1; c=4" in lines and "- not confirmed at: c=2" in lines
-    assert claims_table([verdict])[0]["interpretations"][1] == {"at": "c=2", "finding": "not-confirmed"}
+    assert claims_table([verdict])[0]["interpretations"][1] == {
+        "at": "c=2",
+        "finding": "not-confirmed",
+        "ground": None,
+    }
     named = replace(claim(BELOW), at=({"name": "ours", "c": "1"}, {"name": "theirs", "c": "2"}))
     assert [at for at, _ in judge(named, trials).interpretations] == ["ours, c=1", "theirs, c=2"]
 

@@ -59,7 +59,7 @@ def test_moments_alone(tmp_path):
         assert "error at the end" in result.stdout and "exact" in result.stdout
     assert (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8") == "method,run,status,estimation_mse\n"
     assert (tmp_path / "out" / "figures" / "variance-with-bound.svg").exists()
-    (verdict,) = json.loads((tmp_path / "out" / "claims.json").read_text(encoding="utf-8"))
+    (verdict,) = json.loads((tmp_path / "out" / "claims.json").read_text(encoding="utf-8"))["claims"]
     assert verdict["finding"] == "confirmed"
 
 

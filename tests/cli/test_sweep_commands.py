@@ -62,7 +62,7 @@ def test_claims_at_points_from_file_to_file(here):
     """The numbers are those of the points; what was said of them stands in claims.json and claims.md."""
     path = write(here, sweep=SWEEP, runs=12, uncertainty="{eps: +-2%}", claims=f"[{', '.join(CLAIMS)}]")
     result = go(path, "-o", "out", "--strict")
-    first, second = json.loads((here / "out" / "claims.json").read_text())
+    first, second = json.loads((here / "out" / "claims.json").read_text())["claims"]
     frame = pd.read_csv(here / "out" / "trials.csv").query("method == 'S-MPC'")
     means = frame.groupby(HP)["mse"].mean().map(significant)
     assert first["finding"] == "confirmed" and first["at"] == []
@@ -82,7 +82,7 @@ def test_all_points_in_a_claim(here):
     """As many runs as there are at all points."""
     claim = "{says: s, at: all, check: ['max(mse[R-MPC]) < 1000', 'n_failed[R-MPC] == 0'], finding: confirmed}"
     assert go(write(here, sweep=SWEEP, claims=f"[{claim}]"), "-o", "out", "--strict").exit_code == 0
-    [row] = json.loads((here / "out" / "claims.json").read_text())
+    [row] = json.loads((here / "out" / "claims.json").read_text())["claims"]
     assert row["at"] == "all" and row["numbers"][0]["n"] == 24
     assert "all points of the sweep together" in (here / "out" / "claims.md").read_text()
 
