@@ -61,6 +61,7 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     remarks = _remarks(config)
     lines += ["", "  remarks", *remarks] if remarks else []
+    lines += ["", "  warnings", *(f"  {warning}" for warning in config.warnings)] if config.warnings else []
     # Several claims may have an assumption in common.
     assumptions = dict.fromkeys(assumption for claim in config.claims for assumption in claim.assumptions)
     if assumptions:

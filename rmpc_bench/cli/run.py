@@ -99,6 +99,8 @@ def run(**options: Any) -> int:
 
     request = Request(**options)
     config = load_config(request.config, overrides=request.overrides, runs=request.runs, smoke=request.smoke)
+    for warning in config.warnings:
+        click.echo(f"warning: {warning}", err=True)
     _check_names(request.only, config)
     directory = request.output or _directory(request, config)
     try:

@@ -18,6 +18,7 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import sweep_point
 from rmpc_bench.config.plant_range import build_range
+from rmpc_bench.config.plausibility import warnings_of
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.expressions.quantity import Expression, QuantityError
 from rmpc_bench.registry import unknown
@@ -242,7 +243,7 @@ def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Exper
         return None
     pairs = tuple(method for method in methods if method is not None)
     recording = builder.recording(scenario)
-    return Experiment(
+    experiment = Experiment(
         opposed,
         pairs,
         scenario,
@@ -254,3 +255,5 @@ def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Exper
         cut_windows=builder.smoke,
         state_range=state_range,
     )
+    draft.warnings += warnings_of(draft, experiment, builder.methods.model)
+    return experiment

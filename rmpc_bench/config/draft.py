@@ -75,6 +75,8 @@ class DraftConfig:
     methods: dict[str, MethodComponents] = field(default_factory=dict)
     labels: dict[str, str] = field(default_factory=dict)
     """Method -> its label with the values of the parameters."""
+    warnings: list[Problem] = field(default_factory=list)
+    """What is valid but probably not meant."""
     metrics: list[Component | None] = field(default_factory=list)
     figures: list[Component | None] = field(default_factory=list)
     claims: list[ClaimKeys | None] = field(default_factory=list)

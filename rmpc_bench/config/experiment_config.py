@@ -14,6 +14,7 @@ from rmpc_bench.config.sections import Execution, Statistics
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import Problem
 from rmpc_bench.types.sweep_points import relevant_paths
 
 
@@ -36,6 +37,7 @@ class ExperimentConfig:
     resolved : the whole configuration with every default filled in; it loads to an equal configuration
     first_point : the same at the first point of the sweep, where ``resolved`` leaves swept components as given
     overrides : what changes the experiment against its file, as options of the command line, such as ``--smoke``
+    warnings : what is valid but probably not meant, each with its place
     """
 
     path: Path
@@ -54,6 +56,7 @@ class ExperimentConfig:
     resolved: Mapping[str, Any]
     first_point: Mapping[str, Any]
     overrides: tuple[str, ...] = ()
+    warnings: tuple[Problem, ...] = ()
 
     @property
     def experiment(self) -> Experiment:

@@ -80,7 +80,10 @@ def read_noise(draft: DraftConfig) -> None:
                 draft.note(paths[name], "must be a number or a list of rows of the same length")
                 draft.cross = None
         elif name not in ("process", "measurement"):
-            draft.note(paths[name], registry.unknown(name, ("process", "measurement", "cross"), "key"), key=True)
+            message = registry.unknown(name, ("process", "measurement", "cross"), "key")
+            if name in registry.names("noises"):
+                message = f"a law is given per channel: {{process: {{{name}: ..}}, measurement: {{{name}: ..}}}}"
+            draft.note(paths[name], message, key=True)
         else:
             draft.noise[name] = _laws(draft, law, paths[name])
 
@@ -132,6 +135,9 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
         draft.note(path, f"laws add up as a list: {{sum: [{', '.join(f'{{{kind}: ..}}' for kind in law)}]}}")
         return None
     if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in ("same", *kinds):
+        if isinstance(law, int | float):
+            draft.note(path, f"a number is no noise law; write {{gaussian: {{std: {law:g}}}}}, or cov for a variance")
+            return None
         named = next(iter(law)) if isinstance(law, Map) and len(law) == 1 else law
         text = named if isinstance(named, str) else shown(law)
         # {none: {}} does not mean none.

@@ -223,6 +223,8 @@ def _message(entry: Any, kind: Any, steps: Sequence[str | int]) -> str:
     text = _WORDS.get(entry["type"], entry["msg"]).format(**context)
     if entry["type"] == "shape" and _is_flat(entry["input"]) and text.endswith("a matrix"):
         return f"{text} (got {shown(entry['input'])}); {row_by_row(entry['input'])}"
+    if entry["type"] == "value_error" and _is_flat(entry["input"]) and steps:
+        return f"must be one value (got {entry['input']}); several values are compared by `sweep`"
     return text if entry["type"] == "value_error" else f"{text} (got {shown(entry['input'])})"
 
 

@@ -128,6 +128,10 @@ def _plant(draft: DraftConfig) -> None:
             if name in draft.parameter_changes:
                 draft.note(path, "is already changed by perturb; give one of the two", key=True)
             try:
+                if isinstance(text, str) and quantity.spread(text) is not None:
+                    message = f"a range belongs to `uncertainty`: {{eps: {text}}}, and here {name}: 1 + eps"
+                    draft.note(path, message)
+                    continue
                 expression = quantity.parse(text, draft.values["uncertainty"] or {})
             except quantity.QuantityError as error:
                 draft.note(path, str(error))

@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rmpc_bench.types.errors import DesignError
+
+OTHER_NAMES: Mapping[str, str] = {
+    "normal": "gaussian",
+    "w": "process",
+    "v": "measurement",
+    "sigma": "std",
+    "stddev": "std",
+    "var": "cov",
+    "variance": "cov",
+    "kf": "kalman",
+}
+"""Names that other programs and papers use -> the name here."""
 
 
 class Issue(NamedTuple):
@@ -55,6 +67,7 @@ def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> st
     known = list(known)
     # A name in the wrong case is nearest to the same name in the right one.
     near = [each for each in known if each.lower() == name.lower()]
+    near = near or [each for each in known if each == OTHER_NAMES.get(name.lower())]
     near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     hint = f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
     return f"{name!r} is not a known {noun}{hint}" + (f" ({way_out})" if way_out else "")

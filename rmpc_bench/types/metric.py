@@ -238,7 +238,10 @@ class WindowMetric(Metric):
             first = min(first, limit)
             last = max(first, min(last, limit))
         if not 0 <= first <= last <= limit:
+            lasts = f"seconds, and the experiment lasts {layout.n_steps * layout.tick:g} s"
+            unit = f"from and to are in {'samples' if layout.tick == 1.0 else lasts}"
             raise DesignError(
-                f"the window from {first} to {last} (samples) must lie in 0..{limit} and contain at least one sample"
+                f"the window from {first} to {last} (samples) must lie in 0..{limit} and contain at least one sample; "
+                f"{unit}"
             )
         return SampleWindow(first, last)

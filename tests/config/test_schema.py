@@ -113,7 +113,7 @@ def test_values_that_are_accepted(annotation, yaml, value):
             "a.1.0",
             "column 2 of '-x': unknown name 'x' (known: pi, sqrt, sin, cos)",
         ),
-        (float | list[float], "[[1]]", "1:5", "a.0", "expected a number or arithmetic such as '2*pi' (got [1])"),
+        (float | list[float], "[[1]]", "1:5", "a.0", "must be one value (got [1]); several values"),
         (float, "true", "1:4", "a", "expected a number or arithmetic such as '2*pi' (got True)"),
         (float, ".nan", "1:4", "a", "nan is not a quantity; numbers here are finite"),
         (Band, "3", "1:4", "a", "must be a mapping (got 3)"),

@@ -1,0 +1,161 @@
+"""Warnings about a valid configuration that probably does not say what its author means.
+
+They are found without any run: angles in degrees, factors that look like absolute values, a sampling time that nobody
+gave, windows between two samples, a filter without noise, and unstable modes of the design model that no estimator can
+observe or no controller can move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from math import pi
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.config.component import Component
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.tree import Map, join, locate
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import Array, Model, Noise, Problem
+
+TURNS = 2
+"""Turns from 0 beyond which an angle of the reference is suspected to be in degrees."""
+LARGEST_FACTOR = 5.0
+"""Factor of `perturb`, or its inverse, beyond which it is suspected to be an absolute value."""
+UNSTABLE = 1.0 + 1e-9
+"""Modulus of an eigenvalue beyond which its mode is unstable; integrators are not."""
+RANK = 1e-9
+"""Smallest singular value, relative to the largest one, at which a mode counts as connected."""
+NOISE_KEYS: Mapping[str, tuple[str, str]] = {
+    "linear": ("P_w", "P_v"),
+    "uncertain-linear": ("W", "V"),
+}
+"""Kind of a model -> its keys of the process and of the measurement noise; other kinds have `noise`."""
+
+Finding = tuple[list[str | int], str]
+"""A path of the configuration and a message."""
+
+
+def warnings_of(draft: DraftConfig, experiment: Experiment, model: Callable[[Component | None], Any]) -> list[Problem]:
+    """Return what is probably not meant, each with its place and the way out.
+
+    Parameters
+    ----------
+    draft : the sections of one point, without errors
+    experiment : the designs made from them
+    model : returns the design model of a component
+    """
+    found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
+    for path, component in _models(draft).items():
+        for message in _of_model(component, model(component), draft, experiment):
+            found.append(([*path], message))
+    return [Problem(*locate(draft.tree, path), join(path), message) for path, message in found]
+
+
+def _time(draft: DraftConfig) -> Iterator[Finding]:
+    given = draft.tree.get("time")
+    if isinstance(given, Map) and "duration" in given and "step" not in given:
+        yield ["time"], "has no `step`, so the sampling time is 1 s; give it, such as {step: 0.1, duration: 20}"
+
+
+def _windows(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:
+    """Find bounds of windows between two samples, which probably are seconds."""
+    if experiment.tick != 1.0 or draft.values["time"].duration is not None:
+        return
+    for number, component in enumerate(draft.metrics):
+        keys = {} if component is None else component.resolved()
+        for key in ("from", "to", "at"):
+            value = keys.get(key)
+            if isinstance(value, float) and value != int(value):
+                rounded = experiment.metric_layout.sample(value)
+                message = f"{value:g} is rounded to sample {rounded}, because `time` is given in steps"
+                yield ["metrics", number, key], f"{message}; for seconds give time.duration and time.step"
+
+
+def _angles(experiment: Experiment) -> Iterator[Finding]:
+    plant = experiment.plant
+    r = experiment.scenario.reference.sample(experiment.n_steps + 1)
+    for i, column in enumerate(r.T):
+        largest = float(column[np.argmax(np.abs(column))])
+        if plant.units.get(f"y.{i}", plant.y_unit) == "rad" and abs(largest) > 2 * pi * TURNS:
+            message = f"reaches {largest:g} rad, {abs(largest) / (2 * pi):.3g} turns; angles are in radians"
+            yield ["reference"], f"{message}: {largest:g} degrees are written {largest:g}*pi/180"
+
+
+def _factors(draft: DraftConfig, experiment: Experiment) -> Iterator[Finding]:
+    medians = {name: law.quantile(0.5) for name, law in draft.uncertainty.items()}
+    for name, change in draft.parameter_changes.items():
+        if not change.relative:
+            continue
+        factor, nominal = change.expression(medians), experiment.plant.nominal[name]
+        path: list[str | int] = ["plant", "perturb", name]
+        if change.expression.names and factor <= 0.0:
+            uncertain = ", ".join(sorted(change.expression.names))
+            message = f"`perturb` multiplies the nominal value {nominal:g} by {factor:g} at the median of {uncertain}"
+            yield path, f"{message}; a factor around 1 is written 1 + {change.expression.text}"
+        elif not 1 / LARGEST_FACTOR <= factor <= LARGEST_FACTOR:
+            message = (
+                f"`perturb` multiplies the nominal value {nominal:g} by {factor:g}, which gives {factor * nominal:g}"
+            )
+            yield path, f"{message}; an absolute value is written plant.set: {{{name}: {change.expression.text}}}"
+
+
+def _models(draft: DraftConfig) -> dict[tuple[str | int, ...], Component]:
+    """Return the design models by their path, that of all methods and those of single methods."""
+    found: dict[tuple[str | int, ...], Component] = {}
+    for name, components in draft.methods.items():
+        if components.model is draft.model and draft.model is not None:
+            found["model",] = draft.model
+        elif components.model is not None:
+            found["methods", name, "model"] = components.model
+    return found
+
+
+def _of_model(component: Component, model: Any, draft: DraftConfig, experiment: Experiment) -> Iterator[str]:
+    names = [name for name, each in draft.methods.items() if each.model is component]
+    methods = [method for method in experiment.methods if method.name in names]
+    if any(method.estimator.gain_schedule is not None for method in methods):
+        yield from _noise(component.kind, model, experiment)
+    if model.varies or not (model.has_sets or model.is_linear_model or component.kind in NOISE_KEYS):
+        return
+    now = model.at(0)
+    unseen = _disconnected(now.A.T, now.C.T)
+    if unseen is not None:
+        yield f"has an unstable mode (|z| = {unseen:.4g}) that no output shows; no estimator is stable: see A and C"
+    fixed = _disconnected(now.A, now.B)
+    if fixed is not None and any(draft.methods[name].controlled for name in names):
+        yield f"has an unstable mode (|z| = {fixed:.4g}) that no input moves; no controller is stable: see A and B"
+
+
+def _noise(kind: str, model: Model, experiment: Experiment) -> Iterator[str]:
+    """Find noises that a filter needs and the design model lacks."""
+    process, measurement = NOISE_KEYS.get(kind, ("noise.process", "noise.measurement"))
+    no_w = not (model.w_law[1].any() or model.M_w(0).any())
+    no_v = not (model.v_law[1].any() or model.M_v(0).any())
+    scenario, plant = experiment.scenario, experiment.plant
+    # A model with other noises than the plant may describe the measurement noise as a part of w.
+    alike = (len(model.w_law[0]), len(model.v_law[0])) == (plant.nw, plant.nv)
+    if no_w and no_v:
+        message = "has neither process nor measurement noise, so that a filter ignores or fits every measurement"
+        yield f"{message}; give {process} and {measurement}"
+    elif no_v and alike and not _silent(scenario.measurement):
+        yield f"has no measurement noise, but the plant has: a filter fits every measurement; give {measurement}"
+    elif no_w and alike and not _silent(scenario.process):
+        yield f"has no process noise, but the plant has: the gain of a filter tends to 0; give {process}"
+
+
+def _silent(terms: tuple[Noise, ...]) -> bool:
+    """Whether a noise is known to be always 0."""
+    return all(moment is not None and not moment.any() for term in terms for moment in (term.mean, term.cov))
+
+
+def _disconnected(A: Array, B: Array) -> float | None:
+    """Largest modulus of an unstable eigenvalue z at which [zI - A, B] loses rank (Popov, Belevitch, Hautus)."""
+    found = []
+    for z in np.linalg.eigvals(A):
+        if abs(z) > UNSTABLE:
+            sigma = np.linalg.svd(np.hstack([z * np.eye(len(A)) - A, B]), compute_uv=False)
+            if sigma[-1] <= RANK * sigma[0]:
+                found.append(float(abs(z)))
+    return max(found, default=None)
