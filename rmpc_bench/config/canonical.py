@@ -53,6 +53,7 @@ def canonicalise(
     return ExperimentConfig(
         path=path,
         overrides=overrides,
+        warnings=tuple(draft.warnings),
         name=values["name"],
         paper=values["paper"],
         title=values["title"],

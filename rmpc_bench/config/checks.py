@@ -40,6 +40,8 @@ def check(
         if point is not None:
             check_evaluation(draft, point.experiment)
     first.labels = labels_of(drafts)
+    # Points of a sweep repeat most warnings.
+    first.warnings = sorted({warning for draft in drafts for warning in draft.warnings})
     _check_statistics(first)
     check_recording(first, [None if point is None else point.experiment for point in points])
     check_figures(first, layout)

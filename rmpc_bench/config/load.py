@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from rmpc_bench.config.build import build
@@ -51,6 +50,4 @@ def load_config(
     if problems or len(built) < len(points):
         raise ConfigError(problems)
     options = source.options(runs, smoke=smoke)
-    config = canonicalise(source.path, sweep, drafts[0], built, claims, smoke=smoke, overrides=options)
-    # Points of a sweep repeat most warnings.
-    return replace(config, warnings=tuple(sorted({each for draft in drafts for each in draft.warnings})))
+    return canonicalise(source.path, sweep, drafts[0], built, claims, smoke=smoke, overrides=options)

@@ -199,7 +199,7 @@ MISTAKES = [
     ("noise", f"{{process: {{sum: [{G}, {{sum: []}}]}}}}", "{sum: []", "noise.process.sum.1", "a sum inside a sum"),
     ("noise", "{process: {sum: [same, gaussian]}}", "gau", "noise.process.sum.1", "'gaussian' needs its parameters"),
     ("noise", "{process: {sum: [same, {ellipsoud: {}}]}}", "{ell", "noise.process.sum.1", "did you mean 'ellipsoid'?"),
-    ("noise", "{process: {sum: [same, 3]}}", "3", "noise.process.sum.1", "'3' is not a known noise law; known: same"),
+    ("noise", "{process: {sum: [same, 3]}}", "3", "noise.process.sum.1", "a number is no noise law"),
     ("noise", "{process: {sum: [same, {same: {scale: -1}}]}}", "-1", "noise.process.sum.1.same.scale", "must be >= 0"),
     ("noise", "{process: {gaussian: {std: 1}, same: {}}}", "{gau", "noise.process", "laws add up as a list: {sum: ["),
     ("noise", "{process: {none: {}}}", "{none", "noise.process", "'none' is not a known noise law; known: same, sum"),
