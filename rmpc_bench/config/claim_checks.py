@@ -122,7 +122,9 @@ class _Checker:
             named = terms(parse_expression(text))
         except ExpressionError:
             return False
-        several = self.draft.values["runs"] is not None and self.draft.values["runs"] > 1
+        # The runs of the file, not those of the command line: `--runs 2` of an experiment without randomness is no error.
+        runs = self.draft.tree.get("runs")
+        several = isinstance(runs, int) and runs > 1
         of_runs = [*self.layout.metrics, *COUNTS] if several else []
         of_runs += [] if "moments" in (self.draft.values["evaluate"] or ()) else self.signals
         return any(term.quantity in of_runs for term in named)

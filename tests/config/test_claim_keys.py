@@ -108,3 +108,11 @@ def test_numbers_of_a_single_run_may_be_compared_by_their_digits(tmp_path):
     assert load_config(write(tmp_path, runs=1, claims=f"[{{says: s, stated: {stated}}}]")).resolved["claims"][0][
         "stated"
     ] == {"of": "mean(mse[S-MPC])", "value": "58.20", "text": "as printed", "close": 0.01}
+
+
+def test_more_runs_on_the_command_line_leave_a_number_of_a_single_run_valid(tmp_path):
+    """`--runs 2` of an experiment without randomness is no error of its claims, which are shown for information."""
+    claims = "[{says: s, stated: {of: 'median(mse[S-MPC])', value: '8'}}]"
+    path = write(tmp_path, runs=1, claims=claims)
+    [claim] = load_config(path, runs=2).claims
+    assert claim.numbers[0].printed == "8"
