@@ -122,7 +122,7 @@ class _Checker:
             named = terms(parse_expression(text))
         except ExpressionError:
             return False
-        # The runs of the file, not those of the command line: `--runs 2` of an experiment without randomness is no error.
+        # Those of the file: `--runs 2` of an experiment without randomness is no error of its claims.
         runs = self.draft.tree.get("runs")
         several = isinstance(runs, int) and runs > 1
         of_runs = [*self.layout.metrics, *COUNTS] if several else []
