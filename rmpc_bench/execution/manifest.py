@@ -56,6 +56,7 @@ class Session:
             "blas": _blas(),
             "git": _git(self._config.path.parent),
             "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+            "looks": looks(self._path.parent),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
         }
         self._write()
@@ -69,9 +70,7 @@ class Session:
         self._write()
 
     def _write(self) -> None:
-        partial = self._path.with_suffix(".part")
-        partial.write_text(json.dumps(self._data, indent=2) + "\n", encoding="utf-8")
-        partial.replace(self._path)
+        _write(self._path, self._data)
 
 
 def read(directory: Path) -> dict[str, Any]:
@@ -81,6 +80,25 @@ def read(directory: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return data if isinstance(data, dict) else {}
+
+
+def looks(directory: Path) -> list[int]:
+    """Return the numbers of runs at which verdicts were published, in the order of time."""
+    found = read(directory).get("looks", [])
+    return [n for n in found if isinstance(n, int)] if isinstance(found, list) else []
+
+
+def note_look(directory: Path, n_runs: int) -> None:
+    """Note that verdicts were published with so many runs; a directory without a manifest keeps no looks."""
+    data, earlier = read(directory), looks(directory)
+    if data and n_runs not in earlier:
+        _write(directory / FILE, data | {"looks": [*earlier, n_runs]})
+
+
+def _write(path: Path, data: dict[str, Any]) -> None:
+    partial = path.with_suffix(".part")
+    partial.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+    partial.replace(path)
 
 
 def _now() -> str:

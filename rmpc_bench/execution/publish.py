@@ -17,6 +17,7 @@ from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import drawn, judge, summarise
+from rmpc_bench.execution.manifest import note_look
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.files import save
 from rmpc_bench.report.end_screen import end_screen
@@ -111,6 +112,9 @@ def publish(results: Results, *, to: str | Path | None = None) -> Publication:
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory),
     ]
+    # A smoke run is too short for verdicts.
+    if len(results.trials.runs) and not any("--smoke" in option for option in results.overrides):
+        note_look(results.directory, len(results.trials.runs))
     figures, left_out = _write_figures(results, directory / "figures")
     return Publication(results, directory, (*paths, *figures), tables, verdicts, tuple(left_out))
 

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.looks import number_of_look
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.execution import manifest
 from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.other_code import rows_of_other_code
 from rmpc_bench.execution.series import SeriesReader, with_point
@@ -48,6 +50,8 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
             apart = rows_of_other_code(config, store, config.methods)
             stored = f"{apart}; no trial" if apart else "no trial of this configuration"
             raise MissingError(f"{directory}: {stored} is stored; continue with `rmpc-bench run`")
+        look = number_of_look(manifest.looks(directory), max(len(table.runs) for table in filled))
+        filled = [replace(table, look=look) for table in filled]
         return _joined(config, filled, series) if config.paths else filled[0]
 
 

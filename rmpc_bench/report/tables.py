@@ -154,6 +154,8 @@ def _legend(trials: Trials, table: _Table) -> list[str]:
     parts = [f"paired runs, {100 * trials.confidence:g} %"] if table.with_comparisons else []
     if table.with_comparisons and table.info.direction in BEST:
         parts.append("compared by distance from 0" if table.info.direction == "zero" else "compared by |log|")
+    if table.with_comparisons and trials.look > 1:
+        parts.append(f"look {trials.look} at a growing number of runs, with wider intervals")
     means = [_mean(line, table) for line in table.lines]
     bracket = next((text[text.index("(") : text.index(")") + 1] for text in means if "(" in text), "")
     if bracket and not table.may_not_occur:

@@ -92,3 +92,16 @@ def test_a_broken_manifest_is_begun_again(tmp_path, config, text):
 def test_no_manifest(tmp_path):
     """It is empty."""
     assert manifest.read(tmp_path) == {}
+
+
+def test_looks_are_kept_from_session_to_session(tmp_path, config):
+    """Each number of runs once, in the order of time; without a manifest, or with a broken list, there are none."""
+    manifest.note_look(tmp_path, 200)
+    assert manifest.looks(tmp_path) == []
+    sit(tmp_path, config)
+    for n_runs in (200, 400, 200):
+        manifest.note_look(tmp_path, n_runs)
+    sit(tmp_path, config)
+    assert manifest.looks(tmp_path) == [200, 400]
+    (tmp_path / "manifest.json").write_text('{"looks": 7}')
+    assert manifest.looks(tmp_path) == []

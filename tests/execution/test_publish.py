@@ -1,5 +1,6 @@
 """publish, compare, judge and figure: all that the command line writes, from Python."""
 
+import csv
 import subprocess
 import sys
 
@@ -202,3 +203,17 @@ def test_an_unknown_ending_is_refused(results, tmp_path):
     """The message lists the formats."""
     with pytest.raises(ValueError, match=r"one of \.svg, \.png, \.pdf"):
         figure(results, "boxplot").save(tmp_path / "figure.txt")
+
+
+def test_raising_the_runs_after_a_verdict_is_a_look(tmp_path):
+    """Intervals at alpha / 6 in the second one; the first one stays as it is, also when it is published again."""
+    file, out = write(tmp_path, runs=6), tmp_path / "out"
+    looks = []
+    for n_runs in (6, 6, 12, 6):
+        result = cli("run", file, "-o", out, "--runs", n_runs, "-j", 1, "--progress", "none")
+        assert result.exit_code == 0, result.output
+        with open(out / "comparisons.csv", encoding="utf-8") as lines:
+            row = next(csv.DictReader(lines))
+        looks.append((int(row["look"]), row["n_pairs"], float(row["ci_level"])))
+        assert ("look 2" in result.stdout) == (n_runs == 12)
+    assert looks == [(1, "6", 0.95), (1, "6", 0.95), (2, "12", 0.991667), (1, "6", 0.95)]

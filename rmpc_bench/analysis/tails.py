@@ -1,0 +1,163 @@
+"""The worst runs of a method: 95 % quantile and mean of the worst 5 % with their intervals, and the worst run by name.
+
+Quantile    Its interval lies between order statistics, whose ranks are binomial: the bootstrap distribution of a
+            quantile in closed form.
+CVaR        Conditional value at risk: the mean of the worst 5 % of the runs.  Its interval is bootstrap-t over whole
+            runs.  The percentile bootstrap holds with 0.84 to 0.89 instead of 0.95 for 200 runs, as a resample has no
+            run worse than the worst one; bootstrap-t holds with 0.93 to 0.95 for normal to log-normal runs.
+Limits      An interval at 95 % needs 72 runs: with fewer, all of them lie below the 95 % quantile too often.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.analysis.intervals import NONE, Interval, quantile, wilson
+from rmpc_bench.analysis.pairs import distance_from_best
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.types import Array, MetricInfo
+
+TAIL = 0.05
+"""Share of the runs that are the worst ones."""
+RESAMPLES = 1999
+COLUMNS = (
+    "method metric n tail_quantile tail_quantile_low tail_quantile_high cvar cvar_low cvar_high "
+    "did_not_occur_share did_not_occur_low did_not_occur_high worst worst_run"
+).split()
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def tails(trials: Trials) -> pd.DataFrame:
+    """Describe the worst runs of every method in every metric.
+
+    What is described is the distance from the best value: the size of a metric that is best at 0, max(x, 1/x) of one
+    that is best at 1.  Where higher values are better, the worst runs have the lowest ones.
+
+    Parameters
+    ----------
+    trials : the table of an experiment without sweep, or of one point
+
+    Returns
+    -------
+    one row per method and metric with the columns `COLUMNS`; all rests on the `n` finished runs; the worst 5 % of them
+    begin at `tail_quantile` and have the mean `cvar`; the share of runs in which the event did not occur has its
+    Wilson interval; `worst_run` is the index of the worst finished run, the first of equal ones, <NA> without one
+    """
+    ranks: dict[int, Array] = {}
+    rows = [_row(trials, method, info, ranks) for method in trials.methods for info in trials.metrics]
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"worst_run": "Int64"})
+
+
+def _row(trials: Trials, method: str, info: MetricInfo, ranks: dict[int, Array]) -> dict[str, Any]:
+    column = distance_from_best(trials.column(info.name, method), info.direction)
+    known = ~np.isnan(column)
+    sign = -1.0 if info.direction == "higher" else 1.0
+    losses, runs = sign * column[known], trials.runs[known]
+    n, missing = len(losses), int(np.isinf(losses).sum())
+    at = quantile_interval(losses, trials.confidence)
+    mean, of_mean = cvar_interval(losses, trials.confidence, trials.seed, ranks)
+    share = wilson(missing, n, trials.confidence)
+    return {
+        "method": method,
+        "metric": info.name,
+        "n": n,
+        "tail_quantile": sign * float(quantile(losses, 1 - TAIL)),
+        **_ends("tail_quantile", at, sign),
+        "cvar": sign * mean,
+        **_ends("cvar", of_mean, sign),
+        "did_not_occur_share": missing / n if n else math.nan,
+        **_ends("did_not_occur", share, 1.0),
+        "worst": sign * float(losses.max()) if n else math.nan,
+        "worst_run": int(runs[int(losses.argmax())]) if n else None,
+    }
+
+
+def _ends(name: str, interval: Interval, sign: float) -> dict[str, float]:
+    low, high = interval if sign > 0 else (-interval[1], -interval[0])
+    return {f"{name}_low": low, f"{name}_high": high}
+
+
+def quantile_interval(values: Array, confidence: float, q: float = 1 - TAIL) -> Interval:
+    """Interval of a quantile between order statistics.
+
+    Parameters
+    ----------
+    values : (n,) sample without NaN
+    confidence : level, such as 0.95
+    q : probability of the quantile
+
+    Returns
+    -------
+    low, high; NaN where the sample is too small for an order statistic on either side
+    """
+    from scipy import stats
+
+    n, rest = len(values), (1 - confidence) / 2
+    if n < 2:
+        return NONE
+    # The number of values at or below the quantile is binomial.
+    low, high = int(stats.binom.ppf(rest, n, q)), int(stats.binom.ppf(1 - rest, n, q)) + 1
+    if low < 1 or high > n:
+        return NONE
+    ordered = np.sort(values)
+    return float(ordered[low - 1]), float(ordered[high - 1])
+
+
+def cvar_interval(
+    values: Array, confidence: float, seed: int, ranks: dict[int, Array] | None = None
+) -> tuple[float, Interval]:
+    """Mean of the largest 5 % of a sample with its bootstrap-t interval.
+
+    Parameters
+    ----------
+    values : (n,) sample without NaN
+    confidence : level, such as 0.95
+    seed : of the resamples
+    ranks : number of runs -> resamples that were drawn before, which are added to it
+
+    Returns
+    -------
+    mean, (low, high); the interval is NaN where `quantile_interval` is, and where the mean is inf
+    """
+    n = len(values)
+    if not n:
+        return math.nan, NONE
+    largest = np.sort(values)[::-1]
+    n_tail = math.floor(TAIL * n)
+    if not np.isfinite(largest[0]):
+        return math.inf, NONE
+    mean, se = (float(found[0]) for found in _cvar(largest[: n_tail + 1][None], n))
+    if math.isnan(quantile_interval(values, confidence)[0]):
+        return mean, NONE
+    if se == 0:
+        return mean, (mean, mean)
+    drawn = {} if ranks is None else ranks
+    if n not in drawn:
+        rng = np.random.Generator(np.random.PCG64(seed))
+        resampled = rng.integers(0, n, (RESAMPLES, n), dtype=np.int32)
+        drawn[n] = np.sort(np.partition(resampled, n_tail, axis=1)[:, : n_tail + 1], axis=1)
+    means, errors = _cvar(largest[drawn[n]], n)
+    # A resample whose tail repeats one value has no t statistic.
+    some = errors > 0
+    t = (means[some] - mean) / errors[some]
+    low, high = (float(quantile(t, p)) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
+    return mean, (mean - high * se, mean - low * se)
+
+
+def _cvar(largest: Array, n: int) -> tuple[Array, Array]:
+    """Mean of the worst runs and its standard error, from the influence of each run on the mean.
+
+    Parameters
+    ----------
+    largest : (samples, n_tail + 1) largest values of each sample, descending
+    n : size of a sample
+    """
+    n_tail, size = largest.shape[1] - 1, TAIL * n
+    mean = (largest[:, :n_tail].sum(axis=1) + (size - n_tail) * largest[:, n_tail]) / size
+    beyond = (largest[:, :n_tail] - largest[:, n_tail:]) / TAIL
+    variance = ((beyond**2).sum(axis=1) - beyond.sum(axis=1) ** 2 / n) / max(n - 1, 1)
+    return mean, np.sqrt(np.maximum(variance, 0.0) / n)

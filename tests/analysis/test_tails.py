@@ -1,0 +1,98 @@
+"""The worst runs."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rmpc_bench.analysis.tails import cvar_interval, quantile_interval, tails
+
+INF = math.inf
+
+
+def row_of(trials, method="A"):
+    """Return the row of a method."""
+    table = tails(trials)
+    return table[table["method"] == method].iloc[0]
+
+
+def test_by_hand(make_trials):
+    """1..100: the 95 % quantile between the 95th and the 96th, the mean of the five largest, run 99."""
+    row = row_of(make_trials({"mse": {"A": np.arange(1.0, 101.0)}}))
+    assert (row.n, row.tail_quantile, row.cvar, row.worst, row.worst_run) == (100, pytest.approx(95.05), 98, 100, 99)
+    # Ranks of the binomial distribution with 100 and 0.95: 2.5 % lie at or below 90, 97.5 % at or below 99.
+    assert (row.tail_quantile_low, row.tail_quantile_high) == (90, 100)
+    assert row.cvar_low < 98 < row.cvar_high
+
+
+def test_fraction_of_a_run(make_trials):
+    """5 % of 90 runs are 4.5: the fifth counts half.  A failed run has no value."""
+    row = row_of(make_trials({"mse": {"A": [*np.arange(1.0, 91.0), None]}}))
+    assert (row.n, row.cvar) == (90, pytest.approx((90 + 89 + 88 + 87 + 0.5 * 86) / 4.5))
+
+
+def test_few_runs_have_no_interval(make_trials):
+    """0.95^71 > 0.025: all runs may lie below the quantile."""
+    for n, has in ((71, False), (72, True)):
+        row = row_of(make_trials({"mse": {"A": np.linspace(1, 2, n)}}))
+        assert (
+            np.isfinite([row.tail_quantile_low, row.tail_quantile_high, row.cvar_low, row.cvar_high]).tolist()
+            == [has] * 4
+        )
+    assert row_of(make_trials({"mse": {"A": [2.0]}})).worst == 2.0
+    row = row_of(make_trials({"mse": {"A": [None, None]}}))
+    assert np.isnan([row.tail_quantile, row.cvar, row.worst]).all() and row.isna()["worst_run"]
+
+
+@pytest.mark.parametrize(("direction", "worst_run"), [("lower", 1), ("higher", 0), ("zero", 2), ("one", 2)])
+def test_direction(make_trials, direction, worst_run):
+    """The largest, the smallest, the farthest from 0 and from 1."""
+    values = [0.2, 3.0, -4.0 if direction == "zero" else 0.1]
+    values = values if direction != "higher" else [0.05, 3.0, 0.1]
+    assert row_of(make_trials({"m": {"A": values}}, directions={"m": direction})).worst_run == worst_run
+
+
+def test_higher_is_better_mirrors(make_trials):
+    """The tail of -x, with its ends exchanged."""
+    x = np.random.default_rng(1).normal(size=120)
+    low = row_of(make_trials({"m": {"A": x - 10}}, directions={"m": "higher"}))
+    high = row_of(make_trials({"m": {"A": 10 - x}}))
+    for name, other in (
+        ("tail_quantile", "tail_quantile"),
+        ("cvar", "cvar"),
+        ("cvar_low", "cvar_high"),
+        ("worst", "worst"),
+    ):
+        assert low[name] == pytest.approx(-high[other], rel=1e-12)
+
+
+def test_an_event_that_does_not_occur(make_trials):
+    """Its share with the interval of Wilson; the mean of the tail is inf without an interval."""
+    row = row_of(make_trials({"t": {"A": [1.0] * 90 + [INF] * 10}}))
+    assert (row.did_not_occur_share, row.tail_quantile, row.cvar) == (0.1, INF, INF)
+    interval = stats.binomtest(10, 100).proportion_ci(0.95, method="wilson")
+    assert (row.did_not_occur_low, row.did_not_occur_high) == pytest.approx((interval.low, interval.high))
+    assert np.isnan([row.cvar_low, row.cvar_high]).all()
+
+
+def test_same_seed_same_interval(make_trials):
+    """And another one gives another; equal runs leave no doubt."""
+    trials = make_trials({"mse": {"A": np.random.default_rng(2).gamma(2.0, size=100)}})
+    assert tails(trials).equals(tails(trials))
+    assert row_of(trials).cvar_low != row_of(replace(trials, seed=8)).cvar_low
+    assert cvar_interval(np.full(100, 3.0), 0.95, seed=1) == (3.0, (3.0, 3.0))
+
+
+def test_intervals_hold():
+    """Oracle: 300 samples of 200 exponential numbers; the quantile is log 20 and the mean of the tail log 20 + 1."""
+    rng, ranks, hits = np.random.default_rng(3), {}, np.zeros(2)
+    for _ in range(300):
+        values = rng.exponential(size=200)
+        low, high = quantile_interval(values, 0.95)
+        hits[0] += low <= math.log(20) <= high
+        low, high = cvar_interval(values, 0.95, seed=1, ranks=ranks)[1]
+        hits[1] += low <= math.log(20) + 1 <= high
+    # Three standard errors of 300 samples are 0.038; bootstrap-t holds with about 0.94.
+    assert (hits / 300 >= 0.95 - 0.048).all()
