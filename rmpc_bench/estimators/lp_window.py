@@ -7,7 +7,8 @@ Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k).  w and v are uni
 Source  belda2017, section IV, LP1.
 Assumed `start: free`: the first state of the window has no state equation, as (17) does not contain the input before
         it.  `start: anchored`: as (19) is printed, the estimate before the window replaces the unknown state.  The
-        optimum is then not unique.  If it is not unique, the solution minimises a weighted sum of the absolute noises.
+        optimum is then not unique.  If it is not unique, the solution minimises a weighted sum of the absolute noises,
+        and the results depend on the weights (`tie_weight`).
         x_hat(0) is x0; a free window uses y(0).  With fewer than ceil(nx / ny) + 1 samples the estimate is the
         prediction plus half of the measured correction: x_pred + C^+ (y - C x_pred) / 2.
         (18) adds quantities of different units: the estimate depends on the units of states and outputs.
@@ -31,9 +32,9 @@ from jaxtyping import Float, Int
 
 from rmpc_bench.estimators.gain_schedule import over_time
 from rmpc_bench.models.state_dependent import StateDependentModel, pair_at
-from rmpc_bench.numerics.bounded_window import MeasurementWindow, WindowFits, fit_anchored, fit_free
+from rmpc_bench.numerics.bounded_window import PROCESS, MeasurementWindow, WindowFits, fit_anchored, fit_free
 from rmpc_bench.numerics.linalg import at_sample, mv
-from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
+from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Positive, Status
 
 OK, DIVERGED = np.int8(Status.OK), np.int8(Status.DIVERGED)
 PATIENCE = 50
@@ -69,6 +70,7 @@ class LpWindow(Estimator):
     C, d : (1 or samples, ny, nx), (1 or samples, ny) output matrix and constant part of the output
     Ne : length of the window, which has Ne + 1 samples
     start : treatment of the first state of the window
+    tie_weight : weight of process noise where the optimum is not unique
     """
 
     model: Model | StateDependentModel
@@ -77,6 +79,7 @@ class LpWindow(Estimator):
     d: Float[Array, "kd ny"]
     Ne: int = 3
     start: Start = "free"
+    tie_weight: float = PROCESS
 
     bridges_missing = True
 
@@ -151,7 +154,8 @@ class LpWindow(Estimator):
     def _fit(self, k: int, state: WindowState, points: int) -> WindowFits:
         C = self.C[k + 1 - points : k + 1] if len(self.C) > 1 else self.C
         window = MeasurementWindow(state.y, state.A, state.c, state.before)
-        return fit_free(window, C, points) if self.start == "free" else fit_anchored(window, C, points)
+        fit = fit_free if self.start == "free" else fit_anchored
+        return fit(window, C, points, self.tie_weight)
 
     def _halfway(self, k: int, state: WindowState) -> Float[Array, "runs nx"]:
         """Prediction plus half of the measured correction; the prediction alone if y is NaN."""
@@ -178,6 +182,7 @@ def design(
     x0: Float[Array, " nx"],
     Ne: Count = 3,
     start: Start = "free",
+    tie_weight: Positive = PROCESS,
 ) -> LpWindow:
     """Estimate the state from the last samples by linear programming; the bounds of the noises are estimated, too.
 
@@ -188,6 +193,8 @@ def design(
     x0 : (nx,) estimate at k = 0
     Ne : length of the window, which contains the samples k - Ne to k
     start : `free` does not constrain the first state of the window; `anchored` relates it to the estimate before it
+    tie_weight : weight of the process noise, that of the output noise being 1, in the sum of absolute noises that is
+        minimised where the optimum is not unique
 
     Raises
     ------
@@ -199,7 +206,7 @@ def design(
     else:
         models = [model.at(k) for k in range(n_steps + 1)]
         C, d = over_time([each.C for each in models]), over_time([each.d0 for each in models])
-    estimator = LpWindow(model, x0, C, d, Ne, start)
+    estimator = LpWindow(model, x0, C, d, Ne, start, tie_weight)
     if Ne < estimator.least:
         ny, nx = C.shape[1:]
         raise DesignError(f"must be at least {estimator.least} for {nx} states and {ny} outputs", "Ne")

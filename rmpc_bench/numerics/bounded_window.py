@@ -17,8 +17,8 @@ Otherwise   The optimum may not be unique; if rho > 0, even x at the last point 
             its bounds.  In this case, and for every anchored window, the full linear program is solved with a second
             objective: among all optima, the least weighted sum of the absolute values of all noises.  With equal
             weights this is not unique either, and solvers return estimates that differ by half of the noise.  Therefore
-            process noise has 1 % more weight, and the weight of every noise falls by 1 % per sample of age, which
-            excludes ties between a few noises.
+            process noise has 1 % more weight, or a weight of the caller, and the weight of every noise falls by 1 %
+            per sample of age, which excludes ties between a few noises.
 Cost        7 us per run for 4 points of 6 states and 3 outputs with a certificate; 1.6 ms without.
 """
 
@@ -43,7 +43,7 @@ WIDEST = 1e6
 """Largest ratio of the sizes of two outputs that the solver supports: it keeps bounds to 1e-10."""
 
 AGE, PROCESS = 0.99, 1.01
-"""Weight of a noise in the second objective, per sample of age, and that of process noise."""
+"""Weight of a noise in the second objective, per sample of age, and the usual one of process noise."""
 
 
 class MeasurementWindow(NamedTuple):
@@ -70,7 +70,9 @@ class WindowFits(NamedTuple):
     """False if the data are not finite or a solver fails."""
 
 
-def fit_free(window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
+def fit_free(
+    window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int, process: float = PROCESS
+) -> WindowFits:
     """Fit the last points without a state equation of the first one.
 
     Parameters
@@ -78,6 +80,7 @@ def fit_free(window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int
     window : data of the window
     C : (1 or points, ny, nx) output matrices
     points : number of points, at least two
+    process : weight of process noise in the second objective
     """
     path, d = predicted(window, C, points, anchored=False)
     F, moved = reduced(window, C, points)
@@ -87,15 +90,17 @@ def fit_free(window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int
     exact = fits.r.sum(axis=1) <= NOTHING * np.abs(d).max(axis=1)
     found = WindowFits(x, np.zeros_like(x), fits.r, (fits.outcome == FitOutcome.UNIQUE) & (certain | exact))
     rest = np.flatnonzero(~found.solved)
-    return _solved_in_full(found, rest, window, C, path, d, anchored=False) if len(rest) else found
+    return _solved_in_full(found, rest, window, C, path, d, process, anchored=False) if len(rest) else found
 
 
-def fit_anchored(window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int) -> WindowFits:
+def fit_anchored(
+    window: MeasurementWindow, C: Float[Array, "kC ny nx"], points: int, process: float = PROCESS
+) -> WindowFits:
     """Fit the last points with a state equation from the estimate before the first one; parameters as in `fit_free`."""
     path, d = predicted(window, C, points, anchored=True)
     x, r = np.empty_like(path[:, -1]), np.empty_like(window.y[:, -1])
     found = WindowFits(x, np.empty_like(x), r, np.zeros(len(x), dtype=bool))
-    return _solved_in_full(found, np.arange(len(x)), window, C, path, d, anchored=True)
+    return _solved_in_full(found, np.arange(len(x)), window, C, path, d, process, anchored=True)
 
 
 def predicted(
@@ -157,7 +162,15 @@ def full_matrix(
 
 
 def _solved_in_full(
-    found: WindowFits, rows: Array, window: MeasurementWindow, C: Array, path: Array, d: Array, *, anchored: bool
+    found: WindowFits,
+    rows: Array,
+    window: MeasurementWindow,
+    C: Array,
+    path: Array,
+    d: Array,
+    process: float,
+    *,
+    anchored: bool,
 ) -> WindowFits:
     """Solve the full program of some runs."""
     points, nx, ny = path.shape[1], path.shape[2], C.shape[1]
@@ -165,7 +178,7 @@ def _solved_in_full(
     outputs, states = np.arange(points * ny), np.arange(0 if anchored else nx, points * nx)  # one equation each
     group = np.concatenate([outputs % ny, ny + states % nx])
     age = points - 1 - np.concatenate([outputs // ny, states // nx])
-    weight = AGE**age * np.where(group < ny, 1.0, PROCESS)
+    weight = AGE**age * np.where(group < ny, 1.0, process)
     data = np.concatenate([d[rows], np.zeros((len(rows), len(states)))], axis=1)
     finite = np.isfinite(F).all(axis=(1, 2)) & np.isfinite(data).all(axis=1)
     for i, run in enumerate(rows):

@@ -112,17 +112,19 @@ def test_the_output_matrix_may_be_another_one_at_every_point(anchored, rng):
         assert abs(objective - fits.rho[i].sum() - fits.r[i].sum()) < CLOSE * size
 
 
-@pytest.mark.parametrize(("points", "anchored"), [(4, True), (9, False)])
-def test_what_is_chosen_among_many_optima_is_unique(points, anchored, rng):
+@pytest.mark.parametrize(
+    ("points", "anchored", "process"), [(4, True, PROCESS), (9, False, PROCESS), (4, True, 0.5), (9, False, 0.5)]
+)
+def test_what_is_chosen_among_many_optima_is_unique(points, anchored, process, rng):
     """Oracle: the face of both objectives, by linprog: the widths of the last state are what two tolerances allow.
 
     Without the weights it is wide, which is why they are there.
     """
     window, C = integrators(rng, 4, points)
-    fits, widest = (fit_anchored if anchored else fit_free)(window, C, points), 0.0
+    fits, widest = (fit_anchored if anchored else fit_free)(window, C, points, process), 0.0
     for i in range(4):
         one = data(window, C, i, points, anchored)
-        ends = lp_twin.chosen(one, AGE, PROCESS)
+        ends = lp_twin.chosen(one, AGE, process)
         np.testing.assert_allclose(ends, np.tile(fits.x[i, :3], (2, 1)), atol=2e-3)  # flat corners of a face 1e-7 wide
         widest = max(widest, np.ptp(lp_twin.chosen(one, 1.0, 1.0), axis=0).max())
     assert widest > 0.05  # of a noise of size 1
