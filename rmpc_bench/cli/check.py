@@ -29,6 +29,7 @@ MAX_WIDTH = 130
 @exits.guarded
 def check(configs: tuple[Path, ...], deep: bool) -> int:
     """Validate configurations; show plant and design model, differences between the methods, assumptions and cost."""
+    from rmpc_bench.cli.run_warnings import warning_lines
     from rmpc_bench.config.load import load_config
     from rmpc_bench.types import ConfigError
 
@@ -41,6 +42,8 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
                 from rmpc_bench.cli.mismatch import mismatch_lines
 
                 lines += mismatch_lines(config)
+            warned = warning_lines(config)
+            lines += ["", *(f"  {line}" for line in warned)] if warned else []
             click.echo("\n".join(lines))
         except ConfigError as error:
             # The other files are checked all the same.

@@ -91,6 +91,7 @@ def run(**options: Any) -> int:
     with held():
         import scipy.linalg  # noqa: F401
 
+        from rmpc_bench.cli.run_warnings import warning_lines
         from rmpc_bench.config.load import load_config
         from rmpc_bench.execution.database import StoreError
         from rmpc_bench.execution.progress import choose
@@ -108,6 +109,8 @@ def run(**options: Any) -> int:
             return _show_plan(config, directory, request.only)
         if request.fresh:
             _set_aside(directory)
+        for line in warning_lines(config):
+            click.echo(line, err=True)
         results = run_experiment(
             config,
             directory=directory,

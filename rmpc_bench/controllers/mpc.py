@@ -93,6 +93,11 @@ class Mpc(Controller):
     u_0: Float[Array, " nu"] | None = None
     """Input that compensates the constant parts of the model, None if they are zero."""
 
+    @property
+    def input_limits(self) -> tuple[float, float]:
+        """Lower and upper limit of all inputs."""
+        return self.low, self.high
+
     def init(self, n_runs: int) -> MpcState:
         """Start from the input 0."""
         return MpcState(np.zeros((n_runs, len(self.K_x))))

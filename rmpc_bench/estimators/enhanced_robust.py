@@ -31,7 +31,7 @@ Fails   Design error: w and v are correlated; eps is 0 where an excess is needed
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -115,7 +115,8 @@ def design(
         extra["literal"] = is_covariance(P0, [_channels(now, P0, rules) for now in systems])
     nominal, K, Phi = [now.nominal for now in systems], [step.K for step in steps], [step.Phi for step in steps]
     remarks = _remarks(steps, X, rules, design_scale)
-    return predictor_schedule(nominal, x0, K, P, F=Phi, extra=extra, remarks=remarks)
+    predictor = predictor_schedule(nominal, x0, K, P, F=Phi, extra=extra, remarks=remarks)
+    return replace(predictor, uncertainty_scale=design_scale)
 
 
 def _excesses(eps: float | Margins | None, gamma: float | None) -> tuple[Excess, Excess, Excess]:

@@ -55,6 +55,7 @@ class GainScheduleFilter(Estimator):
     remarks : notes on this design that `rmpc-bench check` prints
     M : (1 or samples, nx, nx) shape matrix of a set that contains x_hat - x, None if the design reports none
     sets : sets of the noises on which M or P is based, None for those of the model
+    uncertainty_scale : factor of the uncertainty that the design guards against, None if it guards against none
     """
 
     x0: Float[Array, " nx"]
@@ -70,6 +71,7 @@ class GainScheduleFilter(Estimator):
     remarks: tuple[str, ...] = ()
     M: Float[Array, "kM nx nx"] | None = None
     sets: NoiseSets | None = None
+    uncertainty_scale: float | None = None
 
     def init(self, n_runs: int) -> FilterState:
         """Start every run at ``x0``."""

@@ -75,6 +75,8 @@ class SayedSearch(Estimator):
     x0: Float[Array, " nx"]
     P0: Float[Array, "nx nx"]
 
+    uncertainty_scale = 1.0
+
     @property
     def reports(self) -> Mapping[str, tuple[int, ...]]:
         """The multiplier of the step to k, 0 where the uncertainty has no effect."""
@@ -187,6 +189,7 @@ def design(
     models = [now.nominal for now in systems]
     extra = {"P_pred": np.array(P_pred[:-1]), "lam": np.array(used)}
     predictor = predictor_schedule(models, x0, K, P_pred[:-1], F=F, extra=extra)
+    predictor = replace(predictor, uncertainty_scale=1.0)
     return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=np.array(P))
 
 

@@ -30,6 +30,11 @@ class Controller(Design):
         return False
 
     @attribute
+    def input_limits(self) -> tuple[float, float] | None:
+        """Lower and upper limit of all inputs; None where there are none."""
+        return None
+
+    @attribute
     def reports(self) -> Mapping[str, tuple[int, ...]]:
         """Entries of `info` that metrics, figures and records may name, with the shape of the entry of one run."""
         return {}

@@ -75,6 +75,11 @@ class Estimator(Design):
         return self.M is not None
 
     @attribute
+    def uncertainty_scale(self) -> float | None:
+        """Factor of the uncertainty of the model, F' F <= I, that the design guards against; None if it does not."""
+        return None
+
+    @attribute
     def gain_schedule(self) -> GainSchedule | None:
         """The filter as a linear one with given gains; None where its gains depend on the data."""
         return None

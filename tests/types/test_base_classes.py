@@ -37,6 +37,7 @@ DEFAULTS = {
         "P": None,
         "M": None,
         "sets": None,
+        "uncertainty_scale": None,
         "gain_schedule": None,
     },
     Controller: {
@@ -46,6 +47,7 @@ DEFAULTS = {
         "remarks": (),
         "cost_per_step": 0.0,
         "certifies": False,
+        "input_limits": None,
     },
     Model: {"varies": False, "is_linear_model": False, "has_sets": False, "S": 0.0},
     Noise: {"mean": None, "cov": None, "has_bursts": False, "burst_names": ()},

@@ -1,0 +1,170 @@
+"""Warnings about an experiment before any run: what makes its results useless although every run ends well.
+
+`control`     the plant is not stable, and there is no controller.
+`stability`   a robust estimator for uncertainty of norm at most 1, and a design model that is not quadratically stable.
+`saturation`  the input lies on its limits during (nearly) the whole run, even for the design model without noise.
+
+Each text names the key and a way out.  They cost a few milliseconds per method and need no run of the plant.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.simulation.rest import Rest
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import Array, DesignError, Estimate, Method, Status
+
+Build = Callable[..., Any]
+"""``build(group, data, **provided)`` designs a component from plain data; None where its design function refuses."""
+
+STABLE = 1.0 + 1e-9
+"""Spectral radius up to which a system counts as stable: that of an integrator is 1 up to rounding."""
+SMALL_GROWTH = 10.0
+"""Growth over the run up to which an unstable system is no reason for a warning."""
+SATURATED = 0.95
+"""Share of the samples with the input on a limit from which on the reference counts as out of reach."""
+
+
+def run_warnings(experiment: Experiment, methods: Mapping[str, Mapping[str, Any]], build: Build) -> list[str]:
+    """Return one text per reason, each with the key, the numbers and a way out.
+
+    Parameters
+    ----------
+    experiment : the designs
+    methods : method name -> plain data from which its designs were made
+    build : designs a component once more
+    """
+    checks = {"plant": _uncontrolled, "estimator": _not_quadratically_stable, "controller.limits": _saturated}
+    known, found = dict[str, str | None](), dict[tuple[str, str], list[str]]()
+    for method in experiment.methods:
+        model = _DesignModel(experiment, methods[method.name], build)
+        for part, check in checks.items():
+            # Methods with equal data share one answer.
+            key = f"{part} {isinstance(method.controller, Rest) if part == 'plant' else model.key(part.split('.')[0])}"
+            if key not in known:
+                with np.errstate(all="ignore"):
+                    known[key] = check(experiment, method, model)
+            text = known[key]
+            if text is not None:
+                found.setdefault((part, text), []).append(method.name)
+    n_methods = len(experiment.methods)
+    return [f"{_place(part, names, n_methods)}: {text}" for (part, text), names in found.items()]
+
+
+def _place(part: str, names: list[str], n_methods: int) -> str:
+    """Return the key to which a text belongs."""
+    if part == "plant" or len(names) == n_methods > 1:
+        return part
+    rest = f" (and {len(names) - 1} more)" if len(names) > 1 else ""
+    return f"methods.{names[0]}.{part}{rest}"
+
+
+class _DesignModel:
+    """Design model of a method, built at its first use."""
+
+    def __init__(self, experiment: Experiment, data: Mapping[str, Any], build: Build) -> None:
+        self.experiment, self.data, self.build = experiment, data, build
+
+    def key(self, name: str) -> str:
+        """Return text that is equal for methods with the same model and component."""
+        return json.dumps([self.data.get("model"), self.data.get(name)], sort_keys=True)
+
+    def get(self) -> Any:
+        """Return the design model, None where it cannot be built."""
+        Ts, n_steps = self.experiment.plant.Ts, self.experiment.n_steps
+        return self.build("models", self.data.get("model"), Ts=Ts, n_steps=n_steps)
+
+
+def _uncontrolled(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:
+    """Describe an unstable plant whose input is 0."""
+    A = _state_matrix(experiment)
+    if A is None or not isinstance(method.controller, Rest):
+        return None
+    radius = float(np.abs(np.linalg.eigvals(A)).max())
+    digits = experiment.n_steps * np.log10(max(radius, 1e-300))
+    if radius <= STABLE or digits <= np.log10(SMALL_GROWTH):
+        return None
+    return (
+        f"not stable (spectral radius of A {radius:.6g}), and there is no controller: the state grows by about "
+        f"10^{digits:.0f} in {experiment.n_steps} steps; give a `controller`, fewer steps or a larger `plant.diverged`"
+    )
+
+
+def _state_matrix(experiment: Experiment) -> Array | None:
+    """State matrix of a linear plant with nominal parameters; None of any other plant, or if it varies with k."""
+    plant = experiment.plant
+    if plant.system is not None:
+        return None if plant.system.varies else np.asarray(plant.system.at(0).A)
+    linear = plant.linear(dict(plant.nominal))
+    return None if linear is None else linear.A
+
+
+def _not_quadratically_stable(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:
+    """Describe a robust estimator whose design model is not quadratically stable for its uncertainty."""
+    from rmpc_bench.numerics.stability import INSIDE, hinf_norm, spectral_radius
+
+    scale = method.estimator.uncertainty_scale
+    system = getattr(model.get(), "system", None) if scale is not None else None
+    if system is None or system.varies:
+        return None
+    m = system.at(0)
+    if not (m.H_A.any() and m.G_x.any()):
+        return None
+    says = "the design model is not quadratically stable"
+    means = "the error of this robust design may grow far beyond that of `kalman-predictor`; compare with it"
+    radius = spectral_radius(m.A)
+    if radius >= INSIDE:
+        return f"{says} (spectral radius of A {radius:.6g}, must be below 1): {means}"
+    norm = hinf_norm(m.A, m.H_A, scale * m.G_x)
+    if norm < INSIDE:
+        return None
+    way_out = f"or take less than {1.0 / norm:.3g} times the uncertainty (H_A)"
+    return f"{says} (H-infinity norm of G_x (zI - A)^-1 H_A {norm:.4g}, must be below 1): {means}, {way_out}"
+
+
+def _saturated(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:
+    """Describe a reference for which the design model, without noise, has its input on a limit all the time."""
+    limits = method.controller.input_limits
+    linear = model.get() if limits is not None else None
+    if limits is None or linear is None or not np.isfinite(limits).any():
+        return None
+    (low, high), n_steps = limits, experiment.n_steps
+    r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
+    free = seen = 0
+    for u in _inputs(method, linear, r, n_steps):
+        seen += 1
+        free += not bool(((u <= low) | (u >= high)).any())
+        if free > (1.0 - SATURATED) * n_steps:
+            return None
+    if seen < n_steps:
+        return None
+    return (
+        f"with the design model and without noise the input is on a limit [{low:g}, {high:g}] in "
+        f"{100.0 * (1.0 - free / n_steps):.0f} % of the samples: the reference, up to "
+        f"{np.abs(r[: n_steps + 1]).max():g}, is out of reach; check the unit of `reference`, or choose wider `limits` "
+        "or a longer `time`"
+    )
+
+
+def _inputs(method: Method, model: Any, r: Array, n_steps: int) -> Any:
+    """Yield the inputs of the design model in closed loop with known states and without noise."""
+    try:
+        x = np.zeros((1, model.nx)) if method.estimator.x0 is None else method.estimator.x0[None]
+        state, controller = method.controller.init(1), method.controller
+        for k in range(n_steps):
+            now = model.at(k)
+            known = Estimate(x, None, None, np.zeros(1, dtype=np.int8), {"w_mean": np.zeros_like(x)})
+            y = x @ now.C.T + now.d0
+            state, command = controller.control(k, state, y, known, r[k : k + controller.preview])
+            if (command.status != Status.OK).any():
+                return
+            yield command.u[0]
+            x = x @ now.A.T + command.u @ now.B.T + now.f0
+    except DesignError:
+        # A model that depends on the state is not linear at any k.
+        return
