@@ -7,7 +7,7 @@ import pytest
 from rmpc_bench.config import reader
 
 ROOT = Path(__file__).parents[2] / "configs"
-PAPERS = ("souto2011", "zenere2017", "zenere2018")
+PAPERS = ("belda2017", "ma2025", "souto2011", "zenere2017", "zenere2018")
 
 
 def claims_of(paper):
@@ -69,3 +69,18 @@ def test_one_wave_for_all_statements_of_zenere2017():
     for name, claim in claims_of("zenere2017"):
         if name != "interpretations-sim2" and claim.get("check") and claim["source"].startswith("Section"):
             assert dict(claim["at"]) == {"reference.values": "pi first"}, claim["says"]
+
+
+def test_statements_of_belda2017_are_judged_by_the_methods_of_the_paper():
+    """The constant penalty I and the tuned one, with and without its bounds; other penalties are additional results."""
+    ours = ("Q0_5", "Q0_75", "Q1_5", "Q2", "Q2_5", "Q3", "Q4", "square", "printed", "KF", "wide", "residual")
+    for name, claim in claims_of("belda2017"):
+        if not claim["source"].startswith(("additional result", "suspected misprint")):
+            text = str(claim.get("check"))
+            assert not any(f"[{method}" in text for method in ours), (name, claim["says"])
+
+
+def test_the_certificate_is_judged_at_the_horizon_of_the_paper():
+    """N = 100 of (76); shorter horizons are additional results."""
+    [claim] = [claim for name, claim in claims_of("ma2025") if name == "certificate" and claim["source"] == "Theorem 1"]
+    assert claim["at"]["controller.horizon"] == 100 and claim["at"]["controller.set"] == "stacked"
