@@ -75,9 +75,10 @@ def _ratio(a: Value, b: Value) -> Value:
 
 
 def _entry(x: Value, i: Value) -> Value:
-    if len(x.entry) != 1 or i.array.ndim or not 0 <= i.array < x.entry[0] or i.array != int(i.array):
-        raise EvaluationError("entry needs a vector, or a series or column of vectors, and a place that counts from 0")
-    return x.of(x.array[..., int(i.array)])
+    """Take an entry of a vector, or a row of a matrix."""
+    if not x.entry or i.array.ndim or not 0 <= i.array < x.entry[0] or i.array != int(i.array):
+        raise EvaluationError("entry needs a vector or a matrix, or a series of them, and a place that counts from 0")
+    return x.of(x.array.take(int(i.array), axis=x.array.ndim - len(x.entry)))
 
 
 _OF_SEVERAL: dict[str, Callable[..., Value]] = {

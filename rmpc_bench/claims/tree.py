@@ -24,7 +24,7 @@ _TABLE = {
     "slope": ("x", "least-squares slope of a series per step"),
     "since": ("x, k", "samples of a series from k on, with unchanged indices"),
     "upto": ("x, k", "samples of a series up to k, with unchanged indices"),
-    "entry": ("x, i", "entry i, counted from 0, of a vector or of every vector of a series or column"),
+    "entry": ("x, i", "entry i, counted from 0, of a vector, or row i of a matrix; of every one of a series"),
     "abs": ("x", "absolute value, entry by entry"),
     "diag": ("x", "diagonal of a matrix, or of every matrix of a series"),
     "trace": ("x", "trace of a matrix, or of every matrix of a series"),

@@ -264,14 +264,16 @@ def test_series_are_read_once(trials, monkeypatch):
         ("entry(last(mean(e[A])), 0)", MEAN[-1, 0]),
         ("entry([4, 5, 6], 2)", 6.0),
         ("entry([mse[A], mse[B]], 1)", MSE["B"]),
+        ("entry(entry([[1, 2], [3, 4]], 0), 1)", 2.0),
+        ("entry(entry(cov(e[A]), 1), 0)", COV[:, 1, 0]),
     ],
 )
-def test_one_entry_of_a_vector(trials, text, expected):
+def test_one_entry_of_a_vector_or_matrix(trials, text, expected):
     """Oracle: NumPy's indexing."""
     np.testing.assert_array_equal(value(text, trials).array, expected)
 
 
-@pytest.mark.parametrize("text", ["entry(mean(e[A]), 2)", "entry(cov(e[A]), 0)", "entry(3, 0)", "entry([1, 2], 0.5)"])
+@pytest.mark.parametrize("text", ["entry(mean(e[A]), 2)", "entry(cov(e[A]), 2)", "entry(3, 0)", "entry([1, 2], 0.5)"])
 def test_an_entry_that_is_not_there(trials, text):
     """The message says how places count."""
     with pytest.raises(EvaluationError, match="counts from 0"):

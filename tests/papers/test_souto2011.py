@@ -29,3 +29,25 @@ def test_the_covariances_that_the_chapter_prints(trials_of):
     _, trials = trials_of("souto2011/table")
     np.testing.assert_allclose(trials.matrix_series("P", "ERP")[1500], [[14.4, -22.7], [-22.7, 76.4]], atol=0.05)
     np.testing.assert_allclose(trials.matrix_series("P", "classic")[1500], [[3.6, -0.6], [-0.6, 0.1]], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("point", "method", "mean_square"),
+    [(0, "ERP", 16.78), (0, "classic", 465.5), (1, "ERP", 21.32), (1, "classic", 2311.7)],
+)
+def test_mean_squares_of_both_predictors(trials_of, point, method, mean_square):
+    """Oracle: the independent study, exact at k = 300, with delta on [-1, 1] and on the unit interval."""
+    table = trials_of("souto2011/comparison")[1].points[point]
+    mean = table.matrix_series("mean(e)", method)[300]
+    found = np.trace(table.matrix_series("cov(e)", method)[300]) + mean @ mean
+    # Half a unit of the last digit of the study.
+    assert found == pytest.approx(mean_square, rel=0, abs=0.05 if mean_square > 100 else 0.005)
+
+
+def test_one_noise_has_the_bound_of_two_once_it_is_tuned(trials_of):
+    """Oracle: the study's 58.23 for two noises; the larger set of F of one noise cannot have a much smaller bound."""
+    _, trials = trials_of("souto2011/alpha")
+    two, one = (np.trace(trials.matrix_series("P", method)[300]) for method in ("tuned", "one noise"))
+    assert two == pytest.approx(58.23, abs=0.1)
+    # Minimising each step alone leaves 0.1 % between them.
+    assert one == pytest.approx(two, rel=2e-3)

@@ -65,3 +65,14 @@ def test_half_of_the_sign_patterns_defeat_the_kalman_filter(trials_of):
     column = trials.pooled().column("settling_time", "S-MPC")
     assert len(column) == 256
     assert abs(np.isinf(column).mean() - 31 / 64) < 5 * np.sqrt(0.25 / 64)
+
+
+def test_horizons_over_2000_plants(trials_of):
+    """Paper: R-MPC1 best and S-MPC worst with Hu = 8; Hp = 15 is detrimental, by more than 3 standard errors each."""
+    _, trials = trials_of("zenere2018/fig8")
+    base, large_hu, large_hp = (point.column for point in trials.points)
+    order = [large_hu("mse", method).mean() for method in ("R-MPC1", "R-MPC2", "R-MPC3", "S-MPC")]
+    assert order == sorted(order)
+    for method in ("S-MPC", "R-MPC1", "R-MPC2", "R-MPC3"):
+        rise = large_hp("mse", method) - base("mse", method)
+        assert rise.mean() > 3 * rise.std(ddof=1) / np.sqrt(len(rise))
