@@ -38,6 +38,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "kalman-predictor": "rmpc_bench.estimators.kalman_predictor:design",
         "enhanced-robust": "rmpc_bench.estimators.enhanced_robust:design",
         "sayed-bdu": "rmpc_bench.estimators.sayed_bdu:design",
+        "robust-h-infinity": "rmpc_bench.estimators.robust_h_infinity:design",
         "lmmse": "rmpc_bench.estimators.lmmse:design",
         "lp-window": "rmpc_bench.estimators.lp_window:design",
         "mixed": "rmpc_bench.estimators.mixed:design",

@@ -133,6 +133,7 @@ Q = "Q_x: 1, R_u: 0.1"
 ESTIMATORS = dict.fromkeys(registry.names("estimators"), "") | {
     "robust-kalman": "c: 0.1",
     "risk-sensitive": "theta: 0.01",
+    "robust-h-infinity": "alpha: 0.1",
 }
 CONTROLLERS = {
     "gpc": "Np: 4, Q_yw: 1, Q_u: 0.1",

@@ -130,6 +130,7 @@ ESTIMATORS = {
     "kalman-predictor": {},
     "enhanced-robust": {},
     "sayed-bdu": {},
+    "robust-h-infinity": {"alpha": 1.0},
     "lmmse": {},
     "lp-window": {},
     "mixed": {},

@@ -1,0 +1,156 @@
+"""Robust Kalman / H-infinity filter: bounds of the error's second moment and of its energy under model uncertainty.
+
+Model   x(k+1) = (A + M1 F N) x(k) + w(k),  y(k) = (C + M2 F N) x(k) + v(k), with any F(k) of norm at most 1, M1 = H_A,
+        M2 = H_C, N = G_x, and noises with mean zero and covariances Q_w, R_v and S_wv.  x_pred is x_hat.
+        P is a bound of the second moment of x_pred - x for every F, and X of the second moment of x.  theta^2 times the
+        sum of |weight (x_pred - x)|^2 is at most the energy of the noises, each relative to its covariance, plus the
+        start.
+Source  D. Simon, Optimal State Estimation (2006), section 12.2, after Y. S. Hung and F. Yang, Robust H-infinity
+        filtering with error variance constraints for discrete time-varying systems with uncertainty, Automatica 39
+        (2003): P and X here are P and P~ there, the equations are derived in numerics/robust_bounded_real.py.
+Assumed S1 and S2 default to 2 P0 and 2 P0 + x0 x0', a bound that holds although x(0) and its error are correlated.
+        A model without this uncertainty needs no X: the filter then is the H-infinity predictor, with known inputs and
+        means, and S1 defaults to P0.  The filter ignores uncertainty in Bw, Bv, Dw and Dv.
+Limit   Without uncertainty, theta = 0 and eps = 0 it is the one-step Kalman predictor.
+Cost    As every gain schedule.
+Fails   Design error: alpha I > N X N' or I > theta^2 L P L' does not hold at some k, or a bound overflows.  With
+        uncertainty also: A or S2 is singular, or the model has inputs or noises with a mean (F_hat draws the estimate
+        towards zero).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule, refuse_overflow
+from rmpc_bench.models.design_noise import DesignSystem, design_systems
+from rmpc_bench.numerics.linalg import as_covariance, as_matrix
+from rmpc_bench.numerics.robust_bounded_real import (
+    BoundedRealStep,
+    Bounds,
+    Limits,
+    OutOfRangeError,
+    Uncertain,
+    bounded_real_step,
+)
+from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
+
+
+def design(
+    model: Model,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    alpha: Positive,
+    theta: NonNegative = 0.0,
+    weight: Matrix = 1.0,
+    eps: NonNegative = 0.0,
+    S1: Matrix | None = None,
+    S2: Matrix | None = None,
+) -> GainScheduleFilter:
+    """Robust Kalman / H-infinity filter in one-step predictor form.
+
+    Parameters
+    ----------
+    model : uncertain model
+    n_steps : number of control periods N; gains are computed for k = 0..N
+    x0 : (nx,) mean of the initial state
+    P0 : (nx, nx) covariance of the initial state
+    alpha : weight of the uncertainty: alpha [M1; M2] [M1; M2]' is added to the covariance of the noises, and
+        alpha I > N X N' must hold [unit of (N x)^2]
+    theta : bound of the energy of the error, relative to that of the noises; 0 asks for none
+    weight : (nx, nx) matrix L that multiplies the error in the bound of its energy
+    eps : number added to the diagonal of both bounds at every step
+    S1 : (nx, nx) bound P at k = 0 (default 2 P0, without uncertainty P0)
+    S2 : (nx, nx) bound X at k = 0 (default 2 P0 + x0 x0'); not used without uncertainty
+
+    Raises
+    ------
+    DesignError
+        If a matrix has the wrong size or is singular, a bound does not exist at some k, or an uncertain model has
+        inputs or noises with a mean.
+    """
+    systems, nx = design_systems(model, n_steps), len(x0)
+    limits = Limits(alpha, theta, _of_size("weight", weight, nx), eps)
+    uncertain = any(_has_uncertainty(now) for now in systems)
+    start = Bounds(
+        _bound("S1", S1, (2.0 if uncertain else 1.0) * P0),
+        _bound("S2", S2, 2.0 * P0 + np.outer(x0, x0)) if uncertain else None,
+    )
+    if uncertain:
+        _refuse(systems, start)
+    steps = list(_steps(systems, start, limits))
+    bounds = [start, *(step.after for step in steps)]
+    P = [each.P for each in bounds]
+    refuse_overflow(P, "bound")
+    return predictor_schedule(
+        [now.nominal for now in systems],
+        x0,
+        [step.K for step in steps],
+        P[:-1],
+        F=[step.F for step in steps],
+        extra={"X": np.array([each.X for each in bounds[:-1]])} if uncertain else {},
+    )
+
+
+def _has_uncertainty(now: DesignSystem) -> bool:
+    return bool((now.m.H_A.any() or now.m.H_C.any()) and now.m.G_x.any())
+
+
+def _refuse(systems: list[DesignSystem], start: Bounds) -> None:
+    """Refuse what an uncertain model does not go with."""
+    if start.X is None or not np.linalg.cond(start.X) < 1e14:
+        raise DesignError("is singular, but its inverse is needed; give a positive definite S2", "S2")
+    if any(now.nominal.B.any() or now.nominal.f0.any() or now.nominal.d0.any() for now in systems):
+        raise DesignError(
+            "with an uncertain model this filter is defined without inputs and for noises with mean zero; choose "
+            "another estimator, such as enhanced-robust"
+        )
+
+
+def _steps(systems: list[DesignSystem], bounds: Bounds, limits: Limits) -> Iterator[BoundedRealStep]:
+    for k, now in enumerate(systems):
+        try:
+            step = bounded_real_step(_uncertain(now, limits.alpha), bounds, limits)
+        except OutOfRangeError as error:
+            raise _out_of_range(str(error), k) from None
+        except np.linalg.LinAlgError:
+            message = (
+                f"A, X or the covariance of the innovation is singular at k = {k}; this filter needs their inverses"
+            )
+            raise DesignError(message) from None
+        bounds = step.after
+        yield step
+
+
+def _uncertain(now: DesignSystem, alpha: float) -> Uncertain:
+    nominal, M = now.nominal, np.vstack([now.m.H_A, now.m.H_C])
+    noise = np.block([[nominal.Q_w, nominal.S_wv], [nominal.S_wv.T, nominal.R_v]])
+    widened = noise + alpha * M.dot(M.T) if _has_uncertainty(now) else noise
+    return Uncertain(now.m.A, now.m.C, now.m.G_x, widened)
+
+
+def _out_of_range(parameter: str, k: int) -> DesignError:
+    if parameter == "alpha":
+        message = f"alpha I > N X N' does not hold at k = {k}: choose a larger alpha, or a smaller G_x or S2"
+    else:
+        message = f"I > theta^2 L P L' does not hold at k = {k}: choose a smaller theta, weight or S1"
+    return DesignError(message, parameter)
+
+
+def _of_size(name: str, value: Matrix, n: int) -> Float[Array, "n n"]:
+    try:
+        return as_matrix(value, n)
+    except ValueError as error:
+        raise DesignError(str(error), name) from None
+
+
+def _bound(name: str, value: Matrix | None, default: Array) -> Float[Array, "n n"]:
+    try:
+        return default if value is None else as_covariance(value, len(default))
+    except ValueError as error:
+        raise DesignError(str(error), name) from None
