@@ -29,7 +29,6 @@ MAX_WIDTH = 130
 @exits.guarded
 def check(configs: tuple[Path, ...], deep: bool) -> int:
     """Validate configurations; show plant and design model, differences between the methods, assumptions and cost."""
-    from rmpc_bench.cli.run_warnings import warning_lines
     from rmpc_bench.config.load import load_config
     from rmpc_bench.types import ConfigError
 
@@ -42,8 +41,6 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
                 from rmpc_bench.cli.mismatch import mismatch_lines
 
                 lines += mismatch_lines(config)
-            warned = warning_lines(config)
-            lines += ["", *(f"  {line}" for line in warned)] if warned else []
             click.echo("\n".join(lines))
         except ConfigError as error:
             # The other files are checked all the same.
@@ -53,6 +50,7 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
 
 
 def _describe(path: Path, config: ExperimentConfig) -> list[str]:
+    from rmpc_bench.cli.run_warnings import warning_texts
     from rmpc_bench.execution.cost import megabytes, seconds
 
     experiment = config.experiment
@@ -64,7 +62,8 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     remarks = _remarks(config)
     lines += ["", "  remarks", *remarks] if remarks else []
-    lines += ["", "  warnings", *(f"  {warning}" for warning in config.warnings)] if config.warnings else []
+    warned = warning_texts(config)
+    lines += ["", "  warnings", *(f"  {text}" for text in warned)] if warned else []
     # Several claims may have an assumption in common.
     assumptions = dict.fromkeys(assumption for claim in config.claims for assumption in claim.assumptions)
     if assumptions:

@@ -91,7 +91,7 @@ def run(**options: Any) -> int:
     with held():
         import scipy.linalg  # noqa: F401
 
-        from rmpc_bench.cli.run_warnings import warning_lines
+        from rmpc_bench.cli.run_warnings import warning_texts
         from rmpc_bench.config.load import load_config
         from rmpc_bench.execution.database import StoreError
         from rmpc_bench.execution.progress import choose
@@ -100,8 +100,8 @@ def run(**options: Any) -> int:
 
     request = Request(**options)
     config = load_config(request.config, overrides=request.overrides, runs=request.runs, smoke=request.smoke)
-    for warning in config.warnings:
-        click.echo(f"warning: {warning}", err=True)
+    for text in warning_texts(config):
+        click.echo(f"warning: {text}", err=True)
     _check_names(request.only, config)
     directory = request.output or _directory(request, config)
     try:
@@ -109,8 +109,6 @@ def run(**options: Any) -> int:
             return _show_plan(config, directory, request.only)
         if request.fresh:
             _set_aside(directory)
-        for line in warning_lines(config):
-            click.echo(line, err=True)
         results = run_experiment(
             config,
             directory=directory,

@@ -1,4 +1,8 @@
-"""Warnings that `run` prints before the first run and `check` at the end: what makes the results useless."""
+"""Warnings that `run` prints before the first run and `check` in its report.
+
+Those of the configuration concern what its author probably does not mean; the others concern what makes the results
+useless although every run may end well.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +19,8 @@ MAX_POINTS = 12
 """Points of a sweep that are examined, the first ones."""
 
 
-def warning_lines(config: ExperimentConfig) -> list[str]:
-    """Return one line per warning; equal warnings of the points of a sweep share one.
+def warning_texts(config: ExperimentConfig) -> list[str]:
+    """Return one text per warning; equal warnings of the points of a sweep share one.
 
     Parameters
     ----------
@@ -29,6 +33,9 @@ def warning_lines(config: ExperimentConfig) -> list[str]:
                 found.setdefault(text, []).append(point.title)
     n_points = len(config.points[:MAX_POINTS])
     return [
-        f"warning: {text}" + (f" (at {', '.join(titles[:2])}{' ..' * (len(titles) > 2)})" if n_points > 1 else "")
-        for text, titles in found.items()
+        *map(str, config.warnings),
+        *(
+            text + (f" (at {', '.join(titles[:2])}{' ..' * (len(titles) > 2)})" if n_points > 1 else "")
+            for text, titles in found.items()
+        ),
     ]
