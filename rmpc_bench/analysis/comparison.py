@@ -178,7 +178,7 @@ def comparisons(trials: Trials, of: Levels | None = None) -> pd.DataFrame:
 
 
 def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels, p: str) -> Comparison:
-    is_primary = info == trials.primary_info
+    is_primary = info == trials.primary_info and trials.with_verdicts
     level = of.held if is_primary else of.plain
     failure_level = of.failures if is_primary else of.plain
     averages, scores = _averages(trials, pairs), pairs.scores

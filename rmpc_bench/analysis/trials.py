@@ -56,6 +56,7 @@ class Trials:
     average : averages that are asked for: ``geometric``, ``mean`` or ``both``
     headline : the average that the verdict rests on where both are asked for
     look : how often a verdict was published with other numbers of runs, this one included
+    with_verdicts : whether comparisons have a verdict; those of a smoke run have none
     seed : seed of the experiment
     Ts : sampling time [s]; 0 where it is not known
     units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
@@ -94,6 +95,7 @@ class Trials:
     average: str = "both"
     headline: str = "geometric"
     look: int = 1
+    with_verdicts: bool = True
 
     @property
     def primary_info(self) -> MetricInfo | None:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
+from rmpc_bench.analysis.number_text import decimals
 from rmpc_bench.analysis.rounding import STABLE, decimal_text, significant, significant_text
-from rmpc_bench.analysis.statistics import decimals
 from rmpc_bench.claims.comparison import ComparisonResult
 from rmpc_bench.claims.decision import Change
 

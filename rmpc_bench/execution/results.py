@@ -179,7 +179,7 @@ def stored_results(config: ExperimentConfig, directory: Path, overrides: Collect
     return Results(
         config=config,
         directory=directory,
-        trials=stored_trials(config, directory),
+        trials=stored_trials(config, directory, with_verdicts="--smoke" not in overrides),
         uncertainty=uncertainty(config, directory),
         n_complete=n_complete(config, directory),
         overrides=tuple(overrides),

@@ -22,7 +22,7 @@ from rmpc_bench.execution.traces import traces_of, units_of
 from rmpc_bench.simulation.recording import kept
 
 
-def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
+def stored_trials(config: ExperimentConfig, directory: Path, *, with_verdicts: bool = True) -> Trials:
     """Read the trials of a configuration that are stored in a directory.
 
     Methods without a single stored run are left out.
@@ -31,6 +31,7 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
     ----------
     config : the experiment
     directory : where its trials.sqlite lies
+    with_verdicts : whether comparisons have a verdict
 
     Raises
     ------
@@ -45,6 +46,7 @@ def stored_trials(config: ExperimentConfig, directory: Path) -> Trials:
         store.check(config.hash, config.shared)
         series = SeriesReader(config, store)
         tables = [_table(config, point, store, series) for point in config.points]
+        tables = [replace(table, with_verdicts=with_verdicts) for table in tables]
         filled = [table for table in tables if len(table.methods)]
         if not filled:
             apart = rows_of_other_code(config, store, config.methods)

@@ -126,7 +126,7 @@ def _marker(trials: Trials, styles: Mapping[str, LineStyle], name: str, *, fille
 
 def _set_limits(axes: Axes, shown: Sequence[Dot], infos: tuple[MetricInfo, MetricInfo], *, log: bool) -> None:
     """Choose scales and limits that contain all dots and the finite ends of their bars, with room for labels."""
-    from rmpc_bench.analysis.statistics import name_from_best
+    from rmpc_bench.analysis.pairs import name_of_distance
 
     ends = np.array([[[*dot.x], [*dot.y]] for dot in shown])  # (dots, 2, 3)
     finite = np.where(np.isfinite(ends), ends, ends[:, :, 1:2])
@@ -139,7 +139,7 @@ def _set_limits(axes: Axes, shown: Sequence[Dot], infos: tuple[MetricInfo, Metri
         if log and positive:
             make_logarithmic(axes, horizontal=place == 0)
         remark = LINEAR if log and not positive else ""
-        label = with_unit(literal(name_from_best(info)), unit) + remark
+        label = with_unit(literal(name_of_distance(info)), unit) + remark
         if place:
             axes.set_ylabel(label)
         else:

@@ -86,12 +86,13 @@ def not_dominated(dots: Sequence[Dot], infos: tuple[MetricInfo, MetricInfo]) -> 
 
 
 def _dot(point: Trials, name: str, infos: tuple[MetricInfo, MetricInfo], bars: str) -> Dot:
-    from rmpc_bench.analysis.statistics import from_best
+    from rmpc_bench.analysis.pairs import distance_from_best
 
     columns = [point.column(info.name, name) for info in infos]
     both: Array = ~np.isnan(np.stack(columns)).any(axis=0)
     x, y = (
-        spread_of(from_best(column[both], info.direction), bars) for column, info in zip(columns, infos, strict=True)
+        spread_of(distance_from_best(column[both], info.direction), bars)
+        for column, info in zip(columns, infos, strict=True)
     )
     return Dot(name, point, x, y, int(both.sum()), len(both))
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import pandas as pd
 
-from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.sentences import explanation, sentence
 from rmpc_bench.report.summary import stacked
-from rmpc_bench.report.tables import explanation, markdown_table
+from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.types import DesignError
 
 
@@ -112,7 +112,7 @@ def _sentences(point: Trials, table: pd.DataFrame) -> list[str]:
     infos = {info.name: info for info in point.metrics}
     head = f"{point.title}: " if point.title else ""
     rows = table.to_dict("records")
-    return [head + statistics.sentence(row, infos[row["metric"]], confidence=point.confidence) for row in rows]
+    return [head + sentence(row, infos[row["metric"]], point) for row in rows]
 
 
 def _cell(value: Any) -> str:

@@ -2,60 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
 
 import pandas as pd
 
-from rmpc_bench.analysis.statistics import decimals, format_with_error, sentence
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.labels import marked
+from rmpc_bench.report import cells
+from rmpc_bench.report.cells import MetricTable, metric_table
+from rmpc_bench.report.sentences import AVERAGES, explanation, margin_text, sentence
 from rmpc_bench.types import MetricInfo, Status
 
-GAPS = {"mean": 4, "median": 3, "change": 4, "won": 5, "n": 3, "verdict": 2}
+GAPS = {"mean": 4, "median": 3, "change": 4, "other": 3, "won": 5, "n": 3, "verdict": 3}
 """Blanks before each column of the screen."""
 
 BEST = {"zero": "best at 0", "one": "best at 1"}
-
-AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio of the means"}
-
-ENORMOUS = 1e6
-"""Per cent beyond which a change is written with an exponent."""
-
-NOISE = 1e-12
-"""Relative errors below this one come from rounding: all runs are equal."""
-
-
-class _Line(NamedTuple):
-    """A method in the table of one metric, with its row of the summary and, but for the baseline, of comparisons."""
-
-    method: str
-    shown: str
-    described: Mapping[str, Any]
-    compared: Mapping[str, Any] | None
-
-
-class _Table(NamedTuple):
-    """What the tables of one metric need to know."""
-
-    info: MetricInfo
-    lines: list[_Line]
-    may_not_occur: bool
-    with_comparisons: bool
-    with_failed: bool
-
-
-def _table(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, info: MetricInfo) -> _Table:
-    described = {row["method"]: row for row in summary[summary["metric"] == info.name].to_dict("records")}
-    compared = {row["method"]: row for row in comparisons[comparisons["metric"] == info.name].to_dict("records")}
-    return _Table(
-        info,
-        [_Line(method, marked(trials, method), described[method], compared.get(method)) for method in trials.methods],
-        info.may_not_occur or any(row["did_not_occur"] for row in described.values()),
-        bool(compared),
-        any(row["n_failed"] for row in described.values()),
-    )
 
 
 def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, metric: str) -> str:
@@ -64,34 +24,49 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
     Parameters
     ----------
     trials : the table of trials
-    summary, comparisons : the tables of `rmpc_bench.analysis.statistics`
+    summary : of `rmpc_bench.analysis.statistics`
+    comparisons : of `rmpc_bench.analysis.comparison`
     metric : name of the metric, the primary one as a rule
 
     Returns
     -------
-    a header, a line per method and a legend, without a line end after the last; `n/n_failed` is there only where a
-    run failed, and where an event does not occur in a run, the share of these runs stands in place of the mean
+    a header, a line per method and a legend, without a line end after the last.  Runs failed and the runs that
+    comparisons rest on are there only where a run failed; the second average only where it contradicts the first;
+    where an event does not occur in a run, the share of these runs stands in place of the mean.  Without verdicts, as
+    after a smoke run, sizes and statuses are all there is
     """
-    table = _table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
+    table = metric_table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
     columns = {"name": [_quantity(table.info), *(line.shown for line in table.lines)]}
+    if not trials.with_verdicts:
+        return "\n".join([*_laid_out({**columns, "n": ["n/n_failed", *cells.sizes(table)]}), *_statuses(trials)])
     # The heads of mean and change leave room for a sign.
-    columns["mean"] = [
-        " did not occur" if table.may_not_occur else " mean",
-        *(_mean(line, table) for line in table.lines),
-    ]
-    columns["median"] = ["median [quartiles]", *(_quartiles(line.described) for line in table.lines)]
+    columns["mean"] = [" did not occur" if table.may_not_occur else " mean", *cells.means(table)]
+    columns["median"] = ["median [quartiles]", *cells.medians(table)]
     if table.with_comparisons:
-        columns["change"] = [f" change vs {trials.baseline}", *(_signed(_change(line)) for line in table.lines)]
-        columns["won"] = ["runs won", *(_won(line) for line in table.lines)]
+        columns["change"] = [f" {cells.change_head(table)}", *map(_signed, cells.changes(table))]
+        other = cells.other_average(table)
+        if other and cells.averages_contradict(table):
+            columns["other"] = [f" {AVERAGES[other]}", *map(_signed, cells.changes(table, other))]
+        columns["won"] = ["won/lost/tied", *cells.counts(table)]
     if table.with_failed:
-        columns["n"] = ["n/n_failed", *(_counts(line) for line in table.lines)]
+        columns["n"] = ["n/n_failed", *cells.sizes(table)]
+    if table.with_failed and table.with_comparisons:
+        columns["pairs"] = ["pairs", *cells.pairs(table)]
     if table.with_comparisons:
-        columns["verdict"] = ["", *(line.compared["verdict"] if line.compared else "" for line in table.lines)]
-    rows = [""] * (len(table.lines) + 1)
-    for name, cells in columns.items():
-        width = max(len(cell) for cell in cells)
-        rows = [row + " " * GAPS.get(name, 0) + cell.ljust(width) for row, cell in zip(rows, cells, strict=True)]
-    return "\n".join([row.rstrip() for row in rows] + _legend(trials, table))
+        columns["verdict"] = ["", *cells.verdicts(table)]
+    return "\n".join(_laid_out(columns) + _legend(table, on_screen=True))
+
+
+def _laid_out(columns: Mapping[str, Sequence[str]]) -> list[str]:
+    """Put columns beside each other; return the lines."""
+    rows = [""] * len(columns["name"])
+    for name, texts in columns.items():
+        width = max(len(text) for text in texts)
+        rows = [
+            row + " " * GAPS.get(name, 3 if row else 0) + text.ljust(width)
+            for row, text in zip(rows, texts, strict=True)
+        ]
+    return [row.rstrip() for row in rows]
 
 
 def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame) -> str:
@@ -100,7 +75,8 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     Parameters
     ----------
     trials : the table of trials
-    summary, comparisons : the tables of `rmpc_bench.analysis.statistics`
+    summary : of `rmpc_bench.analysis.statistics`
+    comparisons : of `rmpc_bench.analysis.comparison`
 
     Returns
     -------
@@ -111,34 +87,41 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     size = f"{_count(runs, 'run')} per method, seed {trials.seed}, intervals at {level:g} %."
     parts = [f"# {name}", f"One run of each method at each of {runs} points, all there are." if trials.alike else size]
     for info in trials.metrics:
-        table = _table(trials, summary, comparisons, info)
+        table = metric_table(trials, summary, comparisons, info)
         parts.append(f"## {_quantity(info)}, {BEST.get(info.direction, info.direction + ' is better')}")
-        parts.append(markdown_table(_markdown_columns(trials, table)))
-        parts += ["\n".join(_legend(trials, table))] if _legend(trials, table) else []
+        parts.append(markdown_table(_markdown_columns(table)))
+        legend = _legend(table, on_screen=False)
+        parts += ["\n".join(legend)] if legend else []
         rows = [line.compared for line in table.lines if line.compared]
-        if rows:
-            parts.append("\n".join(f"- {sentence(row, info, confidence=trials.confidence)}" for row in rows))
-    if len(trials.methods) > 1:
+        if rows and trials.with_verdicts:
+            parts.append("\n".join(f"- {sentence(row, info, trials)}" for row in rows))
+    if len(trials.methods) > 1 and trials.with_verdicts:
         parts.append(explanation(trials))
-    parts += _failures(trials)
-    return "\n\n".join(parts) + "\n"
+    statuses = _statuses(trials)
+    return "\n\n".join([*parts, *(["## Failed runs", "\n".join(statuses)] if statuses else [])]) + "\n"
 
 
-def _markdown_columns(trials: Trials, table: _Table) -> dict[str, list[str]]:
-    lines = table.lines
+def _markdown_columns(table: MetricTable) -> dict[str, list[str]]:
+    trials, lines = table.trials, table.lines
     columns = {"method": [line.shown for line in lines]}
     labels = [trials.labels.get(line.method, line.method) for line in lines]
     if labels != columns["method"]:
         columns["label"] = labels
-    columns["did not occur" if table.may_not_occur else "mean"] = [_mean(line, table) for line in lines]
-    columns["median [quartiles]"] = [_quartiles(line.described) for line in lines]
-    if table.with_comparisons:
-        columns[f"change vs {trials.baseline}"] = [_change(line) for line in lines]
-        columns["won/lost/tied"] = [_won_lost_tied(line.compared) for line in lines]
-        columns["superiority"] = [_superiority(line.compared) for line in lines]
-        columns["p"] = [(line.compared["p_wilcoxon_holm"] if line.compared else "") or "-" for line in lines]
-        columns["verdict"] = [line.compared["verdict"] if line.compared else "-" for line in lines]
-    columns["n/n_failed"] = [_counts(line) for line in lines]
+    columns["did not occur" if table.may_not_occur else "mean"] = cells.means(table)
+    columns["median [quartiles]"] = cells.medians(table)
+    if table.with_comparisons and trials.with_verdicts:
+        average, other = cells.average_of(table), cells.other_average(table)
+        columns[cells.change_head(table, average)] = cells.changes(table)
+        if other:
+            columns[cells.change_head(table, other)] = cells.changes(table, other)
+        columns["won/lost/tied"] = cells.counts(table)
+        columns["superiority"] = cells.superiorities(table)
+        columns["p"] = cells.p_values(table)
+        words = cells.verdicts(table)
+        columns |= {"verdict": [word or "-" for word in words]} if any(words) else {}
+    columns["n/n_failed"] = cells.sizes(table)
+    if table.with_failed and table.with_comparisons:
+        columns["pairs"] = cells.pairs(table)
     return columns
 
 
@@ -149,35 +132,41 @@ def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:
     return "\n".join([texts[0], "|" + " --- |" * len(columns), *texts[1:]])
 
 
-def _legend(trials: Trials, table: _Table) -> list[str]:
-    """Say what the brackets mean, with those of the first row that has any; no line where there is nothing to say."""
-    parts = [f"paired runs, {100 * trials.confidence:g} %"] if table.with_comparisons else []
-    if table.with_comparisons and table.info.direction in BEST:
-        parts.append("compared by distance from 0" if table.info.direction == "zero" else "compared by |log|")
-    if table.with_comparisons and trials.look > 1:
-        parts.append(f"look {trials.look} at a growing number of runs, with wider intervals")
-    means = [_mean(line, table) for line in table.lines]
-    bracket = next((text[text.index("(") : text.index(")") + 1] for text in means if "(" in text), "")
+def _legend(table: MetricTable, *, on_screen: bool) -> list[str]:
+    """Say what the columns and brackets mean, with those of the first row that has any."""
+    trials, compared = table.trials, [line.compared for line in table.lines if line.compared]
+    parts = _legend_of_pairs(table, compared, on_screen=on_screen) if compared and trials.with_verdicts else []
+    bracket = next((text[text.index("(") : text.index(")") + 1] for text in cells.means(table) if "(" in text), "")
     if bracket and not table.may_not_occur:
         parts.append(f"{bracket} = standard error of the last digits")
     if any(line.shown != line.method for line in table.lines):
         parts.append("an oracle knows the true parameters")
-    if any(line.compared["tied"] for line in table.lines if line.compared):
-        parts.append(f"within {100 * trials.relevant:g} % is tied, not won")
     return ["; ".join(parts)] if parts else []
 
 
-def explanation(trials: Trials) -> str:
-    """Say how the columns of a comparison are computed."""
-    return (
-        f"Runs are paired with those of {trials.baseline}; a failed run is worse than any finished one. Change: the "
-        f"average is the {AVERAGES[trials.headline]}. Tied: within {100 * trials.relevant:g} %. Superiority: share of "
-        "the runs in which the method is better, tied ones half. p: Wilcoxon signed-rank, after Holm. Verdicts: for "
-        "the primary metric, from intervals that hold together for all methods and points."
-    )
+def _legend_of_pairs(table: MetricTable, compared: Sequence[Mapping[str, object]], *, on_screen: bool) -> list[str]:
+    """Say how many pairs there are, what the change is, how its interval holds, and what is tied."""
+    trials, info = table.trials, table.info
+    numbers = sorted({int(str(row["n_pairs"])) for row in compared})
+    pairs = str(numbers[0]) if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"
+    parts = [f"{pairs} paired runs"]
+    average = cells.average_of(table)
+    level = f"{100 * trials.confidence:g} % interval"
+    together = info == trials.primary_info and any(float(str(row["ci_level"])) > trials.confidence for row in compared)
+    level += "s that hold together for all comparisons" if together else ""
+    if average in AVERAGES:
+        parts.append(f"change = {AVERAGES[average]}, {level}" if on_screen else level)
+    elif average:
+        parts.append(f"mean difference, {level}")
+    if info.direction in BEST:
+        parts.append("compared by distance from 0" if info.direction == "zero" else "compared by max(value, 1/value)")
+    looks = max(int(str(row["look"])) for row in compared)
+    parts += [f"look {looks} at a growing number of runs, with wider intervals"] if looks > 1 else []
+    margin = margin_text(trials, info, next((row for row in compared if row["average"]), None))
+    return [*parts, f"tied = within {margin}"]
 
 
-def _failures(trials: Trials) -> list[str]:
+def _statuses(trials: Trials) -> list[str]:
     """List the failed runs by method and status; nothing where all runs ended well."""
     failed = trials.frame.loc[trials.frame["status"] != Status.OK.word, ["method", "status"]]
     counts = failed.value_counts().to_dict()
@@ -187,7 +176,7 @@ def _failures(trials: Trials) -> list[str]:
             status = Status.__members__.get(word.upper().replace("-", "_"))
             meaning = f": {status.explanation}" if status is not None else ""
             rows.append(f"- {method}: {_count(counts[method, word], 'run')} {word}{meaning}")
-    return ["## Failed runs", "\n".join(rows)] if rows else []
+    return rows
 
 
 def _count(n: int, noun: str) -> str:
@@ -198,73 +187,6 @@ def _quantity(info: MetricInfo) -> str:
     return f"{info.name} [{info.unit}]" if info.unit else info.name
 
 
-def _mean(line: _Line, table: _Table) -> str:
-    """Mean with its error, or the share of runs without the event."""
-    row = line.described
-    if not table.may_not_occur:
-        mean, se = float(row["mean"]), float(row["se"])
-        return format_with_error(mean, se if se > NOISE * abs(mean) else math.nan)
-    return f"{row['did_not_occur']}/{row['n']} ({100 * row['did_not_occur'] / row['n']:.3g} %)" if row["n"] else "-"
-
-
-def _quartiles(row: Mapping[str, Any]) -> str:
-    """Median and quartiles, rounded to the power of ten that is nearest to the standard error of the median."""
-    median, low, high, n = float(row["median"]), float(row["q25"]), float(row["q75"]), int(row["n"])
-    if math.isnan(median):
-        return "-"
-    # In a Gaussian sample a quartile has the error 1.01 (high - low)/sqrt(n).  In a skewed one the tighter side, where
-    # most values are, says how well the median is known; the other one may be infinite.
-    sides = [side for side in (median - low, high - median) if math.isfinite(side) and side > 0]
-    error = 2 * min(sides) / math.sqrt(n) if sides else 0.0
-    texts = [_rounded(value, error, max(abs(median), abs(low))) for value in (median, low, high)]
-    return f"{texts[0]} [{texts[1]}, {texts[2]}]"
-
-
-def _rounded(value: float, error: float, scale: float) -> str:
-    """Round a value; beyond 1e-4 and 1e6 with the exponent of `scale`."""
-    if math.isinf(value):
-        return "inf" if value > 0 else "-inf"
-    if not (math.isfinite(scale) and NOISE * scale < error < math.inf):
-        return f"{value:.4g}"
-    size = math.floor(math.log10(max(scale, error)))
-    exponent = 0 if -4 <= size < 6 else size
-    places = min(12, exponent + round(-math.log10(error)))
-    mantissa = f"{round(value / 10.0**exponent, places):z.{max(places, 0)}f}"
-    return f"{mantissa}e{exponent:+03d}" if exponent else mantissa
-
-
-def _change(line: _Line) -> str:
-    if line.compared is None or math.isnan(line.compared["change_pct"]):
-        return "-"
-    change, low, high = (float(line.compared[name]) for name in ("change_pct", "ci_low", "ci_high"))
-    if math.isnan(low):
-        return f"{change:+.3g} %"
-    if abs(high) >= ENORMOUS:
-        return f"{change:+.3g} % [{low:+.3g}, {high:+.3g}]"
-    places = min(3, decimals((high - low) / 2))
-    return f"{change:+z.{places}f} % [{low:+z.{places}f}, {high:+z.{places}f}]"
-
-
 def _signed(text: str) -> str:
     """Let the sign of a number hang out on the left, so that digits stand below digits."""
     return text if len(text) > 1 else f" {text}"
-
-
-def _won(line: _Line) -> str:
-    return f"{line.compared['won']}/{line.compared['n_pairs']}" if line.compared else "-"
-
-
-def _won_lost_tied(row: Mapping[str, Any] | None) -> str:
-    return f"{row['won']}/{row['lost']}/{row['tied']}" if row else "-"
-
-
-def _superiority(row: Mapping[str, Any] | None) -> str:
-    if row is None or not row["n_pairs"]:
-        return "-"
-    share, low, high = float(row["superiority"]), 100 * row["superiority_low"], 100 * row["superiority_high"]
-    places = decimals((high - low) / 2)
-    return f"{100 * share:.{places}f} % [{low:.{places}f}, {high:.{places}f}]"
-
-
-def _counts(line: _Line) -> str:
-    return f"{line.described['n']}/{line.described['n_failed']}"

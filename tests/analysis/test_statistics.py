@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from rmpc_bench.analysis.statistics import format_with_error, summary
+from rmpc_bench.analysis.statistics import summary
 
 INF = math.inf
 
@@ -51,34 +49,3 @@ def test_huge_values_do_not_warn(make_trials):
     """Runs on the way to divergence."""
     trials = make_trials({"mse": {"A": [1e300, 1e308, 1.7e308], "B": [1.0, 2.0, 1e-300]}})
     assert summary(trials)["median"][0] == 1e308
-
-
-@pytest.mark.parametrize(
-    ("value", "se", "text"),
-    [
-        (0.11861, 0.00149, "0.1186(15)"),
-        (0.10541, 0.00071, "0.1054(7)"),
-        (-0.10541, 0.00071, "-0.1054(7)"),
-        (12.3456, 0.0997, "12.35(10)"),
-        (323.5, 12.1, "324(12)"),
-        (3235.0, 470.0, "3200(500)"),
-        (1.23456e-7, 4.1e-9, "1.23(4)e-07"),
-        (1.23456e8, 2.0e6, "1.235(20)e+08"),
-        (0.0, 0.5, "0.0(5)"),
-        (2.0, 0.0, "2"),
-        (1 / 3, math.nan, "0.3333"),
-        (INF, math.nan, "inf"),
-        (math.nan, 1.0, "-"),
-    ],
-)
-def test_format_with_error(value, se, text):
-    """The bracket is the error of the last digits."""
-    assert format_with_error(value, se) == text
-
-
-@given(st.floats(-1e3, 1e3), st.floats(1e-3, 10))
-def test_format_keeps_value_within_its_error(value, se):
-    """Rounding moves a value by at most half of its error."""
-    body = format_with_error(value, se)
-    shown = float(body[: body.index("(")] + body[body.index(")") + 1 :])
-    assert abs(shown - value) <= 0.5 * se * 1.001

@@ -1,0 +1,83 @@
+"""Comparisons in words."""
+
+import math
+
+import pytest
+
+from rmpc_bench.report.sentences import sentence, verdict_text
+from rmpc_bench.types import MetricInfo
+
+MSE = MetricInfo("mse", "rad^2", "lower")
+ROW = {
+    **{"method": "R-MPC1", "baseline": "S-MPC", "metric": "mse", "average": "geometric", "verdict": "better"},
+    **{"change_pct": -10.2, "ci_low": -11.3, "ci_high": -9.0, "ci_level": 0.95, "n_pairs": 200},
+    **{"geometric_pct": -10.2, "geometric_low": -11.3, "geometric_high": -9.0},
+    **{"mean_pct": -11.9, "mean_low": -13.0, "mean_high": -10.8},
+    **{"difference": math.nan, "difference_low": math.nan, "difference_high": math.nan},
+    **{"won": 162, "lost": 0, "tied": 38, "failed_only": 0, "baseline_failed_only": 0},
+    **{"runs_for_direction": math.nan, "runs_for_equivalence": 1051},
+}
+
+
+@pytest.fixture
+def trials(make_trials):
+    """Return a table whose settings the sentences name: 95 %, 1 %."""
+    return make_trials({"mse": {"R-MPC1": [1.0, 2.0], "S-MPC": [2.0, 4.0]}})
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        (
+            {},
+            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (geometric mean of 200 paired runs, 95 % interval; "
+            "won 162, lost 0, tied 38): better.",
+        ),
+        (
+            {"verdict": ""},
+            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (geometric mean of 200 paired runs, 95 % interval; "
+            "won 162, lost 0, tied 38).",
+        ),
+        (
+            {"change_pct": 5.0, "ci_low": 0.8, "ci_high": 9.0, "verdict": "worse-size-uncertain", "ci_level": 0.97},
+            "R-MPC1 raises mse by 5.0 % [0.8, 9.0] against S-MPC (geometric mean of 200 paired runs, 95 % interval "
+            "that holds for all methods together; won 162, lost 0, tied 38): worse, size uncertain.",
+        ),
+        (
+            {"change_pct": -3.9, "ci_low": -7.6, "ci_high": 0.02, "verdict": "inconclusive", "runs_for_direction": 421},
+            "R-MPC1 changes mse by -3.9 % [-7.6, +0.0] against S-MPC (geometric mean of 200 paired runs, 95 % "
+            "interval; won 162, lost 0, tied 38): inconclusive (runs needed: better or worse about 430, "
+            "equivalent about 1100).",
+        ),
+        (
+            {"change_pct": 20.1, "ci_low": 15.8, "ci_high": 24.9, "verdict": "depends-on-average"}
+            | {"geometric_pct": 20.1, "mean_pct": -23.0, "mean_low": -31.0, "mean_high": -15.0},
+            "R-MPC1 raises mse by 20.1 % [15.8, 24.9] against S-MPC (geometric mean of 200 paired runs, 95 % "
+            "interval; won 162, lost 0, tied 38); the ratio of the means changes by -23.0 % [-31.0, -15.0]: depends on "
+            "the average.",
+        ),
+        (
+            {"failed_only": 60, "verdict": "fails-more", "n_pairs": 140},
+            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (geometric mean of 140 paired runs, 95 % interval; "
+            "won 162, lost 0, tied 38); R-MPC1 alone failed in 60: fails more (60 runs, S-MPC alone 0).",
+        ),
+        (
+            {"change_pct": math.nan, "ci_low": math.nan, "ci_high": math.nan, "average": ""},
+            "R-MPC1 against S-MPC in mse (200 paired runs; won 162, lost 0, tied 38): better.",
+        ),
+        (
+            {"change_pct": math.nan, "average": "difference", "difference": -0.51, "difference_low": -0.62}
+            | {"difference_high": -0.40, "verdict": "equivalent", "geometric_pct": math.nan, "mean_pct": math.nan},
+            "R-MPC1 lowers mse by 0.51 rad^2 [0.40, 0.62] against S-MPC (mean difference of 200 paired runs, 95 % "
+            "interval; won 162, lost 0, tied 38): equivalent (within 0 rad^2).",
+        ),
+    ],
+)
+def test_a_sentence_can_be_quoted(trials, changes, text):
+    """Every verdict, a row without one, and rows without a change in per cent."""
+    assert sentence(ROW | changes, MSE, trials) == text
+
+
+def test_runs_that_would_decide_have_two_digits_and_a_limit():
+    row = ROW | {"verdict": "inconclusive", "runs_for_direction": 1234567890, "runs_for_equivalence": math.nan}
+    assert verdict_text(row, "1 %") == "inconclusive (runs needed: better or worse > 1000000)"
