@@ -1,6 +1,7 @@
 """Known and estimated means of the noises in every controller and estimator: brute force, and closed loops."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -250,3 +251,11 @@ def test_gpc_refuses_an_estimated_mean_with_a_state_dependent_model():
 
     with pytest.raises(DesignError, match="estimated mean of the process noise"):
         gpc.design(Swing(), 5, EstimatesMean(), Np=3, Q_yw=1.0, Q_u=1.0)
+
+
+def test_an_estimated_mean_removes_the_offset_of_the_servomechanism():
+    """Oracle: the reference; without the estimated mean dry friction left an error of -0.058 rad after 35 s."""
+    change = "methods.S-MPC.estimator={kind: kalman-disturbance, drift: 1}"
+    config = load_config(Path(__file__).parents[2] / "configs/zenere2018/sim2.yaml", overrides=[change])
+    record = simulated(config.experiment)
+    np.testing.assert_allclose(record.y[0, -1], np.pi / 2, atol=1e-6)
