@@ -174,7 +174,9 @@ def comparisons(trials: Trials, of: Levels | None = None) -> pd.DataFrame:
         for method, pairs, p in zip(methods, family, adjusted, strict=True):
             rows.append(asdict(_compare(trials, method, info, pairs, of, p_text(p))))
     table = pd.DataFrame(rows, columns=COLUMNS)
-    return table.astype(dict.fromkeys(_WHOLE, "Int64"))
+    for name in _WHOLE:
+        table[name] = table[name].astype("Int64")
+    return table
 
 
 def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels, p: str) -> Comparison:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from rmpc_bench.analysis.intervals import NONE, Interval
 from rmpc_bench.types import Array
 
 
+@lru_cache(maxsize=4096)
 def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> Interval:
     """Exact interval of the difference of two shares of failed runs, from the runs that only one of the two failed in.
 

@@ -149,12 +149,12 @@ def difference(a: Array, b: Array) -> Array:
 
 
 def signed_rank_p(differences: Array) -> float:
-    """Two-sided Wilcoxon signed-rank p of paired differences; 1 when all are 0, NaN when there are none."""
+    """Two-sided Wilcoxon signed-rank p of paired differences; 1 for a single one or where all are 0, NaN for none."""
     from scipy import stats
 
     if not len(differences):
         return math.nan
-    if not differences.any():
+    if not differences.any() or len(differences) == 1:
         return 1.0
     with np.errstate(invalid="ignore"):
         return float(stats.wilcoxon(differences).pvalue)

@@ -146,7 +146,8 @@ def pairs_of(trials: Trials, method: str, info: MetricInfo, *, failed: float = m
     a, b = a[known], b[known]
     with np.errstate(invalid="ignore"):
         close = np.isfinite(a - b) & (np.abs(a - b) <= NEGLIGIBLE * np.maximum(np.abs(a), np.abs(b)))
-    signed, d = is_signed(trials, info), trials.relevant_of(info.name, default=0.0 if is_signed(trials, info) else None)
+    signed = is_signed(trials, info)
+    d = trials.relevant_of(info.name, default=0.0 if signed else None)
     return Pairs(
         a=np.where(close, b, a),
         b=b,

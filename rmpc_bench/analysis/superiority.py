@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 from rmpc_bench.analysis.failures import mcnemar
 from rmpc_bench.analysis.intervals import NONE, Interval
@@ -18,6 +19,7 @@ def superiority(won: int, lost: int, tied: int) -> float:
     return (won + tied / 2) / n if n else math.nan
 
 
+@lru_cache(maxsize=4096)
 def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> Interval:
     """Score interval of the probability of superiority.
 

@@ -95,6 +95,7 @@ def comparison_table(
             methods=tuple(name for name in shown if name in point.methods),
             metrics=trials.metrics if metric is None else (infos[metric],),
             relevant=trials.relevant if relevant is None else relevant,
+            margins=trials.margins if relevant is None else {},
             confidence=trials.confidence if confidence is None else confidence,
         )
         for point in trials.each

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from rmpc_bench.analysis.comparison import comparisons, levels
+
 pytestmark = pytest.mark.slow
 
 
@@ -51,3 +53,14 @@ def test_one_noise_has_the_bound_of_two_once_it_is_tuned(trials_of):
     assert two == pytest.approx(58.23, abs=0.1)
     # Minimising each step alone leaves 0.1 % between them.
     assert one == pytest.approx(two, rel=2e-3)
+
+
+def test_averages_contradict_each_other_for_a_frozen_uncertainty(trials_of):
+    """The classic predictor is better in most runs, and worse in the mean, which few runs with a large error decide."""
+    _, trials = trials_of("souto2011/comparison")
+    (table,) = [point for point in trials.points if point.point["name"] == "frozen"]
+    rows = comparisons(table, levels(trials)).query("metric == 'estimation_mse'").set_index("method")
+    row = rows.loc["classic-RV"]
+    assert row["geometric_high"] < 0 < row["mean_low"] and row["verdict"] == "depends-on-average"
+    log_ratio = np.log(table.column("estimation_mse", "classic-RV") / table.column("estimation_mse", "ERP"))
+    assert row["geometric_pct"] == pytest.approx(100 * np.expm1(log_ratio.mean()), rel=1e-9)
