@@ -44,9 +44,9 @@ class Pareto(SweepFigure):
 
     A point is not dominated if no other point is better in one metric and at least as good in the other.  Such points
     are filled, and a step line connects them.  For a metric that is best at 0 the absolute value is compared, for a
-    ratio that is best at 1 the ratio or its inverse, whichever is larger.  Failed runs are left out, as are methods whose median
-    or mean is infinite.  In a sweep a line connects the points of one method in the order of the sweep.  All points are
-    compared with each other, so the sweep should not change the plant, its noises or the reference.
+    ratio that is best at 1 the ratio or its inverse, whichever is larger.  Failed runs are left out, as are methods
+    whose median or mean is infinite.  In a sweep a line connects the points of one method in the order of the sweep.
+    All points are compared with each other, so the sweep should not change the plant, its noises or the reference.
 
     Parameters
     ----------
