@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, stacked_panels
-from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, typeset, wrapped
-from rmpc_bench.figures.legend import finish
+from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, typeset, with_unit, wrapped
+from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles
 from rmpc_bench.figures.style import REFERENCE, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
@@ -28,28 +28,36 @@ if TYPE_CHECKING:
 
 BAND = "#ebebeb"
 """Colour of the margin of relevance, paler than the grid."""
-ROW, PANEL = 0.24, 0.42
-"""Height of a row, and of a panel without its rows [in]."""
+ROW, PANEL, LINE = 0.24, 0.42, 0.14
+"""Height of a row, of a panel without its rows, and of a line of the label below that has more than two [in]."""
 LABEL_SHARE = 0.3
 """Share of the width that the name of a method may take before it is broken."""
-MARKER: dict[str, Any] = {"marker": "o", "ms": 4.0, "ls": ""}
+MARKER: dict[str, Any] = {"ms": 4.0, "ls": ""}
+MARKERS = {"geometric": "o", "mean": "s", "difference": "o"}
+AVERAGES = {"geometric": "geometric mean of the ratios", "mean": "ratio of the means", "difference": "mean difference"}
+"""What an average change is called."""
+OFFSETS = {0: (), 1: (0.0,), 2: (-0.16, 0.16)}
+"""Vertical positions of the averages within a row, in rows."""
 COUNTS_BOX: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
 """Box of the runs won, lost and tied, in front of band and grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Paired(SweepFigure):
-    """Change of a metric against the baseline in per cent, one row per method, with its confidence interval.
+    """Change of a metric against the baseline, one row per method, with its confidence interval.
 
-    A run is compared with the baseline's run of the same index.  The change is that of the summary table, with the
-    experiment's level of confidence.  The grey band is the margin of relevance: changes inside it count as tied.  If
-    the change in per cent is not defined, for example if some run did not settle, the row gives the runs won, lost and
-    tied.  The points of a sweep are panels with a common axis, one below the other.
+    A run is compared with the baseline's run of the same index.  Change and interval are those of the summary table, so
+    they are those of the verdict.  A circle is the geometric mean of the paired ratios in per cent, a square the ratio
+    of the means.  The square is added where its sign contradicts the circle.  A signed metric has its mean difference
+    in its own unit.  The grey band is the margin of the verdict: for a relative change d it extends from -d/(1+d) to d,
+    so that it is the same for exchanged methods.  If no average is defined, for example if some run did not settle, the
+    row gives the runs won, lost and tied.  The points of a sweep are panels with a common axis, one below the other.
 
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
-    height : height of the whole picture [in]; if not given 0.5 plus 0.42 for every panel plus 0.24 for every row
+    height : height of the whole picture [in]; if not given 0.5 plus 0.42 for every panel plus 0.24 for every row, and
+        more for a long label
     order : methods to show, from top to bottom, the baseline left out; all if not given
     at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
     """
@@ -69,26 +77,42 @@ class Paired(SweepFigure):
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the changes at the points from top to bottom; see `Figure.draw`."""
+        from rmpc_bench.analysis.comparison import levels
+
         self.require(layout_of(results))
         points, info = points_at(results, self.at), metric_of(results, self.metric)
         methods = [name for name in self.order or results.methods if name != results.baseline]
         if not methods:
             raise DesignError(f"must name a method besides the baseline '{results.baseline}'", "order")
-        size = self.size(0.5 + len(points) * (PANEL + ROW * len(methods)))
-        return _draw(results, points, info, methods, size)
+        of = levels(results)
+        changes = [changes_of(point, info, methods, of) for point in points]
+        kinds = _kinds(changes)
+        label = _axis_label(points[0], info, kinds, 0.7 * self.width * POINTS_PER_INCH)
+        size = self.size(0.5 + LINE * max(0, len(label) - 2) + len(points) * (PANEL + ROW * len(methods)))
+        return _draw(points, info, changes, kinds, label, size)
+
+
+class Average(NamedTuple):
+    """An average change with the ends of its interval, in per cent or in the unit of a signed metric."""
+
+    kind: str
+    """``geometric``, ``mean`` or ``difference``."""
+    value: float
+    low: float
+    high: float
 
 
 class Change(NamedTuple):
-    """Change of a method against the baseline [%], NaN if it is not defined, and its runs."""
+    """Comparison of a method with the baseline."""
 
     method: str
-    change: float
-    low: float
-    high: float
-    """Ends of the interval."""
+    averages: Sequence[Average]
+    """The one that the verdict rests on, and a second one of the opposite sign; empty where none is defined."""
     counts: str
     """Runs won, lost and tied."""
     n_pairs: int
+    simultaneous: bool
+    """Whether the interval holds together with those of other comparisons."""
 
 
 def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str], of: Levels | None = None) -> list[Change]:
@@ -104,74 +128,144 @@ def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str], of: Leve
     from rmpc_bench.analysis.comparison import comparisons
 
     rows = comparisons(replace(point, metrics=(info,), primary=point.primary or point.metrics[0].name), of)
-    rows = rows.set_index("method")
     found = []
-    for name in methods:
-        row = rows.loc[name]
-        change, low, high = (float(row[key]) for key in ("change_pct", "ci_low", "ci_high"))
+    for row in rows.set_index("method", drop=False).loc[list(methods)].to_dict("records"):
         counts = f"{row['won']} won, {row['lost']} lost, {row['tied']} tied"
-        found.append(Change(name, change, low, high, counts, int(row["n_pairs"])))
+        together = float(row["ci_level"]) > point.confidence
+        found.append(Change(row["method"], _averages(row), counts, int(row["n_pairs"]), together))
     return found
 
 
+def _averages(row: Mapping[Hashable, Any]) -> list[Average]:
+    """Return the average of the verdict, and the other one where its sign contradicts it."""
+    if row["average"] == "difference":
+        return [Average("difference", *(float(row[f"difference{end}"]) for end in ("", "_low", "_high")))]
+    kinds = sorted(("geometric", "mean"), key=lambda kind: kind != row["average"])
+    found = [Average(kind, *(float(row[f"{kind}_{end}"]) for end in ("pct", "low", "high"))) for kind in kinds]
+    found = [average for average in found if np.isfinite(average.value)]
+    return found if len(found) == 2 and found[0].value * found[1].value < 0 else found[:1]
+
+
+def band_of(point: Trials, info: MetricInfo, kind: str) -> tuple[float, float]:
+    """Return the ends of the margin of a verdict, in per cent or in the unit of a signed metric.
+
+    Parameters
+    ----------
+    point : the table that is shown
+    info : the metric
+    kind : of the average, see `Average`
+
+    Returns
+    -------
+    lower and upper end; both 0 for a signed metric without a margin of its own
+    """
+    if kind == "difference":
+        d = point.relevant_of(info.name, default=0.0)
+        return -d, d
+    d = point.relevant_of(info.name)
+    return -100 * d / (1 + d), 100 * d
+
+
+def _kinds(changes: Sequence[Sequence[Change]]) -> list[str]:
+    """Return the averages that the common axis shows.
+
+    Per cent and the unit of a signed metric have no common axis: of a metric with negative values at one point only the
+    other points show the runs won, lost and tied.
+    """
+    found = {average.kind for rows in changes for each in rows for average in each.averages}
+    return ["difference"] if "difference" in found else [kind for kind in AVERAGES if kind in found]
+
+
 def _draw(
-    results: Trials, points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], size: tuple[float, float]
+    points: Sequence[Trials],
+    info: MetricInfo,
+    changes: Sequence[Sequence[Change]],
+    kinds: Sequence[str],
+    label: Sequence[str],
+    size: tuple[float, float],
 ) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    from rmpc_bench.analysis.comparison import levels
-    from rmpc_bench.analysis.pairs import name_of_distance
-
-    first, of = points[0], levels(results)
-    margin, level = 100 * first.relevant, 100 * first.confidence
     limit = size[0] * POINTS_PER_INCH
     with style():
         figure = MplFigure(figsize=size, layout="constrained")
         panels = stacked_panels(figure, len(points))
-        for axes, point in zip(panels, points, strict=True):
-            changes = changes_of(point, info, methods, of)
-            axes.axvspan(-margin, margin, color=BAND, lw=0, zorder=0.2)
+        for axes, point, rows in zip(panels, points, changes, strict=True):
+            band = band_of(point, info, kinds[0] if kinds else "geometric")
+            axes.axvspan(*band, color=BAND, lw=0, zorder=0.2)
             axes.axvline(0.0, color=REFERENCE, lw=0.9, zorder=2.0)
-            _draw_rows(axes, point, changes)
-            axes.set_yticks(range(len(methods)), [_label(point, name, LABEL_SHARE * limit) for name in methods])
-            axes.set_ylim(len(methods) - 0.5, -0.5)
-            title = ", ".join(filter(None, [short_title(point), _runs(changes)]))
+            _draw_rows(axes, point, rows, kinds)
+            axes.set_yticks(range(len(rows)), [_label(point, each.method, LABEL_SHARE * limit) for each in rows])
+            axes.set_ylim(len(rows) - 0.5, -0.5)
+            title = ", ".join(filter(None, [short_title(point), _runs(point, rows)]))
             axes.set_title("\n".join(wrapped(literal(title), 0.7 * limit)))
-        better = "higher" if info.direction == "higher" else "lower"
-        name = literal(name_of_distance(info))
-        text = wrapped(f"change of {name} against {literal(first.baseline)} [%]", 0.7 * limit)
-        panels[-1].set_xlabel("\n".join([*text, f"({better} is better)"]))
-        interval = Line2D([], [], color=REFERENCE, lw=1.3, **{**MARKER, "ls": "-"})
-        band = Patch(facecolor=BAND, edgecolor="none")
-        finish(figure, [(f"{level:g} % interval", interval), (f"within {margin:g} %", band)])
+        panels[-1].set_xlabel("\n".join(label))
+        band_key: Handle = (_margin_text(points[0], info, kinds), Patch(facecolor=BAND, edgecolor="none"))
+        finish(figure, [*_keys(points[0], changes, kinds), *([band_key] if band_key[0] else [])])
     return figure
 
 
-def _draw_rows(axes: Axes, point: Trials, changes: Sequence[Change]) -> None:
-    """Draw change and interval of every method, or the runs won, lost and tied if there is no change in per cent."""
+def _keys(point: Trials, changes: Sequence[Sequence[Change]], kinds: Sequence[str]) -> list[Handle]:
+    """Explain the markers; with two averages each has its name here, else the label of the axis names it."""
+    from matplotlib.lines import Line2D
+
+    together = "simultaneous " if any(each.simultaneous for rows in changes for each in rows) else ""
+    level = f"{together}{100 * point.confidence:g} % interval"
+    line: dict[str, Any] = {"color": REFERENCE, "lw": 1.3, "ms": MARKER["ms"]}
+    if len(kinds) < 2:
+        return [(level, Line2D([], [], marker=MARKERS[kinds[0] if kinds else "geometric"], **line))]
+    markers: list[Handle] = [(AVERAGES[kind], Line2D([], [], marker=MARKERS[kind], **line, ls="")) for kind in kinds]
+    return [*markers, (level, Line2D([], [], **line))]
+
+
+def _axis_label(point: Trials, info: MetricInfo, kinds: Sequence[str], limit: float) -> list[str]:
+    """Name what is compared, the average if there is only one, and the better side, in lines of `limit` points."""
+    from rmpc_bench.analysis.pairs import name_of_distance
+
+    better = "higher" if info.direction == "higher" else "lower"
+    name, baseline = literal(name_of_distance(info)), literal(point.baseline)
+    signed = "difference" in kinds
+    quantity = with_unit(f"difference of {name} from {baseline}", info.unit) if signed else ""
+    lines = wrapped(quantity or f"change of {name} against {baseline} [%]", limit)
+    average = f"{AVERAGES[kinds[0]]}; " if len(kinds) == 1 and not signed else ""
+    return [*lines, *wrapped(f"({average}{better} is better)", limit)]
+
+
+def _margin_text(point: Trials, info: MetricInfo, kinds: Sequence[str]) -> str:
+    """Explain the band; empty where it has no width."""
+    signed = "difference" in kinds
+    d = point.relevant_of(info.name, default=0.0 if signed else None)
+    text = f"within {d:g} {info.unit}".rstrip() if signed else f"within {100 * d:g} %"
+    return text if d else ""
+
+
+def _draw_rows(axes: Axes, point: Trials, changes: Sequence[Change], kinds: Sequence[str]) -> None:
+    """Draw averages and intervals of every method, or the runs won, lost and tied if there is no average."""
     styles = line_styles(point.methods, [each.method for each in changes])
     for row, each in enumerate(changes):
         color = styles[each.method].color
-        if not np.isfinite(each.change):
+        averages = [average for average in each.averages if average.kind in kinds]
+        if not averages:
             # They have no place on the axis of per cent, and need all of its width.
             place = axes.get_yaxis_transform()
             axes.text(0.5, row, each.counts, transform=place, ha="center", va="center", color=color, bbox=COUNTS_BOX)
-            continue
-        ends = drawable(np.array([each.low, each.high]))
-        axes.plot(ends, [row, row], color=color, lw=1.3, zorder=2.5)
-        axes.plot(drawable(np.array([each.change])), [row], color=color, zorder=2.6, **MARKER)
+        for average, offset in zip(averages, OFFSETS[len(averages)], strict=True):
+            ends, y = drawable(np.array([average.low, average.high])), row + offset
+            axes.plot(ends, [y, y], color=color, lw=1.3, zorder=2.5)
+            marker = {**MARKER, "marker": MARKERS[average.kind]}
+            axes.plot(drawable(np.array([average.value])), [y], color=color, zorder=2.6, **marker)
 
 
 def _label(point: Trials, name: str, limit: float) -> str:
     return "\n".join(wrapped(typeset(point.labels.get(name, name)), limit))
 
 
-def _runs(changes: Sequence[Change]) -> str:
-    """Count the paired runs; as a range where methods have different numbers of them."""
+def _runs(point: Trials, changes: Sequence[Change]) -> str:
+    """Count the paired runs, as a range where methods have different numbers of them, and the failed ones."""
     counts = [each.n_pairs for each in changes]
     least, most = min(counts), max(counts)
-    if least < most:
-        return f"{least} to {most} paired runs"
-    return "1 paired run" if most == 1 else f"{most} paired runs"
+    text = f"{least} to {most} paired runs" if least < most else f"{most} paired run{'s' * (most != 1)}"
+    failed = {name: point.n_failed(name) for name in (point.baseline, *(each.method for each in changes))}
+    names = [f"{name} {n}" for name, n in failed.items() if n]
+    return f"{text}, failed: {', '.join(names)}" if names else text

@@ -8,10 +8,10 @@ import pytest
 from conftest import ROUND
 from scipy import stats
 
-from rmpc_bench.analysis.comparison import levels
+from rmpc_bench.analysis.comparison import comparisons, levels
 from rmpc_bench.config.schema import model_of
 from rmpc_bench.figures.files import save
-from rmpc_bench.figures.paired import BAND, MARKER, Paired, changes_of
+from rmpc_bench.figures.paired import BAND, MARKERS, Paired, changes_of
 from rmpc_bench.figures.style import COLOURS, REFERENCE
 from rmpc_bench.types import DesignError, MetricInfo, ResultLayout
 
@@ -36,20 +36,25 @@ def trials(make_trials, columns):
     return make_trials({"mse": columns}, labels={"R": "robust, $c=1$"})
 
 
-def rows(figure, panel=0):
-    """Colour -> (row, change, ends of the interval)."""
+def rows(figure, panel=0, marker=MARKERS["geometric"]):
+    """Colour -> (vertical position, change, ends of the interval), of the rows with a marker."""
+    lines = [line for line in figure.axes[panel].lines if line.get_color() != REFERENCE]
     found = {}
-    for line in figure.axes[panel].lines:
-        if line.get_marker() == MARKER["marker"]:
-            found.setdefault(line.get_color(), [line.get_ydata()[0], line.get_xdata()[0], None])
-    for line in figure.axes[panel].lines:
-        if line.get_marker() == "None" and line.get_color() in found:
-            found[line.get_color()][2] = tuple(line.get_xdata())
+    for interval, point in zip(lines[::2], lines[1::2], strict=True):
+        assert interval.get_marker() == "None" and list(interval.get_ydata()) == [point.get_ydata()[0]] * 2
+        if point.get_marker() == marker:
+            found[point.get_color()] = [point.get_ydata()[0], point.get_xdata()[0], tuple(interval.get_xdata())]
     return found
 
 
+def band(figure, panel=0):
+    """Ends of the grey band."""
+    (patch,) = figure.axes[panel].patches
+    return patch.get_x(), patch.get_x() + patch.get_width()
+
+
 def legend(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
+    return [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()]
 
 
 def test_change_and_interval_against_a_plain_computation(trials, columns):
@@ -69,27 +74,80 @@ def test_change_and_interval_against_a_plain_computation(trials, columns):
 
 
 def test_band_and_zero_line(trials):
-    """From minus to plus the margin of relevance, in every panel; both are explained in the legend."""
+    """A band from 1/1.05 to 1.05 times the baseline; both are explained in the legend."""
     figure = paired(replace(trials, relevant=0.05, confidence=0.9))
     (axes,) = figure.axes
-    (band,) = axes.patches
-    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx((-5.0, 5.0), rel=1e-12)
-    assert band.get_facecolor()[:3] == pytest.approx(tuple(int(BAND[i : i + 2], 16) / 255 for i in (1, 3, 5)))
+    assert band(figure) == pytest.approx((-100 / 21, 5.0), rel=1e-12)
+    assert axes.patches[0].get_facecolor()[:3] == pytest.approx(
+        tuple(int(BAND[i : i + 2], 16) / 255 for i in (1, 3, 5))
+    )
     zero = [line for line in axes.lines if line.get_color() == REFERENCE]
     assert [list(line.get_xdata()) for line in zero] == [[0, 0]]
-    assert legend(figure) == ["90 % interval", "within 5 %"]
-    assert axes.get_xlabel() == "change of mse against S [%]\n(lower is better)"
+    # Those of R and T hold together.
+    assert legend(figure) == ["simultaneous 90 % interval", "within 5 %"]
+    text = "change of mse against S [%] (geometric mean of the ratios; lower is better)"
+    assert axes.get_xlabel().replace("\n", " ") == text
     assert axes.get_title() == "20 paired runs"
 
 
 @pytest.mark.parametrize(
-    ("direction", "text"), [("higher", "score"), ("zero", "|score|"), ("one", "max(score, 1/score)")]
+    ("direction", "text"),
+    [
+        ("higher", "change of score against A [%] (geometric mean of the ratios; higher is better)"),
+        ("zero", "difference of |score| from A [m] (lower is better)"),
+        ("one", "change of max(score, 1/score) against A [%] (geometric mean of the ratios; lower is better)"),
+    ],
 )
 def test_the_axis_names_what_is_compared_and_which_side_is_better(make_trials, direction, text):
     """Of a metric that is best at 0 the absolute value, of a ratio that is best at 1 the factor that it is off."""
-    table = make_trials({"score": {"A": [2.0, 3.0], "B": [4.0, 5.0]}}, infos=[MetricInfo("score", "", direction)])
-    words = "higher is better" if direction == "higher" else "lower is better"
-    assert paired(table).axes[0].get_xlabel().replace("\n", " ") == f"change of {text} against A [%] ({words})"
+    table = make_trials({"score": {"A": [2.0, 3.0], "B": [4.0, 5.0]}}, infos=[MetricInfo("score", "m", direction)])
+    assert paired(table).axes[0].get_xlabel().replace("\n", " ") == text
+
+
+@pytest.mark.parametrize("d", [0.005, 0.01, 0.05, 0.3])
+def test_the_verdict_can_be_read_off_the_interval_and_the_band(make_trials, d):
+    """Beyond the band: better or worse; inside: equivalent; exchanged methods, too."""
+    noise = 1e-3 * np.resize([1.0, -1.0], 40)
+    base = np.linspace(1.0, 2.0, 40)
+    for factor in (1 / 1.4, 1 / 1.052, 1 / 1.0495, 0.9525, 0.97, 1.0, 1.003, 1.02, 1.0495, 1.052, 1.4):
+        values = {"S": base, "R": base * factor * np.exp(noise)}
+        for table in (make_trials({"mse": values}), make_trials({"mse": dict(reversed(values.items()))})):
+            table = replace(table, relevant=d)
+            figure, word = paired(table), comparisons(table)["verdict"].iloc[0]
+            (_, _, (low, high)), (left, right) = rows(figure)[COLOURS[1]], band(figure)
+            if word in ("better", "worse"):
+                assert high < left if word == "better" else low > right
+            elif word == "equivalent":
+                assert left <= low and high <= right
+            else:
+                assert low <= left <= high or low <= right <= high
+
+
+def test_averages_that_contradict_each_other_are_both_drawn(make_trials):
+    """Most runs are better by a fifth; one in ten is twice as bad, where the values are large."""
+    large = np.arange(200) % 10 == 0
+    base = np.where(large, 20.0, 1.0)
+    table = make_trials({"mse": {"S": base, "R": base * np.where(large, 2.0, 0.8), "T": 1.1 * base}})
+    figure = paired(table)
+    compared = comparisons(table).set_index("method").loc["R"]
+    assert compared["verdict"] == "depends-on-average"
+    for kind in ("geometric", "mean"):
+        y, change, ends = rows(figure, marker=MARKERS[kind])[COLOURS[1]]
+        assert [change, *ends] == [compared[f"{kind}_{end}"] for end in ("pct", "low", "high")]
+        assert (change < 0, y < 0) == (kind == "geometric", kind == "geometric")
+    assert rows(figure, marker=MARKERS["mean"]).keys() == {COLOURS[1]}  # both averages of T have the same sign
+    names = ["geometric mean of the ratios", "ratio of the means", "simultaneous 95 % interval", "within 1 %"]
+    assert legend(figure) == names
+
+
+def test_signed_metric_has_its_unit_and_its_own_margin(make_trials):
+    """By hand: 0.2 nearer to 0 in all runs; without a margin of its own nothing counts as tied."""
+    values = {"S": [1.0, -1.0, 1.0], "R": [0.8, -0.8, 0.8]}
+    table = make_trials({"e": values}, infos=[MetricInfo("e", "rad", "zero")])
+    figure = paired(replace(table, margins={"e": 0.1}))
+    assert rows(figure)[COLOURS[1]][1] == pytest.approx(-0.2, rel=1e-9)
+    assert band(figure) == (-0.1, 0.1) and legend(figure) == ["95 % interval", "within 0.1 rad"]
+    assert band(paired(table)) == (0.0, 0.0) and legend(paired(table)) == ["95 % interval"]
 
 
 def test_no_change_in_per_cent(make_trials):
@@ -100,7 +158,7 @@ def test_no_change_in_per_cent(make_trials):
     figure = paired(table)
     assert rows(figure) == {}
     assert [text.get_text() for text in figure.axes[0].texts] == ["2 won, 2 lost, 0 tied", "1 won, 0 lost, 3 tied"]
-    assert figure.axes[0].get_title() == "3 to 4 paired runs"
+    assert figure.axes[0].get_title() == "3 to 4 paired runs, failed: B 1"
 
 
 def test_counts_stay_inside_the_axes(make_trials):
@@ -130,7 +188,7 @@ def test_points_of_a_sweep_are_panels(make_trials, make_sweep, columns):
     figure = paired(sweep)
     assert [axes.get_title() for axes in figure.axes] == ["Hp=10, 20 paired runs", "Hp=15, 20 paired runs"]
     assert rows(figure, 1)[COLOURS[1]][1] == pytest.approx(100.0, rel=1e-12)  # up to the rounding of logs
-    assert rows(figure, 0)[COLOURS[1]][1] == changes_of(tables[0], MSE, ["R"])[0].change
+    assert rows(figure, 0)[COLOURS[1]][1] == changes_of(tables[0], MSE, ["R"])[0].averages[0].value
     assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim() and figure.axes[0].get_xlabel() == ""
     assert len(paired(sweep, at=[{"controller.Hp": 15}]).axes) == 1
 
