@@ -70,7 +70,7 @@ class MinimaxLq(Regulator):
         return self.M_roots is not None
 
     def certificate(
-        self, k: int, x_hat: Float[Array, "runs nx"], starts: int
+        self, k: int, x_hat: Float[Array, "runs nx"], starts: int, *, shared: bool = False
     ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
         """Return rho and the largest cost found for admissible noise, both minus the minimal cost without noise.
 
@@ -79,6 +79,7 @@ class MinimaxLq(Regulator):
         k : sample
         x_hat : estimates; the sets are those of the design
         starts : number of starts of the search for the worst noise
+        shared : whether the search admits noise in one ellipsoid for all stages only
         """
         assert self.M_roots is not None, "`certificate` needs `certifies`"
         window, M_root = slice(k, k + self.horizon), at_sample(self.M_roots, k)
@@ -89,7 +90,8 @@ class MinimaxLq(Regulator):
             found = self.solution(k, M_root, x)
             U = plan(self.game(k), self._feedback[window], found)
             rho[row] = found.rho
-            worst[row] = worst_cost(stages, U, x, M_root, self.w_roots[window], starts) - x @ S @ x
+            found_cost = worst_cost(stages, U, x, M_root, self.w_roots[window], starts, shared=shared)
+            worst[row] = found_cost - x @ S @ x
         return rho, worst
 
     def game(self, k: int) -> Game:

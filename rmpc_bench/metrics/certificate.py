@@ -45,6 +45,8 @@ class Certificate(Metric):
         lower is better
     at : the sample, in seconds or samples as `time` of the experiment, at most N-1
     starts : number of starting points of the search
+    noise : `each` searches over noise that is in its set at every sample, `shared` over noise whose samples over the
+        horizon are in one set together, a smaller one
 
     Examples
     --------
@@ -63,6 +65,7 @@ class Certificate(Metric):
     of: CertificateValue = "excess"
     at: NonNegative
     starts: Count = 40
+    noise: Literal["each", "shared"] = "each"
 
     @property
     def better(self) -> Direction:
@@ -98,7 +101,8 @@ class Certificate(Metric):
         # A failed run may have no estimate.
         known = np.isfinite(x_hat).all(axis=1)
         if _certifies(controller) and known.any():
-            rho, worst = controller.certificate(k, x_hat[known], self.starts)
+            shared = {"shared": True} if self.noise == "shared" else {}
+            rho, worst = controller.certificate(k, x_hat[known], self.starts, **shared)
             values[known] = {"rho": rho, "worst": worst}.get(self.of, ratio(worst, rho))
         return values
 

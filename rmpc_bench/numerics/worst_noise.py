@@ -2,6 +2,7 @@
 
 Problem  Maximise sum_t x(t+1)' Q x(t+1) + u' R u of x(t+1) = A x + B u + w, x(0) = x_hat + e over e in E(0, M) and
          every w(t) in E(0, M_w(t)): a convex function on a product of ellipsoids, whose maxima are extreme points.
+         With `shared` all w(t) together are in one ellipsoid, sum over t of w' M_w^-1 w <= 1.
 Method   Every step moves to the maximiser of the linearised cost on each ellipsoid.  A convex function lies above its
          tangent planes, so that no step decreases the cost.  The result is a lower bound; the maximum is NP-hard.
 """
@@ -26,6 +27,8 @@ def worst_cost(
     M_root: Float[Array, "nx nx"],
     G: Float[Array, "N nx nx"],
     starts: int,
+    *,
+    shared: bool = False,
 ) -> float:
     """Return the largest cost found from several starts.
 
@@ -37,6 +40,7 @@ def worst_cost(
     M_root : root of the set of e
     G : roots of the sets of w(t)
     starts : number of random initial noises, the same at every call
+    shared : whether all w(t) are in one ellipsoid, and not each in its own
     """
     N, nx = stages.A.shape[:2]
     generator = np.random.Generator(np.random.PCG64(starts))
@@ -46,6 +50,8 @@ def worst_cost(
     best = np.full(starts, -np.inf)
     for _ in range(MOST_STEPS):
         length = np.linalg.norm(points, axis=2, keepdims=True)
+        if shared:
+            length[:, 1:] = np.linalg.norm(length[:, 1:], axis=1, keepdims=True)
         noise = np.einsum("tij,btj->bti", maps, points / np.where(length > 0.0, length, 1.0))
         cost, gradient = _cost(stages, forced, x, noise)
         if not (cost > best + GAIN * np.abs(cost)).any():

@@ -59,12 +59,13 @@ class Controller(Design):
         return None
 
     def certificate(
-        self, k: int, x_hat: Float[Array, "runs nx"], starts: int
+        self, k: int, x_hat: Float[Array, "runs nx"], starts: int, *, shared: bool = False
     ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
         """Return rho and the worst cost of every run: costs from k on, beyond the least one without bounded noise.
 
         rho is the bound that the controller certifies.  The worst cost is the largest one that a local search over
-        allowed noise finds from ``starts`` starting points, hence a lower bound of the true worst case.
+        allowed noise finds from ``starts`` starting points, hence a lower bound of the true worst case.  With
+        ``shared`` the noises of all samples are in one set, and not each in its own.
         """
         raise NotImplementedError("certificate")
 

@@ -24,7 +24,7 @@ PARAMETERS = {
     "sample": [{"of": of} for of in ("x.1", "x_hat.0", "e.2", "y.1")] + [{"of": "u.0", "at": 4.0}],
     "inside": [{"of": of} for of in (None, "set", "gaussian", "sum")],
     "cost": [{"Q_x": [3.0, 0.1, 1.0], "R_u": 0.7}],
-    "certificate": [{"at": 2.0}, {"at": 2.0, "of": "worst"}],
+    "certificate": [{"at": 2.0}, {"at": 2.0, "of": "worst"}, {"at": 2.0, "noise": "shared"}],
     "tracking": [{}, {"during": "bursts", "smooth": 1.0}, {"norm": "bias", "components": [1], "during": "quiet"}],
     "departures": [{"size": 1.0}],
     "input_variation": [{}, {"during": "bursts"}],
@@ -55,7 +55,7 @@ class Certifying(Controller):
 
     certifies = True
 
-    def certificate(self, k, x_hat, starts):
+    def certificate(self, k, x_hat, starts, *, shared=False):
         rho = 1.0 + x_hat[:, 0] ** 2
         return rho, 0.9 * rho
 

@@ -49,6 +49,19 @@ def test_the_values_are_those_of_the_controller(of, value, rng):
     np.testing.assert_array_equal(x_hat, block.x_hat[:, 3])
 
 
+def test_noise_in_one_set_is_asked_of_the_controller(rng):
+    """Oracle: the toy halves the worst cost then."""
+
+    class Halves(Certifies):
+        def certificate(self, k, x_hat, starts, *, shared=False):
+            rho, worst = super().certificate(k, x_hat, starts)
+            return rho, worst / 2 if shared else worst
+
+    block = trajectories(rng)._replace(controller=Halves())
+    each, shared = (Certificate(of="worst", at=1.5, noise=noise).evaluate(block) for noise in ("each", "shared"))
+    np.testing.assert_array_equal(shared, each / 2)
+
+
 def test_a_bound_of_zero_that_holds_is_tight(rng):
     """Oracle: 0/0 is 1 here."""
     values = Certificate(at=0.0).evaluate(trajectories(rng)._replace(controller=Exact()))

@@ -56,6 +56,21 @@ def test_random_noise_is_never_worse():
     assert sampled <= ours <= 1.1 * sampled
 
 
+def test_noise_in_one_ellipsoid():
+    """Oracle: for x = 0, U = 0 and no e it is the largest eigenvalue of the map of all w; each in its own is worse."""
+    rng = np.random.default_rng(10)
+    stages = oracles.random_stages(rng, 2, 1, 4)
+    _, M_w = oracles.random_sets(rng, 2, 4)
+    roots, U, x = psd_sqrt(np.array(M_w)), np.zeros((4, 1)), np.zeros(2)
+    C = oracles.matrices(stages).C[2:, 2:]
+    root = np.zeros((8, 8))
+    for t, each in enumerate(roots):
+        root[2 * t : 2 * t + 2, 2 * t : 2 * t + 2] = each
+    together = worst_cost(stages, U, x, np.zeros((2, 2)), roots, 10, shared=True)
+    np.testing.assert_allclose(together, np.linalg.eigvalsh(root @ C @ root)[-1], rtol=1e-9)  # as above
+    assert together < worst_cost(stages, U, x, np.zeros((2, 2)), roots, 10)
+
+
 def test_no_noise():
     """Oracle: the cost of the controls alone."""
     rng = np.random.default_rng(10)
