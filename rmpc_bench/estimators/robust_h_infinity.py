@@ -21,6 +21,7 @@ Fails   Design error: alpha I > N X N' or I > theta^2 L P L' does not hold at so
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -87,7 +88,7 @@ def design(
     bounds = [start, *(step.after for step in steps)]
     P = [each.P for each in bounds]
     refuse_overflow(P, "bound")
-    return predictor_schedule(
+    predictor = predictor_schedule(
         [now.nominal for now in systems],
         x0,
         [step.K for step in steps],
@@ -95,6 +96,7 @@ def design(
         F=[step.F for step in steps],
         extra={"X": np.array([each.X for each in bounds[:-1]])} if uncertain else {},
     )
+    return replace(predictor, uncertainty_scale=1.0)
 
 
 def _has_uncertainty(now: DesignSystem) -> bool:

@@ -74,6 +74,20 @@ def test_robust_estimators_of_a_system_that_is_not_quadratically_stable(tmp_path
     np.testing.assert_allclose(hinf_norm(*(np.array([[each]]) for each in (0.5, 0.8, 1.0))), 1.6, rtol=1e-9)
 
 
+def test_every_estimator_for_uncertainty_of_norm_1_is_examined(tmp_path):
+    """Oracle: the kinds that know H_A and G_x and are designed for every F of norm at most 1; no other kind is."""
+    kinds = {
+        "enhanced-robust": 1.0, "sayed-bdu": 1.0, "robust-h-infinity": 1.0, "kalman": None, "kalman-predictor": None,
+        "robust-kalman": None, "lmmse": None, "oracle": None,
+    }  # fmt: skip
+    keys = {"robust-kalman": ", c: 0.1", "robust-h-infinity": ", alpha: 9"}
+    methods = ", ".join(f"{kind}: {{estimator: {{kind: {kind}{keys.get(kind, '')}}}}}" for kind in kinds)
+    some = uncertain(0.1, f"{{{methods}}}", time="{steps: 5}")
+    # robust-h-infinity knows no inputs.
+    config = load_config(write(tmp_path, **some | {"plant": some["plant"].replace("B: 1, ", "", 1)}))
+    assert {each.name: each.estimator.uncertainty_scale for each in config.experiment.methods} == kinds
+
+
 def test_a_smaller_design_scale_and_a_stable_system_have_no_warning(tmp_path):
     """Oracle: the norms 1.6 times 0.6 and 0.4 / 0.5 are below 1."""
     scaled = "{ERP: {estimator: {kind: enhanced-robust, design_scale: 0.6}}}"
