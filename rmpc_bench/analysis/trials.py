@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.types import Array, MetricInfo, Status
 
 
@@ -68,6 +69,7 @@ class Trials:
     title : the point in words, such as ``controller.Hp=10, controller.Hu=8``; empty without a sweep
     keys : method -> what identifies its trials, the same at points that share them
     oracles : methods whose estimator is an oracle
+    groups : method -> moments over the runs by groups of runs, where they are not exact
     """
 
     name: str
@@ -96,6 +98,7 @@ class Trials:
     headline: str = "geometric"
     look: int = 1
     with_verdicts: bool = True
+    groups: Mapping[str, RunGroups] = field(default_factory=dict)
 
     @property
     def primary_info(self) -> MetricInfo | None:
@@ -224,6 +227,33 @@ class Trials:
         n = self._series_of(quantity, method)["n"].to_numpy(dtype=np.int64)
         return 0 if (n == 0).any() else int(n.max(initial=0))
 
+    def run_groups(self, quantity: str, method: str) -> RunGroups | None:
+        """Groups of runs that can be left out of a moment of the ensemble.
+
+        Parameters
+        ----------
+        quantity : such as ``cov(e)``
+        method : name of a method
+
+        Returns
+        -------
+        single runs where the trajectories of every finished run are recorded, else the stored groups; None without any
+        """
+        found = (self._recorded(method), self.groups.get(method))
+        return next((groups for groups in found if groups is not None and groups.has(quantity)), None)
+
+    def _recorded(self, method: str) -> RunGroups | None:
+        if method not in self._recorded_groups:
+            trace = self.traces.get(method)
+            ok = self._rows[method][1][self._rows[method][2]] if method in self._rows else np.zeros(0, dtype=np.int64)
+            complete = trace is not None and len(ok) > 0 and bool(np.isin(self.runs[ok], trace.runs).all())
+            self._recorded_groups[method] = _groups_of(trace, self.runs[ok]) if trace is not None and complete else None
+        return self._recorded_groups[method]
+
+    @cached_property
+    def _recorded_groups(self) -> dict[str, RunGroups | None]:
+        return {}
+
     def matrix_series(self, quantity: str, method: str) -> Array:
         """Assemble a series of a design; where it exists exactly and from runs, the exact one counts.
 
@@ -251,6 +281,16 @@ class Trials:
         values = np.full((len(samples), *(entries.max(axis=0) + 1)), np.nan)
         values[(position, *entries.T)] = rows["value"].to_numpy(dtype=float)
         return values
+
+
+def _groups_of(trace: Traces, finished: Array) -> RunGroups | None:
+    """Take the recorded runs that were finished as groups; None where the state is not recorded."""
+    rows, estimate = np.isin(trace.runs, finished), trace.signals.get("x_hat")
+    if "x" not in trace.signals:
+        return None
+    return RunGroups.of_trajectories(
+        trace.runs[rows], trace.signals["x"][rows], None if estimate is None else estimate[rows]
+    )
 
 
 def _indices(component: str) -> tuple[int, ...]:

@@ -9,9 +9,10 @@ import numpy as np
 from rmpc_bench.analysis.intervals import Interval, difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, negligible, without_noise
 from rmpc_bench.claims import decision, magnitudes, tree
+from rmpc_bench.claims.band import entry_by_entry
 from rmpc_bench.claims.decision import Change
 from rmpc_bench.claims.evaluator import Evaluator
-from rmpc_bench.claims.spread import spread_of
+from rmpc_bench.claims.spread import Spread, spread_of
 from rmpc_bench.claims.values import Value, compare
 from rmpc_bench.types import Array
 
@@ -110,11 +111,16 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: floa
     left, right = _without_noise((value.array, right_sides), sizes)
     alike = _alike(link, left, right) if held else np.zeros(left.shape, dtype=bool)
     place = _decisive(_violation(link.operator, left, right, tolerance), alike, sizes)
-    spread = spread_of(link, evaluator, confidence) if not left.ndim else None
+    spread: Spread | None
+    if left.ndim:
+        spread, place = entry_by_entry(link, evaluator, confidence, place, about_runs=value.axis == "runs")
+    else:
+        spread = spread_of(link, evaluator, confidence)
     interval = None if spread is None else spread.gap()
     k, entry = _place(value, place)
     holds = held if spread is None else decision.decided(link.operator, spread)
     inconclusive = spread is not None and holds is None
+    n_runs = len(evaluator.runs) or evaluator.n
     return ComparisonResult(
         text=text,
         left=float(value.array[place]),
@@ -129,8 +135,8 @@ def _compared(link: tree.Link, evaluator: Evaluator, text: str, confidence: floa
         entry=entry,
         n_entries=left.size,
         n_equal=int(alike.sum()) if left.ndim else 0,
-        change=decision.change(link, evaluator, spread),
-        n_deciding=decision.n_deciding(link.operator, spread, len(evaluator.runs)) if inconclusive else None,
+        change=decision.change(link, evaluator, spread) if spread is None or not left.ndim else None,
+        n_deciding=decision.n_deciding(link.operator, spread, n_runs) if inconclusive else None,
         exceptions=decision.exceptions(link, value, evaluator, confidence) if held and spread is None else None,
     )
 

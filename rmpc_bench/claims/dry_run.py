@@ -66,6 +66,13 @@ class PlaceholderResults:
         """One, since a claim may divide by it."""
         return 1
 
+    def n_of(self, quantity: str, method: str, /) -> int:
+        """Count the runs that a series stands on: none, it is a placeholder."""
+        return 0
+
+    def run_groups(self, quantity: str, method: str, /) -> None:
+        """Return no groups of runs."""
+
     def matrix_series(self, quantity: str, method: str, /) -> Array:
         """Views of ones, and of the identity where entries are square; KeyError where there is no such series."""
         if method not in self.known or method not in self.layout.arrays:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from copy import copy
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.functions import applied
 from rmpc_bench.claims.matrices import of_matrix
+from rmpc_bench.claims.sources import Table, tables_of
 from rmpc_bench.claims.values import (
     EvaluationError,
     NoValue,
@@ -25,8 +25,7 @@ from rmpc_bench.claims.values import (
     negative,
 )
 from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Number, Operation, Percent
-from rmpc_bench.types import Array, MetricInfo
-from rmpc_bench.types.sweep_points import lies_at
+from rmpc_bench.types import Array
 
 __all__ = ["EvaluationError", "Evaluator", "Value", "compare"]
 
@@ -37,30 +36,6 @@ _OPERATORS: Mapping[str, Callable[..., Array]] = {
     "*": np.multiply,
     "/": np.divide,
 }
-
-
-class Table(Protocol):
-    """What an evaluator reads of `Trials`, or of the placeholder results of a dry run, which do without pandas."""
-
-    @property
-    def methods(self) -> Sequence[str]: ...
-    @property
-    def metrics(self) -> Sequence[MetricInfo]: ...
-    @property
-    def point(self) -> Mapping[str, str]: ...
-    @property
-    def keys(self) -> Mapping[str, str]: ...
-    @property
-    def confidence(self) -> float: ...
-    @property
-    def seed(self) -> int: ...
-    @property
-    def runs(self) -> Array: ...
-    @property
-    def each(self) -> Sequence[Table]: ...
-    def column(self, metric: str, method: str, /) -> Array: ...
-    def n_failed(self, method: str, /) -> int: ...
-    def matrix_series(self, quantity: str, method: str, /) -> Array: ...
 
 
 class Evaluator:
@@ -82,8 +57,10 @@ class Evaluator:
     def __init__(self, trials: Table, node: Node, at: Mapping[str, str] = _NOWHERE, *, pooled: bool = False) -> None:
         self.trials, self.pooled = trials, pooled
         self.fixed: dict[Node, Value] = {}
+        self._left_out: int | None = None
+        self._by_groups = False
         metrics = {info.name for info in trials.metrics}
-        self.tables = {term: _tables(trials, term, at, pooled=pooled) for term in sorted(tree.terms(node))}
+        self.tables = {term: tables_of(trials, term, at, pooled=pooled) for term in sorted(tree.terms(node))}
         self.columns = {
             term: np.concatenate([table.column(term.quantity, term.method) for table in tables])
             for term, tables in self.tables.items()
@@ -99,6 +76,9 @@ class Evaluator:
         self.n_excluded = len(self.shared) - self.n
         if missing and not self.n:
             raise NoValue("no run was finished by every method that is compared")
+        self.sampled = self._moments_from_runs(node)
+        if self.sampled and not self.columns:
+            self.n = min(self.tables[term][0].n_of(quantity, term.method) for term, quantity in self.sampled)
 
     def resampled(self, rng: np.random.Generator) -> Evaluator:
         """Return an evaluator on as many runs, drawn from the shared ones with replacement.
@@ -111,6 +91,35 @@ class Evaluator:
             other.shared = np.concatenate([groups[i] for i in rng.choice(len(groups), len(groups))])
         else:
             other.shared = rng.choice(np.flatnonzero(self.shared), self.n)
+        return other
+
+    def _moments_from_runs(self, node: Node) -> set[tuple[tree.Term, str]]:
+        """Collect the signals whose moments are not exact, each with the series of the moment."""
+        found = {
+            (term, f"{tree.MOMENTS[function]}({term.quantity})")
+            for term, function in tree.uses(node)
+            if function in tree.MOMENTS and self.is_signal(term)
+        }
+        return {(term, quantity) for term, quantity in found if self.tables[term][0].n_of(quantity, term.method)}
+
+    @property
+    def groups(self) -> list[Array] | None:
+        """Runs of every group that can be left out of the moments; None where there are none."""
+        found = [self.tables[term][0].run_groups(quantity, term.method) for term, quantity in sorted(self.sampled)]
+        runs = [each.runs for each in found if each is not None]
+        if not runs or len(runs) < len(found):
+            return None
+        first, *others = runs
+        same = all(len(first) == len(other) and all(map(np.array_equal, first, other)) for other in others)
+        return list(first) if same else None
+
+    def without(self, number: int | None, runs: Collection[int]) -> Evaluator:
+        """Return an evaluator without a group of runs; its moments are those of the other groups."""
+        other = copy(self)
+        other._left_out, other._by_groups = number, True
+        other.shared = self.shared & ~np.isin(self.run, list(runs)) if len(self.shared) else self.shared
+        from_runs = {term for term, _ in self.sampled}
+        other.fixed = {node: value for node, value in self.fixed.items() if tree.terms(node).isdisjoint(from_runs)}
         return other
 
     @cached_property
@@ -233,6 +242,10 @@ class Evaluator:
         if len({table.keys.get(term.method, "") for table in tables}) > 1:
             what = f"{term.quantity}[{term.method}]"
             raise EvaluationError(f"{what} is a series, of one of {len(tables)} points: name one")
+        by_groups = self._by_groups and (term, quantity) in self.sampled
+        groups = tables[0].run_groups(quantity, term.method) if by_groups else None
+        if groups is not None:
+            return Value(groups.series(quantity, self._left_out), "k")
         try:
             return Value(tables[0].matrix_series(quantity, term.method), "k")
         except KeyError:
@@ -253,20 +266,3 @@ class Evaluator:
         if name == "cov":
             raise EvaluationError("cov needs a signal by itself, as cov(e[METHOD])")
         return applied(name, [self.value(part) for part in node.arguments])
-
-
-def _tables(trials: Table, term: tree.Term, at: Mapping[str, str], *, pooled: bool) -> list[Table]:
-    """Points of a sweep that a term is about: one, or all that it leaves open where they are pooled."""
-    wanted = {**at, **dict(term.point)}
-    found = [table for table in trials.each if lies_at(table.point, wanted)]
-    where = ", ".join(f"{path}={value}" for path, value in wanted.items())
-    if not found:
-        raise EvaluationError(f"there is no point {where}")
-    found = [table for table in found if term.method in table.methods]
-    if not found:
-        raise EvaluationError(f"there is no method {term.method}")
-    if pooled:
-        return found
-    if len({table.keys.get(term.method, "") for table in found}) > 1:
-        raise EvaluationError(f"{term.quantity}[{term.method}] may be at any of {len(found)} points of the sweep")
-    return found[:1]

@@ -1,12 +1,14 @@
 """Uncertainty of the two sides of a comparison: intervals of their difference and of their ratio.
 
-Three kinds, in the order of preference: by Student's t where both sides are linear in means over the runs, by the
-formula of a share or a geometric mean beside a fixed number, and by drawing whole runs again for everything else.
+In the order of preference: by Student's t where both sides are linear in means over the runs, by the formula of a share
+or a geometric mean beside a fixed number, and by drawing whole runs again for everything else.  For moments over the
+runs at every k groups of runs are left out one by one (`jackknife`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,6 +17,7 @@ import numpy as np
 from rmpc_bench.analysis.intervals import Interval, difference, fieller, geometric, quantile, student, wilson
 from rmpc_bench.claims import tree
 from rmpc_bench.claims.evaluator import Evaluator
+from rmpc_bench.claims.jackknife import pseudo_values
 from rmpc_bench.expressions.arithmetic import Call, Negation, Node, Operation
 from rmpc_bench.types import Array
 
@@ -106,6 +109,25 @@ class ResampledSpread:
         return float(quantile(values, tail)), float(quantile(values, 1 - tail))
 
 
+@dataclass(frozen=True)
+class BandSpread:
+    """An entry of a simultaneous band: shift -> interval."""
+
+    gaps: Mapping[int, Interval]
+
+    def gap(self, shift: int = 0) -> Interval:
+        """Look up the interval."""
+        return self.gaps[shift]
+
+    def ratio(self) -> Interval:
+        """Return no bounds: the band is one of differences."""
+        return UNBOUNDED
+
+
+UNKNOWN = BandSpread(dict.fromkeys((-1, 0, 1), UNBOUNDED))
+"""No part of the runs can be left out, so that nothing is known of the error."""
+
+
 def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Spread | None:
     """Find how uncertain both sides of a comparison are.
 
@@ -119,6 +141,11 @@ def spread_of(link: tree.Link, evaluator: Evaluator, confidence: float) -> Sprea
     -------
     the spread; None for a single run, or where the statement is about the runs at hand: then the two numbers decide
     """
+    if evaluator.sampled:
+        values = pseudo_values(link, evaluator)
+        if values is None:
+            return UNKNOWN
+        return StudentSpread(values.left, values.right, values.tolerance, confidence)
     if len(evaluator.runs) < 2 or about_these_runs(link, evaluator):
         return None
     found: Spread | None = None

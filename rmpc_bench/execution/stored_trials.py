@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.looks import number_of_look
+from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sweep_point import SweepPoint
@@ -107,7 +108,24 @@ def _table(config: ExperimentConfig, point: SweepPoint, store: Store, series: Se
         title=point.title,
         keys=point.method_keys,
         oracles=point.experiment.oracles,
+        groups={name: groups for name in methods if (groups := _groups(point, store, name)) is not None},
     )
+
+
+def _groups(point: SweepPoint, store: Store, name: str) -> RunGroups | None:
+    """Read the moments over the runs, group by group; None where none are stored, or fewer than two groups."""
+    if not point.experiment.recording.ensemble:
+        return None
+    stored = store.ensemble(point.method_keys[name], point.experiment.n_runs)
+    parts = [part for part in stored if part.n]
+    whole = [part for part in parts if not part.is_single] or parts
+    if len(whole) < 2:
+        return None
+    runs = tuple(np.arange(part.first, part.stop) for part in whole)
+    zero = np.zeros((whole[0].mean.shape[0], *whole[0].mean.shape[1:], whole[0].mean.shape[1]))
+    second = np.array([zero if part.is_single else part.second for part in whole])
+    n, mean = np.array([part.n for part in whole]), np.array([part.mean for part in whole])
+    return RunGroups(runs, n, mean, second, point.experiment.plant.nx)
 
 
 def _frame(point: SweepPoint, store: Store, name: str) -> pd.DataFrame:
