@@ -86,7 +86,8 @@ def band(values: Array, confidence: float, seed: int) -> Band:
     deviation = flat - centre
     squares = (deviation**2).sum(axis=0)
     varying = squares > 0
-    signs = np.random.Generator(np.random.PCG64(seed)).choice([-1.0, 1.0], (_FLIPS, n))
+    rng = np.random.Generator(np.random.PCG64(seed))
+    signs = rng.choice([-1.0, 1.0], (_FLIPS, n))
     means = signs @ deviation[:, varying] / n
     # The spread about the mean with these signs; the sum of squares does not depend on them.
     spread = (squares[varying] - n * means**2) / (n * (n - 1))
