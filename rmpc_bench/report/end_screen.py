@@ -10,6 +10,9 @@ from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 
 
+SMOKE_CLAIMS = "claims      not evaluated: a smoke run is too short, claims.md is for information only"
+
+
 def end_screen(
     trials: Trials,
     table: str,
@@ -23,7 +26,7 @@ def end_screen(
     incomplete: Sequence[str],
     figures: Sequence[Path],
 ) -> str:
-    """Lay out the text at the end of a run.
+    """Lay out the text at the end of a run; that of a smoke run has no verdicts and no findings.
 
     Parameters
     ----------
@@ -38,18 +41,22 @@ def end_screen(
     figures : pictures to name
     """
     lines = [_head(trials, directory, n_complete, n_runs, seconds), "", *_indented(table.split("\n")), ""]
-    lines += _indented(_claim_lines(verdicts, overrides, incomplete))
+    if verdicts and not trials.with_verdicts:
+        lines += _indented([SMOKE_CLAIMS])
+    else:
+        lines += _indented(_claim_lines(verdicts, overrides, incomplete))
     lines += _indented(f"{'open' if path is figures[0] else '':12}{path}" for path in figures)
     return "\n".join(lines)
 
 
 def _head(trials: Trials, directory: Path, n_complete: int, n_runs: int, seconds: float | None) -> str:
     points = f" at each of {len(trials.points)} points" if trials.points else ""
+    name = trials.name if trials.with_verdicts else f"{trials.name} (smoke run, no verdicts)"
     if not n_runs:
-        return f"{trials.name}   exact moments{points}, no runs   {directory}"
+        return f"{name}   exact moments{points}, no runs   {directory}"
     done = f" done in {seconds:.1f} s" if seconds is not None else ""
     runs = f"{n_complete} of {n_runs} runs{points}, {trials.n_failed_trials} failed"
-    return f"{trials.name}{done}   {runs}   {directory}"
+    return f"{name}{done}   {runs}   {directory}"
 
 
 def _claim_lines(verdicts: Sequence[ClaimVerdict], overrides: Sequence[str], incomplete: Sequence[str]) -> list[str]:

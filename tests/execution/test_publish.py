@@ -105,6 +105,20 @@ def test_an_overridden_configuration_is_not_final(tmp_path, options, overrides):
     assert results.is_final == (not overrides)
 
 
+def test_a_smoke_run_shows_sizes_only(tmp_path):
+    """Its first line says so; no verdict, no finding and no size of a difference on the screen, none in the tables."""
+    config = load_config(write(tmp_path, claims=CLAIMS, smoke="{runs: 2, steps: 5}"), smoke=True)
+    written = publish(run(config, directory=tmp_path / "out", jobs=1))
+    lines = written.summary().splitlines()
+    assert lines[0].startswith("tiny (smoke run, no verdicts)   2 of 2 runs, 0 failed   ")
+    assert "    claims      not evaluated: a smoke run is too short, claims.md is for information only" in lines
+    page = (tmp_path / "out" / "tables" / "summary.md").read_text()
+    for text in (*lines, page):
+        for word in ("better", "worse", "inconclusive", "equivalent", "confirmed", "%"):
+            assert word not in text.replace("intervals at 95 %", "").replace("lower is better", "")
+    assert written.tables.compared["verdict"].eq("").all()
+
+
 def test_default_directory_of_run(tmp_path, monkeypatch):
     """results/<paper>/<name>, as the command line."""
     monkeypatch.chdir(tmp_path)
