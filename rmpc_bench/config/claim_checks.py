@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rmpc_bench.claims.claim import Claim, Finding, HoldsFor, Stated, point_words
+from rmpc_bench.claims.claim import MAX_INTERPRETATIONS, Claim, Finding, HoldsFor, Stated, point_words
 from rmpc_bench.claims.dry_run import PlaceholderResults, dry_run, placeholder_results
 from rmpc_bench.claims.exact import printed_number
 from rmpc_bench.claims.grammar import COUNTS, ExpressionError, parse, parse_expression
@@ -108,11 +108,18 @@ class _Checker:
         return claim
 
     def _interpretations(self, claim: Claim) -> None:
-        """Check that every ground is that of a point, and that a hedge has cases."""
+        """Check the number of interpretations, that every ground is that of one, and that a hedge has cases."""
         points = [point_words(at) for at in claim.at]
         for name in claim.grounds:
             if not self.misplaced and name not in points:
                 self._note("grounds", unknown(name, points, "point of `at`"))
+        # The points of a statement with a hedge are its cases; a wider search is an additional result.
+        several = claim.of_paper and claim.holds_for is HoldsFor.ALL
+        if several and len(points) > MAX_INTERPRETATIONS:
+            way_out = "search wider under the source `additional result`"
+            self._note(
+                "at", f"at most {MAX_INTERPRETATIONS} interpretations of a statement (got {len(points)}); {way_out}"
+            )
         if claim.holds_for is not HoldsFor.ALL and not claim.check:
             self._note("holds_for", "there is no check whose cases could hold")
 
