@@ -9,7 +9,6 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 
-
 SMOKE_CLAIMS = "claims      not evaluated: a smoke run is too short, claims.md is for information only"
 
 
