@@ -10,10 +10,14 @@ from rmpc_bench.analysis.intervals import Interval, quantile, student
 from rmpc_bench.types import Array
 
 RESAMPLES = 4999
-SKEWED = 2.0
-"""Absolute skewness above which the t interval of a mean is too narrow on one side."""
-MANY = 200
-"""Runs from which on the t interval covers in spite of skewness."""
+SKEWED = 1.0
+"""Absolute skewness above which the t interval of a mean is too narrow on one side.
+
+For log-normal differences (50 runs) intervals at 95 % cover 0.915 of the time with a limit of 2, as the skewness of a
+small sample is often far below that of its law, and 0.93 with a limit of 1.
+"""
+MANY = 1000
+"""Runs from which on the t interval covers in spite of skewness; at 200 it still covers 0.937 of the time."""
 FEWEST = 10
 """Runs below which resamples repeat the same few values, and the t interval is the better one."""
 

@@ -16,14 +16,13 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.bootstrap import mean_interval
-from rmpc_bench.analysis.failures import mcnemar
-from rmpc_bench.analysis.intervals import NONE, Interval, holm, signed_rank_p, student
+from rmpc_bench.analysis.intervals import NONE, holm, signed_rank_p
 from rmpc_bench.analysis.looks import unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, pairs_of, worst_finished
 from rmpc_bench.analysis.rounding import without_noise
 from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
 from rmpc_bench.analysis.simultaneous import held_level
-from rmpc_bench.analysis.superiority import superiority, superiority_interval
+from rmpc_bench.analysis.superiority import shares_interval, superiority, superiority_interval
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import FEW, Evidence, Failures, Verdict, verdict
 from rmpc_bench.types import Array, MetricInfo
@@ -37,7 +36,8 @@ class Comparison:
     ----------
     method, baseline, metric : names
     change_pct, ci_low, ci_high : change from the baseline in per cent with its interval, in the average that `average`
-        names; NaN for a signed metric, and where an event did not occur
+        names; NaN for a signed metric, and where an event did not occur.  The interval of an average is NaN where most
+        pairs are equal and fewer than 20 differ
     won, lost, tied : all runs of both; tied within the relevant difference; a failed run loses against a finished one
     superiority : P(better) + P(tied)/2 by the same rule
     p_wilcoxon_holm : signed-rank p after Holm as text, at most ``< 0.001``; empty without pairs
@@ -50,7 +50,7 @@ class Comparison:
     difference, difference_low, difference_high : mean difference in the unit of a signed metric
     superiority_low, superiority_high : interval of `superiority`
     failed_only, baseline_failed_only : runs in which one of the two failed and the other did not
-    failed_low, failed_high : exact interval of the difference of the shares of failed runs
+    failed_low, failed_high : interval of the difference of the shares of failed runs
     runs_for_direction : about how many runs would decide for better or worse, where the verdict is inconclusive
     runs_for_equivalence : about how many runs would show equivalence if there were no difference
     look : number of the look at the growing number of runs
@@ -66,7 +66,7 @@ class Comparison:
     lost: int
     tied: int
     superiority: float
-    p_wilcoxon_holm: str
+    p_wilcoxon_holm: str = ""
     n_pairs: int
     verdict: str
     average: str = ""
@@ -168,25 +168,38 @@ def comparisons(trials: Trials, of: Levels | None = None) -> pd.DataFrame:
     of = of or levels(trials)
     rows: list[dict[str, object]] = []
     for info in trials.metrics:
-        methods = [method for method in trials.methods if method != trials.baseline]
-        family = [pairs_of(trials, method, info) for method in methods]
-        adjusted = holm([signed_rank_p(pairs.ranked()) for pairs in family])
-        for method, pairs, p in zip(methods, family, adjusted, strict=True):
-            rows.append(asdict(_compare(trials, method, info, pairs, of, p_text(p))))
+        family = compared(trials, info, of)
+        adjusted = holm([signed_rank_p(pairs.ranked()) for pairs, _ in family])
+        rows += [asdict(row) | {"p_wilcoxon_holm": p_text(p)} for (_, row), p in zip(family, adjusted, strict=True)]
     table = pd.DataFrame(rows, columns=COLUMNS)
     for name in _WHOLE:
         table[name] = table[name].astype("Int64")
     return table
 
 
-def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels, p: str) -> Comparison:
+@np.errstate(over="ignore", invalid="ignore")
+def compared(trials: Trials, info: MetricInfo, of: Levels) -> list[tuple[Pairs, Comparison]]:
+    """Compare every method with the baseline in one metric, without the signed-rank test.
+
+    Parameters
+    ----------
+    trials : the table of an experiment without sweep, or of one point
+    info : the metric
+    of : levels of the whole experiment
+    """
+    methods = [method for method in trials.methods if method != trials.baseline]
+    family = [(method, pairs_of(trials, method, info)) for method in methods]
+    return [(pairs, _compare(trials, method, info, pairs, of)) for method, pairs in family]
+
+
+def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Levels) -> Comparison:
     is_primary = info == trials.primary_info and trials.with_verdicts
     level = of.held if is_primary else of.plain
     failure_level = of.failures if is_primary else of.plain
     averages, scores = _averages(trials, pairs), pairs.scores
     won, lost, tied = _counts(scores)
-    intervals = {name: _interval(name, values, level, trials.seed) for name, values in averages.items()}
-    failed = mcnemar(*pairs.failed, len(scores), failure_level)
+    intervals = {name: mean_interval(values, level, trials.seed) for name, values in averages.items()}
+    failed = shares_interval(*pairs.failed, len(scores), failure_level)
     word, planning = "", {}
     if is_primary:
         failures = None
@@ -204,7 +217,6 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
         lost=lost,
         tied=tied,
         superiority=superiority(won, lost, tied),
-        p_wilcoxon_holm=p,
         n_pairs=int(pairs.both.sum()),
         verdict=str(word),
         average=next(iter(averages), ""),
@@ -216,19 +228,15 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
         failed_low=failed[0],
         failed_high=failed[1],
         look=trials.look,
-        **_sizes(averages, intervals, pairs.scale()),
-        **planning,
+        **_sizes(averages, {} if pairs.rarely_differ else intervals, pairs.scale()),  # type: ignore[arg-type]
+        **planning,  # type: ignore[arg-type]
     )
-
-
-def _interval(average: str, values: Array, level: float, seed: int) -> Interval:
-    return student(values, level) if average == "mean" else mean_interval(values, level, seed)
 
 
 def _evidence(trials: Trials, pairs: Pairs, scores: Array, level: float) -> Evidence:
     """Collect what the verdict is made of, where negative differences are better."""
     averages, scale = _averages(trials, pairs), pairs.scale()
-    found = [_interval(name, values, level, trials.seed) for name, values in averages.items()]
+    found = [mean_interval(values, level, trials.seed) for values in averages.values()]
     # Digits that another CPU does not reproduce must not decide.
     found = [(without_noise(low, scale), without_noise(high, scale)) for low, high in found]
     ends = [(-high, -low) if pairs.higher else (low, high) for low, high in found]
@@ -248,11 +256,13 @@ def _counts(scores: Array) -> tuple[int, int, int]:
     return won, lost, len(scores) - won - lost
 
 
-def _sizes(averages: Mapping[str, Array], intervals: Mapping[str, Interval], scale: float) -> dict[str, float]:
+def _sizes(
+    averages: Mapping[str, Array], intervals: Mapping[str, tuple[float, float]], scale: float
+) -> dict[str, float]:
     """Return the averages with their intervals: in per cent, or in the unit of a signed metric."""
     found: dict[str, float] = {}
     for n, (name, values) in enumerate(averages.items()):
-        ends = (float(values.mean()), *intervals[name])
+        ends = (float(values.mean()), *intervals.get(name, NONE))
         if name == "difference":
             names = ("difference", "difference_low", "difference_high")
             found |= {key: without_noise(end, scale) for key, end in zip(names, ends, strict=True)}

@@ -13,11 +13,11 @@ from rmpc_bench.types import Array
 
 @lru_cache(maxsize=4096)
 def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> Interval:
-    """Exact interval of the difference of two shares of failed runs, from the runs that only one of the two failed in.
+    """Invert the exact McNemar test of equal shares of failed runs.
 
-    Given their number m, the runs in which only the method failed are binomial.  The interval of that probability p
-    (Clopper and Pearson) gives the one of the difference, (2 p - 1) m / n; it excludes 0 where the exact McNemar test
-    rejects equal shares.
+    Given the number m of runs that only one of the two failed in, those in which only the method failed are binomial.
+    The interval of that probability p (Clopper and Pearson) gives (2 p - 1) m / n, which excludes 0 where the exact
+    test rejects equal shares.  As m is random, it is no interval of the difference itself: `shares_interval` is.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> 
 
     Returns
     -------
-    low, high of share(method) - share(baseline); 0 and 0 where no run differs, NaN without runs
+    low, high; 0 and 0 where no run differs, NaN without runs
 
     Examples
     --------

@@ -13,6 +13,9 @@ from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array, MetricInfo
 
+FEW = 20
+"""Pairs that differ, below which the mean of pairs that are mostly equal has no interval."""
+
 
 def distance_from_best(values: Array, direction: str) -> Array:
     """Return what is compared: the value, its size if 0 is best, max(value, 1/value) if 1 is best.
@@ -77,6 +80,15 @@ class Pairs:
         """Runs in which only the method failed, and runs in which only the baseline did."""
         a, b = np.isnan(self.a), np.isnan(self.b)
         return int((a & ~b).sum()), int((b & ~a).sum())
+
+    @property
+    def rarely_differ(self) -> bool:
+        """Whether most pairs are equal and fewer than `FEW` differ: their mean has no reliable interval.
+
+        With one pair in fifty, a third of all experiments see no difference, and an interval of width 0.
+        """
+        n_pairs, n_equal = int(self.both.sum()), int(np.count_nonzero(self.a == self.b))
+        return n_equal > n_pairs / 2 and n_pairs - n_equal < FEW
 
     @property
     def scores(self) -> Array:

@@ -11,6 +11,7 @@ Limit   One comparison: the level that is asked for.  Independent comparisons: t
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from rmpc_bench.types import Array
 FLIPS = 4096
 """Random sign patterns; all of them where the runs have no more, which is up to 12 runs."""
 _CHUNK = 512
+MANY = 1000
+"""Runs from which on the sums of flipped deviations are drawn as what they are then: normal, with their covariance."""
 
 
 def held_level(contributions: Array, confidence: float, seed: int) -> float:
@@ -56,9 +59,9 @@ def held_level(contributions: Array, confidence: float, seed: int) -> float:
     n, squares = n[used], squares[used]
     deviations = np.ascontiguousarray(deviations[:, used] / np.sqrt(squares))
     smallest = []
-    for signs in _sign_patterns(len(deviations), seed):
+    for sums in _flipped_sums(deviations, seed):
         # With squares scaled to 1:  t^2 = (n - 1) s^2 / (n - s^2), s the sum of the flipped deviations.
-        share = np.minimum((signs @ deviations) ** 2 / n, 1.0)
+        share = np.minimum(sums**2 / n, 1.0)
         with np.errstate(divide="ignore"):
             t = np.sqrt((n - 1) * share / (1 - share))
         p = [2 * stats.t.sf(t[:, n == pairs].max(axis=1), pairs - 1) for pairs in np.unique(n)]
@@ -67,10 +70,22 @@ def held_level(contributions: Array, confidence: float, seed: int) -> float:
     return 1 - min(max(level, alpha / size), alpha)
 
 
-def _sign_patterns(n_runs: int, seed: int) -> list[Array]:
-    """Return blocks (patterns, n_runs) of +1 and -1: all patterns of few runs, random ones of many."""
+def _flipped_sums(deviations: Array, seed: int) -> Iterator[Array]:
+    """Yield blocks (patterns, n_comparisons) of sums of deviations with random signs.
+
+    All sign patterns of few runs, random ones of more; of very many runs normal numbers, so that time and memory do
+    not grow with the number of runs.
+    """
+    n_runs = len(deviations)
+    rng = np.random.Generator(np.random.PCG64(seed))
     if n_runs <= math.log2(FLIPS):
         bits = np.arange(2**n_runs)[:, None] >> np.arange(n_runs) & 1
-        return [1.0 - 2.0 * bits]
-    rng = np.random.Generator(np.random.PCG64(seed))
-    return [1.0 - 2.0 * rng.integers(0, 2, (_CHUNK, n_runs), dtype=np.int8) for _ in range(FLIPS // _CHUNK)]
+        yield (1.0 - 2.0 * bits) @ deviations
+    elif n_runs < MANY:
+        for _ in range(FLIPS // _CHUNK):
+            yield (1.0 - 2.0 * rng.integers(0, 2, (_CHUNK, n_runs), dtype=np.int8)) @ deviations
+    else:
+        covariance = np.einsum("ri,rj->ij", deviations, deviations)
+        # Two methods that never differ make it singular.
+        root = np.linalg.cholesky(covariance + 1e-10 * np.eye(len(covariance)))
+        yield rng.standard_normal((4 * FLIPS, len(covariance))) @ root.T

@@ -1,4 +1,4 @@
-"""Probability of superiority, P(better) + P(tied)/2, with its interval."""
+"""Probability of superiority, P(better) + P(tied)/2, and difference of two paired shares, with their intervals."""
 
 from __future__ import annotations
 
@@ -45,19 +45,51 @@ def superiority_interval(won: int, lost: int, tied: int, confidence: float) -> I
     >>> [round(end, 3) for end in superiority_interval(30, 0, 10, 0.95)]
     [0.798, 0.929]
     """
-    from scipy import stats
-
     n = won + lost + tied
     if n == 0:
         return NONE
-    z = float(stats.norm.ppf((1 + confidence) / 2))
-    difference = (won - lost) / n
-    low = _root(won, lost, n, z, -1.0, difference)
-    high = _root(won, lost, n, -z, difference, 1.0)
+    low, high = _score_interval(won, lost, n, confidence)
     if won + lost < FEW:
         exact = mcnemar(won, lost, n, confidence)
         low, high = min(low, exact[0]), max(high, exact[1])
     return (1 + low) / 2, (1 + high) / 2
+
+
+def shares_interval(first_only: int, second_only: int, n: int, confidence: float) -> Interval:
+    """Interval of the difference of two paired shares, such as of failed runs.
+
+    It is the score interval of `superiority_interval`, widened to contain 0 where the exact McNemar test does not
+    reject equal shares.  The exact interval itself, which takes the number of runs in which only one of the two failed
+    as given, does not cover the difference: if only one method fails, it ends at the observed share.
+
+    Parameters
+    ----------
+    first_only, second_only : runs in which one of the two failed, the other not
+    n : runs of both
+    confidence : level, such as 0.95
+
+    Returns
+    -------
+    low, high of share(first) - share(second); NaN without runs
+
+    Examples
+    --------
+    >>> [round(end, 3) for end in shares_interval(6, 0, 200, 0.95)]
+    [0.01, 0.064]
+    """
+    if n == 0:
+        return NONE
+    low, high = _score_interval(first_only, second_only, n, confidence)
+    exact = mcnemar(first_only, second_only, n, confidence)
+    return (min(low, 0.0), max(high, 0.0)) if exact[0] <= 0 <= exact[1] else (low, high)
+
+
+def _score_interval(won: int, lost: int, n: int, confidence: float) -> Interval:
+    from scipy import stats
+
+    z = float(stats.norm.ppf((1 + confidence) / 2))
+    difference = (won - lost) / n
+    return _root(won, lost, n, z, -1.0, difference), _root(won, lost, n, -z, difference, 1.0)
 
 
 def _root(won: int, lost: int, n: int, z: float, low: float, high: float) -> float:

@@ -294,3 +294,14 @@ def test_one_run_no_run_and_huge_values(make_trials):
     assert only(comparisons(huge)).lost == 3
     table = comparisons(make_trials({"mse": {"A": [1.0, 2.0]}}))
     assert table.empty and table.columns[0] == "method"
+
+
+def test_pairs_that_rarely_differ_have_no_interval(make_trials):
+    """One pair of fifty differs: a third of such experiments see none, with an interval of width 0."""
+    b = np.linspace(1.0, 2.0, 50)
+    row = only(comparisons(make_trials({"m": {"A": [*b[:-1], 6.0], "B": b}})))
+    assert row.change_pct > 0 and np.isnan([row.ci_low, row.ci_high, row.mean_low, row.mean_high]).all()
+    row = only(comparisons(make_trials({"m": {"A": [*b[:25], *(1.1 * b[25:])], "B": b}})))
+    assert row.ci_low < row.change_pct < row.ci_high
+    few = only(comparisons(make_trials({"m": {"A": [1.1, 2.3, 3.1], "B": [1.0, 2.0, 3.0]}})))
+    assert few.ci_low < few.change_pct < few.ci_high

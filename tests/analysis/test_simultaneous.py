@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from rmpc_bench.analysis.bootstrap import bootstrap_t, mean_interval, skewness
-from rmpc_bench.analysis.simultaneous import held_level
+from rmpc_bench.analysis.simultaneous import MANY, held_level
 
 
 def test_all_sign_patterns_of_few_runs():
@@ -81,3 +81,14 @@ def test_bootstrap_t_of_a_normal_sample_is_near_student():
         ratios.append((high - low) / (t.high - t.low))
     # About 3 % wide each; five standard errors of the mean of 40.
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.025)
+
+
+def test_many_runs_have_the_level_of_their_normal_limit(rng):
+    """The level from normal numbers is that of sign flips, for correlated comparisons and a repeated one."""
+    common = rng.standard_normal((MANY, 1))
+    values = common + rng.standard_normal((MANY, 4)) * [0.3, 1.0, 1.0, 3.0]
+    values = np.concatenate([values, values[:, :1]], axis=1)
+    many, few = held_level(values, 0.95, seed=1), held_level(values[:-1], 0.95, seed=1)
+    # 16384 and 4096 patterns: the standard error of the level is about 0.05 * sqrt(0.05 * 0.95 / 4096) / 0.05.
+    assert many == pytest.approx(few, abs=5 * 0.0035 * 0.3)
+    assert 0.95 < many < 1 - 0.05 / 5

@@ -12,7 +12,7 @@ from rmpc_bench.analysis.failures import mcnemar, worst_of
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.looks import number_of_look, planned_level, schedule, unplanned_level
 from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
-from rmpc_bench.analysis.superiority import superiority, superiority_interval
+from rmpc_bench.analysis.superiority import shares_interval, superiority, superiority_interval
 
 counts = st.integers(0, 60)
 
@@ -127,3 +127,27 @@ def test_unplanned_looks_are_seldom_wrong():
     limits = stats.norm.ppf([(1 + unplanned_level(0.95, look)) / 2 for look in range(1, 9)])
     wrong = (np.abs(z) > limits).any(axis=1).mean()
     assert wrong <= 0.075 and wrong == pytest.approx(0.06, abs=0.016)
+
+
+@pytest.mark.parametrize("p", [(0.3, 0.0), (0.03, 0.0), (0.1, 0.05)])
+@pytest.mark.parametrize("n", [50, 200])
+def test_the_interval_of_a_difference_of_shares_covers(p, n):
+    """Exact coverage by enumeration; the inverted exact test covers 0.44 where one method fails only."""
+    first, second = p
+    covered = 0.0
+    for i in range(n + 1):
+        for j in range(n + 1 - i) if second else [0]:
+            weight = stats.multinomial.pmf([i, j, n - i - j], n, [first, second, 1 - first - second])
+            if weight < 1e-7:
+                continue
+            low, high = shares_interval(i, j, n, 0.95)
+            covered += weight * (low <= first - second <= high)
+    assert covered > 0.93
+    assert np.isnan(shares_interval(0, 0, 0, 0.95)).all()
+
+
+def test_the_interval_of_a_difference_of_shares_contains_0_where_the_exact_test_does_not_reject():
+    """Five of five: p is 0.0625, although the score interval excludes 0."""
+    low, high = shares_interval(5, 0, 200, 0.95)
+    assert low == 0 and high > 5 / 200
+    assert shares_interval(6, 0, 200, 0.95)[0] > 0
