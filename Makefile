@@ -3,7 +3,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow smoke lint type perf clean zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks papers
+.PHONY: help setup run test test-slow smoke docs lint type perf clean zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks papers
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -24,6 +24,9 @@ test-slow: setup  ## run the tests that take minutes
 
 smoke: setup  ## run every configuration at its small size
 	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh || exit; done
+
+docs: setup  ## compute the tables of docs/ again
+	$(BIN)/python -m tests.docs.worked_comparisons
 
 lint: setup  ## check style and format
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

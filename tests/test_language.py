@@ -18,7 +18,15 @@ from rmpc_bench.types import ConfigError
 ROOT = Path(__file__).parent.parent
 PHRASES = (ROOT / "tests" / "retired_phrases.txt").read_text(encoding="utf-8").splitlines()
 PLANTS = ("quickstart", "zenere2018/sim1", "benchmarks/ma2025", "benchmarks/souto2011", "benchmarks/moving-slide")
-DOCUMENTS = ("README.md", "CHANGELOG.md", "Makefile", "pyproject.toml", "configs/**/*.yaml", "results/**/claims.md")
+DOCUMENTS = (
+    "README.md",
+    "docs/*.md",
+    "CHANGELOG.md",
+    "Makefile",
+    "pyproject.toml",
+    "configs/**/*.yaml",
+    "results/**/claims.md",
+)
 
 
 @cache
