@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from docs.worked_comparisons import CASES, PAGE, fails_more, screen_of, smoke, table_of, updated
 
 from rmpc_bench.analysis.verdict import Verdict
-from docs.worked_comparisons import CASES, PAGE, fails_more, screen_of, smoke, table_of, updated
 
 MADE = {make.__name__: table_of(make()) for make in CASES}
 
