@@ -133,6 +133,8 @@ def interval_text(value: float, low: float, high: float, *, unit: str = "", sign
     '-10.9 % [-12.1, -9.7]'
     >>> interval_text(0.00004, -0.00012, 0.00019, unit="%")
     '+0.00004 % [-0.00012, +0.00019]'
+    >>> interval_text(20911.0, 12041.0, 27027.0, unit="%")
+    '+20900 % [+12000, +27000]'
     """
     if math.isnan(value):
         return "-"
@@ -146,7 +148,9 @@ def interval_text(value: float, low: float, high: float, *, unit: str = "", sign
     elif reach <= NOISE * max(largest, 1.0):
         texts = [f"{number:.4g}" for number in (value, low, high)]
     else:
-        texts = [f"{number:z.{decimals(reach)}f}" for number in (value, low, high)]
+        # Left of the point, too: the digits of 20911 that an error of 8000 does not support are 0.
+        places = _places_of(reach) if reach >= 100 else decimals(reach)
+        texts = [f"{round(number, places):z.{max(places, 0)}f}" for number in (value, low, high)]
     first, *ends = (_plus(text, number, sign) for text, number in zip(texts, (value, low, high), strict=True))
     return f"{first}{unit} [{', '.join(ends)}]"
 

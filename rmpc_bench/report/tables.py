@@ -10,6 +10,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
 from rmpc_bench.report.sentences import AVERAGES, explanation, margin_text, sentence
+from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo, Status
 
 GAPS = {"mean": 4, "median": 3, "change": 4, "other": 3, "won": 5, "n": 3, "verdict": 3}
@@ -70,7 +71,7 @@ def _laid_out(columns: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame) -> str:
-    """Write the page of tables: per metric a table and its sentences, then the failed runs.
+    """Write the page of tables: per metric a table and its sentences, then the worst and the failed runs.
 
     Parameters
     ----------
@@ -97,6 +98,8 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
             parts.append("\n".join(f"- {sentence(row, info, trials)}" for row in rows))
     if len(trials.methods) > 1 and trials.with_verdicts:
         parts.append(explanation(trials))
+    worst = worst_runs_columns(trials)
+    parts += ["## Worst runs", markdown_table(worst)] if worst else []
     statuses = _statuses(trials)
     return "\n\n".join([*parts, *(["## Failed runs", "\n".join(statuses)] if statuses else [])]) + "\n"
 
@@ -163,7 +166,7 @@ def _legend_of_pairs(table: MetricTable, compared: Sequence[Mapping[str, object]
     looks = max(int(str(row["look"])) for row in compared)
     parts += [f"look {looks} at a growing number of runs, with wider intervals"] if looks > 1 else []
     margin = margin_text(trials, info, next((row for row in compared if row["average"]), None))
-    return [*parts, f"tied = within {margin}"]
+    return [*parts, "tied = equal" if margin.split()[0] == "0" else f"tied = within {margin}"]
 
 
 def _statuses(trials: Trials) -> list[str]:

@@ -232,3 +232,33 @@ def test_without_verdicts_sizes_and_statuses_are_all(make_trials):
     text = page(trials)
     assert comparisons(trials)["verdict"].tolist() == [""]
     assert not any(word in text for word in ("change", "superiority", "verdict", "against", "equivalent"))
+
+
+def test_worst_runs_stand_on_the_page(make_trials):
+    """By hand: the worst of 40 runs with the values 1 to 40 is run 39; the mean of the worst 5 %, two runs, is 39.5."""
+    values = [float(value) for value in range(1, 41)]
+    trials = make_trials({"mse": {"A": values, "B": values[::-1]}})
+    rows = [line for line in page(trials).split("## Worst runs")[1].splitlines() if line.startswith("| mse")]
+    assert [row.strip("| ").split(" | ") for row in rows] == [
+        ["mse [rad^2]", "A", "38", "39.5", "40 (run 39)"],
+        ["mse [rad^2]", "B", "38", "39.5", "40 (run 0)"],
+    ]
+    assert "## Worst runs" not in page(make_trials({"mse": {"A": values[:10]}}))
+    assert "## Worst runs" not in page(replace(trials, with_verdicts=False))
+
+
+def test_worst_runs_where_higher_is_better_and_where_an_event_does_not_occur(make_trials):
+    """The worst scores are the lowest; a settling time of inf is worse than any other, and a failed run has none."""
+    scores, times = [float(value) for value in range(1, 101)], [1.0] * 90 + [INF] * 9 + ["diverged"]
+    infos = [MetricInfo("score", "", "higher"), SETTLING]
+    text = page(make_trials({"score": {"A": [*scores[:99], "diverged"]}, "settling_time": {"A": times}}, infos))
+    lines = text.split("## Worst runs")[1].split("## Failed runs")[0].strip().splitlines()
+    score, settling = [line.strip("| ").split(" | ") for line in lines[-2:]]
+    assert score[2].startswith("5.9 [") and score[2].endswith("(5 %)") and score[4] == "1 (run 0)"
+    assert settling[2:] == ["inf", "inf", "inf (run 90)"]
+
+
+def test_a_signed_metric_without_a_margin_has_ties_of_equal_runs(make_trials):
+    """Not "within 0"."""
+    trials = make_trials({"offset": {"A": [1.0, 2.0, 3.0], "B": [1.0, 1.0, 2.0]}}, [OFFSET])
+    assert "; tied = equal;" in on_screen(trials, "offset")
