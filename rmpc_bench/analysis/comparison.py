@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.bootstrap import mean_interval
-from rmpc_bench.analysis.intervals import NONE, holm, signed_rank_p
+from rmpc_bench.analysis.intervals import NONE, holm, signed_rank_p, student
 from rmpc_bench.analysis.looks import unplanned_level
 from rmpc_bench.analysis.pairs import Pairs, pairs_of, worst_finished
 from rmpc_bench.analysis.rounding import without_noise
@@ -198,7 +198,7 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
     failure_level = of.failures if is_primary else of.plain
     averages, scores = _averages(trials, pairs), pairs.scores
     won, lost, tied = _counts(scores)
-    intervals = {name: mean_interval(values, level, trials.seed) for name, values in averages.items()}
+    intervals = {name: _interval(name, values, level, trials.seed) for name, values in averages.items()}
     failed = shares_interval(*pairs.failed, len(scores), failure_level)
     word, planning = "", {}
     if is_primary:
@@ -233,10 +233,15 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
     )
 
 
+def _interval(average: str, values: Array, level: float, seed: int) -> tuple[float, float]:
+    """Interval of an average; bootstrap-t makes that of the ratio of the means worse (0.92 instead of 0.945)."""
+    return student(values, level) if average == "mean" else mean_interval(values, level, seed)
+
+
 def _evidence(trials: Trials, pairs: Pairs, scores: Array, level: float) -> Evidence:
     """Collect what the verdict is made of, where negative differences are better."""
     averages, scale = _averages(trials, pairs), pairs.scale()
-    found = [mean_interval(values, level, trials.seed) for values in averages.values()]
+    found = [_interval(name, values, level, trials.seed) for name, values in averages.items()]
     # Digits that another CPU does not reproduce must not decide.
     found = [(without_noise(low, scale), without_noise(high, scale)) for low, high in found]
     ends = [(-high, -low) if pairs.higher else (low, high) for low, high in found]

@@ -59,17 +59,24 @@ def test_geometric_mean_of_the_ratios(make_trials):
     assert row.superiority == (row.won + row.tied / 2) / 40
 
 
-def test_ratio_of_the_means_has_the_interval_of_the_delta_method(make_trials):
-    """Oracle: var(log(mean a / mean b)) = (cv_a^2 + cv_b^2 - 2 cov / (mean a mean b)) / n, from the sample moments."""
+def test_ratio_of_the_means_has_the_interval_of_the_jackknife(make_trials):
+    """Oracles: the jackknife by leaving out one run after the other, and the delta method, which is its limit.
+
+    Delta method: var(log(mean a / mean b)) = (cv_a^2 + cv_b^2 - 2 cov / (mean a mean b)) / n, from the sample moments.
+    """
     rng = np.random.default_rng(1)
     b = rng.gamma(4.0, size=60)
     a = 0.8 * b + rng.gamma(2.0, 0.1, 60)
     row = only(comparisons(replace(make_trials({"mse": {"A": a, "B": b}}), headline="mean")))
     cov, (mean_a, mean_b) = np.cov(a, b), (a.mean(), b.mean())
     variance = (cov[0, 0] / mean_a**2 + cov[1, 1] / mean_b**2 - 2 * cov[0, 1] / mean_a / mean_b) / 60
-    log, reach = math.log(mean_a / mean_b), stats.t.ppf(0.975, 59) * math.sqrt(variance)
+    left_out = [math.log(np.delete(a, i).mean() / np.delete(b, i).mean()) for i in range(60)]
+    jackknife = 59 / 60 * np.sum((left_out - np.mean(left_out)) ** 2)
+    log, reach = math.log(mean_a / mean_b), stats.t.ppf(0.975, 59) * math.sqrt(jackknife)
     expected = 100 * np.expm1([log, log - reach, log + reach])
     np.testing.assert_allclose([row.change_pct, row.ci_low, row.ci_high], expected, **ROUND)
+    # They differ by terms of the order 1/n of the variance.
+    assert jackknife == pytest.approx(variance, rel=1 / 60)
     assert row.average == "mean" and row.mean_pct == row.change_pct
     assert row.geometric_pct == pytest.approx(100 * math.expm1(np.log(a / b).mean()), rel=1e-9)
     alone = only(comparisons(replace(make_trials({"mse": {"A": a, "B": b}}), average="geometric")))
