@@ -10,9 +10,9 @@ from typing import Any
 __version__ = "0.1.0"
 
 NUMERICS = 2
-"""Number of the arithmetic, a part of the identity of trials: every change that alters numbers raises it.
+"""Version of the arithmetic, a part of the identity of trials: every change that alters numbers raises it.
 
-Trials of another number are kept apart and computed again; tests/test_numerics.py guards it."""
+Trials of another version are kept apart and computed again; tests/test_numerics.py guards it."""
 
 _PUBLIC: dict[str, str] = {
     "LinearModel": "rmpc_bench.models.linear",

@@ -17,9 +17,9 @@ For log-normal differences (50 runs) intervals at 95 % cover 0.915 of the time w
 small sample is often far below that of its law, and 0.93 with a limit of 1.
 """
 MANY = 1000
-"""Runs from which on the t interval covers in spite of skewness; at 200 it still covers 0.937 of the time."""
+"""Number of runs from which on the t interval covers in spite of skewness; at 200 it covers 0.937 of the time."""
 FEWEST = 10
-"""Runs below which resamples repeat the same few values, and the t interval is the better one."""
+"""Number of runs below which the t interval is better, as resamples repeat the same few values."""
 
 
 def mean_interval(values: Array, confidence: float, seed: int) -> Interval:

@@ -1,8 +1,8 @@
 """Paired comparison of every method with the baseline: averages with intervals, counts, superiority and verdict.
 
 The unit is the run, paired with the baseline's run of the same index.  The verdict is given for the primary metric
-only.  Its intervals hold together for all methods and all points of a sweep, see `levels`; those of other metrics have
-the level of the experiment one by one.
+only.  Its intervals are simultaneous for all methods and all points of a sweep, see `levels`; those of other metrics
+have the level of the experiment one by one.
 """
 
 from __future__ import annotations
@@ -101,14 +101,14 @@ class Levels(NamedTuple):
     plain: float
     """Of the metrics that have no verdict."""
     held: float
-    """Of each interval of the primary metric: together they have the level of the experiment."""
+    """Of each interval of the primary metric: simultaneously they have the level of the experiment."""
     failures: float
     """Of each interval of the difference of the shares of failed runs, as above."""
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def levels(trials: Trials) -> Levels:
-    """Find the levels at which the intervals of the primary metric hold together, over all methods and points.
+    """Find the levels at which the intervals of the primary metric are simultaneous for all methods and points.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def levels(trials: Trials) -> Levels:
 
     Returns
     -------
-    the levels; those of the primary metric are higher where the runs were looked at before with fewer of them
+    the levels; those of the primary metric are higher where verdicts on fewer of the runs were published before
     """
     whole = unplanned_level(trials.confidence, trials.look)
     runs = np.unique(np.concatenate([point.runs for point in trials.each]))
@@ -239,7 +239,7 @@ def _interval(average: str, values: Array, level: float, seed: int) -> tuple[flo
 
 
 def _evidence(trials: Trials, pairs: Pairs, scores: Array, level: float) -> Evidence:
-    """Collect what the verdict is made of, where negative differences are better."""
+    """Collect the numbers from which the verdict follows, where negative differences are better."""
     averages, scale = _averages(trials, pairs), pairs.scale()
     found = [_interval(name, values, level, trials.seed) for name, values in averages.items()]
     # Digits that another CPU does not reproduce must not decide.

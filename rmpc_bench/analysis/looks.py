@@ -5,10 +5,11 @@ A verdict that is repeated with more runs until it is decided has several chance
 Planned looks, of which there are at most K: each interval has the level 1 - alpha/K, so that all looks together are
 wrong in at most alpha of the experiments (Bonferroni).
 
-Unplanned looks, where a user raises the number of runs after a verdict was printed: nobody knows how many will follow,
-and the first one has spent alpha already.  Look k > 1 gets alpha / (k (k + 1)); their sum over all k > 1 is alpha / 2.
-All looks together are thus wrong in at most 1.5 alpha of the experiments, however often a user looks.  As they share
-their runs it is less: 6.1 % for alpha = 5 % and eight doublings by simulation, against 25 % with alpha at every look.
+Unplanned looks, where a user raises the number of runs after a verdict was printed: the number of further looks is
+unknown, and the first one has used alpha already.  Look k > 1 gets alpha / (k (k + 1)); their sum over all k > 1 is
+alpha / 2.  All looks together are thus wrong in at most 1.5 alpha of the experiments, however often a user looks.  As
+they share their runs it is less: 6.1 % for alpha = 5 % and eight doublings by simulation, against 25 % with alpha at
+every look.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The runs of a method beside those of its baseline: won, lost and tied runs, and the averages of their differences."""
+"""Runs of a method paired with those of its baseline: runs won, lost and tied, averages of their differences."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def distance_from_best(values: Array, direction: str) -> Array:
 
 
 def name_of_distance(info: MetricInfo) -> str:
-    """Name what `distance_from_best` makes of a metric."""
+    """Name the quantity that `distance_from_best` returns."""
     return {"zero": f"|{info.name}|", "one": f"max({info.name}, 1/{info.name})"}.get(info.direction, info.name)
 
 
@@ -85,7 +85,7 @@ class Pairs:
     def rarely_differ(self) -> bool:
         """Whether most pairs are equal and fewer than `FEW` differ: their mean has no reliable interval.
 
-        With one pair in fifty, a third of all experiments see no difference, and an interval of width 0.
+        If one pair in fifty differs, a third of all experiments contain no difference and have an interval of width 0.
         """
         n_pairs, n_equal = int(self.both.sum()), int(np.count_nonzero(self.a == self.b))
         return n_equal > n_pairs / 2 and n_pairs - n_equal < FEW
@@ -168,7 +168,7 @@ def pairs_of(trials: Trials, method: str, info: MetricInfo, *, failed: float = m
         higher=info.direction == "higher",
         signed=signed,
         with_average=not info.may_not_occur,
-        # To the digits of the intervals that it is compared with.
+        # Rounded to the digits of the intervals with which it is compared.
         margin=d if signed else round(math.log1p(d), 9),
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 from rmpc_bench.types import Array
 
 MAX_GROUPS = 100
-"""More of them are merged with their neighbours: the interval depends little on it, memory and time do."""
+"""Largest number of groups; more are merged with their neighbours, which saves memory and time."""
 _QUANTITY = re.compile(r"(mean|cov)\((x|x_hat|e)\)")
 
 

@@ -1,4 +1,4 @@
-"""Level of each interval of a family such that all of them hold together with the level that is asked for.
+"""Level of each interval of a family such that the intervals are simultaneous with the level that is asked for.
 
 Method  Max-t by sign flips of whole runs: the deviations of all comparisons from their means are multiplied by a random
         sign per run, the same for all methods and points of a sweep, which keeps the correlation of the comparisons.

@@ -3,8 +3,8 @@
 Quantile    Its interval lies between order statistics, whose ranks are binomial: the bootstrap distribution of a
             quantile in closed form.
 CVaR        Conditional value at risk: the mean of the worst 5 % of the runs.  Its interval is bootstrap-t over whole
-            runs.  The percentile bootstrap holds with 0.84 to 0.89 instead of 0.95 for 200 runs, as a resample has no
-            run worse than the worst one; bootstrap-t holds with 0.93 to 0.95 for normal to log-normal runs.
+            runs.  For 200 runs the percentile bootstrap covers 0.84 to 0.89 of the time instead of 0.95, as a resample
+            has no run worse than the worst one; bootstrap-t covers 0.93 to 0.95 for normal to log-normal runs.
 Limits      An interval at 95 % needs 72 runs: with fewer, all of them lie below the 95 % quantile too often.
 """
 
@@ -43,7 +43,7 @@ def tails(trials: Trials) -> pd.DataFrame:
 
     Returns
     -------
-    one row per method and metric with the columns `COLUMNS`; all rests on the `n` finished runs; the worst 5 % of them
+    one row per method and metric with the columns `COLUMNS`, from the `n` finished runs; the worst 5 % of them
     begin at `tail_quantile` and have the mean `cvar`; the share of runs in which the event did not occur has its
     Wilson interval; `worst_run` is the index of the worst finished run, the first of equal ones, <NA> without one
     """

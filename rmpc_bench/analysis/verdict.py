@@ -47,7 +47,7 @@ _WORSE = (Verdict.WORSE, Verdict.WORSE_SIZE_UNCERTAIN)
 
 
 class Evidence(NamedTuple):
-    """What a verdict is made of; negative differences are better."""
+    """Numbers from which a verdict follows; negative differences are better."""
 
     interval: Interval
     """Of the average difference, on logs for a ratio; NaN where there is none."""

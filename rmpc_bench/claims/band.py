@@ -57,7 +57,7 @@ def entry_by_entry(
     def at(entry: tuple[int, ...]) -> BandSpread:
         return BandSpread({shift: (float(band.low[entry]), float(band.high[entry])) for shift, band in bands.items()})
 
-    # An entry that fails decides, else one that is inconclusive; the tightest of them if it is among them.
+    # A failing entry decides, else an inconclusive one; the tightest entry, if it is one of these.
     order = {False: 0, None: 1, True: 2}
     entries = [place, *np.ndindex(bands[0].low.shape)]
     ranks = [order[decided(link.operator, at(entry))] for entry in entries]

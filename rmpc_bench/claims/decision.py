@@ -16,7 +16,7 @@ from rmpc_bench.claims.values import Value
 from rmpc_bench.expressions.arithmetic import Call, Node, Operation
 
 MAX_RUNS = 10_000_000
-"""Larger numbers of runs are not named."""
+"""Largest number of runs that is given."""
 
 
 class Change(NamedTuple):
@@ -65,7 +65,7 @@ def decided(operator: str, spread: Spread) -> bool | None:
 def n_deciding(operator: str, spread: Spread | None, n: int) -> int | None:
     """Estimate how many runs would decide an inconclusive comparison.
 
-    The interval becomes narrower with the root of the number of runs; its centre is taken to stay.
+    The interval becomes narrower with the root of the number of runs; its centre is assumed to stay.
 
     Parameters
     ----------

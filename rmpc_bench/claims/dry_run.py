@@ -67,7 +67,7 @@ class PlaceholderResults:
         return 1
 
     def n_of(self, quantity: str, method: str, /) -> int:
-        """Count the runs that a series stands on: none, it is a placeholder."""
+        """Count the runs from which a series is computed: none, as it is a placeholder."""
         return 0
 
     def run_groups(self, quantity: str, method: str, /) -> None:

@@ -62,14 +62,15 @@ def change_text(change: Change) -> str:
     Examples
     --------
     >>> change_text(Change("factor", 0.28, 0.331)), change_text(Change("relative margin", 0.0, 0.132))
-    ('changes at factors from 0.28 to 0.331', 'equivalent within 13.2 % at the smallest')
+    ('outcome changes at factors from 0.28 to 0.331', 'equivalent within margins of 13.2 % or more')
     """
     low, high = (significant_text(end, _MIN_DIGITS) for end in (change.low, change.high))
     if change.kind == "margin":
-        return f"equivalent within {high} at the smallest"
+        return f"equivalent within margins of {high} or more"
     if change.kind == "relative margin":
-        return f"equivalent within {significant_text(100 * change.high, 3)} % at the smallest"
-    return f"changes at a {change.kind} of {low}" if low == high else f"changes at {change.kind}s from {low} to {high}"
+        return f"equivalent within margins of {significant_text(100 * change.high, 3)} % or more"
+    where = f"a {change.kind} of {low}" if low == high else f"{change.kind}s from {low} to {high}"
+    return f"outcome changes at {where}"
 
 
 def _sides(comparison: ComparisonResult, reach: float) -> str:

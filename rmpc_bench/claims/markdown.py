@@ -114,7 +114,7 @@ def _size(size: Size) -> str:
 
 
 def _percent(relative: float) -> str:
-    return "infinitely much" if math.isinf(relative) else f"{significant_text(100 * relative, 2)} %"
+    return "more than any percentage" if math.isinf(relative) else f"{significant_text(100 * relative, 2)} %"
 
 
 def _limits(verdict: ClaimVerdict) -> list[str]:

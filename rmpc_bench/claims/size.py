@@ -20,7 +20,7 @@ from rmpc_bench.expressions.arithmetic import Number
 
 @dataclass(frozen=True)
 class Size:
-    """A computed number and what it says of the stated one.
+    """A computed number in comparison with the stated one.
 
     Parameters
     ----------

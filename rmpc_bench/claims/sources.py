@@ -68,7 +68,7 @@ class Table(Protocol):
         ...
 
     def n_of(self, quantity: str, method: str, /) -> int:
-        """Count the runs that a series stands on; 0 where it is exact."""
+        """Count the runs from which a series is computed; 0 where it is exact."""
         ...
 
     def run_groups(self, quantity: str, method: str, /) -> RunGroups | None:

@@ -1,7 +1,7 @@
 """Uncertainty of the two sides of a comparison: intervals of their difference and of their ratio.
 
 In the order of preference: by Student's t where both sides are linear in means over the runs, by the formula of a share
-or a geometric mean beside a fixed number, and by drawing whole runs again for everything else.  For moments over the
+or a geometric mean beside a fixed number, and by a bootstrap of whole runs for everything else.  For moments over the
 runs at every k groups of runs are left out one by one (`jackknife`).
 """
 

@@ -216,7 +216,7 @@ def _unknown(name: str) -> str:
 
 
 EVERY_PLANT = """Every plant also has the keys
-    perturb, set : factors on the nominal values of parameters, and values, as functions of the uncertain quantities
+    perturb, set : factors on nominal values of parameters, or new values, as functions of the uncertain quantities
     bounds : [low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is `out-of-range`
     diverged : magnitude of a state, one number or one per state, beyond which a run is `diverged` (default: 1e6 times
         the largest of 1, its initial value and the reference)"""

@@ -163,7 +163,7 @@ def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -
             apart = rows_of_other_code(config, store, names)
     click.echo(f"{config.name}: {left} of {total} trials to compute ({', '.join(names)})")
     if apart:
-        click.echo(f"{apart}; to compute again")
+        click.echo(f"{apart}; they would be computed again")
     click.echo(f"results go to {directory}; nothing was computed (--dry-run)")
     return 0
 

@@ -116,7 +116,7 @@ class _Checker:
         # The points of a statement with a hedge are its cases; a wider search is an additional result.
         several = claim.of_paper and claim.holds_for is HoldsFor.ALL
         if several and len(points) > MAX_INTERPRETATIONS:
-            way_out = "search wider under the source `additional result`"
+            way_out = "put a wider search under the source `additional result`"
             self._note(
                 "at", f"at most {MAX_INTERPRETATIONS} interpretations of a statement (got {len(points)}); {way_out}"
             )

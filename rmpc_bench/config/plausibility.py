@@ -1,8 +1,8 @@
 """Warnings about a valid configuration that probably does not say what its author means.
 
-They are found without any run: angles in degrees, factors that look like absolute values, a sampling time that nobody
-gave, windows between two samples, a filter without noise, and unstable modes of the design model that no estimator can
-observe or no controller can move.
+They are found without any run: angles in degrees, factors that look like absolute values, a missing sampling
+time, windows between two samples, a filter without noise, and unstable modes of the design model that are
+unobservable or uncontrollable.
 """
 
 from __future__ import annotations
@@ -122,10 +122,10 @@ def _of_model(component: Component, model: Any, draft: DraftConfig, experiment: 
     now = model.at(0)
     unseen = _disconnected(now.A.T, now.C.T)
     if unseen is not None:
-        yield f"has an unstable mode (|z| = {unseen:.4g}) that no output shows; no estimator is stable: see A and C"
+        yield f"has an unobservable unstable mode (|z| = {unseen:.4g}); no estimator is stable: see A and C"
     fixed = _disconnected(now.A, now.B)
     if fixed is not None and any(draft.methods[name].controlled for name in names):
-        yield f"has an unstable mode (|z| = {fixed:.4g}) that no input moves; no controller is stable: see A and B"
+        yield f"has an uncontrollable unstable mode (|z| = {fixed:.4g}); no controller is stabilising: see A and B"
 
 
 def _noise(kind: str, model: Model, experiment: Experiment) -> Iterator[str]:

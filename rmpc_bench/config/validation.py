@@ -129,7 +129,7 @@ def _plant(draft: DraftConfig) -> None:
                 draft.note(path, "is already changed by perturb; give one of the two", key=True)
             try:
                 if isinstance(text, str) and quantity.spread(text) is not None:
-                    message = f"a range belongs to `uncertainty`: {{eps: {text}}}, and here {name}: 1 + eps"
+                    message = f"write the range under `uncertainty`, {{eps: {text}}}, and {name}: 1 + eps here"
                     draft.note(path, message)
                     continue
                 expression = quantity.parse(text, draft.values["uncertainty"] or {})

@@ -53,7 +53,7 @@ def work(experiments: Sequence[Experiment], task: Task) -> Done:
     """
     experiment = experiments[task.point]
     draws = _drawn(experiment, task.runs)
-    # The plant may write into its record, and a component into its arguments: no method must find traces of another.
+    # The plant may write into its record, and a component into its arguments, so every method gets copies.
     own = own_draws(experiment.scenario, experiment.plant, task.runs, experiment.n_steps, draws)
     block = simulate_block(experiment, experiment.method(task.method), task.runs, own)
     return Done(task, block, _uncertain_values(experiment, task.runs, draws))

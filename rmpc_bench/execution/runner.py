@@ -96,7 +96,7 @@ def compute(
         tasks = pending(config, store, methods)
         with Session(directory, config, modified, progress.say):
             if apart := rows_of_other_code(config, store, methods):
-                progress.say(f"{apart}; computed again")
+                progress.say(f"{apart}; they are computed again")
             if tasks:
                 store.register(stored_methods(config, methods))
                 total = config.n_trials(methods)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 MEANING = {"quartiles": "medians, bars: interquartile range", "se": "means, bars: standard errors"}
 BEST = {"one": 1.0, "zero": 0.0}
-"""Values at which metrics are best that are best neither low nor high."""
+"""Best values of the metrics for which neither low nor high values are best."""
 
 
 @dataclass(frozen=True, kw_only=True)

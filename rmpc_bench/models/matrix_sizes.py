@@ -39,7 +39,7 @@ def sizes_of(read: Mapping[str, Array], table: Sizes) -> dict[str, int]:
     """
     sizes: dict[str, int] = {}
     given = {name: matrix for name, matrix in read.items() if matrix.ndim > 1}
-    # In the order of the table: A gives the number of states, so that the matrix with the wrong orientation is blamed.
+    # In the order of the table: A gives the number of states, so that errors name the matrix to be transposed.
     for name in [name for name in table if name in given]:
         _learn(name, given[name], sizes, table)
     numbers = [name for name, matrix in read.items() if matrix.ndim == 1 and matrix.any()]

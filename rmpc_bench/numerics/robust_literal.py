@@ -1,4 +1,4 @@
-"""Table 2 of the enhanced robust predictor evaluated line by line, to see where rounding breaks it down.
+"""Table 2 of the enhanced robust predictor evaluated line by line, to see where rounding errors make it fail.
 
 Model   estimators/enhanced_robust.py, with all symbols.  P, W and V enter in the same way, each through a channel.
         P is not symmetrised, its excess is a difference of matrices, and Step 5 is a difference of two large terms.
@@ -37,7 +37,7 @@ class Channel(NamedTuple):
 def is_covariance(
     P0: Float[Array, "nx nx"], channels: Sequence[tuple[Channel, Channel, Channel]]
 ) -> Float[Array, " steps"]:
-    """Tell at which k the P of Table 2, evaluated line by line, still is a covariance matrix.
+    """Return at which k the P of Table 2, evaluated line by line, is a covariance matrix.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
     a header, a line per method and a legend, without a line end after the last.  Runs failed and the runs that
     comparisons rest on are there only where a run failed; the second average only where it contradicts the first;
     where an event does not occur in a run, the share of these runs stands in place of the mean.  Without verdicts, as
-    after a smoke run, sizes and statuses are all there is
+    after a smoke run, it has sizes and statuses only
     """
     table = metric_table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
     columns = {"name": [_quantity(table.info), *(line.shown for line in table.lines)]}

@@ -1,6 +1,6 @@
 """Recorder of a block: copies of the signals and of the reported matrices, sample by sample.
 
-A component may fill one array again and again and return it at every k; what is recorded must not change with it.
+A component may reuse one array and return it at every k; recorded values must not change with it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Range of the true state: a run that leaves it has failed.
 
-`out-of-range`  a state has left the bounds within which the plant has a meaning (`plant.bounds`).
+`out-of-range`  a state has left the bounds within which the plant is defined (`plant.bounds`).
 `diverged`      a state or an estimate is not a number, or larger than a limit (`plant.diverged`); an input is not a
                 number or beyond 1e100.  Without a limit of its own a state has 1e6 times the largest of 1, its initial
                 value and the reference.

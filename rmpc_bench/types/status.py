@@ -23,7 +23,7 @@ class Status(IntEnum):
         return member
 
     OK = 0, "the run reached its last sample"
-    DIVERGED = 1, "a state or an estimate exceeded its limit (`plant.diverged`), or a value stopped being a number"
+    DIVERGED = 1, "a state or an estimate exceeded its limit (`plant.diverged`), or a value is not a number"
     OUT_OF_RANGE = (
         2,
         "a drawn parameter or a state left the range of the plant (a mass, the length of an arm, `plant.bounds`)",

@@ -58,15 +58,15 @@ def said(check, trials):
         ("all(b[A] <= same[A])", "holds; equal to 9 digits in all 6 entries"),
         (
             "all(b[A] ~ v[A] +- 2)",
-            "holds; largest difference at k = 1, entry 1: 12 and 10; equivalent within 2 at the smallest",
+            "holds; largest difference at k = 1, entry 1: 12 and 10; equivalent within margins of 2 or more",
         ),
         (
             "at(P[A], 1) ~ [[4, 1.5], [2, 3]] +- 1",
-            "holds; largest difference at entry 0,1: 2 and 1.5; equivalent within 0.5 at the smallest",
+            "holds; largest difference at entry 0,1: 2 and 1.5; equivalent within margins of 0.5 or more",
         ),
-        ("last(entry(v[A], 0)) ~ 4 +- 50%", "holds; 5 and 4; equivalent within 25 % at the smallest"),
-        ("last(entry(v[A], 0)) < 2 * last(entry(b[A], 0))", "holds; 5 and 12; changes at a factor of 0.8333"),
-        ("0.5 * last(entry(v[A], 0)) < last(entry(b[A], 0))", "holds; 2.5 and 6; changes at a factor of 1.2"),
+        ("last(entry(v[A], 0)) ~ 4 +- 50%", "holds; 5 and 4; equivalent within margins of 25 % or more"),
+        ("last(entry(v[A], 0)) < 2 * last(entry(b[A], 0))", "holds; 5 and 12; outcome changes at a factor of 0.8333"),
+        ("0.5 * last(entry(v[A], 0)) < last(entry(b[A], 0))", "holds; 2.5 and 6; outcome changes at a factor of 1.2"),
         ("last(entry(v[A], 0)) < 6", "holds; 5 and 6"),
         ("all(c[A] < 3)", "holds; smallest margin at entry 1: 2 and 3"),  # the same at all k
         ("all(same[A] ~ b[A] +- 1)", "holds; equal to 9 digits in all 6 entries"),

@@ -104,7 +104,7 @@ def test_what_is_written(written):
     assert lines["all(wave[A] < bound[A])"] == "holds; smallest margin at k = 1: 1 and 1.25"
     assert lines["all(wave[A] > 0.5)"] == "does not hold; largest violation at k = 3: -1 and 0.5"
     assert lines["all(wave[A] ~ 0 +- 2)"] == (
-        "holds; largest difference at k = 1: 1 and 0; equivalent within 1 at the smallest"
+        "holds; largest difference at k = 1: 1 and 0; equivalent within margins of 1 or more"
     )
     assert lines["last(det(thin[A])) < 1"] == "holds; 0.02325 and 1"  # 150 * 1.5503e-4, up to 1e-9 of 300 * 300
     assert "computed: `mean(mse[B]) - mean(mse[C])` is 0\n" in text

@@ -53,7 +53,7 @@ ERRORS = {
     ),
     "a range under perturb": (
         servo(plant="{kind: servo-linear, perturb: {R: +-10%}}"), "plant.perturb.R", "+-10%",
-        "a range belongs to `uncertainty`: {eps: +-10%}, and here R: 1 + eps",
+        "write the range under `uncertainty`, {eps: +-10%}, and R: 1 + eps here",
     ),
     "a filter without noise": (
         servo(model="{kind: servo-linear, noise: {process: 0, measurement: 0}}",
@@ -145,11 +145,11 @@ WARNINGS = {
     ),
     "an unstable mode that is not measured": (
         linear(model="A: [[0.9, 0], [0, 1.3]], P_w: 1, P_v: 1"), "model",
-        "has an unstable mode (|z| = 1.3) that no output shows; no estimator is stable: see A and C",
+        "has an unobservable unstable mode (|z| = 1.3); no estimator is stable: see A and C",
     ),
     "an unstable mode that is not actuated": (
         linear(model="A: [[1.3, 0], [0, 0.9]], P_w: 1, P_v: 1"), "model",
-        "has an unstable mode (|z| = 1.3) that no input moves; no controller is stable: see A and B",
+        "has an uncontrollable unstable mode (|z| = 1.3); no controller is stabilising: see A and B",
     ),
 }  # fmt: skip
 

@@ -46,7 +46,7 @@ def test_the_screen_says_what_is_computed_again(old, monkeypatch):
     command = ("run", path, "-o", out, "-j", 1)
     result = cli(*command)
     assert result.exit_code == 0
-    assert lines(result) == ["12 rows of other code (NUMERICS 1, here 2) are kept apart; computed again"]
+    assert lines(result) == ["12 rows of other code (NUMERICS 1, here 2) are kept apart; they are computed again"]
     blocks = spied(monkeypatch)
     again = cli(*command)
     assert (again.exit_code, lines(again), blocks) == (0, [], [])
@@ -81,7 +81,7 @@ def test_report_reads_current_rows_only(old):
     """With one method computed again: the other one is missing, and a line says why."""
     path, out = old
     assert lines(cli("run", path, "-o", out, "-j", 1, "--only", "S-MPC")) == [
-        "6 rows of other code (NUMERICS 1, here 2) are kept apart; computed again",
+        "6 rows of other code (NUMERICS 1, here 2) are kept apart; they are computed again",
         "6 rows of other code (NUMERICS 1, here 2) are kept apart; `rmpc-bench run` computes them again",
     ]
     result = cli("report", out)
@@ -108,7 +108,7 @@ def test_rows_of_two_other_codes(old, monkeypatch):
     ran(path, out, "--runs", 2)
     change_code(monkeypatch, 4)
     result = cli("run", path, "-o", out, "-j", 1)
-    assert lines(result) == ["12 rows of other code (NUMERICS 1, 2, 5, here 4) are kept apart; computed again"]
+    assert lines(result) == ["12 rows of other code (NUMERICS 1, 2, 5, here 4) are kept apart; they are computed again"]
 
 
 def test_all_that_trials_leave_is_kept_apart(tmp_path, monkeypatch):
