@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from rmpc_bench.analysis.intervals import Interval, quantile, student
+from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.types import Array
 
 RESAMPLES = 4999
@@ -41,12 +42,12 @@ def mean_interval(values: Array, confidence: float, seed: int) -> Interval:
 
 
 def skewness(values: Array) -> float:
-    """Return the skewness of a sample; 0 without spread or where a value is not finite."""
+    """Return the skewness of a sample; 0 without spread but for rounding or where a value is not finite."""
     if len(values) < 2 or not np.isfinite(values).all():
         return 0.0
     deviations = values - values.mean()
     square = float((deviations**2).mean())
-    if square == 0:
+    if math.sqrt(square) <= NEGLIGIBLE * float(np.abs(values).max()):
         return 0.0
     # Rounded so that a value at the border is on the same side on every CPU.
     return round(float((deviations**3).mean()) / math.sqrt(square) ** 3, 9)
@@ -54,6 +55,8 @@ def skewness(values: Array) -> float:
 
 def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:
     """Studentised bootstrap interval of a mean, from resamples of whole runs.
+
+    Where too many resamples repeat one value, so that the ends of the interval would rest on them, it is Student's.
 
     Parameters
     ----------
@@ -69,8 +72,10 @@ def bootstrap_t(values: Array, confidence: float, seed: int) -> Interval:
     rng = np.random.Generator(np.random.PCG64(seed))
     drawn = values[rng.integers(0, n, (RESAMPLES, n))]
     spread = drawn.std(axis=1, ddof=1)
-    # A resample of one repeated value has no t statistic.
-    some = spread > 0
+    # A resample of one repeated value has no t statistic; rounding is no spread.
+    some = spread > NEGLIGIBLE * np.abs(values).max()
+    if 1 - some.mean() > (1 - confidence) / 2:
+        return student(values, confidence)
     mean = float(values.mean())
     t = (drawn.mean(axis=1)[some] - mean) / (spread[some] / math.sqrt(n))
     se = float(values.std(ddof=1)) / math.sqrt(n)

@@ -283,11 +283,13 @@ def _planning(
     values: Array, pairs: Pairs, averages: Mapping[str, Array], word: Verdict, level: float
 ) -> dict[str, float]:
     """Return about how many runs would decide, from the numbers whose mean decides now."""
-    sd = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+    sd, n_runs = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan, len(pairs.runs)
     found = {"runs_for_equivalence": runs_for_equivalence(sd, pairs.margin, level) if averages else math.nan}
-    if word == Verdict.INCONCLUSIVE:
-        found["runs_for_direction"] = runs_for_direction(float(values.mean()), sd, level) if len(values) else math.nan
-    return found
+    if word != Verdict.INCONCLUSIVE:
+        return found
+    found["runs_for_direction"] = runs_for_direction(float(values.mean()), sd, level) if len(values) else math.nan
+    # What these runs left open for another reason than the spread, so many runs do not decide.
+    return {name: n if n > n_runs else math.nan for name, n in found.items()}
 
 
 def p_text(p: float) -> str:

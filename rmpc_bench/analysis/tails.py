@@ -24,6 +24,8 @@ from rmpc_bench.types import Array, MetricInfo
 TAIL = 0.05
 """Share of the runs that are the worst ones."""
 RESAMPLES = 1999
+MANY = 5000
+"""Runs from which on only the worst runs of every resample are drawn: all of them are 800 MB at 100,000 runs."""
 COLUMNS = (
     "method metric n tail_quantile tail_quantile_low tail_quantile_high cvar cvar_low cvar_high "
     "did_not_occur_share did_not_occur_low did_not_occur_high worst worst_run"
@@ -137,15 +139,36 @@ def cvar_interval(
         return mean, (mean, mean)
     drawn = {} if ranks is None else ranks
     if n not in drawn:
-        rng = np.random.Generator(np.random.PCG64(seed))
-        resampled = rng.integers(0, n, (RESAMPLES, n), dtype=np.int32)
-        drawn[n] = np.sort(np.partition(resampled, n_tail, axis=1)[:, : n_tail + 1], axis=1)
+        drawn[n] = _ranks(n, n_tail + 1, seed)
     means, errors = _cvar(largest[drawn[n]], n)
     # A resample whose tail repeats one value has no t statistic.
     some = errors > 0
     t = (means[some] - mean) / errors[some]
     low, high = (float(quantile(t, p)) for p in ((1 - confidence) / 2, (1 + confidence) / 2))
     return mean, (mean - high * se, mean - low * se)
+
+
+def _ranks(n: int, n_worst: int, seed: int) -> Array:
+    """Draw n of n runs again and return the ranks of the worst ones, 0 for the worst run.
+
+    Parameters
+    ----------
+    n : number of runs
+    n_worst : how many of every resample are needed
+    seed : of the resamples
+
+    Returns
+    -------
+    (RESAMPLES, n_worst) ranks, ascending
+    """
+    rng = np.random.Generator(np.random.PCG64(seed))
+    if n < MANY:
+        drawn = rng.integers(0, n, (RESAMPLES, n), dtype=np.int32)
+        return np.sort(np.partition(drawn, n_worst - 1, axis=1)[:, :n_worst], axis=1)
+    # The number of draws among the first ranks is binomial: below n_worst with probability 1e-12.
+    first = n_worst + math.ceil(8 * math.sqrt(n_worst))
+    counts = np.maximum(rng.binomial(n, first / n, RESAMPLES), n_worst)
+    return np.array([np.sort(rng.integers(0, first, count, dtype=np.int32))[:n_worst] for count in counts])
 
 
 def _cvar(largest: Array, n: int) -> tuple[Array, Array]:

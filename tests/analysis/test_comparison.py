@@ -276,6 +276,13 @@ def test_runs_that_would_decide(make_trials):
     assert compared(make_trials, np.exp(-0.5 + 0.1 * scores)).isna()["runs_for_direction"]
 
 
+def test_no_number_of_runs_that_are_there(make_trials):
+    """Three of three won by half are inconclusive: by their spread two runs would decide, but three have not."""
+    row = compared(make_trials, np.array([0.5, 0.5, 0.5]))
+    assert row.verdict == "inconclusive"
+    assert row.isna()["runs_for_direction"] and row.isna()["runs_for_equivalence"]
+
+
 def test_holm_runs_across_methods_of_one_metric(make_trials):
     """Two methods double the smaller p, and a failed run loses its pair."""
     rng = np.random.default_rng(5)

@@ -1,6 +1,7 @@
 """The worst runs."""
 
 import math
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -96,3 +97,16 @@ def test_intervals_hold():
         hits[1] += low <= math.log(20) + 1 <= high
     # Three standard errors of 300 samples are 0.038; bootstrap-t holds with about 0.94.
     assert (hits / 300 >= 0.95 - 0.048).all()
+
+
+def test_memory_does_not_grow_with_all_draws():
+    """100,000 runs: the resamples would be 800 MB; the interval is that of the normal law of the mean."""
+    values = np.random.default_rng(4).exponential(size=100_000)
+    tracemalloc.start()
+    mean, (low, high) = cvar_interval(values, 0.95, seed=1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 400e6
+    # Variance of the influence (x - q)+ / 0.05 with x - q exponential: (2 * 0.05 - 0.05^2) / 0.05^2.
+    reach = stats.norm.ppf(0.975) * math.sqrt((0.1 - 0.0025) / 0.0025 / 100_000)
+    assert mean - low == pytest.approx(reach, rel=0.15) and high - mean == pytest.approx(reach, rel=0.15)
