@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.axes import drawable, stacked_panels
+from rmpc_bench.figures.axes import FAR, drawable, scale_by_ratio, stacked_panels
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, typeset, with_unit, wrapped
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles
@@ -32,6 +32,8 @@ ROW, PANEL, LINE = 0.24, 0.42, 0.14
 """Height of a row, of a panel without its rows, and of a line of the label below that has more than two [in]."""
 LABEL_SHARE = 0.3
 """Share of the width that the name of a method may take before it is broken."""
+WIDE = 10.0
+"""Factor between the smallest and the largest ratio from which on equal ratios have equal lengths."""
 MARKER: dict[str, Any] = {"ms": 4.0, "ls": ""}
 MARKERS = {"geometric": "o", "mean": "s", "difference": "o"}
 AVERAGES = {"geometric": "geometric mean of the ratios", "mean": "ratio of the means", "difference": "mean difference"}
@@ -52,6 +54,7 @@ class Paired(SweepFigure):
     in its own unit.  The grey band is the margin of the verdict: for a relative change d it extends from -d/(1+d) to d,
     so that it is the same for exchanged methods.  If no average is defined, for example if some run did not settle, the
     row gives the runs won, lost and tied.  The points of a sweep are panels with a common axis, one below the other.
+    Where changes differ by more than a factor of ten, equal ratios have equal lengths on this axis.
 
     Parameters
     ----------
@@ -200,10 +203,23 @@ def _draw(
             axes.set_ylim(len(rows) - 0.5, -0.5)
             title = ", ".join(filter(None, [short_title(point), _runs(point, rows)]))
             axes.set_title("\n".join(wrapped(literal(title), 0.7 * limit)))
+        if limits := _wide_limits(changes, kinds):
+            scale_by_ratio(panels[-1], *limits)
         panels[-1].set_xlabel("\n".join(label))
         band_key: Handle = (_margin_text(points[0], info, kinds), Patch(facecolor=BAND, edgecolor="none"))
         finish(figure, [*_keys(points[0], changes, kinds), *([band_key] if band_key[0] else [])])
     return figure
+
+
+def _wide_limits(changes: Sequence[Sequence[Change]], kinds: Sequence[str]) -> tuple[float, float] | None:
+    """Return the ends of all intervals and 0 where their ratios are so far apart that most of them would coincide."""
+    if "difference" in kinds:
+        return None
+    averages = [average for rows in changes for each in rows for average in each.averages]
+    ends = np.array([[each.value, each.low, each.high] for each in averages]).ravel()
+    ratios = np.append(drawable(1 + ends[~np.isnan(ends)] / 100), 1.0)
+    low, high = max(float(ratios.min()), 1 / FAR), float(ratios.max())
+    return (100 * (low - 1), 100 * (high - 1)) if high > WIDE * low else None
 
 
 def _keys(point: Trials, changes: Sequence[Sequence[Change]], kinds: Sequence[str]) -> list[Handle]:

@@ -150,6 +150,21 @@ def test_signed_metric_has_its_unit_and_its_own_margin(make_trials):
     assert band(paired(table)) == (0.0, 0.0) and legend(paired(table)) == ["95 % interval"]
 
 
+def test_changes_of_different_size_can_be_told_apart(make_trials):
+    """Equal ratios have equal lengths; the ticks are per cent, and the data are as before."""
+    base = np.linspace(1.0, 2.0, 30)
+    values = {"S": base, "half": base / 2, "double": base * 2, "far": base * 200}
+    figure = paired(make_trials({"mse": values}))
+    (axes,) = figure.axes
+    places = [axes.transData.transform((x, 0))[0] for x in (-50, 0, 100, 19900)]
+    assert places[1] - places[0] == pytest.approx(places[2] - places[1], rel=1e-9)
+    left, right = axes.get_window_extent().x0, axes.get_window_extent().x1
+    assert left < places[0] and places[3] < right
+    ticks = [text.get_text() for text in axes.get_xticklabels()]
+    assert ticks == ["-50", "0", "+100", "+900", "+9900"]
+    assert rows(figure)[COLOURS[3]][1] == pytest.approx(19900, rel=1e-9)
+
+
 def test_no_change_in_per_cent(make_trials):
     """Where runs did not settle the row gives counts; a failed run makes no pair and is lost."""
     table = make_trials(
@@ -199,7 +214,9 @@ def test_metric_order_and_size(make_trials, columns):
     table = make_trials({"mse": columns, "power": columns | {"T": columns["S"]}}, infos)
     figure = paired(table, metric="power", order=["T", "S", "R"], width=5, height=3)
     assert {color: row for color, (row, *_) in rows(figure).items()} == {COLOURS[2]: 0, COLOURS[1]: 1}
-    assert rows(figure)[COLOURS[2]][1:] == [0.0, (0.0, 0.0)] and list(figure.get_size_inches()) == [5, 3]
+    # Pairs that never differ have no interval.
+    assert rows(figure)[COLOURS[2]][1] == 0.0 and np.isnan(rows(figure)[COLOURS[2]][2]).all()
+    assert list(figure.get_size_inches()) == [5, 3]
     assert set(model_of("figures", "paired").model_fields) == {"metric", "width", "height", "order", "at"}
 
 
