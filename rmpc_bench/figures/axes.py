@@ -79,9 +79,9 @@ def scale_by_ratio(axes: Axes, low: float, high: float) -> None:
     first, last = (float(_log_of_ratio(np.array(end))) for end in (low, high))
     margin = 0.05 * (last - first)
     axes.set_xlim(float(_change_of_log(np.array(first - margin))), float(_change_of_log(np.array(last + margin))))
-    step = max(1, math.ceil((last - first) / 3))
+    step = max(1, math.ceil((last - first) / 4))
     # Few powers of ten leave room for halves and doubles.
-    between = (0.5, 2.0) if step == 1 else ()
+    between = (0.5, 2.0) if last - first < 2 else ()
     ratios = sorted({*(10.0**n for n in range(step * math.floor(first / step), math.ceil(last) + 1, step)), *between})
     ticks = [100 * (ratio - 1) for ratio in ratios if first - margin <= math.log10(ratio) <= last + margin]
     axes.xaxis.set_major_locator(FixedLocator(ticks))

@@ -90,7 +90,7 @@ class Paired(SweepFigure):
         of = levels(results)
         changes = [changes_of(point, info, methods, of) for point in points]
         kinds = _kinds(changes)
-        label = _axis_label(points[0], info, kinds, 0.7 * self.width * POINTS_PER_INCH)
+        label = _axis_label(points[0], info, kinds, 0.6 * self.width * POINTS_PER_INCH)
         size = self.size(0.5 + LINE * max(0, len(label) - 2) + len(points) * (PANEL + ROW * len(methods)))
         return _draw(points, info, changes, kinds, label, size)
 
