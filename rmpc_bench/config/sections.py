@@ -10,6 +10,7 @@ from pydantic import Field
 
 from rmpc_bench.claims.claim import CLOSE, FINDINGS, MAX_QUOTED_WORDS
 from rmpc_bench.claims.exact import printed_number
+from rmpc_bench.expressions.quantity import number
 from rmpc_bench.types import Count, NonNegative, Positive
 
 MAX_STEPS = 1_000_000
@@ -132,7 +133,7 @@ class StatedKeys:
     def __post_init__(self) -> None:
         """Refuse a number whose digits are not known, and words in place of one."""
         if self.tolerance is not None:
-            object.__setattr__(self, "value", float(self.value))
+            object.__setattr__(self, "value", number(self.value))
         elif not isinstance(self.value, str):
             raise ValueError(f"without a tolerance value is the printed text, such as '{self.value:g}' in quotes")
         else:

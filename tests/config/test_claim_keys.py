@@ -81,6 +81,7 @@ def test_a_statement_has_one_claim(tmp_path):
         ("holds_for: some", "claims.0.holds_for", "must be"),
         ("stated: {of: 'last(trace(P[S-MPC]))', value: 58.2}", "claims.0.stated", "in quotes"),
         ("stated: {of: 'last(trace(P[S-MPC]))', value: 'about 58'}", "claims.0.stated", "as the paper prints it"),
+        ("stated: {of: 'mean(mse[S-MPC])', value: 'a third', tolerance: 1}", "claims.0.stated", "'a third': "),
         ("stated: {of: 'mean(mse[S-MPC])', value: '58.2'}", "claims.0.stated.of", "estimated from runs: give a tol"),
         ("stated: [{of: 'mean(mse[S-MPC])', value: '1'}]", "claims.0.stated.0.of", "estimated from runs: give a tol"),
         ("grounds: {hours: Section 2}, at: [{name: ours}]", "claims.0.grounds", "did you mean 'ours'?"),
