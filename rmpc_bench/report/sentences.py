@@ -62,7 +62,8 @@ def verdict_text(row: Mapping[str, Any], margin: str) -> str:
     """
     word = str(row["verdict"])
     if word == Verdict.FAILS_MORE:
-        return f"fails more ({row['failed_only']} runs, {row['baseline']} alone {row['baseline_failed_only']})"
+        alone = row["failed_only"]
+        return f"fails more (alone in {alone} runs, {row['baseline']} alone in {row['baseline_failed_only']})"
     if word == Verdict.EQUIVALENT:
         return f"equivalent (within {margin})"
     if word == Verdict.INCONCLUSIVE:
@@ -80,7 +81,7 @@ def _inconclusive(row: Mapping[str, Any]) -> str:
         (row["runs_for_direction"], "better or worse"),
         (row["runs_for_equivalence"], "equivalent"),
     ]
-    known = [f"{word} {_about(n)}" for n, word in numbers if not pd.isna(n)]
+    known = [f"{_about(n)} for {word}" for n, word in numbers if not pd.isna(n)]
     return f"inconclusive (runs needed: {', '.join(known)})" if known else "inconclusive"
 
 
@@ -88,7 +89,7 @@ def _about(runs: float) -> str:
     """Write a number of runs with two digits, as it is an estimate."""
     number = float(runs)
     if number >= MOST_RUNS:
-        return f"> {MOST_RUNS:.0f}"
+        return f"more than {MOST_RUNS:.0f}"
     digits = max(0, math.floor(math.log10(max(number, 1))) - 1)
     return f"about {math.ceil(number / 10**digits) * 10**digits:.0f}"
 
@@ -124,9 +125,9 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     if not changed:
         text = f"{method} against {baseline} in {name} ({pairs}; {counts})"
     else:
-        level = f"{100 * trials.confidence:g} % interval"
-        together = " that holds for all methods together" if word and row["ci_level"] > trials.confidence else ""
-        text = f"{method} {changed} against {baseline} ({_average(row)} of {pairs}, {level}{together}; {counts})"
+        simultaneous = "simultaneous " if word and row["ci_level"] > trials.confidence else ""
+        level = f"{simultaneous}{100 * trials.confidence:g} % interval"
+        text = f"{method} {changed} against {baseline} ({_average(row)} of {pairs}, {level}; {counts})"
     if word and contradicting(row):
         other = "mean" if row["average"] == "geometric" else "geometric"
         text += f"; the {AVERAGES[other]} changes by {size_text(row, info, other)}"
@@ -178,6 +179,6 @@ def explanation(trials: Trials) -> str:
         f"Runs are paired with those of {trials.baseline}; a failed run is worse than any finished one, and averages "
         f"rest on the runs that both finished. Change: {AVERAGES[trials.headline]}. Tied: within "
         f"{100 * trials.relevant:g} %. Superiority: share of the runs in which the method is better, tied ones half. "
-        "p: Wilcoxon signed-rank, after Holm. Verdicts: for the primary metric only, from intervals that hold "
-        "together for all methods and points."
+        "p: Wilcoxon signed-rank, after Holm. Verdicts: for the primary metric only, from simultaneous "
+        "intervals for all methods and points."
     )

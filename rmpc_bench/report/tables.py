@@ -155,8 +155,10 @@ def _legend_of_pairs(table: MetricTable, compared: Sequence[Mapping[str, object]
     parts = [f"{pairs} paired runs"]
     average = cells.average_of(table)
     level = f"{100 * trials.confidence:g} % interval"
-    together = info == trials.primary_info and any(float(str(row["ci_level"])) > trials.confidence for row in compared)
-    level += "s that hold together for all comparisons" if together else ""
+    simultaneous = info == trials.primary_info and any(
+        float(str(row["ci_level"])) > trials.confidence for row in compared
+    )
+    level = f"simultaneous {level}s of all comparisons" if simultaneous else level
     if average in AVERAGES:
         parts.append(f"change = {AVERAGES[average]}, {level}" if on_screen else level)
     elif average:

@@ -147,7 +147,7 @@ def few_runs() -> Case:
     b = a * np.array([0.93, 0.96, 0.95, 0.94, 0.92, 0.95, 0.96, 0.93])
     remark = (
         "With fewer than 20 untied runs counts decide, and eight of eight are enough; five of five are not. The "
-        "quartiles show two digits of their spread, although the error of the median supports one."
+        "quartiles have two digits of their spread, although the error of the median supports one."
     )
     return Case("few runs", a, b, remark)
 
@@ -259,7 +259,7 @@ def generated() -> str:
         "\n".join(sentences),
         "Number 7 on the screen, with failed runs and the pairs that the change rests on:",
         f"```text\n{screen_of(fails_more())}\n```",
-        "A smoke run has no verdict, and no size that could be taken for one:",
+        "A smoke run has no verdict and no averages, only numbers of finished and failed runs:",
         f"```text\n{screen_of(smoke())}\n```",
     ]
     return "\n\n".join(parts)

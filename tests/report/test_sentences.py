@@ -40,14 +40,14 @@ def trials(make_trials):
         ),
         (
             {"change_pct": 5.0, "ci_low": 0.8, "ci_high": 9.0, "verdict": "worse-size-uncertain", "ci_level": 0.97},
-            "R-MPC1 raises mse by 5.0 % [0.8, 9.0] against S-MPC (geometric mean of 200 paired runs, 95 % interval "
-            "that holds for all methods together; won 162, lost 0, tied 38): worse, size uncertain.",
+            "R-MPC1 raises mse by 5.0 % [0.8, 9.0] against S-MPC (geometric mean of 200 paired runs, "
+            "simultaneous 95 % interval; won 162, lost 0, tied 38): worse, size uncertain.",
         ),
         (
             {"change_pct": -3.9, "ci_low": -7.6, "ci_high": 0.02, "verdict": "inconclusive", "runs_for_direction": 421},
             "R-MPC1 changes mse by -3.9 % [-7.6, +0.0] against S-MPC (geometric mean of 200 paired runs, 95 % "
-            "interval; won 162, lost 0, tied 38): inconclusive (runs needed: better or worse about 430, "
-            "equivalent about 1100).",
+            "interval; won 162, lost 0, tied 38): inconclusive (runs needed: about 430 for better or "
+            "worse, about 1100 for equivalent).",
         ),
         (
             {"change_pct": 20.1, "ci_low": 15.8, "ci_high": 24.9, "verdict": "depends-on-average"}
@@ -59,7 +59,8 @@ def trials(make_trials):
         (
             {"failed_only": 60, "verdict": "fails-more", "n_pairs": 140},
             "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (geometric mean of 140 paired runs, 95 % interval; "
-            "won 162, lost 0, tied 38); R-MPC1 alone failed in 60: fails more (60 runs, S-MPC alone 0).",
+            "won 162, lost 0, tied 38); R-MPC1 alone failed in 60: fails more (alone in 60 runs, "
+            "S-MPC alone in 0).",
         ),
         (
             {"change_pct": math.nan, "ci_low": math.nan, "ci_high": math.nan, "average": ""},
@@ -80,4 +81,4 @@ def test_a_sentence_can_be_quoted(trials, changes, text):
 
 def test_runs_that_would_decide_have_two_digits_and_a_limit():
     row = ROW | {"verdict": "inconclusive", "runs_for_direction": 1234567890, "runs_for_equivalence": math.nan}
-    assert verdict_text(row, "1 %") == "inconclusive (runs needed: better or worse > 1000000)"
+    assert verdict_text(row, "1 %") == "inconclusive (runs needed: more than 1000000 for better or worse)"
