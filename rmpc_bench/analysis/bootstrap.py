@@ -42,7 +42,7 @@ def mean_interval(values: Array, confidence: float, seed: int) -> Interval:
 
 
 def skewness(values: Array) -> float:
-    """Return the skewness of a sample; 0 without spread but for rounding or where a value is not finite."""
+    """Return the skewness of a sample; 0 where the spread is only rounding or a value is not finite."""
     if len(values) < 2 or not np.isfinite(values).all():
         return 0.0
     deviations = values - values.mean()

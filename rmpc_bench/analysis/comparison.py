@@ -288,7 +288,7 @@ def _planning(
     if word != Verdict.INCONCLUSIVE:
         return found
     found["runs_for_direction"] = runs_for_direction(float(values.mean()), sd, level) if len(values) else math.nan
-    # What these runs left open for another reason than the spread, so many runs do not decide.
+    # The runs at hand did not decide, for another reason than the spread; no such number of runs is given.
     return {name: n if n > n_runs else math.nan for name, n in found.items()}
 
 

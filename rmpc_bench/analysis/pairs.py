@@ -107,7 +107,7 @@ class Pairs:
     def averages(self) -> dict[str, Array]:
         """Return the averages that exist -> (n_pairs,) numbers whose mean they are, of the runs that both finished.
 
-        ``geometric``: log ratios.  ``mean``: the log of the ratio of the means, distributed to the runs by the
+        ``geometric``: log ratios.  ``mean``: the log of the ratio of the means, distributed over the runs by the
         jackknife, see `_jackknifed`.
         ``difference``: differences in the unit of a signed metric.
         """
@@ -190,7 +190,7 @@ def _jackknifed(a: Array, b: Array) -> Array:
     if not ((rest_a > 0).all() and (rest_b > 0).all()):
         return np.asarray(value + (a / a.mean() - b / b.mean()))
     without = np.log(rest_a / rest_b)
-    # The mean of the deviations is 0 but for rounding; methods that are equal in all runs have none.
+    # The mean of the deviations is 0 except for rounding; methods that are equal in all runs have none.
     return np.asarray(value + (len(a) - 1) * (without.mean() - without)) if (a != b).any() else np.zeros(len(a))
 
 
