@@ -25,7 +25,7 @@ TAIL = 0.05
 """Share of the runs that are the worst ones."""
 RESAMPLES = 1999
 MANY = 5000
-"""Number of runs above which only the worst runs of every resample are drawn: all of them are 800 MB at 100,000 runs."""
+"""Number of runs above which only the worst runs of every resample are drawn: all of them take 800 MB for 100,000."""
 COLUMNS = (
     "method metric n tail_quantile tail_quantile_low tail_quantile_high cvar cvar_low cvar_high "
     "did_not_occur_share did_not_occur_low did_not_occur_high worst worst_run"
