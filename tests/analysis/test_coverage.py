@@ -16,6 +16,8 @@ UNRELIABLE = {
     ("skewed logs", 200, "mean"): 0.80,
     # Values of both methods are log-normal, and the average is that of values instead of logs.
     ("skewed values", 50, "mean"): 0.90,
+    # Of 50 runs 49 are lost: the score interval of so rare an event jumps with every single run.
+    ("table2, cost", 50, "superiority"): 0.90,
 }
 """Intervals that are known to cover less, with the lowest share."""
 
