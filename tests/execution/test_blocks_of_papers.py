@@ -41,7 +41,7 @@ def case(request, tmp_path_factory):
     return request.param, texts(expected)
 
 
-@pytest.mark.parametrize(("block", "jobs"), [(1, 1), (7, 1), (64, 2)])
+@pytest.mark.parametrize(("block", "jobs"), [pytest.param(1, 1, marks=pytest.mark.slow), (7, 1), (64, 2)])
 def test_any_block(case, tmp_path, block, jobs):
     """Blocks of one run, of a part of a group and of more than one, in any order."""
     name, expected = case
