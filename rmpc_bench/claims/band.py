@@ -1,7 +1,10 @@
 """Comparisons entry by entry, over k or over states, by a simultaneous band over all entries.
 
-The width of the band is a quantile of the largest t over all entries when the signs of the groups of runs are drawn at
-random, so that the band covers all entries together with the probability of one interval.
+The ends of the band are quantiles of the largest t and of the largest -t over all entries when groups of runs are drawn
+again (bootstrap-t with equal tails), so that the band covers all entries together with the probability of one interval.
+For the variance at 30 correlated samples of 50 and 200 runs it covers 0.95 of the time at 95 %; random signs of the
+groups, which lose the skewness, 0.72 and 0.86.  With fewer than `FEW_GROUPS` groups too few resamples differ, and the
+width is that of Bonferroni.
 """
 
 from __future__ import annotations
@@ -19,7 +22,10 @@ from rmpc_bench.claims.jackknife import PseudoValues, pseudo_values
 from rmpc_bench.claims.spread import UNKNOWN, BandSpread, Spread, about_these_runs
 from rmpc_bench.types import Array
 
-_FLIPS = 1999
+_RESAMPLES = 1999
+_CHUNK = 100
+FEW_GROUPS = 10
+"""Groups below which the width is that of Bonferroni: sample variances of few groups are nearly 0 too often."""
 
 
 class Band(NamedTuple):
@@ -72,7 +78,7 @@ def band(values: Array, confidence: float, seed: int) -> Band:
     ----------
     values : (groups, ...) pseudo-values
     confidence : probability that the band covers all entries
-    seed : of the random signs
+    seed : of the resamples
 
     Returns
     -------
@@ -86,18 +92,42 @@ def band(values: Array, confidence: float, seed: int) -> Band:
     deviation = flat - centre
     squares = (deviation**2).sum(axis=0)
     varying = squares > 0
+    # The band is never narrower than the interval of one entry.
+    factors = np.full(2, stats.t.ppf((1 + confidence) / 2, n - 1))
+    if n < FEW_GROUPS:
+        factors[:] = stats.t.ppf(1 - (1 - confidence) / (2 * max(int(varying.sum()), 1)), n - 1)
+    elif varying.any():
+        largest = _largest_t(deviation[:, varying] / np.sqrt(squares[varying]), seed)
+        rank = min(_RESAMPLES, math.ceil((_RESAMPLES + 1) * (1 + confidence) / 2)) - 1
+        factors = np.maximum(np.sort(largest, axis=1)[:, rank], factors)
+    below, above = (np.where(varying, factor * np.sqrt(squares / (n * (n - 1))), 0.0) for factor in factors)
+    return Band((centre - below).reshape(shape), (centre + above).reshape(shape))
+
+
+def _largest_t(deviation: Array, seed: int) -> Array:
+    """Draw groups again and return the largest t and the largest -t over all entries.
+
+    Parameters
+    ----------
+    deviation : (groups, entries) deviations from the mean of all groups
+    seed : of the resamples
+
+    Returns
+    -------
+    (2, _RESAMPLES) numbers; inf where an entry has no spread in a resample
+    """
+    n = len(deviation)
     rng = np.random.Generator(np.random.PCG64(seed))
-    signs = rng.choice([-1.0, 1.0], (_FLIPS, n))
-    means = signs @ deviation[:, varying] / n
-    # The spread about the mean with these signs; the sum of squares does not depend on them.
-    spread = (squares[varying] - n * means**2) / (n * (n - 1))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        largest = np.max(np.abs(means) / np.sqrt(np.maximum(spread, 0.0)), axis=1, initial=0.0)
-    rank = min(_FLIPS, math.ceil((_FLIPS + 1) * confidence)) - 1
-    # Few groups have few patterns of signs: the band is never narrower than the interval of one entry.
-    factor = max(float(np.sort(largest)[rank]), float(stats.t.ppf((1 + confidence) / 2, n - 1)))
-    reach = np.where(varying, factor * np.sqrt(squares / (n * (n - 1))), 0.0)
-    return Band((centre - reach).reshape(shape), (centre + reach).reshape(shape))
+    counts = rng.multinomial(n, np.full(n, 1 / n), _RESAMPLES).astype(float)
+    found = []
+    for first in range(0, _RESAMPLES, _CHUNK):
+        part = counts[first : first + _CHUNK]
+        mean = part @ deviation / n
+        variance = np.maximum(part @ deviation**2 - n * mean**2, 0.0) / (n * (n - 1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.where(mean == 0, 0.0, mean / np.sqrt(variance))
+        found.append(np.stack([t.max(axis=1), -t.min(axis=1)]))
+    return np.concatenate(found, axis=1)
 
 
 def gap_band(values: PseudoValues, confidence: float, seed: int, shift: int = 0) -> Band:

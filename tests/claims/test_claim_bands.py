@@ -133,6 +133,24 @@ def test_a_band_covers_all_entries_together():
     assert single / n_experiments < 0.5
 
 
+@pytest.mark.parametrize(("n_groups", "size"), [(50, 1), (3, 40)])
+def test_a_band_of_variances_covers_all_of_them(n_groups, size):
+    """Of 100 ensembles; with random signs it covered 0.72 of the time for 50 runs and 0.31 for three groups of 40."""
+    rng, hits, n_runs = np.random.default_rng(8), 0, n_groups * size
+    for seed in range(100):
+        x = rng.normal(size=(n_runs, 30, 1))
+        for k in range(1, 30):
+            x[:, k] = 0.9 * x[:, k - 1] + np.sqrt(1 - 0.81) * x[:, k]
+        without = [
+            np.var(np.delete(x[..., 0], np.s_[i * size : (i + 1) * size], 0), 0, ddof=1) for i in range(n_groups)
+        ]
+        values = n_groups * np.var(x[..., 0], axis=0, ddof=1) - (n_groups - 1) * np.array(without)
+        found = band(values, 0.95, seed)
+        hits += bool(((found.low <= 1) & (found.high >= 1)).all())
+    # Three standard errors of 100 ensembles are 0.065.
+    assert hits >= 95 - 6.5
+
+
 @pytest.mark.parametrize(
     ("shift", "check", "holds"),
     [
@@ -146,7 +164,7 @@ def test_a_band_covers_all_entries_together():
         (0.0, "all(since(std(x[A]), 10) < 5)", True),
         (0.0, "all(since(std(x[A]), 10) < 1)", False),
         (0.0, "last(mean(x[A])) < [5, 5]", True),
-        (0.0, "last(mean(x[A])) < [5, 0]", None),
+        (0.0, "last(mean(x[A])) < [5, 0.3]", None),
     ],
 )
 def test_series_are_judged_by_a_band(ensemble, shift, check, holds):
