@@ -283,7 +283,7 @@ INSIDE = {
         {"plant": PLANT.replace("[[1], [0.5]]", "[[1], [1], [1]]")},
         ": plant.Bw: has the shape 3 x 1; 2 x nw",
     ),
-    "noise": ({"noise": "{process: 3}"}, ": noise.process: '3' is not a known noise law"),
+    "noise": ({"noise": "{process: 3}"}, ": noise.process: a number is no noise law"),
     "W": ({"model": "{from: plant, W: -1, V: 1}"}, "7:25: model.W: must be positive semidefinite"),
     "model.from": ({"model": "{from: moon}"}, "7:15: model.from: must be 'plant' (got 'moon')"),
     "x_hat": ({"initial": "{x_hat: [1, 2, 3]}"}, "9:18: initial.x_hat: shape (3,) does not fit"),
