@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.verdict import ClaimVerdict
 
 SMOKE_CLAIMS = "claims      not evaluated: a smoke run is too short, claims.md is for information only"
@@ -59,21 +58,17 @@ def _head(trials: Trials, directory: Path, n_complete: int, n_runs: int, seconds
 
 
 def _claim_lines(verdicts: Sequence[ClaimVerdict], overrides: Sequence[str], incomplete: Sequence[str]) -> list[str]:
-    """Count the confirmed claims and name those whose finding differs from the record."""
+    """Say where the claims are, and name those whose finding differs from the record; their findings are no score."""
     if not verdicts:
         return []
     reasons = [f"the configuration was overridden ({', '.join(overrides)})"] if overrides else []
     reasons += [f"runs are missing ({', '.join(incomplete)})"] if incomplete else []
     if reasons:
         return [f"claims      not evaluated: {'; '.join(reasons)}"]
-    lines = []
-    for label, noun, group in (
-        ("claims", "statements of the paper", [each for each in verdicts if each.claim.of_paper]),
-        ("additional", "additional results", [each for each in verdicts if not each.claim.of_paper]),
-    ):
-        confirmed = sum(verdict.joined in (Finding.CONFIRMED, Finding.EQUAL) for verdict in group)
-        lines += [f"{label:12}{confirmed} of {len(group)} {noun} confirmed (claims.md)"] if group else []
-    return lines + [
+    n_of_paper = sum(each.claim.of_paper for each in verdicts)
+    counts = ((n_of_paper, "statement", " of the paper"), (len(verdicts) - n_of_paper, "additional result", ""))
+    texts = [f"{n} {noun}{'' if n == 1 else 's'}{of}" for n, noun, of in counts if n]
+    return [f"claims      claims.md: {', '.join(texts)}"] + [
         f"{'':12}recorded {verdict.claim.finding}, now {verdict.finding}: {verdict.claim.says}"
         for verdict in verdicts
         if verdict.differs

@@ -43,7 +43,7 @@ def test_what_a_run_leaves_behind(here):
     assert re.fullmatch(r"tiny done in \d+\.\d s   6 of 6 runs, 0 failed   results/p/tiny", first.strip())
     shown = "\n".join(rest)
     assert "mse [rad^2]" in shown and "change vs S-MPC" in shown
-    assert "claims      1 of 1 statements of the paper confirmed" in shown
+    assert "claims      claims.md: 1 statement of the paper" in shown
     assert "open        results/p/tiny/figures/boxplot.png" in shown
     assert not list(here.rglob("*.part"))
 

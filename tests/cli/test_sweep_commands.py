@@ -74,7 +74,7 @@ def test_claims_at_points_from_file_to_file(here):
         (f"{HP}=12", means[12]),
     ]
     assert second["finding"] == "depends-on-assumptions" and result.exit_code == 0
-    assert "claims      1 of 2 statements of the paper confirmed" in result.stdout
+    assert "claims      claims.md: 2 statements of the paper" in result.stdout
     assert f"` at {HP}=12: holds; " in (here / "out" / "claims.md").read_text()
 
 
