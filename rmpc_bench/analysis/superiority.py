@@ -75,7 +75,7 @@ def shares_interval(first_only: int, second_only: int, n: int, confidence: float
     Examples
     --------
     >>> [round(end, 3) for end in shares_interval(6, 0, 200, 0.95)]
-    [0.01, 0.064]
+    [0.011, 0.064]
     """
     if n == 0:
         return NONE

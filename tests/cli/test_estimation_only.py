@@ -55,7 +55,7 @@ def test_moments_alone(tmp_path):
         result = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--strict")
         assert result.exit_code == 0, result.output
         assert f"estimation   exact moments, no runs   {tmp_path / 'out'}" in result.stdout
-        assert "claims      1 of 1" in result.stdout or "additional  1 of 1" in result.stdout
+        assert "claims      claims.md: 1 statement of the paper" in result.stdout
         assert "error at the end" in result.stdout and "exact" in result.stdout
     assert (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8") == "method,run,status,estimation_mse\n"
     assert (tmp_path / "out" / "figures" / "variance-with-bound.svg").exists()
