@@ -198,15 +198,16 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
     failure_level = of.failures if is_primary else of.plain
     averages, scores = _averages(trials, pairs), pairs.scores
     won, lost, tied = _counts(scores)
-    intervals = {name: _interval(name, values, level, trials.seed) for name, values in averages.items()}
+    intervals = _intervals(trials, averages, level)
     failed = shares_interval(*pairs.failed, len(scores), failure_level)
     word, planning = "", {}
     if is_primary:
         failures = None
         if any(pairs.failed):
             counted = pairs_of(trials, method, info, failed=worst_finished(trials, info))
-            failures = Failures(*pairs.failed, failed, _evidence(trials, counted, scores, level))
-        word = verdict(_evidence(trials, pairs, scores, level), failures)
+            of_counted = _intervals(trials, _averages(trials, counted), level)
+            failures = Failures(*pairs.failed, failed, _evidence(counted, of_counted, scores, level))
+        word = verdict(_evidence(pairs, intervals, scores, level), failures)
         planning = _planning(next(iter(averages.values()), scores), pairs, averages, word, level)
     low, high = superiority_interval(won, lost, tied, level)
     return Comparison(
@@ -233,17 +234,19 @@ def _compare(trials: Trials, method: str, info: MetricInfo, pairs: Pairs, of: Le
     )
 
 
-def _interval(average: str, values: Array, level: float, seed: int) -> tuple[float, float]:
-    """Interval of an average; bootstrap-t makes that of the ratio of the means worse (0.92 instead of 0.945)."""
-    return student(values, level) if average == "mean" else mean_interval(values, level, seed)
+def _intervals(trials: Trials, averages: Mapping[str, Array], level: float) -> dict[str, tuple[float, float]]:
+    """Intervals of the averages; bootstrap-t makes that of the ratio of the means worse (0.92 instead of 0.945)."""
+    return {
+        name: student(values, level) if name == "mean" else mean_interval(values, level, trials.seed)
+        for name, values in averages.items()
+    }
 
 
-def _evidence(trials: Trials, pairs: Pairs, scores: Array, level: float) -> Evidence:
+def _evidence(pairs: Pairs, intervals: Mapping[str, tuple[float, float]], scores: Array, level: float) -> Evidence:
     """Collect the numbers from which the verdict follows, where negative differences are better."""
-    averages, scale = _averages(trials, pairs), pairs.scale()
-    found = [_interval(name, values, level, trials.seed) for name, values in averages.items()]
+    scale = pairs.scale()
     # Digits that another CPU does not reproduce must not decide.
-    found = [(without_noise(low, scale), without_noise(high, scale)) for low, high in found]
+    found = [(without_noise(low, scale), without_noise(high, scale)) for low, high in intervals.values()]
     ends = [(-high, -low) if pairs.higher else (low, high) for low, high in found]
     return Evidence(
         interval=ends[0] if ends else NONE,

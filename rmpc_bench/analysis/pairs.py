@@ -11,10 +11,8 @@ from rmpc_bench.analysis.failures import worst_of
 from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.verdict import FEW
 from rmpc_bench.types import Array, MetricInfo
-
-FEW = 20
-"""Pairs that differ, below which the mean of pairs that are mostly equal has no interval."""
 
 
 def distance_from_best(values: Array, direction: str) -> Array:

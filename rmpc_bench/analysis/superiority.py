@@ -7,9 +7,8 @@ from functools import lru_cache
 
 from rmpc_bench.analysis.failures import mcnemar
 from rmpc_bench.analysis.intervals import NONE, Interval
+from rmpc_bench.analysis.verdict import FEW
 
-FEW = 20
-"""Untied runs below which the interval contains the exact one of the sign test, too: five of five prove nothing."""
 _BISECTIONS = 60
 
 

@@ -112,8 +112,7 @@ def publish(results: Results, *, to: str | Path | None = None) -> Publication:
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory),
     ]
-    # A smoke run is too short for verdicts.
-    if len(results.trials.runs) and not any("--smoke" in option for option in results.overrides):
+    if len(results.trials.runs) and results.trials.with_verdicts:
         note_look(results.directory, len(results.trials.runs))
     figures, left_out = _write_figures(results, directory / "figures")
     return Publication(results, directory, (*paths, *figures), tables, verdicts, tuple(left_out))
