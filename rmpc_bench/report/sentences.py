@@ -113,7 +113,7 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
 
     Returns
     -------
-    such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of 200 paired runs, 95 % interval;
+    such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of the ratios, 200 paired runs, 95 % interval;
     won 162, lost 0, tied 38): better."
     """
     method, baseline, name = row["method"], row["baseline"], name_of_distance(info)
@@ -127,7 +127,7 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     else:
         simultaneous = "simultaneous " if word and row["ci_level"] > trials.confidence else ""
         level = f"{simultaneous}{100 * trials.confidence:g} % interval"
-        text = f"{method} {changed} against {baseline} ({_average(row)} of {pairs}, {level}; {counts})"
+        text = f"{method} {changed} against {baseline} ({_average(row)}, {pairs}, {level}; {counts})"
     if word and contradicting(row):
         other = "mean" if row["average"] == "geometric" else "geometric"
         text += f"; the {AVERAGES[other]} changes by {size_text(row, info, other)}"
@@ -161,7 +161,7 @@ def _mirrored(row: Mapping[str, Any], info: MetricInfo) -> str:
 
 
 def _average(row: Mapping[str, Any]) -> str:
-    return {"geometric": "geometric mean", "mean": "ratio of the means", "difference": "mean difference"}[
+    return {"geometric": "geometric mean of the ratios", "mean": "ratio of the means", "difference": "mean difference"}[
         str(row["average"])
     ]
 

@@ -30,35 +30,40 @@ def trials(make_trials):
     [
         (
             {},
-            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (geometric mean of 200 paired runs, 95 % interval; "
+            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC "
+            "(geometric mean of the ratios, 200 paired runs, 95 % interval; "
             "won 162, lost 0, tied 38): better.",
         ),
         (
             {"verdict": ""},
-            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (geometric mean of 200 paired runs, 95 % interval; "
+            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC "
+            "(geometric mean of the ratios, 200 paired runs, 95 % interval; "
             "won 162, lost 0, tied 38).",
         ),
         (
             {"change_pct": 5.0, "ci_low": 0.8, "ci_high": 9.0, "verdict": "worse-size-uncertain", "ci_level": 0.97},
-            "R-MPC1 raises mse by 5.0 % [0.8, 9.0] against S-MPC (geometric mean of 200 paired runs, "
+            "R-MPC1 raises mse by 5.0 % [0.8, 9.0] against S-MPC (geometric mean of the ratios, 200 paired runs, "
             "simultaneous 95 % interval; won 162, lost 0, tied 38): worse, size uncertain.",
         ),
         (
             {"change_pct": -3.9, "ci_low": -7.6, "ci_high": 0.02, "verdict": "inconclusive", "runs_for_direction": 421},
-            "R-MPC1 changes mse by -3.9 % [-7.6, +0.0] against S-MPC (geometric mean of 200 paired runs, 95 % "
+            "R-MPC1 changes mse by -3.9 % [-7.6, +0.0] against S-MPC "
+            "(geometric mean of the ratios, 200 paired runs, 95 % "
             "interval; won 162, lost 0, tied 38): inconclusive (runs needed: about 430 for better or "
             "worse, about 1100 for equivalent).",
         ),
         (
             {"change_pct": 20.1, "ci_low": 15.8, "ci_high": 24.9, "verdict": "depends-on-average"}
             | {"geometric_pct": 20.1, "mean_pct": -23.0, "mean_low": -31.0, "mean_high": -15.0},
-            "R-MPC1 raises mse by 20.1 % [15.8, 24.9] against S-MPC (geometric mean of 200 paired runs, 95 % "
+            "R-MPC1 raises mse by 20.1 % [15.8, 24.9] against S-MPC "
+            "(geometric mean of the ratios, 200 paired runs, 95 % "
             "interval; won 162, lost 0, tied 38); the ratio of the means changes by -23.0 % [-31.0, -15.0]: depends on "
             "the average.",
         ),
         (
             {"failed_only": 60, "verdict": "fails-more", "n_pairs": 140},
-            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC (geometric mean of 140 paired runs, 95 % interval; "
+            "R-MPC1 lowers mse by 10.2 % [9.0, 11.3] against S-MPC "
+            "(geometric mean of the ratios, 140 paired runs, 95 % interval; "
             "won 162, lost 0, tied 38); R-MPC1 alone failed in 60: fails more (alone in 60 runs, "
             "S-MPC alone in 0).",
         ),
@@ -69,7 +74,7 @@ def trials(make_trials):
         (
             {"change_pct": math.nan, "average": "difference", "difference": -0.51, "difference_low": -0.62}
             | {"difference_high": -0.40, "verdict": "equivalent", "geometric_pct": math.nan, "mean_pct": math.nan},
-            "R-MPC1 lowers mse by 0.51 rad^2 [0.40, 0.62] against S-MPC (mean difference of 200 paired runs, 95 % "
+            "R-MPC1 lowers mse by 0.51 rad^2 [0.40, 0.62] against S-MPC (mean difference, 200 paired runs, 95 % "
             "interval; won 162, lost 0, tied 38): equivalent (within 0 rad^2).",
         ),
     ],

@@ -125,7 +125,7 @@ def test_markdown_page(make_trials):
     )
     assert "\n## offset, best at 0\n" in text and "compared by distance from 0" in text
     assert (
-        "- B|b changes mse by +8 % [-9, +29] against A (geometric mean of 3 paired runs, 95 % interval; "
+        "- B|b changes mse by +8 % [-9, +29] against A (geometric mean of the ratios, 3 paired runs, 95 % interval; "
         "won 0, lost 3, tied 1); B|b alone failed in 1: inconclusive (runs needed: about "
     ) in text
     mse_part, offset_part = text.split("## offset")
