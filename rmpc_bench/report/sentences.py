@@ -113,8 +113,8 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
 
     Returns
     -------
-    such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of the ratios, 200 paired runs, 95 % interval;
-    won 162, lost 0, tied 38): better."
+    such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of the ratios, 200 paired
+    runs, 95 % interval; won 162, lost 0, tied 38): better."
     """
     method, baseline, name = row["method"], row["baseline"], name_of_distance(info)
     word = verdict_text(row, margin_text(trials, info, row))
