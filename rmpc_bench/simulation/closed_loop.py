@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.recorder import Recorder
+from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
-from rmpc_bench.types import Array, Estimator, Method, Plant, Record, Statuses
+from rmpc_bench.types import Array, Journal, Method, Plant, Record, Statuses
 
 BURSTS = "bursts"
 """Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
@@ -28,8 +29,10 @@ class Block(NamedTuple):
     """NaN where the run failed."""
     traces: Mapping[str, Float[Array, "recorded samples n"]]
     """Signal -> trajectories of the first runs of the block, as many as are to be recorded."""
-    ensemble: Sequence[Group] = ()
+    ensemble: Sequence[Group]
     """Mean and covariance of (x, x_hat) over groups of runs, where they are to be kept."""
+    journal: Journal
+    """Failures, held steps, durations and warnings of the components."""
 
 
 def simulate_block(experiment: Experiment, method: Method, runs: range, draws: Draws | None = None) -> Block:
@@ -50,8 +53,9 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     info = {name for metric in experiment.metrics for name in metric.needs_info}
     n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
     info |= set(recording.signals) - set(SIGNALS) if n_recorded else set()
+    start = RunStart(experiment.scenario.seed, tuple(runs), Journal())
     record, status = simulate(
-        plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info, state_range=experiment.state_range
+        plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info, state_range=experiment.state_range, start=start
     )
     record = record._replace(experiment=experiment.metric_layout)
     ok = status == OK
@@ -64,7 +68,7 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
         if n_recorded and (trace := _signal(record, name)) is not None
     }
     ensemble = groups(record.x, record.x_hat, ok, runs) if recording.ensemble else ()
-    return Block(status, np.array(values).reshape(len(values), len(ok)), traces, ensemble)
+    return Block(status, np.array(values).reshape(len(values), len(ok)), traces, ensemble, start.journal)
 
 
 def simulate(
@@ -78,6 +82,7 @@ def simulate(
     with_M: bool = False,
     info: Collection[str] = (),
     state_range: StateRange = DEFAULT_RANGE,
+    start: RunStart | None = None,
 ) -> tuple[Record, Statuses]:
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
@@ -93,12 +98,15 @@ def simulate(
     with_P, with_M : whether to record the reported covariance and the reported set of the estimation error
     info : names of the entries to record that estimator and controller report
     state_range : limits of the state; a run that leaves them is `out-of-range` or `diverged`
+    start : for components that take the runs of the block; runs 0, 1, .. of seed 0 unless given
     """
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
+    start, alive = start or RunStart(0, tuple(range(n_runs)), Journal()), np.ones(n_runs, dtype=bool)
+    draws = draws._replace(delta=start.plant(plant, draws.delta, x, alive))
     mixes, preview = plant.mixes_noise, controller.preview
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
-    e, c = _start(estimator, n_runs, draws.delta), controller.init(n_runs)
+    e, c = start.estimator(estimator, n_runs, draws.delta, alive), start.controller(controller, n_runs, alive)
     known = r[: n_steps + 1].copy()
     limits, nothing = RunLimits(state_range, x, known), np.full(n_runs, OK)
     outputs, inputs = Recorder(n_steps + 1), Recorder(n_steps)
@@ -106,6 +114,7 @@ def simulate(
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
         status = limits.of_state(nothing, nothing, x)
+        np.equal(status, OK, out=alive)
         for k in range(n_steps + 1):
             y_true = np.array(plant.output(k, draws.delta, x, no_noise))
             outputs.at(k, x=x, y=y_true)
@@ -113,6 +122,7 @@ def simulate(
             e, estimate = estimator.correct(k, e, y)
             estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
             status = limits.of_estimate(status, estimate.status, estimate.x_hat)
+            np.equal(status, OK, out=alive)
             outputs.at(k, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
             outputs.matrix_at(k, "P", estimate.P if with_P else None)
             outputs.matrix_at(k, "M", estimate.M if with_M else None)
@@ -120,11 +130,13 @@ def simulate(
                 break
             c, command = controller.control(k, c, y, estimate, r[k : k + preview])
             status = limits.of_input(status, command.status, command.u)
+            np.equal(status, OK, out=alive)
             u = np.array(command.u)
             inputs.at(k, u=u, **_wanted(command.info, info))
             motion = plant.step(k, draws.delta, x.copy(), u.copy(), w[:, k])
             status = limits.of_state(status, motion.status, motion.x)
-            x = np.array(motion.x) if (status == OK).all() else np.where((status == OK)[:, None], motion.x, x)
+            np.equal(status, OK, out=alive)
+            x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
             e = estimator.predict(k, e, u)
     signals = {**outputs.all(), **inputs.all()}
     x_all, y_all, x_hat_all, u_all = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
@@ -143,9 +155,3 @@ def _signal(record: Record, name: str) -> Float[Array, "runs _ _"] | None:
     if name == BURSTS:
         return None if record.bursts is None else record.bursts[:, :, None].astype(float)
     return getattr(record, name) if name in SIGNALS else record.info.get(name)
-
-
-def _start(estimator: Estimator, n_runs: int, delta: Any) -> Any:
-    """State of an estimator before the first measurement; an oracle estimator gets the drawn uncertainty."""
-    init: Callable[..., Any] = estimator.init
-    return init(n_runs, delta) if estimator.knows_uncertainty else init(n_runs)

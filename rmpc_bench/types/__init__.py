@@ -9,6 +9,9 @@ from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import (
     Array,
     Count,
+    DataFiles,
+    FromCode,
+    FromData,
     Horizon,
     Matrix,
     NonNegative,
@@ -16,12 +19,14 @@ from rmpc_bench.types.basics import (
     OverTime,
     Positive,
     SystemMatrix,
+    UserFunction,
 )
 from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.errors import (
     ConfigError,
     DesignError,
     Problem,
+    SolverError,
 )
 from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.figure import Figure, OnePointFigure, SweepFigure
@@ -53,6 +58,7 @@ from rmpc_bench.types.records import (
 )
 from rmpc_bench.types.reference import Reference
 from rmpc_bench.types.result_layout import ResultLayout
+from rmpc_bench.types.run_info import Journal, RunFailure, RunInfo
 from rmpc_bench.types.status import (
     Status,
     Statuses,
@@ -66,6 +72,7 @@ __all__ = [
     "ConfigError",
     "Controller",
     "Count",
+    "DataFiles",
     "DesignError",
     "Direction",
     "Estimate",
@@ -74,9 +81,12 @@ __all__ = [
     "ResultLayout",
     "SweepFigure",
     "Estimator",
+    "FromCode",
+    "FromData",
     "GainSchedule",
     "Horizon",
     "Issue",
+    "Journal",
     "Line",
     "LinearLaw",
     "LinearPlant",
@@ -99,10 +109,14 @@ __all__ = [
     "Record",
     "Reference",
     "ResultLayout",
+    "RunFailure",
+    "RunInfo",
     "SampleWindow",
+    "SolverError",
     "Status",
     "Statuses",
     "SystemMatrix",
+    "UserFunction",
     "WindowMetric",
     "attribute",
     "does_not_fit",

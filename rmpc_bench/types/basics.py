@@ -36,3 +36,17 @@ NonNegative: TypeAlias = Annotated[float, Ge(0)]
 Count: TypeAlias = Annotated[int, Ge(1)]
 Horizon: TypeAlias = Annotated[int, Ge(1), Le(1000)]
 """Samples ahead; the matrices of a prediction grow with its square."""
+
+
+class FromCode:
+    """Mark of an annotation: the key names something in a Python file of the user, ``PATH.py:NAME``."""
+
+
+class FromData:
+    """Mark of an annotation: the key names data files by a path or a pattern, relative to the file it stands in."""
+
+
+UserFunction: TypeAlias = Annotated[Any, FromCode()]
+"""A function or class of a user's file; the design function receives the loaded object."""
+DataFiles: TypeAlias = Annotated[Any, FromData()]
+"""Data files; the design function receives a sorted tuple of absolute paths (`pathlib.Path`)."""

@@ -20,6 +20,11 @@ class Controller(Design):
     """
 
     @attribute
+    def starts_runs(self) -> bool:
+        """Whether `init` takes the runs of the block, as ``init(n_runs, runs=RunInfo(...))``."""
+        return False
+
+    @attribute
     def preview(self) -> int:
         """Number of samples of the reference that `control` takes, r(k) included."""
         return 1

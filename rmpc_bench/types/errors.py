@@ -47,3 +47,24 @@ class DesignError(Exception):
     def __init__(self, message: str, parameter: str = "") -> None:
         self.parameter = parameter
         super().__init__(message)
+
+
+class SolverError(Exception):
+    """A component could not solve its problem at one sample of one run; the run ends, or the step is held.
+
+    Raise it in a component written for one run.  `on_failure` says what follows.
+
+    Parameters
+    ----------
+    message : what the solver reported
+    infeasible : whether the problem has no solution; otherwise the solver did not converge
+
+    Examples
+    --------
+    >>> str(SolverError("maximum number of iterations reached"))
+    'maximum number of iterations reached'
+    """
+
+    def __init__(self, message: str = "", *, infeasible: bool = False) -> None:
+        self.infeasible = infeasible
+        super().__init__(message)

@@ -20,6 +20,11 @@ class Estimator(Design):
     """
 
     @attribute
+    def starts_runs(self) -> bool:
+        """Whether `init` takes the runs of the block, as ``init(n_runs, runs=RunInfo(...))``."""
+        return False
+
+    @attribute
     def knows_uncertainty(self) -> bool:
         """Whether this is an oracle estimator; `init` then takes the uncertain quantities of the runs as well."""
         return False

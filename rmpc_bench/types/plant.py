@@ -13,6 +13,7 @@ from rmpc_bench.types.basics import Array
 from rmpc_bench.types.design import Design
 from rmpc_bench.types.plot_records import Panel
 from rmpc_bench.types.records import LinearPlant, Motion, Period
+from rmpc_bench.types.run_info import RunInfo
 
 
 class Plant(Design):
@@ -73,6 +74,11 @@ class Plant(Design):
         return {}
 
     @attribute
+    def starts_runs(self) -> bool:
+        """Whether `start` is called before the first sample of every block and method."""
+        return False
+
+    @attribute
     def mixes_noise(self) -> bool:
         """Whether `step` and `output` take the noises that `mix` returns; `output` then is the true output plus v."""
         return False
@@ -113,6 +119,10 @@ class Plant(Design):
         The record ``delta``, axis 0 = run, that `step` and `output` take.
         """
         raise NotImplementedError("draw")
+
+    def start(self, delta: Any, x0: Float[Array, "runs nx"], runs: RunInfo) -> Any:
+        """Return the record ``delta`` of one method, with what the plant keeps of every run; see `starts_runs`."""
+        return delta
 
     def step(
         self, k: int, delta: Any, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"], w: Float[Array, "runs nw"]

@@ -14,7 +14,7 @@ from rmpc_bench.execution.stored_trials import n_complete
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import SIZE, Group, groups
 from rmpc_bench.simulation.scenario import Recording
-from rmpc_bench.types import Status
+from rmpc_bench.types import Journal, Status
 
 N = 130
 KEYS = {"runs": N, "evaluate": "[runs, ensemble]", "execution": "{max_failures: 1000}"}
@@ -55,7 +55,7 @@ def group(first, value=1.0):
 
 def add(store, runs, groups, method="m"):
     """Store a block with groups of runs."""
-    block = Block(np.full(len(runs), Status.OK, dtype=np.int8), np.zeros((1, len(runs))), {}, groups)
+    block = Block(np.full(len(runs), Status.OK, dtype=np.int8), np.zeros((1, len(runs))), {}, groups, Journal())
     store.add_block(method, runs, block, {"q": np.zeros(len(runs))}, "d", [{} for _ in runs])
 
 

@@ -9,7 +9,7 @@ import pytest
 from rmpc_bench.execution.database import FILE, StoreError, WriteError
 from rmpc_bench.execution.store import Store, differences
 from rmpc_bench.simulation.closed_loop import Block
-from rmpc_bench.types import Status
+from rmpc_bench.types import Journal, Status
 
 OK, DIVERGED = Status.OK, Status.DIVERGED
 
@@ -18,7 +18,7 @@ def add(store, runs, *, method="m", metric="q", values=None, status=None):
     """Store a block whose value is the run's index unless given."""
     values = np.array([float(run) for run in runs] if values is None else values)
     status = np.array([OK] * len(runs) if status is None else status, dtype=np.int8)
-    block = Block(status, values[None], {})
+    block = Block(status, values[None], {}, (), Journal())
     store.add_block(method, runs, block, {metric: values}, "d", [{"eps": 0.1 * run} for run in runs])
 
 
@@ -74,7 +74,7 @@ def test_uncertainty_is_stored_once_per_run(store):
 def test_a_block_is_stored_whole_or_not_at_all(store):
     """A mistake in the middle leaves nothing behind, and the store goes on working."""
     with pytest.raises(WriteError, match="NOT NULL"):
-        block = Block(np.array([OK], dtype=np.int8), np.array([[1.0]]), {})
+        block = Block(np.array([OK], dtype=np.int8), np.array([[1.0]]), {}, (), Journal())
         store.add_block("m", [0], block, {"q": np.array([1.0])}, "d", [{"eps": math.nan}])
     assert store.finished("m", []) == set()
     add(store, [0])

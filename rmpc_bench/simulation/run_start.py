@@ -1,0 +1,42 @@
+"""Start of the components of a method in a block of runs: their states before the first sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from jaxtyping import Bool, Float
+
+from rmpc_bench.simulation.scenario import stream
+from rmpc_bench.types import Array, Controller, Estimator, Journal, Plant, RunInfo
+
+
+class RunStart(NamedTuple):
+    """The runs of a block, for components with the capability `starts_runs`.
+
+    The random generators of a component depend on the seed, the run and the role of the component.  They do not depend
+    on the name of the method: methods with equal components have equal runs.
+    """
+
+    seed: int
+    runs: tuple[int, ...]
+    journal: Journal
+
+    def plant(self, plant: Plant, delta: Any, x0: Float[Array, "runs nx"], alive: Bool[Array, " runs"]) -> Any:
+        """Return the record of the plant for one method."""
+        return plant.start(delta, x0, self._runs("plant", alive)) if plant.starts_runs else delta
+
+    def estimator(self, estimator: Estimator, n_runs: int, delta: Any, alive: Bool[Array, " runs"]) -> Any:
+        """Return the state of an estimator; an oracle estimator gets the drawn uncertainty."""
+        init: Callable[..., Any] = estimator.init
+        keywords = {"runs": self._runs("estimator", alive)} if estimator.starts_runs else {}
+        return init(n_runs, delta, **keywords) if estimator.knows_uncertainty else init(n_runs, **keywords)
+
+    def controller(self, controller: Controller, n_runs: int, alive: Bool[Array, " runs"]) -> Any:
+        """Return the state of a controller."""
+        init: Callable[..., Any] = controller.init
+        return init(n_runs, runs=self._runs("controller", alive)) if controller.starts_runs else init(n_runs)
+
+    def _runs(self, role: str, alive: Bool[Array, " runs"]) -> RunInfo:
+        rngs = tuple(stream(self.seed, run, f"own/{role}") for run in self.runs)
+        return RunInfo(self.runs, rngs, alive, self.journal)

@@ -1,0 +1,67 @@
+"""What a component may know of the runs of a block, and the record of what happened in them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool
+
+from rmpc_bench.types.basics import Array
+
+
+class RunFailure(NamedTuple):
+    """Why a run has failed, as text and plain data, since it is stored and shown without any code."""
+
+    run: int
+    status: int
+    """Number of a `Status`."""
+    component: str
+    """``estimator``, ``controller``, ``plant`` or ``metric``; empty where it is not known."""
+    k: int | None
+    """Sample at which it happened; None where it is not known."""
+    message: str
+    """One line, such as ``ValueError: negative level``."""
+    trace: str = ""
+    """Frames of the user's code, as a traceback shows them; empty where there are none."""
+    values: Mapping[str, Any] = {}
+    """Name -> numbers in nested lists: y, u_previous, x_hat, parameters of the run."""
+
+
+@dataclass
+class Journal:
+    """What happened in the runs of a block besides their numbers.
+
+    Parameters
+    ----------
+    failures : run -> its first failure
+    held : run -> number of held steps
+    seconds : component and phase, such as ``estimator`` or ``estimator, first step`` -> durations of its calls [s]
+    warnings : text of a warning of a component -> how often it was given
+    """
+
+    failures: dict[int, RunFailure] = field(default_factory=dict)
+    held: Counter[int] = field(default_factory=Counter)
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+    warnings: Counter[str] = field(default_factory=Counter)
+
+    def fail(self, failure: RunFailure) -> None:
+        """Note a failure; the first one of a run counts."""
+        self.failures.setdefault(failure.run, failure)
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """The runs of a block, for a component with the capability `starts_runs`."""
+
+    index: tuple[int, ...]
+    """Indices of the runs."""
+    rngs: tuple[np.random.Generator, ...]
+    """A random generator of its own for every run; it depends on the seed, the run and the role of the component."""
+    alive: Bool[Array, " runs"]
+    """Whether a run has not failed; the simulation updates it in place."""
+    journal: Journal
+    """Where the component notes failures, held steps, durations and warnings."""
