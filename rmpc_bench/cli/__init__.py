@@ -17,6 +17,7 @@ _VERBS: dict[str, tuple[str, str]] = {
         "Show a component or a configured system, and its keys.",
     ),
     "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
+    "schema": ("rmpc_bench.cli.schema:schema", "Print the JSON Schema of a configuration, for editors."),
 }
 
 

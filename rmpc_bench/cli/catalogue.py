@@ -223,6 +223,7 @@ EVERY_PLANT = """Every plant also has the keys
 
 
 def _show(group: str, kind: str) -> None:
+    from rmpc_bench.config.key_meanings import key_meanings, meanings_in
     from rmpc_bench.config.schema import model_of
 
     design = registry.get(group, kind)
@@ -232,9 +233,7 @@ def _show(group: str, kind: str) -> None:
     for text in (inspect.getdoc(module), SECTION.split(doc)[0].rstrip()):
         if text:
             click.echo(f"\n{text}")
-    # A class inherits keys, which are documented in the class that has them.
-    documented = reversed(design.__mro__) if inspect.isclass(design) else (design,)
-    meanings = {key: text for each in documented for key, text in _meanings(inspect.getdoc(each) or "").items()}
+    meanings = key_meanings(design)
     fields = model_of(group, kind).model_fields
     if fields:
         click.echo("\nKeys")
@@ -245,7 +244,7 @@ def _show(group: str, kind: str) -> None:
         if meanings.get(name):
             click.echo(f"      {meanings[name]}")
         for record in nested.get(name, ()):
-            for key, meaning in _meanings(inspect.getdoc(record) or "").items():
+            for key, meaning in meanings_in(inspect.getdoc(record) or "").items():
                 click.echo(f"        {key.rstrip('_')} : {meaning}")
     if group == "plants":
         click.echo(f"\n{EVERY_PLANT}")
@@ -278,19 +277,3 @@ def _records(design: Any, names: Iterable[str]) -> dict[str, list[type]]:
 def _inside(hint: Any) -> list[Any]:
     """An annotation and all those inside it."""
     return [hint, *(each for inner in get_args(hint) for each in _inside(inner))]
-
-
-def _meanings(doc: str) -> dict[str, str]:
-    """Meaning of every parameter in a numpydoc section."""
-    meanings: dict[str, str] = {}
-    names: list[str] = []
-    for line in doc.split("\n"):
-        head, colon, text = line.partition(" : ")
-        if colon and not line.startswith(" "):
-            names = head.split(", ")
-            meanings |= dict.fromkeys(names, text)
-        elif names and line.startswith("    "):
-            meanings |= {name: f"{meanings[name]} {line.strip()}" for name in names}
-        elif not line.strip():
-            names = []
-    return meanings

@@ -165,36 +165,51 @@ class ClaimKeys:
 
 
 class Section(NamedTuple):
-    """Annotation and default of a top-level key; ``...`` marks a required one."""
+    """Annotation, default and meaning of a top-level key; ``...`` marks a required one."""
 
     annotation: Any
     default: Any
+    meaning: str
 
 
 SECTIONS: dict[str, Section] = {
-    "version": Section(Literal[1], ...),
-    "name": Section(Name, ...),
-    "paper": Section(Name | None, None),
-    "title": Section(str, ""),
-    "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0),
-    "runs": Section(Annotated[int, Ge(1), Le(MAX_RUNS)], ...),
-    "time": Section(Time, ...),
-    "uncertainty": Section(dict[str, Any], {}),
-    "plant": Section(dict[str, Any], ...),
-    "model": Section(dict[str, Any], ...),
-    "noise": Section(Any, "none"),
-    "initial": Section(dict[str, Any], {}),
-    "reference": Section(dict[str, Any], {"kind": "constant", "value": 0.0}),
-    "estimator": Section(dict[str, Any], {}),
-    "controller": Section(dict[str, Any], {}),
-    "methods": Section(dict[str, Any], ...),
-    "sweep": Section(dict[str, Any], {}),
-    "metrics": Section(list[Any], ["mse"]),
-    "statistics": Section(Statistics, Statistics()),
-    "evaluate": Section(Evaluate, ["runs"]),
-    "record": Section(RecordKeys, RecordKeys()),
-    "figures": Section(list[Any], ["boxplot"]),
-    "claims": Section(list[Any], []),
-    "execution": Section(Execution, Execution()),
-    "smoke": Section(Smoke, Smoke()),
+    "version": Section(Literal[1], ..., "Version of this format; always 1."),
+    "name": Section(
+        Name, ..., "Name of the experiment; letters, digits, _, - and a point. It names the results directory."
+    ),
+    "paper": Section(Name | None, None, "Key of the paper that is reproduced, such as zenere2018."),
+    "title": Section(str, "", "One line that says what is compared."),
+    "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0, "Seed of all random streams."),
+    "runs": Section(
+        Annotated[int, Ge(1), Le(MAX_RUNS)], ..., "Number of runs; it may be raised later, finished runs are kept."
+    ),
+    "time": Section(
+        Time, ..., "Sampling time `step` [s] with `duration` [s] or a number of `steps`; samples are k = 0..N."
+    ),
+    "uncertainty": Section(
+        dict[str, Any], {}, "Random quantities, one value per run, the same for every method: +-10% or {dist: .., ..}."
+    ),
+    "plant": Section(dict[str, Any], ..., "The true system."),
+    "model": Section(dict[str, Any], ..., "Design model of estimators and controllers; the default of all methods."),
+    "noise": Section(Any, "none", "Noise of the true system: none, same, or laws for `process` and `measurement`."),
+    "initial": Section(
+        dict[str, Any], {}, "True initial state `x`, and initial estimate `x_hat` with covariance `P` and set `M`."
+    ),
+    "reference": Section(dict[str, Any], {"kind": "constant", "value": 0.0}, "What the output follows."),
+    "estimator": Section(dict[str, Any], {}, "Default estimator of all methods."),
+    "controller": Section(dict[str, Any], {}, "Default controller of all methods."),
+    "methods": Section(dict[str, Any], ..., "The pairs to compare: name -> model, estimator, controller and label."),
+    "sweep": Section(
+        dict[str, Any], {}, "Values of some paths: {grid: {PATH: [..]}}, {zip: {PATH: [..]}}, {exclude: [..]}."
+    ),
+    "metrics": Section(list[Any], ["mse"], "Numbers to keep of every run."),
+    "statistics": Section(Statistics, Statistics(), "How methods are compared."),
+    "evaluate": Section(
+        Evaluate, ["runs"], "What to compute: single runs, exact moments over all runs, or the ensemble."
+    ),
+    "record": Section(RecordKeys, RecordKeys(), "Trajectories to keep."),
+    "figures": Section(list[Any], ["boxplot"], "Figures to draw."),
+    "claims": Section(list[Any], [], "Statements of a paper to check."),
+    "execution": Section(Execution, Execution(), "Settings of the computation; none of them changes a result."),
+    "smoke": Section(Smoke, Smoke(), "Size of a run with --smoke."),
 }

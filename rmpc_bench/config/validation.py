@@ -89,7 +89,7 @@ def _top_level(draft: DraftConfig) -> None:
     for name in draft.tree:
         if name not in SECTIONS:
             draft.note([name], registry.unknown(name, SECTIONS, "key"), key=True)
-    for name, (annotation, default) in SECTIONS.items():
+    for name, (annotation, default, _) in SECTIONS.items():
         if name in draft.tree:
             draft.values[name] = draft.checked(annotation, [name])
         elif default is ...:

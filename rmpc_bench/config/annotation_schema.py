@@ -1,0 +1,150 @@
+"""JSON Schema of an annotation, with the meaning that `schema.py` gives it when a configuration is read.
+
+A number may be written as a quantity (``2*pi``, ``5%``), so that its type is number or text.  An editor cannot compute
+a quantity: bounds of a number are checked there for plain numbers only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Le, Len, Lt
+from pydantic.fields import FieldInfo
+
+from rmpc_bench.types import FromCode, FromData, OverTime
+
+Schema = dict[str, Any]
+
+CODE: Schema = {
+    "type": "string",
+    "pattern": r"^.+\.py:[A-Za-z_]\w*$",
+    "description": "A name in a Python file, PATH.py:NAME; the path is relative to this file.",
+}
+_FILES: Schema = {"type": ["string", "array"], "description": "Data files: a path or a pattern, relative to this file."}
+_MATRIX: Schema = {
+    "type": ["number", "string", "array", "object", "null"],
+    "description": "A number (times the identity), a list (the diagonal), rows of numbers, or {file: .., name: ..}.",
+}
+
+
+def schema_of(annotation: Any) -> Schema:
+    """Return the schema of the values that an annotation allows.
+
+    Parameters
+    ----------
+    annotation : of a parameter of a design function or of a field of a dataclass
+
+    Examples
+    --------
+    >>> schema_of(Annotated[float, Gt(0)])
+    {'type': ['number', 'string'], 'exclusiveMinimum': 0}
+    >>> schema_of(Literal["filter", "predictor"] | None)
+    {'anyOf': [{'enum': ['filter', 'predictor']}, {'type': 'null'}]}
+    """
+    if annotation in _SIMPLE:
+        return dict(_SIMPLE[annotation])
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _annotated(*arguments)
+    if origin in (Union, UnionType):
+        return {"anyOf": [schema_of(member) for member in arguments]}
+    if origin is Literal:
+        return {"enum": list(arguments)}
+    if origin in _CONTAINERS:
+        return _CONTAINERS[origin](arguments)
+    if inspect.isclass(annotation) and dataclasses.is_dataclass(annotation):
+        return record_schema(annotation)
+    return {}
+
+
+def _annotated(inner: Any, *constraints: Any) -> Schema:
+    for constraint in constraints:
+        for marker, schema in _MARKED.items():
+            if isinstance(constraint, marker):
+                return dict(schema)
+    schema = schema_of(inner)
+    for constraint in constraints:
+        schema |= _limits(constraint)
+    return schema
+
+
+def _limits(constraint: Any) -> Schema:
+    """Keywords of one constraint; a constraint that JSON Schema cannot express gives none."""
+    if isinstance(constraint, Len):
+        longest = {} if constraint.max_length is None else {"maxItems": constraint.max_length}
+        return {"minItems": constraint.min_length, "minLength": constraint.min_length, **longest}
+    if isinstance(constraint, FieldInfo):
+        patterns = [each.pattern for each in constraint.metadata if getattr(each, "pattern", None)]
+        return {"pattern": patterns[0]} if patterns else {}
+    words = (
+        (Gt, "exclusiveMinimum", "gt"),
+        (Ge, "minimum", "ge"),
+        (Lt, "exclusiveMaximum", "lt"),
+        (Le, "maximum", "le"),
+    )
+    return {word: getattr(constraint, name) for kind, word, name in words if isinstance(constraint, kind)}
+
+
+def record_schema(kind: type) -> Schema:
+    """Return the schema of a mapping with the fields of a dataclass as keys."""
+    found = get_type_hints(kind, include_extras=True)
+    fields = {field.name: field for field in dataclasses.fields(kind)}
+    defaults = {name: field.default for name, field in fields.items() if field.default is not dataclasses.MISSING}
+    optional = {name for name, field in fields.items() if field.default_factory is not dataclasses.MISSING}
+    return mapping_schema(found, [*defaults, *optional], defaults, {})
+
+
+def mapping_schema(
+    annotations: Mapping[str, Any], optional: Sequence[str], defaults: Mapping[str, Any], meanings: Mapping[str, str]
+) -> Schema:
+    """Return the schema of a mapping with fixed keys.
+
+    Parameters
+    ----------
+    annotations : name of the parameter -> its annotation; a trailing ``_`` is not a part of the key
+    optional : names that need not be given
+    defaults : name -> default, where it is plain data
+    meanings : name -> description
+    """
+    properties: dict[str, Schema] = {}
+    for name, annotation in annotations.items():
+        schema = schema_of(annotation)
+        if meanings.get(name):
+            schema["description"] = meanings[name]
+        if name in defaults and isinstance(defaults[name], str | int | float | NoneType):
+            schema["default"] = defaults[name]
+        properties[name.rstrip("_")] = schema
+    required = [name.rstrip("_") for name in annotations if name not in optional]
+    made: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
+    return made | ({"required": required} if required else {})
+
+
+def _list(arguments: tuple[Any, ...]) -> Schema:
+    return {"type": "array", "items": schema_of(arguments[0])}
+
+
+def _tuple(arguments: tuple[Any, ...]) -> Schema:
+    if arguments[-1] is ...:
+        return _list(arguments)
+    n = len(arguments)
+    return {"type": "array", "items": [schema_of(each) for each in arguments], "minItems": n, "maxItems": n}
+
+
+def _dict(arguments: tuple[Any, ...]) -> Schema:
+    return {"type": "object", "additionalProperties": schema_of(arguments[1])}
+
+
+_SIMPLE: Mapping[Any, Schema] = {
+    float: {"type": ["number", "string"]},
+    int: {"type": ["integer", "string"]},
+    str: {"type": "string"},
+    bool: {"type": "boolean"},
+    NoneType: {"type": "null"},
+    None: {"type": "null"},
+}
+_CONTAINERS: Mapping[Any, Callable[[tuple[Any, ...]], Schema]] = {list: _list, tuple: _tuple, dict: _dict}
+_MARKED: Mapping[type, Schema] = {FromCode: CODE, FromData: _FILES, OverTime: _MATRIX}

@@ -1,0 +1,176 @@
+"""JSON Schema of a configuration, for editors with a YAML language server.
+
+It is made from what validates a configuration: the sections, and the signatures and docstrings of all components that
+are known here, installed ones included.  Relations between keys are not in it; `rmpc-bench check` knows them.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any
+
+from rmpc_bench import registry
+from rmpc_bench.config.annotation_schema import CODE, Schema, mapping_schema, schema_of
+from rmpc_bench.config.key_meanings import key_meanings
+from rmpc_bench.config.schema import hints, model_of
+from rmpc_bench.config.sections import SECTIONS, ClaimKeys
+
+_DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
+_NUMBER: Schema = {"type": ["number", "string"]}
+_PLANT_KEYS: dict[str, Schema] = {
+    "perturb": {
+        "type": "object",
+        "additionalProperties": _NUMBER,
+        "description": "Parameter -> factor on its nominal value, such as 1 + eps.",
+    },
+    "set": {"type": "object", "additionalProperties": _NUMBER, "description": "Parameter -> value, such as 2 + eps."},
+    "bounds": {"type": "object", "description": "State -> [low, high]; a run that leaves them is out-of-range."},
+    "diverged": {
+        "type": ["number", "string", "array", "object"],
+        "description": "Magnitude of a state beyond which a run is diverged.",
+    },
+    "from": {"type": "string", "description": "A configuration whose plant is taken."},
+}
+_MODEL_KEYS: dict[str, Schema] = {"from": {"const": "plant", "description": "Take the parameters of the plant."}}
+_EXTRA = {"plants": _PLANT_KEYS, "models": _MODEL_KEYS}
+
+
+def json_schema() -> Schema:
+    """Return the schema of a configuration, as plain data.
+
+    Examples
+    --------
+    >>> json_schema()["properties"]["seed"]["default"]
+    0
+    """
+    properties: dict[str, Schema] = {}
+    for name, (annotation, default, meaning) in SECTIONS.items():
+        schema = _SPECIAL[name]() if name in _SPECIAL else schema_of(annotation)
+        properties[name] = {**schema, "description": meaning}
+        if isinstance(default, str | int):
+            properties[name]["default"] = default
+    return {
+        "$schema": _DRAFT,
+        "title": "Configuration of rmpc-bench",
+        "type": "object",
+        "properties": properties,
+        # The model may come with the plant of another file.
+        "required": [name for name, section in SECTIONS.items() if section.default is ... and name != "model"],
+        "additionalProperties": False,
+        "definitions": {**_definitions(), "law": _law()},
+    }
+
+
+@cache
+def _definitions() -> dict[str, Schema]:
+    """Schemas of all components; a broken one of an installed package is left out."""
+    found = {}
+    for group in registry.BUILT_IN:
+        for kind in registry.names(group):
+            try:
+                found[f"{group}.{kind}"] = _component(group, kind)
+            except Exception:  # noqa: BLE001 - whatever the import of another package raises
+                continue
+    return found
+
+
+def _component(group: str, kind: str) -> Schema:
+    """Schema of the keys of one component; which of them are required is said where it is used."""
+    design = registry.get(group, kind)
+    fields = model_of(group, kind).model_fields
+    parameters = inspect.signature(design).parameters
+    annotations = hints(design, {name: parameters[name].annotation for name in fields})
+    defaults = {name: field.default for name, field in fields.items() if not field.is_required()}
+    schema = mapping_schema(annotations, [*fields], defaults, key_meanings(design))
+    first = (inspect.getdoc(design) or "").partition("\n")[0]
+    own = {} if group == "noises" else {"kind": {"const": kind, "description": first}}
+    schema["properties"] = {**own, **schema["properties"], **_EXTRA.get(group, {})}
+    return schema
+
+
+def _one_of(group: str, *, partial: bool) -> Schema:
+    """Schema of a component of a group.
+
+    Parameters
+    ----------
+    group : of the registry
+    partial : whether required keys may stand elsewhere, as in the default of all methods
+    """
+    choices: list[Schema] = [_choice(group, kind, partial=partial) for kind in _usable(group)]
+    file: Schema = {"type": "object", "properties": {"file": CODE}, "required": ["file"]}
+    source: list[Schema] = [{"type": "object", "required": ["from"]}] if group in _EXTRA else []
+    return {"anyOf": [*choices, *source, file]}
+
+
+def _choice(group: str, kind: str, *, partial: bool) -> Schema:
+    reference = {"$ref": f"#/definitions/{group}.{kind}"}
+    if partial:
+        return reference
+    fields = model_of(group, kind).model_fields
+    required = [field.alias or name for name, field in fields.items() if field.is_required()]
+    return {"allOf": [reference], "required": ["kind", *required]}
+
+
+def _usable(group: str) -> Iterable[str]:
+    defined = _definitions()
+    return [kind for kind in registry.names(group) if f"{group}.{kind}" in defined]
+
+
+def _list_of(group: str) -> Schema:
+    """Schema of a list whose entries are names or mappings."""
+    names: Schema = {"enum": [*_usable(group)]}
+    return {"type": "array", "items": {"anyOf": [names, _one_of(group, partial=False)]}}
+
+
+def _methods() -> Schema:
+    keys: dict[str, Schema] = {name: _one_of(f"{name}s", partial=True) for name in ("model", "estimator", "controller")}
+    keys["label"] = {"type": "string", "description": "Text for tables and figures; {KEY} is the value of a key."}
+    method: Schema = {"type": ["object", "null"], "properties": keys, "additionalProperties": False}
+    return {"type": "object", "additionalProperties": method}
+
+
+def _law() -> Schema:
+    """Schema of a noise law, which may be a sum of laws."""
+    law: Schema = {"$ref": "#/definitions/law"}
+    keys: dict[str, Schema] = {kind: {"$ref": f"#/definitions/noises.{kind}"} for kind in _usable("noises")}
+    keys["same"] = {"type": "object", "properties": {"scale": _NUMBER}, "additionalProperties": False}
+    keys["sum"] = {"type": "array", "items": law, "minItems": 1}
+    keys["file"] = CODE
+    one: Schema = {"type": "object", "properties": keys, "minProperties": 1}
+    return {"anyOf": [{"enum": ["none", "same"]}, one]}
+
+
+def _noise() -> Schema:
+    law: Schema = {"$ref": "#/definitions/law"}
+    channels: Schema = {"process": law, "measurement": law, "cross": {}}
+    return {
+        "anyOf": [
+            {"enum": ["none", "same"]},
+            {"type": "object", "properties": channels, "additionalProperties": False},
+        ]
+    }
+
+
+def _initial() -> Schema:
+    vector: Schema = {"type": ["number", "string", "array"]}
+    matrix: Schema = {"type": ["number", "string", "array"]}
+    x: Schema = {"anyOf": [vector, {"$ref": "#/definitions/law"}]}
+    keys: Sequence[tuple[str, Any]] = (("x", x), ("x_hat", vector), ("P", matrix), ("M", matrix))
+    return {"type": "object", "properties": dict(keys), "additionalProperties": False}
+
+
+_SPECIAL: dict[str, Any] = {
+    "plant": lambda: _one_of("plants", partial=False),
+    "model": lambda: _one_of("models", partial=True),
+    "reference": lambda: _one_of("references", partial=False),
+    "estimator": lambda: _one_of("estimators", partial=True),
+    "controller": lambda: _one_of("controllers", partial=True),
+    "methods": _methods,
+    "metrics": lambda: _list_of("metrics"),
+    "figures": lambda: _list_of("figures"),
+    "noise": _noise,
+    "initial": _initial,
+    "claims": lambda: {"type": "array", "items": schema_of(ClaimKeys)},
+}

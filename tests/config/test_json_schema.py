@@ -1,0 +1,81 @@
+"""The JSON Schema of a configuration accepts every configuration that stands, and refuses what an editor can see."""
+
+from pathlib import Path
+
+import pytest
+from jsonschema import Draft7Validator
+
+from rmpc_bench import registry
+from rmpc_bench.config.json_schema import json_schema
+from rmpc_bench.config.reader import load
+from rmpc_bench.config.tree import plain
+
+CONFIGS = sorted(Path(__file__).parents[2].joinpath("configs").rglob("*.yaml"))
+
+
+@pytest.fixture(scope="module")
+def schema():
+    return json_schema()
+
+
+@pytest.fixture(scope="module")
+def quickstart():
+    return plain(load(next(path for path in CONFIGS if path.stem == "quickstart")))
+
+
+def test_it_is_a_valid_schema(schema):
+    Draft7Validator.check_schema(schema)
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_every_configuration_follows_it(schema, path):
+    errors = [error.message for error in Draft7Validator(schema).iter_errors(plain(load(path)))]
+    assert not errors
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"sed": 1},
+        {"runs": 0},
+        {"seed": -1},
+        {"version": 2},
+        {"metrics": ["msee"]},
+        {"time": {"step": 0.1, "duraton": 20}},
+        {"plant": {"kind": "sevro"}},
+        {"noise": {"process": "some"}},
+        {"methods": {"A": {"estimater": {"kind": "kalman"}}}},
+        {"methods": {"A": {"estimator": {"kind": "robust-kalman", "c": -1}}}},
+        {"claims": [{"check": "mse[A] < 1"}]},
+    ],
+    ids=lambda change: "-".join(change),
+)
+def test_a_mistake_is_refused(schema, quickstart, change):
+    assert not Draft7Validator(schema).is_valid({**quickstart, **change})
+
+
+def test_a_quantity_is_accepted_where_a_number_stands(schema, quickstart):
+    given = {**quickstart, "statistics": {"confidence": "95%"}, "time": {"step": "1/10", "duration": 20}}
+    assert Draft7Validator(schema).is_valid(given)
+
+
+def test_keys_have_description_and_default(schema):
+    key = schema["definitions"]["estimators.robust-kalman"]["properties"]["c"]
+    assert key["description"]
+    assert schema["definitions"]["controllers.mpc"]["properties"]["Hp"]["description"]
+    assert all(schema["properties"][name]["description"] for name in schema["properties"])
+
+
+def test_a_broken_component_of_another_package_is_left_out(monkeypatch):
+    def broken():
+        raise ImportError("no such library")
+
+    points = {"broken": type("Point", (), {"load": staticmethod(broken)})()}
+    monkeypatch.setattr(registry, "_entry_points", lambda group: points if group == "estimators" else {})
+    from rmpc_bench.config import json_schema as module
+
+    module._definitions.cache_clear()
+    try:
+        assert "estimators.broken" not in json_schema()["definitions"]
+    finally:
+        module._definitions.cache_clear()
