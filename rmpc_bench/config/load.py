@@ -11,6 +11,7 @@ from rmpc_bench.config.checks import check
 from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.inheritance import inherit
+from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
 from rmpc_bench.config.source import read
 from rmpc_bench.config.sweep import expand
@@ -38,7 +39,7 @@ def load_config(
         If anything is wrong: all errors, sorted, each with its place.
     """
     source = read(path, overrides)
-    tree = inherit(source)
+    tree = with_matrices(inherit(source), source.path)
     sweep = expand(tree, source.overrides)
     drafts = validate_sections(sweep.points, runs=runs, smoke=smoke)
     join_findings(source.path, drafts[0])

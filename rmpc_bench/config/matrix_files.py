@@ -1,0 +1,226 @@
+"""Matrices from files, ``A: {file: system.mat, name: A}``, and linear systems, ``model: {linear: {from: system.mat}}``.
+
+The numbers replace the name of the file when a configuration is read, so that they count for its identity and the
+resolved configuration needs no file.  File names are relative to the file in which they stand.
+
+.mat   a MATLAB file up to version 7.2; .npz  a NumPy archive; .csv  one matrix, a row per line, without a heading.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.config.tree import Items, Map, Mark, join, locate
+from rmpc_bench.expressions import quantity
+from rmpc_bench.types import Array, ConfigError, Problem
+
+SUFFIXES = (".mat", ".npz", ".csv")
+SECTIONS_WITHOUT_MATRICES = ("input", "plugins", "claims")
+"""Sections in which the key `file` has another meaning."""
+SYSTEM = {"models": {"A": "A", "B": "B", "C": "C", "Q": "P_w", "R": "P_v"}, "plants": {"A": "A", "B": "B", "C": "C"}}
+"""Group of the component ``linear`` -> name in the file -> key of the component."""
+SAME_STEP = 1e-9
+"""Relative difference of two sampling times that are meant to be equal."""
+
+
+class _FileError(Exception):
+    """A file that does not contain what is asked for."""
+
+
+def with_matrices(tree: Map, path: Path) -> Map:
+    """Replace the names of matrix files by the numbers in them.
+
+    Parameters
+    ----------
+    tree : a configuration
+    path : its file; names in overrides are relative to its directory
+
+    Raises
+    ------
+    ConfigError
+        If a file cannot be read or does not contain the matrix: all such errors, each at the name of the file.
+    """
+    reader = _Reader(tree, path)
+    result = tree.copy()
+    for key, value in tree.items():
+        if key not in SECTIONS_WITHOUT_MATRICES:
+            result[key] = reader.replaced(value, [key])
+    if reader.problems:
+        raise ConfigError(reader.problems)
+    return result
+
+
+class _Reader:
+    """Replaces file names in a tree and collects problems."""
+
+    def __init__(self, tree: Map, path: Path) -> None:
+        self.tree, self.path, self.problems = tree, path, list[Problem]()
+        self._read: dict[Path, Mapping[str, Array]] = {}
+
+    def replaced(self, node: Any, path: list[str | int]) -> Any:
+        """Return a node with numbers in place of file names; the node itself where it has none."""
+        if isinstance(node, Map):
+            if _is_matrix(node):
+                return self._matrix(node, path)
+            result = node.copy()
+            for key, value in node.items():
+                result[key] = self.replaced(value, [*path, key])
+            return self._system(result, path) if _is_system(result) else result
+        if isinstance(node, Items):
+            items = [self.replaced(value, [*path, number]) for number, value in enumerate(node)]
+            return Items(items, mark=node.mark, value_marks=node.value_marks)
+        return node
+
+    def _matrix(self, node: Map, path: list[str | int]) -> Any:
+        mark, name = locate(node, ["file"]), node.get("name")
+        try:
+            content = self._content(node["file"], mark)
+            if name is None and len(content) != 1:
+                raise _FileError(f"{node['file']} has {', '.join(content)}; add `name`")
+            return _numbers(_named(content, next(iter(content)) if name is None else str(name), node["file"]), mark)
+        except _FileError as error:
+            self.problems.append(Problem(*mark, join([*path, "file"]), str(error)))
+            return node
+
+    def _system(self, node: Map, path: list[str | int]) -> Any:
+        """Return the keys of a linear system, below those that are given next to it."""
+        source, mark = node["linear"], locate(node["linear"], ["from"])
+        group = "plants" if path[-1] == "plant" else "models"
+        result = node.copy()
+        del result["linear"]
+        try:
+            content = self._content(source["from"], mark)
+            self._check(content, source["from"])
+            found = {key: content[name] for name, key in SYSTEM[group].items() if name in content}
+            for name in ("A", "C"):
+                _named(content, name, source["from"])
+        except _FileError as error:
+            self.problems.append(Problem(*mark, join([*path, "linear", "from"]), str(error)))
+            return node
+        result.put("kind", "linear", mark, mark)
+        for key, matrix in found.items():
+            if key not in node:
+                result.put(key, _numbers(matrix, mark), mark, mark)
+        return result
+
+    def _check(self, content: Mapping[str, Array], text: str) -> None:
+        """Refuse a direct feedthrough and another sampling time."""
+        if np.any(content.get("D", 0.0)):
+            raise _FileError(f"{text}: D is not zero; an output that depends on u(k) cannot be measured before u(k)")
+        if "Ts" not in content:
+            return
+        Ts, step = float(content["Ts"].reshape(-1)[0]), self._step()
+        if step is not None and abs(Ts - step) > SAME_STEP * max(Ts, step):
+            raise _FileError(f"{text}: Ts is {Ts:g} s, and time.step is {step:g} s; they must be equal")
+
+    def _step(self) -> float | None:
+        """Sampling time of the configuration; None where it is no number, which is reported at its own place."""
+        time = self.tree.get("time")
+        try:
+            return float(quantity.number(time.get("step", 1.0))) if isinstance(time, Map) else None
+        except (quantity.QuantityError, ValueError, TypeError):
+            return None
+
+    def _content(self, text: str, mark: Mark) -> Mapping[str, Array]:
+        """Return the matrices of a file by their names."""
+        base = Path(mark.file).parent if not mark.file.startswith("-s ") else self.path.parent
+        file = base / text
+        if file not in self._read:
+            self._read[file] = _read(file, text)
+        return self._read[file]
+
+
+def _is_matrix(node: Map) -> bool:
+    """Whether a mapping names a matrix in a file."""
+    file = node.get("file")
+    return set(node) <= {"file", "name"} and isinstance(file, str) and file.lower().endswith(SUFFIXES)
+
+
+def _is_system(node: Map) -> bool:
+    """Whether a component names the file of a linear system."""
+    source = node.get("linear")
+    return isinstance(source, Map) and set(source) == {"from"} and isinstance(source["from"], str)
+
+
+def _read(file: Path, text: str) -> Mapping[str, Array]:
+    readers = {".mat": _read_mat, ".npz": _read_npz, ".csv": _read_csv}
+    suffix = file.suffix.lower()
+    if suffix not in readers:
+        raise _FileError(f"{text}: the ending must be one of {', '.join(SUFFIXES)}")
+    if not file.is_file():
+        near = difflib.get_close_matches(file.name, [each.name for each in file.parent.glob(f"*{suffix}")], n=1)
+        raise _FileError(f"{text}: there is no such file" + (f"; did you mean {near[0]!r}?" if near else ""))
+    try:
+        return readers[suffix](file)
+    except _FileError as error:
+        raise _FileError(f"{text}: {error}") from None
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise _FileError(f"{text}: cannot be read ({error})") from None
+
+
+def _read_mat(file: Path) -> Mapping[str, Array]:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        content = loadmat(file)
+    except NotImplementedError:
+        message = "is a file of MATLAB version 7.3 (HDF5); save it with save('file.mat', ..., '-v7')"
+        raise _FileError(message) from None
+    except MatReadError as error:
+        raise _FileError(f"is no MATLAB file ({error})") from None
+    return {name: np.asarray(value) for name, value in content.items() if not name.startswith("__")}
+
+
+def _read_npz(file: Path) -> Mapping[str, Array]:
+    from zipfile import BadZipFile
+
+    try:
+        with np.load(file, allow_pickle=False) as content:
+            return {name: content[name] for name in content.files}
+    except (BadZipFile, AttributeError):
+        raise _FileError("is no archive of numpy.savez") from None
+
+
+def _read_csv(file: Path) -> Mapping[str, Array]:
+    with file.open(encoding="utf-8-sig", newline="") as lines:
+        rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
+    try:
+        matrix = np.array([[float(cell) for cell in row] for row in rows])
+    except ValueError:
+        raise _FileError("must have rows of equally many numbers, with commas between them and no heading") from None
+    return {file.stem: matrix}
+
+
+def _named(content: Mapping[str, Array], name: str, text: str) -> Array:
+    if name not in content:
+        near = difflib.get_close_matches(name, content, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(content) or 'none'}"
+        raise _FileError(f"{text} has no matrix {name!r}{hint}")
+    return content[name]
+
+
+def _numbers(matrix: Array, mark: Mark) -> Any:
+    """Return an array of a file as a configuration writes it: rows, a flat list or a number.
+
+    Raises
+    ------
+    _FileError
+        If it is no matrix of finite real numbers.
+    """
+    is_real = matrix.dtype.kind in "biuf"
+    if not is_real or matrix.ndim > 2 or not matrix.size or not np.isfinite(matrix).all():
+        raise _FileError(f"must be a matrix of finite real numbers (got shape {matrix.shape} of type {matrix.dtype})")
+    return _marked(matrix.astype(float).tolist(), mark)
+
+
+def _marked(value: Any, mark: Mark) -> Any:
+    if not isinstance(value, list):
+        return value
+    return Items([_marked(each, mark) for each in value], mark=mark, value_marks=[mark] * len(value))
