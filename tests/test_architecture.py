@@ -21,20 +21,22 @@ MAY_IMPORT = {
     "controllers": DESIGNS,
     "metrics": {"numerics", "types"},
     # A figure is checked with the layout of stored results, and drawn in the style in which it is saved.
-    "conformance": {"analysis", "figures", "types"},
+    "conformance": {"analysis", "components", "figures", "types"},
     "simulation": {"noise", "numerics", "types"},
     # The mismatch is that of an experiment, whose record (`Experiment`) belongs to the simulation.
     "diagnostics": {"simulation", "noise", "numerics", "types"},
     "registry": {"types"},
+    "components": {"registry", "types", "numerics", "models"},
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},
     "figures": {"analysis", "types"},
     "report": {"figures", "claims", "analysis", "types"},
     # Keys of an uncertain quantity are the fields of its law; the noise `same` and sets of x(0) are made as laws.
     # NUMERICS is a part of the key of a trial.
-    "config": {"registry", "expressions", "claims", "simulation", "noise", "types", "rmpc_bench"},
+    "config": {"registry", "components", "expressions", "claims", "simulation", "noise", "types", "rmpc_bench"},
     "execution": {
         "config",
+        "components",
         "simulation",
         "analysis",
         "claims",

@@ -1,0 +1,1 @@
+"""Components from files of a user: their identity, loading and adapters."""
