@@ -20,6 +20,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     "plants": {
         "linear": "rmpc_bench.plants.linear:design",
         "moving-slide": "rmpc_bench.plants.moving_slide:design",
+        "ode": "rmpc_bench.plants.ode:design",
         "servo": "rmpc_bench.plants.servo:design",
         "servo-linear": "rmpc_bench.plants.servo:design_linear",
         "uncertain-linear": "rmpc_bench.plants.uncertain_linear:design",

@@ -44,6 +44,7 @@ from rmpc_bench.types.metric import (
 )
 from rmpc_bench.types.model import Model
 from rmpc_bench.types.noise import Noise
+from rmpc_bench.types.ode import Ode, Parameters
 from rmpc_bench.types.plant import Plant
 from rmpc_bench.types.plot_records import Line, Panel
 from rmpc_bench.types.records import (
@@ -77,6 +78,7 @@ __all__ = [
     "Direction",
     "Estimate",
     "Figure",
+    "Ode",
     "OnePointFigure",
     "ResultLayout",
     "SweepFigure",
@@ -102,6 +104,7 @@ __all__ = [
     "OfTime",
     "OverTime",
     "Panel",
+    "Parameters",
     "Period",
     "Plant",
     "Positive",

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import Array
 from rmpc_bench.types.design import Design
+from rmpc_bench.types.ode import Ode
 from rmpc_bench.types.plot_records import Panel
 from rmpc_bench.types.records import LinearPlant, Motion, Period
 from rmpc_bench.types.run_info import RunInfo
@@ -101,6 +102,11 @@ class Plant(Design):
     @attribute
     def system(self) -> Any:
         """Uncertain matrices of the plant (`models.uncertain_system.UncertainSystem`); None where it has none."""
+        return None
+
+    @attribute
+    def ode(self) -> Ode | None:
+        """The differential equation of the plant with its nominal parameters; None where it has none."""
         return None
 
     def draw(

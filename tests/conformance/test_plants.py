@@ -1,5 +1,8 @@
 """Every registered plant keeps the rules of rmpc_bench.conformance."""
 
+import math
+
+import numpy as np
 import pytest
 
 from rmpc_bench import registry
@@ -7,6 +10,18 @@ from rmpc_bench.conformance import PlantExample, check_component
 from rmpc_bench.plants.uncertainty import Uncertainty
 
 KINDS = registry.names("plants")
+
+
+def pendulum(x, u, p):
+    """Time derivatives of a damped pendulum with a torque and a disturbed second body."""
+    return [x[1], -np.sin(x[0]) - p.d * x[1] + 0.1 * u[0], np.tanh(x[0]) - x[2] + 0.1 * u[1]]
+
+
+def swing(t, x, u, p):
+    """Time derivatives that a block cannot have: of one run at a time."""
+    return [math.cos(t) - p.d * x[0] if x[0] > 0 else 0.1 * u[0]]
+
+
 STEPS = 10
 UNCERTAIN = {
     "n_steps": STEPS, "A": [[0.5, 1.0, 0.1], [0.0, 0.3, -1.0], [0.2, 0.0, 0.9]],
@@ -29,6 +44,9 @@ PARAMETERS = {
         },  # fmt: skip
     ],
     "moving-slide": [{}, {"substeps": 1, "mass": 2.0}],
+    "ode": [
+        {"n_steps": STEPS, "ode": pendulum, "states": 3, "inputs": 2, "parameters": {"d": 0.3}},
+    ],
     "servo": [{}, {"alpha_l0": 0.0, "alpha_l1": 0.0}],
     "servo-linear": [{}],
     "uncertain-linear": [
