@@ -33,7 +33,7 @@ from rmpc_bench.expressions import quantity
 from rmpc_bench.types import OverTime, Problem, row_by_row
 
 PROVIDED: dict[str, frozenset[str]] = {
-    "plants": frozenset({"Ts", "n_steps"}),
+    "plants": frozenset({"Ts", "n_steps", "x0", "bounds"}),
     "models": frozenset({"Ts", "n_steps"}),
     "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant"}),
     "controllers": frozenset({"model", "n_steps", "estimator"}),
