@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +16,17 @@ from rmpc_bench.simulation.scenario import Experiment
 def digest(data: Any) -> str:
     """Return the SHA-256 of plain data, written as JSON with sorted keys."""
     return hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def key_of_trials(definition: str, code: Mapping[str, Any]) -> str:
+    """Return the hash under which the trials of a method are stored.
+
+    Parameters
+    ----------
+    definition : hash of what the configuration determines of them
+    code : what identifies the code that computes them
+    """
+    return digest({"definition": definition, "code": code})
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +41,7 @@ class SweepPoint:
     shared : what all methods share, as plain data (identity.py)
     methods : method name -> what identifies the method, as plain data
     metrics : metric name -> what identifies the metric, as plain data
+    own_code : method name -> what identifies the code that is not built in, as plain data; nothing where there is none
     """
 
     coordinates: Mapping[str, str]
@@ -38,6 +50,7 @@ class SweepPoint:
     shared: Mapping[str, Any]
     methods: Mapping[str, Any]
     metrics: Mapping[str, Any]
+    own_code: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @cached_property
     def experiment_hash(self) -> str:
@@ -52,10 +65,15 @@ class SweepPoint:
         }
 
     @cached_property
+    def code(self) -> dict[str, dict[str, Any]]:
+        """What identifies the code that computes the trials, by method."""
+        here = code_version()
+        return {name: {**here, **self.own_code.get(name, {})} for name in self.methods}
+
+    @cached_property
     def method_keys(self) -> dict[str, str]:
         """Hashes under which trials are stored, by method: definition and code; points with equal ones share trials."""
-        code = code_version()
-        return {name: digest({"definition": key, "code": code}) for name, key in self.definitions.items()}
+        return {name: key_of_trials(key, self.code[name]) for name, key in self.definitions.items()}
 
     @cached_property
     def metric_keys(self) -> dict[str, str]:

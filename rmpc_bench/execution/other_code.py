@@ -33,9 +33,8 @@ def rows_of_other_code(config: ExperimentConfig, store: Store, methods: Collecti
 
 def stored_methods(config: ExperimentConfig, methods: Collection[str]) -> list[StoredMethod]:
     """Return what identifies the trials of some methods at all points of the sweep, each once."""
-    code = code_version()
     found = {
-        key: StoredMethod(key, point.definitions[name], code)
+        key: StoredMethod(key, point.definitions[name], point.code[name])
         for point in config.points
         for name, key in point.method_keys.items()
         if name in methods
