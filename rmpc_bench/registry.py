@@ -58,6 +58,11 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "s-shape": "rmpc_bench.simulation.reference:s_shape",
         "square": "rmpc_bench.simulation.reference:square",
     },
+    "inputs": {
+        "prbs": "rmpc_bench.simulation.input_signals:prbs",
+        "sine": "rmpc_bench.simulation.input_signals:sine",
+        "steps": "rmpc_bench.simulation.input_signals:steps",
+    },
     "noises": {
         "ellipsoid": "rmpc_bench.noise.bounded:ellipsoid",
         "gaussian": "rmpc_bench.noise.gaussian:gaussian",

@@ -134,6 +134,8 @@ def _plant_and_model(config: ExperimentConfig) -> list[tuple[str, str, str]]:
     start = ", ".join(f"{key} = {_short(each) if isinstance(each, list) else each}" for key, each in given.items())
     noise = resolved["noise"]
     rows += _multiline("noise", _wrapped(_sums(noise) or [_short(noise)]), "-" if assumed is None else _short(assumed))
+    if "input" in resolved:
+        rows += _multiline("input", _wrapped([_short(resolved["input"])]), "-")
     return rows + _multiline("initial", _sums({"x": initial["x"]}) or [f"x = {_short(initial['x'])}"], start)
 
 

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import initial_covariance, initial_state
 from rmpc_bench.types import Array, DesignError, Method, Plant
@@ -89,7 +90,8 @@ class MethodBuilder:
         """
         named = {"model": components.model, "estimator": components.estimator, "controller": components.controller}
         described = {key: component.resolved() for key, component in named.items() if component is not None}
-        description = ["method", name, self.size(), described, self._disclosed(components)]
+        applied = None if self.draft.input is None else self.draft.input.resolved()
+        description = ["method", name, self.size(), described, self._disclosed(components), applied]
         return cast("Method | None", self.cache.get(description, lambda: self._method(name, components, plant)))
 
     def _method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
@@ -104,13 +106,25 @@ class MethodBuilder:
         if components.controller is None and components.controlled:
             return None
         if components.controller is None:
-            controller: Any = Rest(model.nu)
+            controller: Any = self._open_loop(model.nu)
+            if controller is None:
+                return None
         elif estimator is None and components.controller.takes("estimator"):
             return None
         else:
             provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
             controller = components.controller.build(problems, **provided)
         return None if estimator is None or controller is None else Method(name, estimator, controller)
+
+    def _open_loop(self, nu: int) -> Any:
+        """Return what stands for a controller where there is none; None where the input is invalid."""
+        component = self.draft.input
+        if component is None:
+            return None if "input" in self.draft.tree else Rest(nu)
+        size = {"nu": nu, "Ts": self.time.step}
+        description = ["input", size, component.resolved()]
+        signal = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
+        return None if signal is None else OpenLoop(signal, self.n_steps)
 
     def _estimator(self, components: MethodComponents, provided: Mapping[str, Any]) -> Any:
         """Build an estimator; methods and points with equal estimators share one."""

@@ -114,6 +114,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
             **start_data(draft),
         },
         "reference": draft.reference.resolved() if draft.reference else {},
+        **({"input": draft.input.resolved()} if draft.input else {}),
         "methods": methods,
         "metrics": _metrics(draft, experiment, smoke=smoke),
         "statistics": plain_data(values["statistics"]),

@@ -67,6 +67,8 @@ class DraftConfig:
     """Limits of the true state, the keys `bounds` and `diverged` of the plant."""
     model: Component | None = None
     reference: Component | None = None
+    input: Component | None = None
+    """Input in open loop; None where there is a controller, or u = 0."""
     noise: dict[str, tuple[NoiseTerm, ...]] = field(default_factory=dict)
     """Channel -> the terms of its noise."""
     cross: Any = None

@@ -57,6 +57,8 @@ def _shared(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
         "x": {"mean": experiment.scenario.x0.tolist(), "law": sum_data(draft.initial["laws"])},
         "reference": draft.reference.resolved() if draft.reference else None,
     }
+    if draft.input is not None:
+        common["input"] = draft.input.resolved()
     plant = experiment.plant
     if plant.opponent is not None:
         common["against"] = method_data(draft, draft.methods[plant.opponent[0]])

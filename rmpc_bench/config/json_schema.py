@@ -165,6 +165,7 @@ _SPECIAL: dict[str, Any] = {
     "plant": lambda: _one_of("plants", partial=False),
     "model": lambda: _one_of("models", partial=True),
     "reference": lambda: _one_of("references", partial=False),
+    "input": lambda: _one_of("inputs", partial=False),
     "estimator": lambda: _one_of("estimators", partial=True),
     "controller": lambda: _one_of("controllers", partial=True),
     "methods": _methods,

@@ -14,7 +14,7 @@ from rmpc_bench.config.schema import model_of, shown
 from rmpc_bench.config.tree import Map, locate, merge
 from rmpc_bench.types import ConfigError, Problem
 
-SECTIONS_OF_A_PLANT = ("model", "noise", "initial", "reference")
+SECTIONS_OF_A_PLANT = ("model", "noise", "initial", "reference", "input")
 """Sections of the file that a plant comes from, which hold where a configuration has none."""
 
 FILE = "file"
@@ -71,9 +71,16 @@ def lay_over_source(tree: Map) -> Map:
         # Replaced as a component of another kind is: the bounds of one law have no meaning for another.
         result["plant"]["uncertainty"] = law
     for key in SECTIONS_OF_A_PLANT:
-        if key in source and key not in tree:
+        if key in source and key not in tree and not (key == "input" and _has_controller(tree)):
             result.put(key, source[key], source.key_marks.get(key, source.mark), locate(source, [key]))
     return result
+
+
+def _has_controller(tree: Map) -> bool:
+    """Whether a method of a configuration has a controller, so that the input of another file does not hold."""
+    methods = tree.get("methods")
+    own = methods.values() if isinstance(methods, Map) else ()
+    return "controller" in tree or any(isinstance(method, Map) and "controller" in method for method in own)
 
 
 def open_section(tree: Map, path: str) -> Map:

@@ -38,6 +38,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant"}),
     "controllers": frozenset({"model", "n_steps", "estimator"}),
     "references": frozenset({"ny", "Ts"}),
+    "inputs": frozenset({"nu", "Ts"}),
     "noises": frozenset({"n", "Ts"}),
     "metrics": frozenset(),
     "figures": frozenset(),

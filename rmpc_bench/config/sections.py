@@ -196,6 +196,7 @@ SECTIONS: dict[str, Section] = {
         dict[str, Any], {}, "True initial state `x`, and initial estimate `x_hat` with covariance `P` and set `M`."
     ),
     "reference": Section(dict[str, Any], {"kind": "constant", "value": 0.0}, "What the output follows."),
+    "input": Section(dict[str, Any], {}, "Input of the plant in open loop, in place of a controller."),
     "estimator": Section(dict[str, Any], {}, "Default estimator of all methods."),
     "controller": Section(dict[str, Any], {}, "Default controller of all methods."),
     "methods": Section(dict[str, Any], ..., "The pairs to compare: name -> model, estimator, controller and label."),

@@ -13,7 +13,10 @@ from rmpc_bench.registry import unknown
 from rmpc_bench.types import ConfigError, Problem
 from rmpc_bench.types.sweep_points import lies_at, value_text
 
-SWEPT = ("seed", "time", "uncertainty", "plant", "model", "noise", "initial", "reference", "estimator", "controller")
+SWEPT = (
+    *("seed", "time", "uncertainty", "plant", "model", "noise", "initial", "reference", "input"),
+    *("estimator", "controller"),
+)
 """Top-level keys whose paths may be swept, beside those of a method."""
 
 METHOD_COMPONENTS = ("model", "estimator", "controller")

@@ -54,6 +54,7 @@ def _sections(point: SweptTree, *, first: bool) -> DraftConfig:
     _plant(draft)
     draft.model = _component(draft, "models", "model")
     draft.reference = _component(draft, "references", "reference")
+    _input(draft)
     read_noise(draft)
     read_initial(draft)
     _methods(draft)
@@ -147,6 +148,18 @@ def _probe(draft: DraftConfig, expression: quantity.Expression, path: list[str |
         expression()
     except quantity.QuantityError as error:
         draft.note(path, str(error))
+
+
+def _input(draft: DraftConfig) -> None:
+    """Read the input in open loop; an experiment with a controller has none."""
+    if "input" not in draft.tree:
+        return
+    draft.input = _component(draft, "inputs", "input")
+    own = draft.values["methods"] or {}
+    with_controller = [name for name, method in own.items() if isinstance(method, Map) and "controller" in method]
+    if "controller" in draft.tree or with_controller:
+        where = "controller" if "controller" in draft.tree else f"methods.{with_controller[0]}.controller"
+        draft.note(["input"], f"replaces the controller of all methods; leave out `{where}` or the input", key=True)
 
 
 def _methods(draft: DraftConfig) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from rmpc_bench.diagnostics.stability import LinearPair, linear_pair, spectral_radius
 from rmpc_bench.diagnostics.tolerance import DesignModel, divergence_over_time
 from rmpc_bench.noise.gaussian import Gaussian
+from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment, Scenario, initial_covariance, initial_state
 from rmpc_bench.types import Array, DesignError, LinearPlant, Method
@@ -198,7 +199,7 @@ def _noise_scale(scenario: Scenario, model: DesignModel | None) -> NoiseScale:
 
 
 def _without_law(each: _MethodModel) -> str:
-    return "no controller" if isinstance(each.method.controller, Rest) else "no linear law with known gains"
+    return "no controller" if isinstance(each.method.controller, Rest | OpenLoop) else "no linear law with known gains"
 
 
 def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[LinearPlant]) -> MeanDivergence | str:

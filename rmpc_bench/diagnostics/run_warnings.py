@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, DesignError, Estimate, Method, Status
@@ -45,7 +46,8 @@ def run_warnings(experiment: Experiment, methods: Mapping[str, Mapping[str, Any]
         model = _DesignModel(experiment, methods[method.name], build)
         for part, check in checks.items():
             # Methods with equal data share one answer.
-            key = f"{part} {isinstance(method.controller, Rest) if part == 'plant' else model.key(part.split('.')[0])}"
+            is_open = isinstance(method.controller, Rest | OpenLoop)
+            key = f"{part} {is_open if part == 'plant' else model.key(part.split('.')[0])}"
             if key not in known:
                 with np.errstate(all="ignore"):
                     known[key] = check(experiment, method, model)
@@ -81,9 +83,9 @@ class _DesignModel:
 
 
 def _uncontrolled(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:
-    """Describe an unstable plant whose input is 0."""
+    """Describe an unstable plant without a controller."""
     A = _state_matrix(experiment)
-    if A is None or not isinstance(method.controller, Rest):
+    if A is None or not isinstance(method.controller, Rest | OpenLoop):
         return None
     radius = float(np.abs(np.linalg.eigvals(A)).max())
     digits = experiment.n_steps * np.log10(max(radius, 1e-300))

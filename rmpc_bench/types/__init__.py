@@ -30,6 +30,7 @@ from rmpc_bench.types.errors import (
 )
 from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.figure import Figure, OnePointFigure, SweepFigure
+from rmpc_bench.types.input_signal import InputSignal
 from rmpc_bench.types.issue import Issue, does_not_fit, issues_of, no_such_component, row_by_row
 from rmpc_bench.types.method import Method
 from rmpc_bench.types.metric import (
@@ -87,6 +88,7 @@ __all__ = [
     "FromData",
     "GainSchedule",
     "Horizon",
+    "InputSignal",
     "Issue",
     "Journal",
     "Line",

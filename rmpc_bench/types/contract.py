@@ -11,6 +11,7 @@ from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.errors import DesignError
 from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.figure import Figure
+from rmpc_bench.types.input_signal import InputSignal
 from rmpc_bench.types.metric import Metric
 from rmpc_bench.types.model import Model
 from rmpc_bench.types.noise import Noise
@@ -23,6 +24,7 @@ BASES: Mapping[str, type] = {
     "estimators": Estimator,
     "controllers": Controller,
     "references": Reference,
+    "inputs": InputSignal,
     "noises": Noise,
     "metrics": Metric,
     "figures": Figure,
@@ -35,6 +37,7 @@ REQUIRED: Mapping[str, tuple[str, ...]] = {
     "estimators": ("init", "correct", "predict"),
     "controllers": ("init", "control"),
     "references": ("sample",),
+    "inputs": ("sample",),
     "noises": ("draw",),
     "metrics": ("evaluate",),
     "figures": ("draw",),
@@ -53,8 +56,8 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     ----------
     group, kind : of the registry
     made : what the design function has returned
-    provided : what it was given by the bench: ``model`` for estimators and controllers, ``ny`` for references, ``n``
-        for noises; sizes are compared with it where it is there
+    provided : what it was given by the bench: ``model`` for estimators and controllers, ``ny`` for references, ``nu``
+        for inputs, ``n`` for noises; sizes are compared with it where it is there
 
     Raises
     ------
@@ -144,6 +147,11 @@ def _reference(reference: Reference, provided: Mapping[str, Any]) -> Iterator[st
         yield from _shape("sample(2)", reference.sample(2), (2, provided["ny"]))
 
 
+def _input(signal: InputSignal, provided: Mapping[str, Any]) -> Iterator[str]:
+    if "nu" in provided:
+        yield from _shape("sample([0, 1], 2)", signal.sample([0, 1], 2), (2, 2, provided["nu"]))
+
+
 def _noise(noise: Noise, provided: Mapping[str, Any]) -> Iterator[str]:
     n = provided.get("n")
     if n is None:
@@ -161,6 +169,7 @@ _CHECKS: Mapping[str, Callable[[Any, Mapping[str, Any]], Iterator[str]]] = {
     "estimators": _estimator,
     "controllers": _controller,
     "references": _reference,
+    "inputs": _input,
     "noises": _noise,
 }
 

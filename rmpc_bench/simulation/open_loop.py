@@ -1,0 +1,44 @@
+"""Open loop: the input is given, for experiments that compare estimators only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types import Array, Command, Controller, Estimate, InputSignal, RunInfo, Status
+
+OK = np.int8(Status.OK)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenLoop(Controller):
+    """A controller that applies a given input.
+
+    Parameters
+    ----------
+    signal : the input
+    n_steps : number of control periods N
+    """
+
+    signal: InputSignal
+    n_steps: int
+    preview = 0
+    starts_runs = True
+
+    def init(self, n_runs: int, runs: RunInfo | None = None) -> Float[Array, "runs samples nu"]:
+        """Return the inputs of the runs; they are those of runs 0, 1, .. unless ``runs`` is given."""
+        index = range(n_runs) if runs is None else runs.index
+        return self.signal.sample(index, self.n_steps)
+
+    def control(
+        self,
+        k: int,
+        state: Float[Array, "runs samples nu"],
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[Float[Array, "runs samples nu"], Command]:
+        """Return u(k) of every run."""
+        return state, Command(state[:, k], np.full(len(y), OK), {})
