@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -30,11 +30,13 @@ class SourceFile(NamedTuple):
     """Its path relative to the directory of the first file, or its path as a module if found on the path of Python."""
     digest: str
     """Of the syntax tree of a Python file, of the bytes of any other."""
+    content: bytes
+    """What was read."""
     beside: bool = True
     """Whether it was found from the first file; otherwise on the path of Python."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Source:
     """A Python file with every file that it depends on.
 
@@ -59,18 +61,32 @@ class Source:
         others = (f"{each.place} {each.digest}" for each in self.files[1:])
         return text_hash([self.files[0].digest, *others])
 
+    @cached_property
+    def copies(self) -> dict[str, SourceFile]:
+        """Path in a directory of copies -> file; the paths relative to each other are kept."""
+        # A file above that of the first one needs the directories between them, by their names.
+        above = max(Path(each.place).parts.count("..") for each in self.files)
+        first = Path(*self.path.parent.parts[len(self.path.parent.parts) - above :])
+        return {Path(os.path.normpath(first / each.place)).as_posix(): each for each in self.files}
+
+    @property
+    def copy(self) -> str:
+        """Path of the first file in a directory of copies."""
+        return next(iter(self.copies))
+
     @property
     def short(self) -> str:
         """The first six digits of `sha`, for messages."""
         return self.sha[:6]
 
 
-def read_source(path: Path) -> Source:
+def read_source(path: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Source:
     """Return the identity of a Python file; nothing is imported.
 
     Parameters
     ----------
     path : the file
+    read : returns the content of a file
 
     Raises
     ------
@@ -87,7 +103,7 @@ def read_source(path: Path) -> Source:
     >>> read_source(path).sha == before
     True
     """
-    search = _Search(path.resolve())
+    search = _Search(path.resolve(), read)
     search.follow()
     return search.source()
 
@@ -137,6 +153,7 @@ class _Search:
     """Follows the imports of a file."""
 
     top: Path
+    read: Callable[[Path], bytes]
     files: dict[Path, SourceFile] = field(default_factory=dict)
     modules: set[str] = field(default_factory=set)
     problems: list[Problem] = field(default_factory=list)
@@ -155,25 +172,25 @@ class _Search:
         while waiting:
             found = waiting.pop()
             if found.path not in self.files:
-                waiting += self._read(found)
+                waiting += self._files_of(found)
 
-    def _read(self, found: _Found) -> list[_Found]:
+    def _files_of(self, found: _Found) -> list[_Found]:
         """Read a file and return those that it imports."""
-        text = found.path.read_bytes()
+        content = self.read(found.path)
         if found.path.suffix != ".py":
-            self._add(found, hashlib.sha256(text).hexdigest())
+            self._add(found, hashlib.sha256(content).hexdigest(), content)
             return []
-        parsed = _parsed(text)
-        self._add(found, parsed.digest)
+        parsed = _parsed(content)
+        self._add(found, parsed.digest, content)
         self.problems += [_problem(found.path, wrong) for wrong in parsed.wrong]
         self._add_data(found, parsed.found)
         self._note_hidden(found.path, parsed.found)
         return [file for each in parsed.found.imports for file in self._imported(found, each)]
 
-    def _add(self, found: _Found, digest: str) -> None:
+    def _add(self, found: _Found, digest: str, content: bytes) -> None:
         base = self.top.parent if found.beside else found.base
         place = Path(os.path.relpath(found.path, base)).as_posix()
-        self.files[found.path] = SourceFile(found.path, place, digest, found.beside)
+        self.files[found.path] = SourceFile(found.path, place, digest, content, found.beside)
 
     def _add_data(self, found: _Found, references: References) -> None:
         """Add the files under `depends_on`."""
@@ -185,7 +202,8 @@ class _Search:
             if not data.is_file():
                 self.problems.append(_problem(path, entry, f"depends_on: there is no file {entry.text!r} beside it"))
             elif data not in self.files:
-                self._add(found._replace(path=data), data_hash(data))
+                content = self.read(data)
+                self._add(found._replace(path=data), hashlib.sha256(content).hexdigest(), content)
 
     def _note_hidden(self, path: Path, references: References) -> None:
         """Warn of code that the syntax tree cannot show, and of files that `depends_on` does not name."""

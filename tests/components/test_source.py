@@ -155,7 +155,10 @@ def test_a_module_on_the_path_of_python_counts_unless_it_is_installed(tmp_path, 
     monkeypatch.syspath_prepend(str(shared))
     before = read_source(path)
     assert before.modules == ("numpy",)
-    assert [file[1::2] for file in before.files[1:]] == [("my_lib/__init__.py", False), ("my_lib/gains.py", False)]
+    assert [(file.place, file.beside) for file in before.files[1:]] == [
+        ("my_lib/__init__.py", False),
+        ("my_lib/gains.py", False),
+    ]
     (shared / "my_lib" / "gains.py").write_text("K = 2")
     assert read_source(path).sha != before.sha
     assert local_directory("my_lib") == shared and local_directory("numpy") is None
@@ -169,3 +172,29 @@ def test_the_distribution_of_a_module():
     assert distribution_of("filterpy") == ("filterpy", filterpy.__version__)
     assert distribution_of("yaml") == ("pyyaml", yaml.__version__)
     assert distribution_of("no_such_module") is None
+
+
+def test_copies_keep_the_paths_relative_to_each_other(tmp_path):
+    """Also of a package above the file; the copies have the same hash."""
+    (tmp_path / "lab" / "filters").mkdir(parents=True)
+    for name in ("lab/__init__.py", "lab/filters/__init__.py"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "lab" / "gains.py").write_text("K = 1")
+    path = tmp_path / "lab" / "filters" / "own.py"
+    path.write_text("from ..gains import K\nfrom . import other")
+    (tmp_path / "lab" / "filters" / "other.py").write_text("")
+    source = read_source(path)
+    assert source.copy == "filters/own.py"
+    assert [*source.copies] == [
+        "filters/own.py",
+        "__init__.py",
+        "gains.py",
+        "filters/__init__.py",
+        "filters/other.py",
+    ]
+    for place, file in source.copies.items():
+        copy = tmp_path / "copies" / place
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(file.content)
+    assert read_source(tmp_path / "copies" / source.copy).sha == source.sha
+    assert read_source(written(tmp_path)).copy == "tanks.py"
