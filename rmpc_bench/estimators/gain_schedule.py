@@ -56,6 +56,7 @@ class GainScheduleFilter(Estimator):
     M : (1 or samples, nx, nx) shape matrix of a set that contains x_hat - x, None if the design reports none
     sets : sets of the noises on which M or P is based, None for those of the model
     uncertainty_scale : factor of the uncertainty that the design guards against, None if it guards against none
+    S : (1 or samples, ny, ny) covariance of the innovation, None if the design reports none
     """
 
     x0: Float[Array, " nx"]
@@ -72,6 +73,13 @@ class GainScheduleFilter(Estimator):
     M: Float[Array, "kM nx nx"] | None = None
     sets: NoiseSets | None = None
     uncertainty_scale: float | None = None
+    S: Float[Array, "kS ny ny"] | None = None
+
+    @property
+    def reports(self) -> dict[str, tuple[int, ...]]:
+        """The innovation, and its covariance where the design has one."""
+        ny = self.C.shape[1]
+        return {"e": (ny,)} if self.S is None else {"e": (ny,), "S": (ny, ny)}
 
     def init(self, n_runs: int) -> FilterState:
         """Start every run at ``x0``."""
@@ -85,7 +93,11 @@ class GainScheduleFilter(Estimator):
         x_hat = state.x_pred + mv(at_sample(self.L, k), e) if self._corrects else state.x_pred
         P = None if self.P is None else at_sample(self.P, k)
         M = None if self.M is None else at_sample(self.M, k)
-        return FilterState(state.x_pred, e), Estimate(x_hat, P, M, np.full(len(y), OK), {"e": e})
+        info = {"e": e}
+        if self.S is not None:
+            S = at_sample(self.S, k)
+            info["S"] = np.broadcast_to(S, (len(y), *S.shape))
+        return FilterState(state.x_pred, e), Estimate(x_hat, P, M, np.full(len(y), OK), info)
 
     def predict(self, k: int, state: FilterState, u: Float[Array, "runs nu"]) -> FilterState:
         """Predict k+1: x_pred+ = F x_pred + B u + K e."""
@@ -215,7 +227,9 @@ def riccati_schedule(
         P_pred.append(step.P_next)
     refuse_overflow(P_pred)
     extra = {"P_pred": np.array(P_pred[:-1]), "V": np.array(V), "theta": np.array(theta)}
-    predictor = replace(predictor_schedule(models, x0, K, V, extra=extra), sets=stochastic_sets(model))
+    S = [symmetrise(now.C.dot(each).dot(now.C.T) + now.R_v) for now, each in zip(models, V, strict=True)]
+    predictor = predictor_schedule(models, x0, K, V, extra=extra)
+    predictor = replace(predictor, sets=stochastic_sets(model), S=over_time(S))
     return predictor if form == "predictor" else replace(predictor, L=np.array(L), P=np.array(P))
 
 

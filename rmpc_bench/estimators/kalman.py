@@ -52,6 +52,11 @@ class RelinearisedFilter(Estimator):
     P0: Float[Array, "nx nx"]
     use_y0: bool = True
 
+    @property
+    def reports(self) -> dict[str, tuple[int, ...]]:
+        """The innovation."""
+        return {"e": (len(self.model.C),)}
+
     def warm_up(self) -> None:
         """Compile the kernel of the model."""
         self.model.warm_up()

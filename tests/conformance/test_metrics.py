@@ -21,6 +21,9 @@ PARAMETERS = {
     "steady_state_error": [{}, {"share": 0.4}],
     "estimation_mse": [{}],
     "nees": [{}],
+    "nis": [{}],
+    "innovation_mse": [{}, WINDOW],
+    "whiteness": [{}, {"lags": 3}],
     "sample": [{"of": of} for of in ("x.1", "x_hat.0", "e.2", "y.1")] + [{"of": "u.0", "at": 4.0}],
     "inside": [{"of": of} for of in (None, "set", "gaussian", "sum")],
     "cost": [{"Q_x": [3.0, 0.1, 1.0], "R_u": 0.7}],
@@ -70,6 +73,8 @@ def record(*, per_run):
     P, M = (np.stack([random_psd(rng, 3) for _ in range(count)]).reshape(shape) for _ in range(2))
     info = {"gain": rng.standard_normal((RUNS, STEPS, 2)), "fallback": 1.0 * (rng.random((RUNS, STEPS + 1, 1)) < 0.2)}
     bursts = rng.random((RUNS, STEPS + 1)) < 0.3
+    S = np.stack([random_psd(rng, 2) for _ in range(RUNS * (STEPS + 1))]).reshape(RUNS, STEPS + 1, 4)
+    info |= {"e": rng.standard_normal((RUNS, STEPS + 1, 2)), "S": S}
     layout = MetricLayout(STEPS, 0.5, "m", "V", plant=Mechanism(), bursts=True)
     return Record(0.5, x, y, x_hat, u, r, P, M, Certifying(), info, bursts, layout)
 
