@@ -27,6 +27,7 @@ def test_public_names_are_the_documented_ones():
         *("simulate", "run", "load_config", "load_results", "load_trials"),
         *("summarise", "compare", "judge", "figure", "publish"),
         *("register", "plant", "model", "estimator", "controller"),
+        *("single_run", "SolverError", "Estimator", "Controller", "Plant", "Metric", "Figure"),
     }
     assert dir(rmpc_bench) == sorted([*rmpc_bench._PUBLIC, "NUMERICS", "__version__"])
 

@@ -11,7 +11,7 @@ from rmpc_bench.config.draft import DraftConfig, MethodComponents
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import initial_covariance, initial_state
-from rmpc_bench.types import Array, DesignError, Method, Plant
+from rmpc_bench.types import Array, DesignError, Method, Plant, PlantInfo
 
 
 class DesignCache:
@@ -99,10 +99,11 @@ class MethodBuilder:
         if model is None:
             return None
         start = self._start(model)
+        info = None if plant is None else PlantInfo.of(plant)
+        common = {"model": model, "n_steps": self.n_steps, "Ts": self.time.step, "plant_info": info}
         estimator = None
         if components.estimator is not None and start is not None:
-            provided = {"model": model, "n_steps": self.n_steps, **start, "plant": plant}
-            estimator = self._estimator(components, provided)
+            estimator = self._estimator(components, {**common, **start, "plant": plant})
         if components.controller is None and components.controlled:
             return None
         if components.controller is None:
@@ -111,9 +112,10 @@ class MethodBuilder:
                 return None
         elif estimator is None and components.controller.takes("estimator"):
             return None
+        elif info is None and components.controller.takes("plant_info"):
+            return None
         else:
-            provided = {"model": model, "n_steps": self.n_steps, "estimator": estimator}
-            controller = components.controller.build(problems, **provided)
+            controller = components.controller.build(problems, **common, estimator=estimator)
         return None if estimator is None or controller is None else Method(name, estimator, controller)
 
     def _open_loop(self, nu: int) -> Any:
@@ -130,14 +132,16 @@ class MethodBuilder:
         """Build an estimator; methods and points with equal estimators share one."""
         estimator, model = components.estimator, components.model
         assert estimator is not None and model is not None
-        if estimator.takes("plant") and provided["plant"] is None:
+        if provided["plant"] is None and (estimator.takes("plant") or estimator.takes("plant_info")):
             return None
         disclosed = self._disclosed(components)
         description = ["estimator", self.size(), model.resolved(), estimator.resolved(), disclosed]
         return self.cache.get(description, lambda: estimator.build(self.draft.problems, **provided))
 
     def _disclosed(self, components: MethodComponents) -> Any:
-        """Plant data disclosed to an estimator that takes the plant; None for others."""
-        estimator, plant = components.estimator, self.draft.plant
-        disclosed = estimator is not None and plant is not None and estimator.takes("plant")
-        return plant.resolved() if plant is not None and disclosed else None
+        """Data of the plant that a method depends on: an estimator takes it, or a component takes its nominal data."""
+        plant = self.draft.plant
+        oracle = components.estimator is not None and components.estimator.takes("plant")
+        parts = (components.estimator, components.controller)
+        informed = any(part is not None and part.takes("plant_info") for part in parts)
+        return plant.resolved() if plant is not None and (oracle or informed) else None

@@ -35,8 +35,8 @@ from rmpc_bench.types import OverTime, Problem, row_by_row
 PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps", "x0", "bounds"}),
     "models": frozenset({"Ts", "n_steps"}),
-    "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant"}),
-    "controllers": frozenset({"model", "n_steps", "estimator"}),
+    "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant", "Ts", "plant_info"}),
+    "controllers": frozenset({"model", "n_steps", "estimator", "Ts", "plant_info"}),
     "references": frozenset({"ny", "Ts"}),
     "inputs": frozenset({"nu", "Ts"}),
     "noises": frozenset({"n", "Ts"}),

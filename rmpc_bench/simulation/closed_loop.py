@@ -10,10 +10,21 @@ from jaxtyping import Float
 
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.recorder import Recorder
-from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
-from rmpc_bench.types import Array, Journal, Method, Plant, Record, Statuses
+from rmpc_bench.types import (
+    Array,
+    Journal,
+    Method,
+    Plant,
+    Record,
+    RunInfo,
+    Statuses,
+    as_command,
+    as_estimate,
+    as_motion,
+)
 
 BURSTS = "bursts"
 """Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
@@ -57,11 +68,14 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     record, status = simulate(
         plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info, state_range=experiment.state_range, start=start
     )
-    record = record._replace(experiment=experiment.metric_layout)
-    ok = status == OK
+    evaluated = RunInfo(start.runs, (), status == OK, start.journal)
+    record = record._replace(experiment=experiment.metric_layout, runs=evaluated)
     # Failed runs may overflow; their values are replaced by NaN.
     with np.errstate(over="ignore", invalid="ignore"):
-        values = [np.where(ok, metric.evaluate(record), np.nan) for metric in experiment.metrics]
+        found = [metric.evaluate(record) for metric in experiment.metrics]
+    status = np.where(status == OK, evaluated.failed, status)
+    ok = status == OK
+    values = [np.where(ok, each, np.nan) for each in found]
     traces = {
         name: trace[:n_recorded]
         for name in recording.signals
@@ -102,24 +116,29 @@ def simulate(
     """
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
-    start, alive = start or RunStart(0, tuple(range(n_runs)), Journal()), np.ones(n_runs, dtype=bool)
-    draws = draws._replace(delta=start.plant(plant, draws.delta, x, alive))
+    start, runs = start or RunStart(0, tuple(range(n_runs)), Journal()), RunState.of(n_runs)
+    alive, failed = runs
+    draws = draws._replace(delta=start.plant(plant, draws.delta, x, runs))
     mixes, preview = plant.mixes_noise, controller.preview
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
-    e, c = start.estimator(estimator, n_runs, draws.delta, alive), start.controller(controller, n_runs, alive)
+    e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
     known = r[: n_steps + 1].copy()
     limits, nothing = RunLimits(state_range, x, known), np.full(n_runs, OK)
     outputs, inputs = Recorder(n_steps + 1), Recorder(n_steps)
     no_noise = np.zeros_like(v[:, 0])
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
-        status = limits.of_state(nothing, nothing, x)
+        status = limits.of_state(nothing, failed, x)
         np.equal(status, OK, out=alive)
         for k in range(n_steps + 1):
             y_true = np.array(plant.output(k, draws.delta, x, no_noise))
             outputs.at(k, x=x, y=y_true)
             y = y_true + v[:, k] if mixes else np.array(plant.output(k, draws.delta, x, v[:, k]))
-            e, estimate = estimator.correct(k, e, y)
+            if failed.any():
+                status = np.where(status == OK, failed, status)
+                np.equal(status, OK, out=alive)
+            e, answer = estimator.correct(k, e, y)
+            estimate = as_estimate(answer)
             estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
             status = limits.of_estimate(status, estimate.status, estimate.x_hat)
             np.equal(status, OK, out=alive)
@@ -128,12 +147,13 @@ def simulate(
             outputs.matrix_at(k, "M", estimate.M if with_M else None)
             if k == n_steps:
                 break
-            c, command = controller.control(k, c, y, estimate, r[k : k + preview])
+            c, chosen = controller.control(k, c, y, estimate, r[k : k + preview])
+            command = as_command(chosen)
             status = limits.of_input(status, command.status, command.u)
             np.equal(status, OK, out=alive)
             u = np.array(command.u)
             inputs.at(k, u=u, **_wanted(command.info, info))
-            motion = plant.step(k, draws.delta, x.copy(), u.copy(), w[:, k])
+            motion = as_motion(plant.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = limits.of_state(status, motion.status, motion.x)
             np.equal(status, OK, out=alive)
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)

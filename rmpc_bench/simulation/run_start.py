@@ -5,10 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.simulation.scenario import stream
-from rmpc_bench.types import Array, Controller, Estimator, Journal, Plant, RunInfo
+from rmpc_bench.types import Array, Controller, Estimator, Journal, Plant, RunInfo, Statuses
+
+
+class RunState(NamedTuple):
+    """What the simulation and the components of a block write and read in place."""
+
+    alive: Bool[Array, " runs"]
+    """Whether a run has not failed."""
+    failed: Statuses
+    """Statuses that components report outside of their answers."""
+
+    @classmethod
+    def of(cls, n_runs: int) -> RunState:
+        """Return that of runs of which none has failed."""
+        return cls(np.ones(n_runs, dtype=bool), np.zeros(n_runs, dtype=np.int8))
 
 
 class RunStart(NamedTuple):
@@ -22,21 +37,21 @@ class RunStart(NamedTuple):
     runs: tuple[int, ...]
     journal: Journal
 
-    def plant(self, plant: Plant, delta: Any, x0: Float[Array, "runs nx"], alive: Bool[Array, " runs"]) -> Any:
+    def plant(self, plant: Plant, delta: Any, x0: Float[Array, "runs nx"], shared: RunState) -> Any:
         """Return the record of the plant for one method."""
-        return plant.start(delta, x0, self._runs("plant", alive)) if plant.starts_runs else delta
+        return plant.start(delta, x0, self._runs("plant", shared)) if plant.starts_runs else delta
 
-    def estimator(self, estimator: Estimator, n_runs: int, delta: Any, alive: Bool[Array, " runs"]) -> Any:
+    def estimator(self, estimator: Estimator, n_runs: int, delta: Any, shared: RunState) -> Any:
         """Return the state of an estimator; an oracle estimator gets the drawn uncertainty."""
         init: Callable[..., Any] = estimator.init
-        keywords = {"runs": self._runs("estimator", alive)} if estimator.starts_runs else {}
+        keywords = {"runs": self._runs("estimator", shared)} if estimator.starts_runs else {}
         return init(n_runs, delta, **keywords) if estimator.knows_uncertainty else init(n_runs, **keywords)
 
-    def controller(self, controller: Controller, n_runs: int, alive: Bool[Array, " runs"]) -> Any:
+    def controller(self, controller: Controller, n_runs: int, shared: RunState) -> Any:
         """Return the state of a controller."""
         init: Callable[..., Any] = controller.init
-        return init(n_runs, runs=self._runs("controller", alive)) if controller.starts_runs else init(n_runs)
+        return init(n_runs, runs=self._runs("controller", shared)) if controller.starts_runs else init(n_runs)
 
-    def _runs(self, role: str, alive: Bool[Array, " runs"]) -> RunInfo:
+    def _runs(self, role: str, shared: RunState) -> RunInfo:
         rngs = tuple(stream(self.seed, run, f"own/{role}") for run in self.runs)
-        return RunInfo(self.runs, rngs, alive, self.journal)
+        return RunInfo(self.runs, rngs, shared.alive, self.journal, shared.failed)

@@ -47,6 +47,7 @@ from rmpc_bench.types.model import Model
 from rmpc_bench.types.noise import Noise
 from rmpc_bench.types.ode import Ode, Parameters
 from rmpc_bench.types.plant import Plant
+from rmpc_bench.types.plant_info import PlantInfo, SignalLimits
 from rmpc_bench.types.plot_records import Line, Panel
 from rmpc_bench.types.records import (
     Channel,
@@ -57,6 +58,9 @@ from rmpc_bench.types.records import (
     LinearPlant,
     Motion,
     Period,
+    as_command,
+    as_estimate,
+    as_motion,
 )
 from rmpc_bench.types.reference import Reference
 from rmpc_bench.types.result_layout import ResultLayout
@@ -109,6 +113,7 @@ __all__ = [
     "Parameters",
     "Period",
     "Plant",
+    "PlantInfo",
     "Positive",
     "Problem",
     "Record",
@@ -117,12 +122,16 @@ __all__ = [
     "RunFailure",
     "RunInfo",
     "SampleWindow",
+    "SignalLimits",
     "SolverError",
     "Status",
     "Statuses",
     "SystemMatrix",
     "UserFunction",
     "WindowMetric",
+    "as_command",
+    "as_estimate",
+    "as_motion",
     "attribute",
     "does_not_fit",
     "issues_of",

@@ -17,6 +17,7 @@ from rmpc_bench.types.errors import DesignError
 from rmpc_bench.types.issue import Issue, issues_of
 from rmpc_bench.types.method import Method
 from rmpc_bench.types.plant import Plant
+from rmpc_bench.types.run_info import RunInfo
 
 Bound: TypeAlias = NonNegative | Literal["N"] | None
 """End of a window in seconds or samples, as the experiment's `time` is given; N is the last sample."""
@@ -101,6 +102,8 @@ class Record(NamedTuple):
     """Whether measurement noise is in a burst; None where no law of it has bursts."""
     experiment: MetricLayout | None = None
     """What is known about the experiment; None for trajectories from elsewhere."""
+    runs: RunInfo | None = None
+    """The runs of the block, for a metric that works run by run: it leaves out runs that are not `alive`."""
 
     @property
     def layout(self) -> MetricLayout:

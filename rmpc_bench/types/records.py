@@ -3,39 +3,79 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
+import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array
 from rmpc_bench.types.status import Statuses
+
+_ALL_OK = np.zeros((), dtype=np.int8)
+"""Status of every run where a component gives none; `as_estimate` and its siblings repeat it for every run."""
+_ALL_OK.setflags(write=False)
+_NO_INFO: Mapping[str, Array] = MappingProxyType({})
 
 
 class Estimate(NamedTuple):
     """Result of a correction at k."""
 
     x_hat: Float[Array, "runs nx"]
-    P: Float[Array, "nx nx"] | Float[Array, "runs nx nx"] | None
+    P: Float[Array, "nx nx"] | Float[Array, "runs nx nx"] | None = None
     """Reported covariance of x_hat - x."""
-    M: Float[Array, "nx nx"] | Float[Array, "runs nx nx"] | None
+    M: Float[Array, "nx nx"] | Float[Array, "runs nx nx"] | None = None
     """Shape matrix of the reported set of x_hat - x."""
-    status: Statuses
-    info: Mapping[str, Array]
+    status: Statuses = _ALL_OK
+    info: Mapping[str, Array] = _NO_INFO
 
 
 class Command(NamedTuple):
     """Result of a control law at k."""
 
     u: Float[Array, "runs nu"]
-    status: Statuses
-    info: Mapping[str, Array]
+    status: Statuses = _ALL_OK
+    info: Mapping[str, Array] = _NO_INFO
 
 
 class Motion(NamedTuple):
     """State of a plant at k+1."""
 
     x: Float[Array, "runs nx"]
-    status: Statuses
+    status: Statuses = _ALL_OK
+
+
+def as_estimate(answer: Any) -> Estimate:
+    """Return the answer of a `correct` as an `Estimate` with one status per run.
+
+    Parameters
+    ----------
+    answer : an `Estimate`, or only the array x_hat (runs, nx)
+
+    Examples
+    --------
+    >>> as_estimate(np.zeros((2, 1))).status.tolist()
+    [0, 0]
+    """
+    estimate = answer if isinstance(answer, Estimate) else Estimate(np.asarray(answer))
+    return estimate if np.ndim(estimate.status) else estimate._replace(status=_repeated(estimate.x_hat))
+
+
+def as_command(answer: Any) -> Command:
+    """Return the answer of a `control` as a `Command`; it may be only the array u (runs, nu)."""
+    command = answer if isinstance(answer, Command) else Command(np.asarray(answer))
+    return command if np.ndim(command.status) else command._replace(status=_repeated(command.u))
+
+
+def as_motion(answer: Any) -> Motion:
+    """Return the answer of a `step` as a `Motion`; it may be only the array x(k+1) (runs, nx)."""
+    motion = answer if isinstance(answer, Motion) else Motion(np.asarray(answer))
+    return motion if np.ndim(motion.status) else motion._replace(status=_repeated(motion.x))
+
+
+def _repeated(values: Array) -> Statuses:
+    """Return the status OK for every row."""
+    return np.zeros(len(values), dtype=np.int8)
 
 
 class Channel(NamedTuple):

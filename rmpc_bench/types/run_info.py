@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int8
 
 from rmpc_bench.types.basics import Array
 
@@ -65,3 +65,12 @@ class RunInfo:
     """Whether a run has not failed; the simulation updates it in place."""
     journal: Journal
     """Where the component notes failures, held steps, durations and warnings."""
+    failed: Int8[Array, " runs"] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+    """Status of a run that a component reports outside of its answers, from `init`, `start` or `output`; 0 is OK.
+
+    The component writes into it, and the simulation reads it after every call.
+    """
+
+    def __post_init__(self) -> None:
+        if not len(self.failed):
+            object.__setattr__(self, "failed", np.zeros(len(self.index), dtype=np.int8))

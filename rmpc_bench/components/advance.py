@@ -1,0 +1,43 @@
+"""One step of a design model for one run, for an estimator whose step is held."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.models.state_dependent import StateDependentModel
+from rmpc_bench.types import Array
+
+
+def advanced(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Array, Array]:
+    """Return x_hat and P at k+1 without a measurement.
+
+    Parameters
+    ----------
+    model : the design model
+    k : time index
+    x_hat, P : (nx,), (nx, nx) at k
+    u : (nu,) input u(k)
+
+    Returns
+    -------
+    Those of the model; P only where the model is linear, otherwise the same as before, as both where it has no step.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            x_next, P_next = _moved(model, k, x_hat, P, u)
+    # A design model may be the user's; one that fails leaves the last estimate.
+    except Exception:
+        return x_hat, P
+    return (x_next, P_next) if np.isfinite(x_next).all() and np.isfinite(P_next).all() else (x_hat, P)
+
+
+def _moved(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Array, Array]:
+    if callable(getattr(model, "f", None)):
+        return np.asarray(model.f(x_hat, u), dtype=float).reshape(x_hat.shape), P
+    if isinstance(model, StateDependentModel):
+        A, B = (matrix[0] for matrix in model.at_state(x_hat[None]))
+        return A @ x_hat + B @ u, A @ P @ A.T + model.Q_w
+    now = model.at(k)
+    return now.A @ x_hat + now.B @ u + now.f0, now.A @ P @ now.A.T + now.Q_w

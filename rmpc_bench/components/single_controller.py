@@ -1,0 +1,117 @@
+"""Controllers written for one run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.components.answers import Reports, finite_rows, numbers, reports_of
+from rmpc_bench.components.single_design import SingleDesign
+from rmpc_bench.components.user_class import UserClass
+from rmpc_bench.components.user_runs import CRASHED, Failed, UserRuns, WrongAnswer, at
+from rmpc_bench.types import Array, Command, Controller, Estimate, RunInfo
+
+
+class RunInputs:
+    """State of the controllers of a block.
+
+    Parameters
+    ----------
+    objects : the user's objects
+    u : input that is held before the first sample, one row per run
+    """
+
+    def __init__(self, objects: UserRuns, u: Array) -> None:
+        self.objects, self.u = objects, u
+
+
+class SingleRunController(SingleDesign, Controller):
+    """The controllers of a class of the user, one object per run."""
+
+    role = "controller"
+
+    def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
+        super().__init__(user, given)
+        self.nu = int(given["model"].nu)
+        self._reports = Reports(reports_of(user.constant("reports", {})))
+
+    @property
+    def preview(self) -> int:
+        """As the user's class or its key declares."""
+        preview = self.keys.get("preview", self.user.constant("preview", 1))
+        return preview if isinstance(preview, int) else 1
+
+    @property
+    def regulates(self) -> bool:
+        """As the user's class declares."""
+        return bool(self.user.constant("regulates", False))
+
+    @property
+    def reports(self) -> Mapping[str, tuple[int, ...]]:
+        """As the user's class declares."""
+        return self._reports.shapes
+
+    def init(self, n_runs: int, *, runs: RunInfo | None = None) -> RunInputs:
+        """Make the objects."""
+        objects = self.user_runs(n_runs, runs, {})
+        objects.report()
+        u_op = getattr(self.given["model"], "u_op", None)
+        u = np.zeros(self.nu) if u_op is None else np.asarray(u_op, dtype=float)
+        return RunInputs(objects, np.tile(u, (n_runs, 1)))
+
+    def control(
+        self, k: int, state: RunInputs, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
+    ) -> tuple[RunInputs, Command]:
+        """Call `control` of every run that has not failed."""
+        n_runs, answer = len(y), _Answer(self, state)
+        reference = r[0] if self.preview == 1 else r
+        seen: dict[str, Any] = {"x_hat": estimate.x_hat, "y": y, "u_previous": state.u if k > 0 else None}
+        given = {**seen, "r": np.broadcast_to(reference, (n_runs, *reference.shape))}
+        asked = self.user.arguments["control"].names
+        if "P" in asked:
+            P = estimate.P
+            given["P"] = None if P is None else np.broadcast_to(P, (n_runs, *P.shape[-2:]))
+        if "info" in asked:
+            given["info"] = [_info_of(estimate.info, row) for row in range(n_runs)]
+        state.objects.call("control", k, given, answer.keep, settle=answer.settle)
+        if not np.isfinite(answer.u).all():
+            for row in np.flatnonzero(~finite_rows(answer.u)):
+                answer.u[row] = state.u[row]
+                failure = Failed(int(row), CRASHED, f"control returned u with NaN or inf{at(k)}", "")
+                state.objects.fail(failure, k, given, answer.settle)
+        state.u = answer.u
+        return state, Command(answer.u.copy(), state.objects.failed.copy(), answer.info)
+
+
+def _info_of(info: Mapping[str, Array], row: int) -> dict[str, Array]:
+    """Copy what the estimator reports of one run."""
+    return {name: np.array(values[row]) for name, values in info.items()}
+
+
+class _Answer:
+    """The answers of all runs at one sample; a run without an answer keeps its last input."""
+
+    def __init__(self, design: SingleRunController, state: RunInputs) -> None:
+        self.design, self.state = design, state
+        self.u, self.shape = state.u.copy(), (design.nu,)
+        self.info = design._reports.empty(len(self.u))
+
+    def keep(self, row: int, answer: Any) -> None:
+        """Copy u, or (u, info), of one run."""
+        if type(answer) is tuple and len(answer) == 2 and isinstance(answer[1], Mapping):
+            answer, info = answer
+            self.design._reports.keep(row, info, self.info)
+        elif type(answer) is tuple:
+            raise WrongAnswer(f"returned a tuple of {len(answer)} entries; u, or (u, info), is expected")
+        self.u[row] = numbers(answer, "input", self.shape, "the model")
+
+    def settle(self, failure: Failed) -> bool:
+        """Hold a step: the last input."""
+        design, row = self.design, failure.row
+        if not design.holds or self.state.objects.held[row] >= design.most_held:
+            return False
+        self.u[row] = self.state.u[row]
+        return True

@@ -1,0 +1,103 @@
+"""What the designs of single-run components have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.components.user_class import HELD, UserClass
+from rmpc_bench.components.user_runs import Failed, UserRuns, failed_call, user_code
+from rmpc_bench.types import RunInfo
+from rmpc_bench.types.run_info import Journal
+
+
+class SingleDesign:
+    """A design that makes one object of the user per run.
+
+    Parameters
+    ----------
+    user : the user's class
+    given : what the design function was called with: what the bench provides, and the keys of the configuration
+    """
+
+    role = ""
+
+    def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
+        self.user = user
+        names = set(user.provided)
+        self.given = {name: value for name, value in given.items() if name in names}
+        self.keys = {name: value for name, value in given.items() if name in user.keys}
+        self.on_failure: str = given.get("on_failure", "stop")
+        self.max_held: float = given.get("max_held", 0.1)
+        self._prepared: tuple[Any] | None = None
+
+    @property
+    def starts_runs(self) -> bool:
+        """`init` or `start` takes the runs of the block."""
+        return True
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what `prepare` returned: every process makes it again."""
+        return {**self.__dict__, "_prepared": None}
+
+    @property
+    def holds(self) -> bool:
+        """Whether a failed step is held."""
+        return self.user.group in HELD and self.on_failure == "hold"
+
+    @property
+    def most_held(self) -> int:
+        """Number of steps of a run that may be held."""
+        # 10 % of 30 steps are 3, although 0.1 * 30 is a little more or less.
+        return int(np.floor(self.max_held * self.given["n_steps"] + 1e-9))
+
+    def user_runs(self, n_runs: int, runs: RunInfo | None, signals: Mapping[str, Any]) -> UserRuns:
+        """Make the objects of a block.
+
+        Parameters
+        ----------
+        n_runs : number of runs
+        runs : the runs; runs 0, 1, .. of seed 0 where it is None
+        signals : name -> one entry per run, for `start`
+        """
+        runs = run_info(n_runs) if runs is None else runs
+        fixed = dict(self.given)
+        if "plant_info" in fixed:
+            fixed["limits"] = fixed["plant_info"].limits
+        made = UserRuns(self.role, self.user, runs, fixed, self.given["Ts"])
+        if "prepare" in self.user.arguments:
+            failure = self._prepare(fixed, runs.journal)
+            if failure is not None:
+                for row in range(n_runs):
+                    made.fail(failure._replace(row=row), None, {})
+                return made
+            assert self._prepared is not None
+            made.fixed = {**fixed, "prepared": self._prepared[0]}
+        else:
+            made.fixed = {**fixed, "prepared": None}
+        made.make(self.keys, signals)
+        return made
+
+    def _prepare(self, fixed: Mapping[str, Any], journal: Journal) -> Failed | None:
+        """Call `prepare` once in this process; return why it failed."""
+        if self._prepared is not None:
+            return None
+        arguments = self.user.arguments["prepare"]
+        known = {**fixed, **self.keys}
+        given = {name: known[name] for name in arguments.names}
+        if arguments.takes_all:
+            given = {**self.keys, **given}
+        with user_code(journal):
+            try:
+                self._prepared = (self.user.constant("prepare", None)(**given),)
+            except (Exception, SystemExit) as error:
+                return failed_call(0, error)
+        return None
+
+
+def run_info(n_runs: int) -> RunInfo:
+    """Return runs 0, 1, .. with generators that depend on the index alone, for a design used without a simulation."""
+    rngs = (np.random.Generator(np.random.PCG64(np.random.SeedSequence(0, spawn_key=(i,)))) for i in range(n_runs))
+    return RunInfo(tuple(range(n_runs)), tuple(rngs), np.ones(n_runs, dtype=bool), Journal())

@@ -1,0 +1,113 @@
+"""Plants written for one run: an object per run and method, which may keep a memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.components.answers import finite_rows, numbers
+from rmpc_bench.components.single_design import SingleDesign
+from rmpc_bench.components.user_class import UserClass
+from rmpc_bench.components.user_runs import CRASHED, Failed, UserRuns, at
+from rmpc_bench.types import Array, Motion, Plant, RunInfo
+from rmpc_bench.types.ode import Parameters
+
+
+class RunPlants(NamedTuple):
+    """Record of the plants of a block: the drawn parameters, and from `start` on the user's objects."""
+
+    parameters: Mapping[str, Array]
+    """(runs,) values by name."""
+    objects: UserRuns | None = None
+    p: tuple[Parameters, ...] = ()
+    """The parameters of every run."""
+
+
+class SingleRunPlant(SingleDesign, Plant):
+    """The plants of a class of the user, one object per run and method."""
+
+    role = "plant"
+
+    def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
+        super().__init__(user, given)
+        sizes: dict[str, Any] = {"Ts": float(given["Ts"])}
+        for name in ("nx", "nu", "ny", "nw", "nv", "nominal", "units", "y_unit", "u_unit"):
+            value = self.keys.get(name, user.constant(name, None))
+            if value is not None:
+                sizes[name] = value
+        if user.constant("nw", None) is None and "w" not in user.arguments["step"].names:
+            # A step that does not ask for the process noise has none.
+            sizes["nw"] = 0
+        # Sizes and units are attributes of the instance in place of the defaults of the base class.
+        self.__dict__.update(sizes)
+        self._asks_v = "v" in user.arguments["output"].names
+
+    def draw(
+        self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
+    ) -> RunPlants:
+        """Keep the parameters; the objects are made in `start`."""
+        return RunPlants(dict(parameters))
+
+    def start(self, delta: RunPlants, x0: Float[Array, "runs nx"], runs: RunInfo | None) -> RunPlants:
+        """Make the objects of one method."""
+        n_runs = len(x0)
+        names = list(delta.parameters)
+        p = tuple(Parameters({name: float(delta.parameters[name][row]) for name in names}) for row in range(n_runs))
+        objects = self.user_runs(n_runs, runs, {"p": list(p), "x0": x0})
+        objects.report()
+        return RunPlants(delta.parameters, objects, p)
+
+    def step(
+        self,
+        k: int,
+        delta: RunPlants,
+        x: Float[Array, "runs nx"],
+        u: Float[Array, "runs nu"],
+        w: Float[Array, "runs nw"],
+    ) -> Motion:
+        """Call `step` of every run that has not failed."""
+        objects = _started(delta)
+        new, shape = x.copy(), (self.nx,)
+
+        def keep(row: int, answer: Any) -> None:
+            new[row] = numbers(answer, "state", shape, "the plant")
+
+        signals = {"x": x, "u": u, "w": w, "p": list(delta.p)}
+        objects.call("step", k, signals, keep)
+        self._refuse("step returned x", new, x, k, objects, signals)
+        return Motion(new, objects.failed.copy())
+
+    def output(
+        self, k: int, delta: RunPlants, x: Float[Array, "runs nx"], v: Float[Array, "runs nv"]
+    ) -> Float[Array, "runs ny"]:
+        """Call `output` of every run that has not failed; a failure is reported to the simulation."""
+        objects = _started(delta)
+        y, shape = np.zeros((len(x), self.ny)), (self.ny,)
+
+        def keep(row: int, answer: Any) -> None:
+            y[row] = numbers(answer, "output", shape, "the plant")
+
+        signals = {"x": x, "v": v, "p": list(delta.p)}
+        objects.call("output", k, signals, keep, phase="output")
+        self._refuse("output returned y", y, np.zeros_like(y), k, objects, signals)
+        objects.report()
+        return y if self._asks_v else y + v
+
+    def _refuse(
+        self, what: str, values: Array, instead: Array, k: int, objects: UserRuns, signals: Mapping[str, Any]
+    ) -> None:
+        """Fail the runs with numbers that are not finite."""
+        if np.isfinite(values).all():
+            return
+        for row in np.flatnonzero(~finite_rows(values)):
+            values[row] = instead[row]
+            objects.fail(Failed(int(row), CRASHED, f"{what} with NaN or inf{at(k)}", ""), k, signals)
+
+
+def _started(delta: RunPlants) -> UserRuns:
+    if delta.objects is None:
+        raise RuntimeError("call start before the first step of a plant written for one run")
+    return delta.objects

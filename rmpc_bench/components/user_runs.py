@@ -1,0 +1,272 @@
+"""The user's objects of a block, one per run, and the calls of their methods.
+
+A call never raises: an exception or a wrong answer fails its own run.  What costs time is done once per block and
+sample, outside the loop over the runs.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import repeat
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.components.trace import one_line, user_trace
+from rmpc_bench.components.user_class import UserClass
+from rmpc_bench.types import Journal, RunFailure, RunInfo, SolverError, Status
+
+OK = int(Status.OK)
+CRASHED = int(Status.CRASHED)
+BEFORE = "before "
+"""Begin of the name of a signal of the sample before."""
+JOINED = f"{BEFORE}correct"
+"""A call of `predict` for the sample before and of `correct`."""
+
+
+class WrongAnswer(Exception):
+    """An answer that does not have the form that the bench expects."""
+
+
+class Failed(NamedTuple):
+    """A failed call of one run."""
+
+    row: int
+    status: int
+    message: str
+    trace: str
+
+
+class UserRuns:
+    """The objects of the runs of a block.
+
+    Parameters
+    ----------
+    role : ``estimator``, ``controller`` or ``plant``
+    user : the class of the objects
+    runs : the runs of the block
+    fixed : name -> value of what is the same for all runs
+    Ts : sampling time [s]
+    """
+
+    def __init__(self, role: str, user: UserClass, runs: RunInfo, fixed: Mapping[str, Any], Ts: float) -> None:
+        self.role, self.user, self.runs, self.fixed, self.Ts = role, user, runs, fixed, Ts
+        n_runs = len(runs.index)
+        self.n_runs = n_runs
+        self.failed = np.zeros(n_runs, dtype=np.int8)
+        """First failure of every run in this component; 0 is OK."""
+        self.held = np.zeros(n_runs, dtype=int)
+        self.bound: dict[str, list[Any]] = {}
+        self.names: dict[str, tuple[str, ...]] = {}
+        self.everyone = list(range(n_runs))
+
+    def make(self, keys: Mapping[str, Any], signals: Mapping[str, Any]) -> None:
+        """Make the object of every run and call its `start`.
+
+        Parameters
+        ----------
+        keys : keywords of `__init__` from the configuration
+        signals : name -> one entry per run, for `start`
+        """
+        objects: list[Any] = [None] * self.n_runs
+        names = [name for name in self.user.of_init.names if name not in keys]
+
+        def make(*values: Any) -> Any:
+            return self.user.cls(**dict(zip(names, values, strict=True)), **_copied(keys))
+
+        def keep(row: int, made: Any) -> None:
+            objects[row] = made
+
+        self._call("__init__", [make] * self.n_runs, names, None, signals, keep, phase="start")
+        for name, arguments in self.user.arguments.items():
+            if name != "prepare":
+                bound = [None if each is None else arguments.bind(getattr(each, name)) for each in objects]
+                self.bound[name], self.names[name] = bound, arguments.names
+        if "predict" in self.bound:
+            self._join("predict", "correct")
+        if "start" in self.bound:
+            self.call("start", None, signals, _ignore, phase="start")
+
+    def _join(self, first: str, second: str) -> None:
+        """Add a call of two methods of which the first gets the input, the index and the time of the sample before."""
+        n = len(self.names[first])
+
+        def joined(before: Callable[..., Any], after: Callable[..., Any]) -> Callable[..., Any]:
+            def both(*values: Any) -> Any:
+                before(*values[:n])
+                return after(*values[n:])
+
+            return both
+
+        pairs = zip(self.bound[first], self.bound[second], strict=True)
+        self.bound[JOINED] = [None if before is None else joined(before, after) for before, after in pairs]
+        earlier = (f"{BEFORE}{name}" if name in ("u", "k", "t") else name for name in self.names[first])
+        self.names[JOINED] = (*earlier, *self.names[second])
+
+    def rows(self) -> list[int]:
+        """Rows of the runs that have not failed, here or in another component."""
+        alive = self.runs.alive & (self.failed == OK)
+        return self.everyone if alive.all() else np.flatnonzero(alive).tolist()
+
+    def call(
+        self,
+        method: str,
+        k: int | None,
+        signals: Mapping[str, Any],
+        keep: Callable[[int, Any], None],
+        *,
+        phase: str = "",
+        settle: Callable[[Failed], bool] | None = None,
+    ) -> None:
+        """Call a method of every run that has not failed.
+
+        Parameters
+        ----------
+        method : its name
+        k : time index; None before the first sample
+        signals : name -> array with axis 0 = run, or a list with one entry per run, or None
+        keep : stores the answer of a row; raises `WrongAnswer`
+        phase : what the durations are noted under, besides the role
+        settle : replaces the answer of a failed call if the step can be held, and says whether it has
+        """
+        self._call(method, self.bound[method], self.names[method], k, signals, keep, phase=phase, settle=settle)
+
+    def _call(
+        self,
+        method: str,
+        calls: Sequence[Any],
+        names: Sequence[str],
+        k: int | None,
+        signals: Mapping[str, Any],
+        keep: Callable[[int, Any], None],
+        *,
+        phase: str = "",
+        settle: Callable[[Failed], bool] | None = None,
+    ) -> None:
+        rows = self.rows()
+        columns = [self._column(name, k, signals) for name in names]
+        if rows is not self.everyone:
+            columns = [column if isinstance(column, repeat) else [column[row] for row in rows] for column in columns]
+        arguments: Any = zip(*columns, strict=False) if names else repeat(())
+        failures: list[Failed] = []
+        durations: list[float] = []
+        with user_code(self.runs.journal):
+            for row, values in zip(rows, arguments, strict=False):
+                start = perf_counter()
+                try:
+                    answer = calls[row](*values)
+                except (Exception, SystemExit, GeneratorExit) as error:
+                    durations.append(perf_counter() - start)
+                    failures.append(failed_call(row, error))
+                    continue
+                durations.append(perf_counter() - start)
+                try:
+                    keep(row, answer)
+                except WrongAnswer as error:
+                    failures.append(Failed(row, CRASHED, f"{method.removeprefix(BEFORE)} {error}{at(k)}", ""))
+        first = k == 0 and not phase
+        name = f"{self.role}, {phase}" if phase else f"{self.role}, first step" if first else self.role
+        self.runs.journal.seconds.setdefault(name, []).extend(durations)
+        for failure in failures:
+            self.fail(failure, k, signals, settle)
+
+    def _column(self, name: str, k: int | None, signals: Mapping[str, Any]) -> Any:
+        """Return the values of an argument for every run, each its own copy."""
+        if name in signals:
+            values = signals[name]
+            if values is None:
+                return repeat(None)
+            # The rows of a fresh copy: what a run writes into its row no other run sees.
+            return list(values.copy()) if isinstance(values, np.ndarray) else values
+        if name in ("k", "t", f"{BEFORE}k", f"{BEFORE}t"):
+            sample = k if k is None or not name.startswith(BEFORE) else k - 1
+            return repeat(sample if sample is None or name[-1] == "k" else sample * self.Ts)
+        if name == "rng":
+            return self.runs.rngs
+        if name == "run":
+            return self.runs.index
+        value = self.fixed[name]
+        return [value.copy() for _ in self.everyone] if isinstance(value, np.ndarray) else repeat(value)
+
+    def fail(
+        self, failure: Failed, k: int | None, signals: Mapping[str, Any], settle: Callable[[Failed], bool] | None = None
+    ) -> None:
+        """Hold the step of a failed call, or end its run."""
+        row, journal = failure.row, self.runs.journal
+        if settle is not None and settle(failure):
+            self.held[row] += 1
+            journal.held[self.runs.index[row]] += 1
+            journal.warnings[f"{self.role}: a step was held: {failure.message.removesuffix(at(k))}"] += 1
+            return
+        self.failed[row] = failure.status
+        values = {name: _plain(each, row) for name, each in signals.items() if not name.startswith(BEFORE)}
+        values = {name: value for name, value in values.items() if value is not None}
+        run = self.runs.index[row]
+        journal.fail(RunFailure(run, failure.status, self.role, k, failure.message, failure.trace, values))
+
+    def report(self) -> None:
+        """Report the failures outside of an answer, after `init`, `start` or `output`."""
+        news = (self.failed != OK) & (self.runs.failed == OK)
+        self.runs.failed[news] = self.failed[news]
+
+
+def failed_call(row: int, error: BaseException) -> Failed:
+    """Return the failure that follows from an exception."""
+    if isinstance(error, SolverError):
+        status = Status.INFEASIBLE if error.infeasible else Status.NOT_CONVERGED
+    else:
+        status = Status.CRASHED
+    return Failed(row, int(status), one_line(error), user_trace(error))
+
+
+def at(k: int | None) -> str:
+    """Return the time index for the end of a sentence."""
+    return "" if k is None else f" (k = {k})"
+
+
+@contextmanager
+def user_code(journal: Journal | None) -> Iterator[None]:
+    """Run a user's code with NumPy's own settings, and count its warnings instead of printing them."""
+    with (
+        np.errstate(divide="warn", over="warn", under="ignore", invalid="warn"),
+        warnings.catch_warnings(record=True) as caught,
+    ):
+        warnings.simplefilter("always")
+        yield
+    if journal is not None:
+        for each in caught:
+            place = f"{Path(each.filename).name}:{each.lineno}"
+            journal.warnings[f"{each.category.__name__}: {each.message} ({place})"] += 1
+
+
+def _copied(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keys with their own arrays and lists."""
+    return {name: _own(value) for name, value in keys.items()}
+
+
+def _own(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    if type(value) is list:
+        return [_own(each) for each in value]
+    return {name: _own(each) for name, each in value.items()} if type(value) is dict else value
+
+
+def _ignore(row: int, answer: Any) -> None:
+    """Take no notice of what `start` returns."""
+
+
+def _plain(values: Any, row: int) -> Any:
+    """Return the entry of a run as plain data; None where it has no such form."""
+    try:
+        value = values[row]
+        value = dict(value) if hasattr(value, "keys") else value
+        if isinstance(value, dict):
+            return {str(name): float(each) for name, each in value.items()}
+        return np.asarray(value, dtype=float).tolist()
+    except (TypeError, ValueError, KeyError, IndexError):
+        return None

@@ -1,0 +1,58 @@
+"""What a component may know of the plant: its nominal data, and never a drawn value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types.basics import Array
+from rmpc_bench.types.plant import Plant
+
+
+class SignalLimits(NamedTuple):
+    """Lower and upper limits of the signals of the plant; infinite where there is none."""
+
+    u: tuple[Float[Array, " nu"], Float[Array, " nu"]]
+    x: tuple[Float[Array, " nx"], Float[Array, " nx"]]
+
+
+class PlantInfo(NamedTuple):
+    """Sizes, names, units and nominal parameters of the plant."""
+
+    nx: int
+    nu: int
+    ny: int
+    Ts: float
+    states: tuple[str, ...]
+    """Names; ``x.0``, ``x.1``, .. where the plant has none."""
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    units: Mapping[str, str]
+    """Name of a signal, or of a component such as ``y.2`` -> unit."""
+    parameters: Mapping[str, float]
+    """Nominal values of what `perturb` and `set` may name."""
+    limits: SignalLimits
+
+    @classmethod
+    def of(cls, plant: Plant) -> PlantInfo:
+        """Read a plant."""
+        ode = plant.ode
+        names = (ode.states, ode.inputs, ode.outputs) if ode else (_numbered(plant, signal) for signal in "xuy")
+        units = {**plant.units, **(ode.units if ode else {})}
+        units |= {name: unit for name, unit in (("y", plant.y_unit), ("u", plant.u_unit)) if unit}
+        u, x = (ode.limits(ode.inputs), ode.limits(ode.states)) if ode else (_free(plant.nu), _free(plant.nx))
+        states, inputs, outputs = names
+        nominal = {name: float(value) for name, value in plant.nominal.items()}
+        sizes = plant.nx, plant.nu, plant.ny, float(plant.Ts)
+        return cls(*sizes, states, inputs, outputs, units, nominal, SignalLimits(u, x))
+
+
+def _numbered(plant: Plant, signal: str) -> tuple[str, ...]:
+    return tuple(f"{signal}.{i}" for i in range(int(getattr(plant, f"n{signal}"))))
+
+
+def _free(n: int) -> tuple[Array, Array]:
+    return np.full(n, -np.inf), np.full(n, np.inf)
