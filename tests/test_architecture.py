@@ -25,8 +25,11 @@ MAY_IMPORT = {
     "simulation": {"noise", "numerics", "types"},
     # The mismatch is that of an experiment, whose record (`Experiment`) belongs to the simulation.
     "diagnostics": {"simulation", "noise", "numerics", "types"},
-    "registry": {"types"},
-    "components": {"registry", "types", "numerics", "models"},
+    "notices": set(),
+    # A name that is replaced or refused is said where a notebook shows it.
+    "registry": {"notices", "types"},
+    # A user's file is named before its code runs, for programs and notebooks too.
+    "components": {"registry", "notices", "types", "numerics", "models"},
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},
     "figures": {"analysis", "types"},
@@ -178,10 +181,10 @@ def test_compiled_code_calls_nothing_from_another_file():
 
 
 def test_only_cli_and_progress_print():
-    """Outside the command line, progress.py alone prints, and to stderr."""
+    """Outside the command line, progress.py and notices.py alone print, and to stderr."""
     for file, tree in TREES.items():
         prints = [node for text, node in calls(tree) if text == "print"]
-        if file == "execution/progress.py":
+        if file in ("execution/progress.py", "notices.py"):
             targets = [ast.unparse(key.value) for node in prints for key in node.keywords if key.arg == "file"]
             assert targets == ["sys.stderr"] * len(prints)
         elif not file.startswith("cli/"):

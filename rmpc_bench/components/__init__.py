@@ -1,1 +1,1 @@
-"""Components from files of a user: their identity, loading and adapters."""
+"""Components from files of a user: which files may be loaded, their identity, loading and adapters."""

@@ -5,14 +5,24 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from rmpc_bench import registry
-from rmpc_bench.config.schema import model_of, shown, validate
+from rmpc_bench.components.code import CodeError, CodeReference, DataReference, is_reference
+from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
+from rmpc_bench.components.designs import is_built_in, registered_design
+from rmpc_bench.components.loading import reference_of, user_code
+from rmpc_bench.components.recipes import Recipe, inside
+from rmpc_bench.config.schema import keys_of, keys_with_files, shown, validate
+from rmpc_bench.config.short_forms import FILE, given_forms, with_kind
 from rmpc_bench.config.tree import Map, Mark, join, locate
+from rmpc_bench.config.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.types import DesignError, Issue, Problem
 
@@ -23,10 +33,13 @@ class Component:
 
     Parameters
     ----------
-    group, kind : where the registry finds its design function
-    parameters : keywords of the design function
+    group : group of the registry
+    kind : its name there, or ``PATH.py:NAME`` for a component from a file
+    parameters : keywords of the design function, with references in place of what stands in files of the user
     tree : the mapping it was read from, with its marks
     path : where it stands in the configuration
+    design : the design function or class
+    code : where a component from a file stands; None for others
     """
 
     group: str
@@ -34,6 +47,8 @@ class Component:
     parameters: Mapping[str, Any]
     tree: Map
     path: tuple[str | int, ...]
+    design: Callable[..., Any]
+    code: CodeReference | None = None
 
     def build(self, problems: list[Problem], **provided: Any) -> Any:
         """Call the design function.
@@ -47,30 +62,58 @@ class Component:
         -------
         The design, or None where there is a problem.
         """
-        design = registry.get(self.group, self.kind)
-        taken = inspect.signature(design).parameters
+        taken = inspect.signature(self.design).parameters
         given = {name: value for name, value in provided.items() if name in taken}
+        recipe = Recipe(self.group, self.design, self.code, given, self.parameters)
+        made = self._guarded(lambda: registry.checked(self.group, self.kind, recipe.make(), provided), problems)
+        if made is not None and not self.is_built_in:
+            recipe.remember(made)
+        return made
+
+    def check(self, issues: Callable[[], Iterable[Issue]]) -> list[Problem]:
+        """Call what finds issues of the built component and return them as problems at the keys to blame."""
+        problems: list[Problem] = []
+        found = self._guarded(lambda: list(issues()), problems)
+        return problems + [self.problem(issue.message, issue.key) for issue in found or ()]
+
+    def _guarded(self, call: Callable[[], Any], problems: list[Problem]) -> Any:
+        """Call something of the component; None where it fails, with the reason in the problems."""
         try:
             # An overflow is refused by the design function or shows as a failed run.
-            with np.errstate(all="ignore"):
-                return registry.checked(self.group, self.kind, design(**given, **self.parameters), provided)
+            with np.errstate(all="ignore"), nullcontext() if self.is_built_in else user_code():
+                return call()
         except DesignError as error:
             problems.append(self.problem(str(error), error.parameter))
+        except CodeError as error:
+            problems.append(self.problem(error.line))
         except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
             problems.append(self.problem(f"cannot be computed from these numbers ({error})"))
         return None
 
-    def check(self, issues: Callable[[], Iterable[Issue]]) -> list[Problem]:
-        """Call what finds issues of the built component and return them as problems at the keys to blame."""
-        try:
-            with np.errstate(all="ignore"):
-                return [self.problem(issue.message, issue.key) for issue in issues()]
-        except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
-            return [self.problem(f"cannot be computed from these numbers ({error})")]
+    @property
+    def is_built_in(self) -> bool:
+        """Whether the component is one of this package and names nothing in a file of the user."""
+        return self.code is None and is_built_in(self.group, self.kind) and not self.references()
+
+    @property
+    def keys(self) -> type[BaseModel]:
+        """The pydantic model of its keys."""
+        return keys_of(self.group, self.kind, self.design)
 
     def takes(self, name: str) -> bool:
         """Whether the design function has a parameter of this name."""
-        return name in inspect.signature(registry.get(self.group, self.kind)).parameters
+        return name in inspect.signature(self.design).parameters
+
+    def references(self) -> tuple[CodeReference, ...]:
+        """Return what the component uses in Python files of the user: its own file, and those that its keys name."""
+        own = self.code or reference_of(self.design)
+        named = [each for each in inside(self.parameters) if isinstance(each, CodeReference)]
+        return tuple(dict.fromkeys([*([] if own is None else [own]), *named]))
+
+    def data_files(self) -> tuple[Path, ...]:
+        """Return the data files that its keys name, absolute and sorted."""
+        found = [each for each in inside(self.parameters) if isinstance(each, DataReference)]
+        return tuple(sorted({path for each in found for path in each.paths}))
 
     def problem(self, message: str, parameter: str = "") -> Problem:
         """Return a problem of this component, at the parameter to blame."""
@@ -79,13 +122,16 @@ class Component:
 
     def resolved(self) -> dict[str, Any]:
         """Return the component as plain data with every default filled in."""
-        return {"kind": self.kind, **{name.rstrip("_"): plain_data(value) for name, value in self.parameters.items()}}
+        form = "kind" if self.code is None else "file"
+        return {form: self.kind, **{name.rstrip("_"): plain_data(value) for name, value in self.parameters.items()}}
 
 
 def plain_data(value: Any) -> Any:
     """Return dataclasses, tuples and expressions as plain YAML data; keys that are not set are left out."""
     if isinstance(value, Expression):
         return "".join(value.text.split())
+    if isinstance(value, CodeReference | DataReference):
+        return value.text
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         return {name.rstrip("_"): plain_data(item) for name, item in fields.items() if item is not None}
@@ -103,6 +149,7 @@ def read_component(
     mark: tuple[str, int, int],
     kind: str | None = None,
     ignore: Sequence[str] = (),
+    access: CodeAccess = NO_ACCESS,
 ) -> Component | None:
     """Validate a component against the signature of its design function.
 
@@ -115,6 +162,7 @@ def read_component(
     mark : place to show when the tree has none of its own
     kind : kind of the component where there is no key `kind`
     ignore : keys validated elsewhere
+    access : which files of the user may be loaded
 
     Returns
     -------
@@ -123,17 +171,29 @@ def read_component(
     if not isinstance(tree, Map):
         problems.append(Problem(*mark, join(path), f"must be a mapping (got {shown(tree)})"))
         return None
+    if kind is None:
+        tree = with_kind(group, tree)
     kind = kind or _kind(group, tree, path, problems)
     if kind is None:
+        return None
+    kind_mark = locate(tree, ["kind"]) if "kind" in tree else Mark(*mark)
+    try:
+        code = access.reference(kind, kind_mark.file) if is_reference(kind) else None
+        design = registered_design(group, kind) if code is None else access.design(group, code)
+        kind = kind if code is None else code.text
+        with nullcontext() if is_built_in(group, kind) else user_code(None if code is None else code.path):
+            model = keys_of(group, kind, design)
+    except CodeError as error:
+        problems.append(problem_of(error, kind_mark, join([*path, FILE])))
         return None
     own = tree.copy()
     for key in ("kind", *ignore):
         own.pop(key, None)
-    checked = validate(model_of(group, kind), own, path, problems)
+    checked = validate(model, placed(own, keys_with_files(group, kind, design), access), path, problems)
     if checked is None:
         return None
     parameters = {name: getattr(checked, name) for name in type(checked).model_fields}
-    return Component(group, kind, parameters, tree, tuple(path))
+    return Component(group, kind, parameters, tree, tuple(path), design, code)
 
 
 def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any) -> Any:
@@ -152,15 +212,27 @@ def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any)
     return None if component is None else component.build([], **provided)
 
 
+def problem_of(error: CodeError, mark: Mark, path: str) -> Problem:
+    """Return an error of a user's file as a problem: at its place in that file, else at the name of the file."""
+    return Problem(*mark, path, str(error)) if error.place is None else Problem(*error.place, "", str(error))
+
+
 def _kind(group: str, tree: Map, path: Sequence[str | int], problems: list[Problem]) -> str | None:
     noun = registry.singular(group)
     if "kind" not in tree:
+        forms = given_forms(group, tree)
         known = ", ".join(registry.names(group))
-        problems.append(Problem(*tree.mark, join(path), f"'kind' is missing; known kinds of {noun}: {known}"))
+        message = f"'kind' is missing; known kinds of {noun}: {known}; or file: PATH.py:NAME"
+        if forms:
+            message = f"{' and '.join(forms)} each give the kind of {noun}; give one of them"
+        problems.append(Problem(*tree.mark, join(path), message))
         return None
     kind = tree["kind"]
-    if not isinstance(kind, str) or kind not in registry.names(group):
-        message = registry.unknown(str(kind), registry.names(group), noun, f"rmpc-bench list {group}")
-        problems.append(Problem(*locate(tree, ["kind"]), join([*path, "kind"]), message))
-        return None
-    return kind
+    if isinstance(kind, str) and (is_reference(kind) or kind in registry.names(group)):
+        return kind
+    written = FILE if isinstance(kind, str) and ".py" in kind else "kind"
+    message = registry.unknown(str(kind), registry.names(group), noun, f"rmpc-bench list {group}")
+    if written == FILE:
+        message = f"must name something in a Python file, PATH.py:NAME (got {kind!r})"
+    problems.append(Problem(*locate(tree, ["kind"]), join([*path, written]), message))
+    return None

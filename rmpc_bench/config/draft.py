@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.schema import validate
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
@@ -59,6 +60,8 @@ class DraftConfig:
     problems: list[Problem]
     coordinates: Mapping[str, str] = field(default_factory=dict)
     title: str = ""
+    access: CodeAccess = NO_ACCESS
+    """Which files of the user may be loaded."""
     values: dict[str, Any] = field(default_factory=dict)
     uncertainty: dict[str, distributions.Distribution] = field(default_factory=dict)
     parameter_changes: dict[str, ParameterChange] = field(default_factory=dict)

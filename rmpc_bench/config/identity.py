@@ -136,6 +136,8 @@ def _term_data(term: NoiseTerm) -> Any:
     if term.law is None:
         return {"same": {"scale": term.same}}
     keys = term.law.resolved()
+    if term.law.code is not None:
+        return {name: value for name, value in keys.items() if value is not None}
     return {keys.pop("kind"): {name: value for name, value in keys.items() if value is not None}}
 
 

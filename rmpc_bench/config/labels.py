@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 from rmpc_bench.config.component import Component, plain_data
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
-from rmpc_bench.config.schema import model_of
 from rmpc_bench.registry import unknown
 
 MAX_ADDED = 2
@@ -190,7 +189,7 @@ def _parameters(components: MethodComponents) -> dict[str, Parameter]:
 
 def _leaves(component: Component) -> Iterator[tuple[str, Parameter]]:
     yield "kind", Parameter(component.kind, False)
-    fields = model_of(component.group, component.kind).model_fields
+    fields = component.keys.model_fields
     for name, value in component.parameters.items():
         field = fields[name]
         yield from _flat(name.rstrip("_"), value, value == field.default and not field.is_required())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.build import build
 from rmpc_bench.config.canonical import canonicalise
 from rmpc_bench.config.checks import check
@@ -13,6 +14,7 @@ from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.inheritance import inherit
 from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
+from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.source import read
 from rmpc_bench.config.sweep import expand
 from rmpc_bench.config.validation import validate_sections
@@ -20,7 +22,12 @@ from rmpc_bench.types import ConfigError
 
 
 def load_config(
-    path: str | Path, *, overrides: Sequence[str] = (), runs: int | None = None, smoke: bool = False
+    path: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    runs: int | None = None,
+    smoke: bool = False,
+    allow_code: Sequence[str | Path] = (),
 ) -> ExperimentConfig:
     """Read, check and build a configuration.
 
@@ -32,6 +39,8 @@ def load_config(
     overrides : texts PATH=VALUE, each replacing one value
     runs : number of runs instead of the one in the file
     smoke : whether to take the small size under ``smoke`` instead of the full one
+    allow_code : Python files, or directories of such, that may be loaded besides those in the directory of the
+        configuration and below
 
     Raises
     ------
@@ -39,9 +48,12 @@ def load_config(
         If anything is wrong: all errors, sorted, each with its place.
     """
     source = read(path, overrides)
-    tree = with_matrices(inherit(source), source.path)
-    sweep = expand(tree, source.overrides)
-    drafts = validate_sections(sweep.points, runs=runs, smoke=smoke)
+    inherited = inherit(source)
+    tree = with_matrices(inherited, source.path)
+    access = CodeAccess.of(source.path, allow_code)
+    load_plugins(tree, access)
+    sweep = expand(tree, source.overrides, access)
+    drafts = validate_sections(sweep.points, runs=runs, smoke=smoke, access=access)
     join_findings(source.path, drafts[0])
     points = build(drafts, smoke=smoke)
     # Figures and claims are written for the full size; a reduced or overridden one may be too short for them.

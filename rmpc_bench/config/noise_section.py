@@ -10,6 +10,7 @@ from rmpc_bench import registry
 from rmpc_bench.config.component import read_component
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm
 from rmpc_bench.config.schema import shown, validate
+from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.config.tree import Items, Map, locate
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
@@ -134,6 +135,9 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
     if isinstance(law, Map) and len(law) > 1 and set(law) <= {"same", *kinds}:
         draft.note(path, f"laws add up as a list: {{sum: [{', '.join(f'{{{kind}: ..}}' for kind in law)}]}}")
         return None
+    if isinstance(law, Map) and FILE in law:
+        component = read_component("noises", law, path, draft.problems, mark=law.mark, access=draft.access)
+        return None if component is None else NoiseTerm(component, None)
     if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in ("same", *kinds):
         if isinstance(law, int | float):
             draft.note(path, f"a number is no noise law; write {{gaussian: {{std: {law:g}}}}}, or cov for a variance")
@@ -147,7 +151,9 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
     kind, value = next(iter(law.items()))
     if kind == "same":
         return _same(draft, law, [*path, kind])
-    component = read_component("noises", value, [*path, kind], draft.problems, mark=locate(law, [kind]), kind=kind)
+    component = read_component(
+        "noises", value, [*path, kind], draft.problems, mark=locate(law, [kind]), kind=kind, access=draft.access
+    )
     return None if component is None else NoiseTerm(component, None)
 
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 from rmpc_bench import registry
+from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config.component import read_component
 from rmpc_bench.config.schema import model_of, shown
+from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.tree import Map, locate, merge
 from rmpc_bench.types import ConfigError, Problem
 
@@ -23,12 +25,13 @@ FILE = "file"
 PATH = "plant.from"
 
 
-def compose(tree: Map) -> Map:
+def compose(tree: Map, access: CodeAccess = NO_ACCESS) -> Map:
     """Lay what is given here over the plant, the sections and the models that come from elsewhere.
 
     Parameters
     ----------
     tree : a configuration whose files have been read, without a sweep
+    access : which files of the user may be loaded
 
     Raises
     ------
@@ -37,14 +40,14 @@ def compose(tree: Map) -> Map:
     """
     tree = lay_over_source(tree).copy()
     if _from_plant(tree.get("model")):
-        tree["model"] = _model_of_plant(tree, tree["model"])
+        tree["model"] = _model_of_plant(tree, tree["model"], access)
     methods = tree.get("methods")
     if isinstance(methods, Map):
         tree["methods"] = methods.copy()
         for name, own in methods.items():
             if isinstance(own, Map) and _from_plant(own.get("model")):
                 tree["methods"][name] = own.copy()
-                tree["methods"][name]["model"] = _model_of_plant(tree, own["model"])
+                tree["methods"][name]["model"] = _model_of_plant(tree, own["model"], access)
     return tree
 
 
@@ -65,7 +68,7 @@ def lay_over_source(tree: Map) -> Map:
         message = f"must be the name of a configuration (got {shown(source)})"
         raise ConfigError([Problem(*locate(plant, ["from"]), PATH, message)])
     result = tree.copy()
-    result["plant"] = merge(source["plant"], own)
+    result["plant"] = merge(with_kind("plants", source["plant"]), with_kind("plants", own))
     law = own.get("uncertainty")
     if isinstance(law, Map) and "law" in law:
         # Replaced as a component of another kind is: the bounds of one law have no meaning for another.
@@ -111,9 +114,9 @@ def _from_plant(model: Any) -> bool:
     return isinstance(model, Map) and "from" in model
 
 
-def _model_of_plant(tree: Map, model: Map) -> Map:
+def _model_of_plant(tree: Map, model: Map, access: CodeAccess) -> Map:
     """Lay a model over the parameters of the plant."""
-    own, plant = model.copy(), tree.get("plant")
+    own, plant = model.copy(), with_kind("plants", tree.get("plant"))
     if own.pop("from") != "plant":
         message = f"must be 'plant' (got {shown(model['from'])})"
         raise ConfigError([Problem(*locate(model, ["from"]), "model.from", message)])
@@ -121,8 +124,9 @@ def _model_of_plant(tree: Map, model: Map) -> Map:
     if isinstance(plant, Map) and plant.get("kind") not in registry.names("plants"):
         problems: list[Problem] = []
         # The error is in the plant, not in the model.
-        read_component("plants", plant, ["plant"], problems, mark=plant.mark)
-        raise ConfigError(problems)
+        read_component("plants", plant, ["plant"], problems, mark=plant.mark, access=access)
+        if problems:
+            raise ConfigError(problems)
     if not isinstance(plant, Map) or not isinstance(kind, str) or kind not in registry.names("models"):
         message = f"there is no model of kind {kind!r}; give one of {', '.join(registry.names('models'))}"
         raise ConfigError([Problem(*locate(model, ["from"]), "model.from", message)])

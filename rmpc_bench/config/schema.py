@@ -7,8 +7,10 @@ default the default.  Parameters that the bench provides (the model, the number 
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from functools import cache
 from types import UnionType
@@ -27,10 +29,13 @@ from pydantic import (
 )
 
 from rmpc_bench import registry
+from rmpc_bench.components.code import CodeError
+from rmpc_bench.components.designs import is_built_in, registered_design
 from rmpc_bench.config.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.config.unions import union
+from rmpc_bench.config.user_files import names_files, read_data, read_function
 from rmpc_bench.expressions import quantity
-from rmpc_bench.types import OverTime, Problem, row_by_row
+from rmpc_bench.types import FromCode, FromData, OverTime, Problem, row_by_row
 
 PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps", "x0", "bounds"}),
@@ -44,6 +49,12 @@ PROVIDED: dict[str, frozenset[str]] = {
     "figures": frozenset(),
 }
 """Parameters of a design that the bench fills in, by group."""
+
+PROVIDED_TO_OWN: dict[str, frozenset[str]] = {
+    "estimators": frozenset({"limits"}),
+    "controllers": frozenset({"limits"}),
+}
+"""The same for components that are not built in; a built-in controller has a key `limits`."""
 
 
 def _number(value: Any) -> float:
@@ -69,6 +80,14 @@ def _system_matrix(value: Any) -> Any:
     return expression if expression.names else expression()
 
 
+_READERS: dict[type, Callable[[Any], Any]] = {
+    OverTime: _system_matrix,
+    FromCode: read_function,
+    FromData: read_data,
+}
+"""Mark of an annotation -> what reads a value."""
+
+
 def with_quantities(annotation: Any) -> Any:
     """Let every number inside an annotation be written as a quantity, and choose between the members of a union."""
     if annotation is float:
@@ -78,8 +97,9 @@ def with_quantities(annotation: Any) -> Any:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         inner, *constraints = arguments
-        if any(isinstance(constraint, OverTime) for constraint in constraints):
-            return Annotated[Any, BeforeValidator(_system_matrix)]
+        for mark, read in _READERS.items():
+            if any(isinstance(constraint, mark) for constraint in constraints):
+                return Annotated[Any, BeforeValidator(read)]
         return Annotated[(with_quantities(inner), *constraints)]
     if origin in (list, tuple, dict):
         return origin[tuple(argument if argument is ... else with_quantities(argument) for argument in arguments)]
@@ -103,8 +123,12 @@ def _record(kind: type) -> Any:
 _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, strict=False, frozen=True, protected_namespaces=())
 
 
+_NO_KEYS = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+
+
 def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str, Any]:
-    keys = {name: key for name, key in inspect.signature(function).parameters.items() if name not in provided}
+    parameters = inspect.signature(function).parameters.items()
+    keys = {name: key for name, key in parameters if name not in provided and key.kind not in _NO_KEYS}
     if inspect.isclass(function):  # its own keys come before the inherited ones
         own = inspect.get_annotations(function)
         keys = {name: key for name, key in keys.items() if name in own} | keys
@@ -121,18 +145,47 @@ def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str,
 def hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:
     """Evaluate the annotations of keys only: what is provided may be annotated with names imported for mypy alone."""
     annotations = {name: Any if text is inspect.Parameter.empty else text for name, text in annotations.items()}
-    if inspect.isclass(function):  # fields may be inherited: each is evaluated in the module of its own class
+    if dataclasses.is_dataclass(function):  # fields may be inherited: each is evaluated in the module of its own class
         found = get_type_hints(function, include_extras=True)
         return {name: found.get(name, Any) for name in annotations}
     inner = inspect.unwrap(function)
-    scope = vars(sys.modules[inner.__module__])
+    inner = inner.__init__ if inspect.isclass(inner) else inner
+    scope = vars(sys.modules[inner.__module__]) if hasattr(inner, "__module__") else {}
     return get_type_hints(type("Keys", (), {"__annotations__": annotations}), scope, include_extras=True)
 
 
-@cache
 def model_of(group: str, kind: str) -> type[BaseModel]:
     """Return the pydantic model of the keys of a registered component."""
-    return create_model(kind, __config__=_CONFIG, **_fields(registry.get(group, kind), PROVIDED[group]))
+    return keys_of(group, kind, registered_design(group, kind))
+
+
+@cache
+def keys_of(group: str, kind: str, design: Callable[..., Any]) -> type[BaseModel]:
+    """Return the pydantic model of the keys of a design function.
+
+    Parameters
+    ----------
+    group : of the registry
+    kind : name of the component
+    design : its design function or class
+    """
+    provided = PROVIDED[group]
+    if is_built_in(group, kind):
+        return create_model(kind, __config__=_CONFIG, **_fields(design, provided))
+    fields = _fields(design, provided | PROVIDED_TO_OWN.get(group, frozenset()))
+    with warnings.catch_warnings():
+        # pydantic warns of a key with the name of one of its methods, such as `copy`, which is no mistake here.
+        warnings.simplefilter("ignore", UserWarning)
+        return create_model(kind, __config__=_CONFIG, **fields)
+
+
+@cache
+def keys_with_files(group: str, kind: str, design: Callable[..., Any]) -> frozenset[str]:
+    """Return the keys of a design function whose values name files; see `keys_of`."""
+    names = keys_of(group, kind, design).model_fields
+    parameters = inspect.signature(design).parameters
+    found = hints(design, {name: parameters[name].annotation for name in names})
+    return frozenset(name.rstrip("_") for name, annotation in found.items() if names_files(annotation))
 
 
 def validate(
@@ -175,6 +228,9 @@ def _adapter(kind: Any) -> tuple[Any, TypeAdapter[Any]]:
 
 def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:
     steps, node = [], tree
+    error = entry.get("ctx", {}).get("error")
+    if isinstance(error, CodeError) and error.place is not None:
+        return Problem(*error.place, "", str(error))
     # The paths of pydantic contain the members of unions, too.
     for step in entry["loc"]:
         if isinstance(node, dict) and step in node or isinstance(node, list) and step in range(len(node)):

@@ -211,6 +211,7 @@ SECTIONS: dict[str, Section] = {
     "record": Section(RecordKeys, RecordKeys(), "Trajectories to keep."),
     "figures": Section(list[Any], ["boxplot"], "Figures to draw."),
     "claims": Section(list[Any], [], "Statements of a paper to check."),
+    "plugins": Section(list[Text], [], "Python files whose code registers components; their names are then kinds."),
     "execution": Section(Execution, Execution(), "Settings of the computation; none of them changes a result."),
     "smoke": Section(Smoke, Smoke(), "Size of a run with --smoke."),
 }

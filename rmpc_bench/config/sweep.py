@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config.plant_source import PATH, compose
 from rmpc_bench.config.reader import Override
 from rmpc_bench.config.sweep_section import NAME, Axis, SweepReader, SweptValue, assigned, columns
@@ -47,13 +48,14 @@ class Sweep(NamedTuple):
     later stages find the other problems of the file."""
 
 
-def expand(tree: Map, overrides: Sequence[Override]) -> Sweep:
+def expand(tree: Map, overrides: Sequence[Override], access: CodeAccess = NO_ACCESS) -> Sweep:
     """Return the points of a configuration; without a sweep there is one, without coordinates.
 
     Parameters
     ----------
     tree : the configuration, files and overrides in place
     overrides : an override of a swept path has no effect and is refused
+    access : which files of the user may be loaded
 
     Raises
     ------
@@ -67,7 +69,7 @@ def expand(tree: Map, overrides: Sequence[Override]) -> Sweep:
     points = []
     for point in found:
         try:
-            points.append(point._replace(tree=compose(point.tree)))
+            points.append(point._replace(tree=compose(point.tree, access)))
         except ConfigError as error:
             problems += error.problems
     if not points:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 from rmpc_bench.types import ConfigError, Problem
@@ -126,7 +127,7 @@ def merge(base: Map, override: Map) -> Map:
     A mapping of another ``kind`` replaces the base whole.  Every value keeps its place; a merged mapping has the
     place of the override.
     """
-    if "kind" in base and "kind" in override and base["kind"] != override["kind"]:
+    if "kind" in base and "kind" in override and not _same_kind(base, override):
         return override.copy()
     result = base.copy()
     result.mark = override.mark
@@ -135,6 +136,14 @@ def merge(base: Map, override: Map) -> Map:
             value = merge(base[key], value)
         result.put(key, value, override.key_marks.get(key, override.mark), override.value_marks.get(key, override.mark))
     return result
+
+
+def _same_kind(base: Map, override: Map) -> bool:
+    """Whether two mappings have the same `kind`; a name in a Python file is relative to the file it stands in."""
+    if base["kind"] != override["kind"] or ".py:" not in str(base["kind"]):
+        return bool(base["kind"] == override["kind"])
+    one, other = (Path(locate(each, ["kind"]).file).parent for each in (base, override))
+    return one == other
 
 
 def _child(node: Any, step: str | int) -> tuple[Any, Mark, Mark]:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, create_model
 
 from rmpc_bench import registry
+from rmpc_bench.types import FromCode, FromData
 
 
 def _shape(value: Any) -> str:
@@ -52,6 +53,9 @@ def _by_shape(members: Sequence[Any], checked: Callable[[Any], Any]) -> dict[str
     tagged: dict[str, Any] = {}
     for member in members:
         core = get_args(member)[0] if get_origin(member) is Annotated else member
+        if any(isinstance(mark, FromCode | FromData) for mark in get_args(member)):
+            tagged["text"] = checked(member)
+            continue
         if get_origin(core) is Literal:
             tagged["a word"] = member
         elif core is NoneType:

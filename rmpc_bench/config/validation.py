@@ -9,18 +9,23 @@ import re
 from collections.abc import Sequence
 
 from rmpc_bench import registry
+from rmpc_bench.components.code import is_reference
+from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config import plant_range
 from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ParameterChange
 from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty
 from rmpc_bench.config.schema import shown
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
+from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tree import Map, locate, locate_key, merge
 from rmpc_bench.expressions import quantity
 
 
-def validate_sections(points: Sequence[SweptTree], *, runs: int | None, smoke: bool) -> list[DraftConfig]:
+def validate_sections(
+    points: Sequence[SweptTree], *, runs: int | None, smoke: bool, access: CodeAccess = NO_ACCESS
+) -> list[DraftConfig]:
     """Return the sections of every point, with the problems that were found in them.
 
     Figures and claims are the same at all points and are read at the first.
@@ -30,10 +35,11 @@ def validate_sections(points: Sequence[SweptTree], *, runs: int | None, smoke: b
     points : trees of the points of a sweep
     runs : number of runs instead of the one given
     smoke : whether to reduce runs and steps to the size under ``smoke``
+    access : which files of the user may be loaded
     """
     drafts: list[DraftConfig] = []
     for point in points:
-        draft = _sections(point, first=not drafts)
+        draft = _sections(point, access, first=not drafts)
         if runs is not None:
             draft.values["runs"] = runs
         if smoke:
@@ -42,13 +48,13 @@ def validate_sections(points: Sequence[SweptTree], *, runs: int | None, smoke: b
     return drafts
 
 
-def _sections(point: SweptTree, *, first: bool) -> DraftConfig:
+def _sections(point: SweptTree, access: CodeAccess, *, first: bool) -> DraftConfig:
     tree = point.tree
     if not first:
         tree = tree.copy()
         for key in ("claims", "figures"):
             tree.pop(key, None)
-    draft = DraftConfig(tree, [], point.coordinates, point.title)
+    draft = DraftConfig(tree, [], point.coordinates, point.title, access)
     _top_level(draft)
     read_uncertainty(draft)
     _plant(draft)
@@ -110,7 +116,8 @@ def _component(draft: DraftConfig, group: str, name: str, ignore: tuple[str, ...
         tree = Map(tree, mark=draft.tree.mark)
     if not isinstance(tree, Map):
         return None
-    return read_component(group, tree, [name], draft.problems, mark=locate(draft.tree, [name]), ignore=ignore)
+    mark = locate(draft.tree, [name])
+    return read_component(group, tree, [name], draft.problems, mark=mark, ignore=ignore, access=draft.access)
 
 
 def _plant(draft: DraftConfig) -> None:
@@ -193,8 +200,8 @@ def _method_component(draft: DraftConfig, own: Map, key: str, path: list[str | i
     """Merge a component of a method over the default of all methods and validate it."""
     if key not in own and key == "model":
         return draft.model
-    default = draft.tree.get(key)
-    tree = own.get(key, default)
+    default = with_kind(key + "s", draft.tree.get(key))
+    tree = with_kind(key + "s", own[key]) if key in own else default
     if tree is None:
         others = [other for other in draft.values["methods"].values() if isinstance(other, Map) and key in other]
         # An experiment without any controller has u = 0.
@@ -206,7 +213,7 @@ def _method_component(draft: DraftConfig, own: Map, key: str, path: list[str | i
     mark = own.value_marks.get(key, own.mark)
     if not isinstance(tree, Map) and key not in own:
         return None
-    return read_component(key + "s", tree, [*path, key], draft.problems, mark=mark)
+    return read_component(key + "s", tree, [*path, key], draft.problems, mark=mark, access=draft.access)
 
 
 def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
@@ -219,14 +226,16 @@ def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
         path: list[str | int] = [group, number]
         mark = locate(draft.tree, path)
         if isinstance(entry, str):
-            if entry in registry.names(group):
+            if entry in registry.names(group) or is_reference(entry):
                 tree = Map(mark=type(draft.tree.mark)(*mark))
-                components.append(read_component(group, tree, path, draft.problems, mark=mark, kind=entry))
+                components.append(
+                    read_component(group, tree, path, draft.problems, mark=mark, kind=entry, access=draft.access)
+                )
             else:
                 noun, way_out = registry.singular(group), f"rmpc-bench list {group}"
                 draft.note(path, registry.unknown(entry, registry.names(group), noun, way_out))
         else:
-            components.append(read_component(group, entry, path, draft.problems, mark=mark))
+            components.append(read_component(group, entry, path, draft.problems, mark=mark, access=draft.access))
     return components
 
 

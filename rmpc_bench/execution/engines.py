@@ -14,6 +14,7 @@ from collections.abc import Generator, Sequence
 from multiprocessing import resource_tracker as multiprocessing_tracker
 from typing import NamedTuple
 
+from rmpc_bench.components.transport import dumps, loads
 from rmpc_bench.execution.interrupts import held
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
 from rmpc_bench.simulation.own_draws import own_draws
@@ -108,7 +109,7 @@ def processes(experiments: Sequence[Experiment], tasks: Sequence[Task], workers:
         batch_size=1,
         inner_max_num_threads=1,
         initializer=_start_worker,
-        initargs=(experiments,),
+        initargs=(dumps(experiments),),
     )
     results = None
     try:
@@ -130,14 +131,14 @@ _here: list[Experiment] = []
 """The experiments of this worker process, sent once when it started."""
 
 
-def _start_worker(experiments: Sequence[Experiment]) -> None:
+def _start_worker(experiments: bytes) -> None:
     # Ctrl-C in a terminal reaches every process of the group; only the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
     # The returned context is not entered, so that the limit stays for the life of the worker.
     single_thread()
-    _here[:] = experiments
+    _here[:] = loads(experiments)
 
 
 def _follow(parent: int) -> None:

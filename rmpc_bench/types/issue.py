@@ -65,12 +65,23 @@ def unknown(name: str, known: Iterable[str], noun: str, way_out: str = "") -> st
     way_out : command that lists them
     """
     known = list(known)
+    near = nearest(name, known)
+    hint = f"; did you mean {near!r}?" if near else f"; known: {', '.join(known) or 'none'}"
+    return f"{name!r} is not a known {noun}{hint}" + (f" ({way_out})" if way_out else "")
+
+
+def nearest(name: str, known: Sequence[str]) -> str | None:
+    """Return the known name that an unknown one probably means; None where none is near.
+
+    Examples
+    --------
+    >>> nearest("tank.py", ["pi.py", "tanks.py"])
+    'tanks.py'
+    """
     # A name in the wrong case is nearest to the same name in the right one.
     near = [each for each in known if each.lower() == name.lower()]
     near = near or [each for each in known if each == OTHER_NAMES.get(name.lower())]
-    near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(known) or 'none'}"
-    return f"{name!r} is not a known {noun}{hint}" + (f" ({way_out})" if way_out else "")
+    return next(iter(near or difflib.get_close_matches(name, known, n=1, cutoff=0.5)), None)
 
 
 def row_by_row(values: Sequence[Any], meaning: Callable[[int, int], str] | None = None) -> str:

@@ -1,0 +1,202 @@
+"""Consent to the code of a configuration: which Python files it may load.
+
+The user who names a configuration agrees to the Python files in its directory and below.  Every other file needs
+`--allow-code`.  Symbolic links are resolved first.  Every file is named on stderr before its code runs.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from glob import glob, has_magic
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench import notices
+from rmpc_bench.components.code import CodeError, CodeReference, DataReference, split_reference
+from rmpc_bench.components.designs import DesignFunction, loaded_design
+from rmpc_bench.components.loading import load
+from rmpc_bench.components.source import read_source
+from rmpc_bench.types.issue import nearest
+
+NO_CODE = "RMPC_BENCH_NO_CODE"
+"""Environment variable that refuses all Python files when it is 1."""
+
+_OVERRIDE = "-s "
+"""Start of the file name in the place of a value that was given on the command line."""
+
+_named: set[tuple[Path, str]] = set()
+"""Files that this process has named on stderr, with their hashes."""
+
+
+@dataclass(frozen=True)
+class CodeAccess:
+    """The Python files that a configuration may load.
+
+    Parameters
+    ----------
+    directory : directory of the configuration, absolute; None for one that was not read from a regular file
+    allowed : files and directories that are allowed besides
+    """
+
+    directory: Path | None
+    allowed: tuple[Path, ...] = ()
+
+    @classmethod
+    def of(cls, config: str | Path, allow_code: Sequence[str | Path] = ()) -> CodeAccess:
+        """Return what a configuration may load.
+
+        Parameters
+        ----------
+        config : its file
+        allow_code : further files or directories, relative to the current directory
+        """
+        path = Path(config)
+        directory = path.absolute().parent if path.is_file() else None
+        return cls(directory, tuple(Path(each).resolve() for each in allow_code))
+
+    def base(self, written_in: str) -> Path:
+        """Return the directory that a path is relative to.
+
+        Parameters
+        ----------
+        written_in : file in which the path stands; an override stands in the configuration
+        """
+        if not written_in or written_in.startswith(_OVERRIDE):
+            return self.directory or Path.cwd()
+        return Path(written_in).absolute().parent
+
+    def reference(self, text: str, written_in: str) -> CodeReference:
+        """Return what a text names; the file need not exist.
+
+        Raises
+        ------
+        CodeError
+            If the text does not have the form ``PATH.py:NAME``.
+        """
+        parts = split_reference(text)
+        if parts is None:
+            raise CodeError(f"must name something in a Python file, PATH.py:NAME (got {text!r})")
+        file, name = parts
+        path = self.base(written_in) / file
+        return CodeReference(path.resolve(), name, f"{self._relative(path)}:{name}")
+
+    def file(self, text: str, written_in: str) -> CodeReference:
+        """Return a reference to a whole file; it need not exist."""
+        path = self.base(written_in) / text
+        return CodeReference(path.resolve(), "", f"{self._relative(path)}:")
+
+    def load(self, reference: CodeReference) -> Any:
+        """Return the object that a reference names, after naming its file on stderr.
+
+        Raises
+        ------
+        CodeError
+            If the file may not be loaded or cannot be, or has no such name.
+        """
+        self.check(reference)
+        name_files([reference])
+        return load(reference)
+
+    def design(self, group: str, reference: CodeReference) -> DesignFunction:
+        """Return the design function that a reference names, after naming its file on stderr.
+
+        Parameters
+        ----------
+        group : of the registry
+        reference : to a component
+
+        Raises
+        ------
+        CodeError
+            If the file may not be loaded or cannot be, has no such name, or the name is no component.
+        """
+        self.check(reference)
+        name_files([reference])
+        return loaded_design(group, reference)
+
+    def check(self, reference: CodeReference) -> None:
+        """Refuse a file that is not there or that may not be loaded.
+
+        Raises
+        ------
+        CodeError
+            With the way out.
+        """
+        path, file = reference.path, reference.file
+        if os.environ.get(NO_CODE) == "1":
+            raise CodeError(f"{file}: Python files are not loaded, because {NO_CODE}=1 is set")
+        if self.directory is None and not self.allowed:
+            raise CodeError(f"{file}: a configuration that is no file in a directory may load no Python file")
+        roots = [*self.allowed, *([] if self.directory is None else [self.directory.resolve()])]
+        if not any(path.is_relative_to(root) for root in roots):
+            raise CodeError(
+                f"{file} is outside the directory of the configuration; its code runs only if you allow it: "
+                f"--allow-code {_quoted(path)}"
+            )
+        if not path.is_file():
+            raise CodeError(_missing(file, path, "*.py"))
+
+    def data(self, text: str, written_in: str) -> DataReference:
+        """Return the data files that a path or a pattern names.
+
+        Raises
+        ------
+        CodeError
+            If there are none.
+        """
+        pattern = self.base(written_in) / text
+        if has_magic(text):
+            found = [Path(each) for each in glob(str(pattern), recursive=True)]
+        else:
+            found = [pattern] if pattern.exists() else []
+        files = sorted({path.resolve() for path in found if path.is_file()})
+        if not files:
+            raise CodeError(_missing(text, pattern, "*"))
+        return DataReference(self._relative(pattern), tuple(files))
+
+    def _relative(self, path: Path) -> str:
+        """Write a path relative to the directory of the configuration."""
+        return Path(os.path.relpath(path, self.directory or Path.cwd())).as_posix()
+
+
+NO_ACCESS = CodeAccess(None)
+"""What plain data without a file may load: nothing."""
+
+
+def name_files(references: Iterable[CodeReference]) -> None:
+    """Write a line on stderr with the files whose code runs next; a file that was named unchanged is left out."""
+    new = {}
+    for reference in references:
+        short = _short_hash(reference.path)
+        if (reference.path, short) not in _named and reference.path not in new:
+            new[reference.path] = f"{reference.file} (sha {short})"
+            _named.add((reference.path, short))
+    if new:
+        notices.say(f"code  {' '.join(new.values())}")
+
+
+def _short_hash(path: Path) -> str:
+    """First digits of the hash of a file and all that it imports; `loading` reports a file that cannot be read."""
+    try:
+        return read_source(path).short
+    except OSError:
+        return "unreadable"
+
+
+def _missing(text: str, path: Path, pattern: str) -> str:
+    """Say that a file does not exist, with the nearest name in its directory."""
+    if path.is_dir():
+        return f"{text} is a directory, not a file"
+    names = sorted(each.name for each in path.parent.glob(pattern) if each.is_file())
+    near = nearest(path.name, names)
+    return f"there is no file {text}" + (f"; did you mean {near!r}?" if near else "")
+
+
+def _quoted(path: Path) -> str:
+    """Write a path as a shell takes it, relative to the current directory where that is shorter."""
+    import shlex
+
+    relative = os.path.relpath(path)
+    return shlex.quote(relative if len(relative) < len(str(path)) else str(path))

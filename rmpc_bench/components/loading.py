@@ -1,0 +1,163 @@
+"""Loading what a reference names, in any process, and errors of a user's code as messages with its own lines."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from types import FrameType, ModuleType, TracebackType
+from typing import Any
+
+from rmpc_bench.components.code import CodeError, CodeReference, Place
+from rmpc_bench.components.private_modules import file_of, is_private, is_source, package_of
+from rmpc_bench.types.errors import ConfigError, DesignError
+from rmpc_bench.types.issue import unknown
+
+
+def load(reference: CodeReference) -> Any:
+    """Return the object that a reference names; its file is imported where that has not been done.
+
+    Parameters
+    ----------
+    reference : what to load; whether it may be loaded was asked before (`consent`)
+
+    Raises
+    ------
+    CodeError
+        If the file cannot be imported or has no such name.
+    """
+    found: Any = module_of(reference.path)
+    for number, name in enumerate(reference.name.split(".")):
+        with user_code(reference.path):
+            missing = not hasattr(found, name)
+        if missing:
+            owner = (
+                reference.file if number == 0 else f"{reference.file}:{'.'.join(reference.name.split('.')[:number])}"
+            )
+            raise CodeError(unknown(reference.name, _names(found), f"name in {owner}"))
+        found = getattr(found, name)
+    return found
+
+
+def module_of(path: Path) -> ModuleType:
+    """Import a Python file as a private module.
+
+    Parameters
+    ----------
+    path : absolute, symbolic links resolved
+
+    Raises
+    ------
+    CodeError
+        If it cannot be imported.
+    """
+    package = package_of(path.parent)
+    if not path.stem.isidentifier():
+        raise CodeError(f"{path.name} is no name of a module: letters, digits and _, beginning with a letter or _")
+    with user_code(path):
+        return import_module(f"{package.name}.{path.stem}")
+
+
+def reference_of(design: Any) -> CodeReference | None:
+    """Return where something from a private module stands; None for anything else."""
+    module, name = getattr(design, "__module__", None), getattr(design, "__qualname__", None)
+    if not isinstance(module, str) or not is_private(module) or not isinstance(name, str):
+        return None
+    path = file_of(module)
+    return CodeReference(path, name, f"{path.name}:{name}")
+
+
+@contextmanager
+def user_code(path: Path | None = None) -> Iterator[None]:
+    """Turn every exception of a user's code into a CodeError with the line of the user's file.
+
+    A DesignError is the component's own message and stays one.  `SystemExit` and a `KeyboardInterrupt` that the code
+    raises count as its errors; Ctrl-C ends the program as always.
+
+    Parameters
+    ----------
+    path : file to blame where no line of the user's code took part
+    """
+    with _interruptions() as interrupted:
+        try:
+            yield
+        except (CodeError, ConfigError, DesignError):
+            raise
+        except (Exception, KeyboardInterrupt, SystemExit) as error:
+            if isinstance(error, KeyboardInterrupt) and interrupted():
+                raise
+            raise CodeError(described(error), place_of(error, path)) from error
+
+
+@contextmanager
+def _interruptions() -> Iterator[Callable[[], bool]]:
+    """Notice whether the user presses Ctrl-C."""
+    found: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        # Elsewhere no signal arrives as an exception.
+        yield lambda: False
+        return
+
+    def note(number: int, frame: FrameType | None) -> Any:
+        found.append(number)
+        return before(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(found)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def described(error: BaseException) -> str:
+    """Return an exception in one line: ``ValueError: negative level``."""
+    if isinstance(error, SyntaxError):
+        return f"{type(error).__name__}: {error.msg}"
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        # The exception is the user's own class, and its text may fail as well.
+        text = ""
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def place_of(error: BaseException, path: Path | None = None) -> Place | None:
+    """Return the last place in the user's files that an exception came through.
+
+    Parameters
+    ----------
+    error : with its traceback
+    path : file to blame where there is no such place; None for no place
+    """
+    if isinstance(error, SyntaxError) and error.filename is not None and is_source(error.filename):
+        return Place(shown_path(error.filename), error.lineno or 1, error.offset or 1)
+    frames = user_frames(error.__traceback__)
+    if frames:
+        return Place(shown_path(frames[-1].filename), frames[-1].lineno or 1, 1 + (frames[-1].colno or 0))
+    return None if path is None else Place(shown_path(str(path)), 1, 1)
+
+
+def user_frames(trace: TracebackType | None) -> list[traceback.FrameSummary]:
+    """Return the frames of a traceback that lie in the user's files."""
+    return [frame for frame in traceback.extract_tb(trace) if is_source(frame.filename)]
+
+
+def shown_path(file: str) -> str:
+    """Write a file relative to the current directory where it lies below."""
+    path = Path(file)
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else file
+
+
+def _names(owner: Any) -> list[str]:
+    """Names of what a file or a class defines itself."""
+    inside = owner.__name__ if isinstance(owner, ModuleType) else getattr(owner, "__module__", "")
+    return sorted(
+        name
+        for name, value in vars(owner).items()
+        if not name.startswith("_") and callable(value) and getattr(value, "__module__", None) == inside
+    )

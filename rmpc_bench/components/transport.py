@@ -1,0 +1,86 @@
+"""Experiments as bytes for worker processes.
+
+A design from a file of the user, or registered by a program or a package, travels as its recipe and is made again in
+the worker.  Therefore nothing asks whether a design can be pickled.  The texts of the user's files travel as well, so
+that every worker runs the same code, whatever happens to the files.  Functions and classes of a notebook or a script,
+which no worker can import, travel by value.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+import sys
+from importlib import import_module
+from importlib.machinery import PathFinder
+from typing import Any
+
+from rmpc_bench.components.private_modules import Package, add, is_private, packages
+from rmpc_bench.components.recipes import Recipe, recipe_of
+
+
+def dumps(experiments: Any) -> bytes:
+    """Pickle experiments for a worker process on this machine.
+
+    Parameters
+    ----------
+    experiments : one per point of a sweep, or anything made of designs
+    """
+    stream = io.BytesIO()
+    _pickler(stream).dump(experiments)
+    return pickle.dumps((packages(), stream.getvalue()))
+
+
+def loads(data: bytes) -> Any:
+    """Make experiments again from the bytes of `dumps`."""
+    sent, content = pickle.loads(data)
+    for package in sent:
+        add(Package(package.name, package.directory, package.sources, fixed=True))
+    return pickle.loads(content)
+
+
+def _made(recipe: Recipe) -> Any:
+    """Make a design in a worker process; it may be sent on from there."""
+    made = recipe.make()
+    recipe.remember(made)
+    return made
+
+
+def _pickler(stream: io.BytesIO) -> Any:
+    """Return a pickler for which a design with a recipe is its recipe."""
+    cloudpickle = _cloudpickle()
+    by_value: set[str] = set()
+
+    def send_module(name: str | None) -> None:
+        """Send what a module defines by value where a worker cannot import the module."""
+        module = sys.modules.get(name or "__main__")
+        if name is None or name in by_value or name == "__main__" or is_private(name) or module is None:
+            return
+        if not _is_importable(name):
+            by_value.add(name)
+            cloudpickle.register_pickle_by_value(module)
+
+    class Pickler(cloudpickle.Pickler):  # type: ignore[misc,name-defined]
+        def reducer_override(self, obj: Any) -> Any:
+            recipe = recipe_of(obj)
+            if recipe is not None:
+                # The function of a component from a file is loaded by its reference.
+                return _made, (recipe if recipe.code is None else recipe.without_design(),)
+            send_module(getattr(obj, "__module__", None) if callable(obj) else None)
+            return super().reducer_override(obj)
+
+    return Pickler(stream)
+
+
+def _cloudpickle() -> Any:
+    """Import the pickler of joblib: a package of its own, or a part of joblib in versions before 1.6."""
+    try:
+        return import_module("cloudpickle")
+    except ModuleNotFoundError:
+        return import_module("joblib.externals.cloudpickle")
+
+
+def _is_importable(name: str) -> bool:
+    """Whether a worker process, which has the same path of Python, can import a module."""
+    top = name.partition(".")[0]
+    return top in sys.builtin_module_names or PathFinder.find_spec(top) is not None

@@ -1,0 +1,53 @@
+"""Python files under `plugins`, whose code registers components, and the line that names all files with code."""
+
+from __future__ import annotations
+
+from rmpc_bench.components.code import CodeError, CodeReference
+from rmpc_bench.components.consent import CodeAccess, name_files
+from rmpc_bench.components.loading import module_of
+from rmpc_bench.config.component import problem_of
+from rmpc_bench.config.schema import shown
+from rmpc_bench.config.tree import Items, Map, locate
+from rmpc_bench.config.user_files import named_in
+from rmpc_bench.types import ConfigError, Problem
+
+KEY = "plugins"
+
+
+def load_plugins(tree: Map, access: CodeAccess) -> None:
+    """Name the files with code of a configuration on stderr, and run its plugins.
+
+    Parameters
+    ----------
+    tree : a configuration
+    access : which files may be loaded
+
+    Raises
+    ------
+    ConfigError
+        If a plugin may not be loaded or cannot be.
+    """
+    problems: list[Problem] = []
+    plugins: list[CodeReference] = []
+    given = tree.get(KEY)
+    for number, text in enumerate(given if isinstance(given, Items) else ()):
+        mark, path = locate(tree, [KEY, number]), f"{KEY}.{number}"
+        if not isinstance(text, str) or not text.endswith(".py"):
+            problems.append(
+                Problem(*mark, path, f"must be a Python file that registers components (got {shown(text)})")
+            )
+            continue
+        reference = access.file(text, mark.file)
+        try:
+            access.check(reference)
+            plugins.append(reference)
+        except CodeError as error:
+            problems.append(Problem(*mark, path, str(error)))
+    name_files([*plugins, *named_in(tree, access)])
+    for reference in plugins:
+        try:
+            module_of(reference.path)
+        except CodeError as error:
+            problems.append(problem_of(error, tree.key_marks.get(KEY, tree.mark), KEY))
+    if problems:
+        raise ConfigError(problems)

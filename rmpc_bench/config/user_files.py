@@ -1,0 +1,166 @@
+"""Values of a configuration that name files: functions in Python files of the user, and data files.
+
+A key has such a value by its annotation, `UserFunction` or `DataFiles`.  Its text is relative to the file it stands in.
+Therefore the texts of these keys are given their place before they are validated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterator, Sequence
+from functools import cache
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from rmpc_bench.components.code import CodeError, CodeReference, DataReference, is_reference
+from rmpc_bench.components.consent import CodeAccess
+from rmpc_bench.config.tree import Items, Map, locate
+from rmpc_bench.types import FromCode, FromData
+
+
+class PlacedText(str):
+    """A text with the place it stands in and what may be loaded from there."""
+
+    access: CodeAccess
+    written_in: str
+
+    @classmethod
+    def of(cls, text: str, access: CodeAccess, written_in: str) -> PlacedText:
+        """Return a text with its place.
+
+        Parameters
+        ----------
+        text : of the value
+        access : what the configuration may load
+        written_in : the file it stands in
+        """
+        made = cls(text)
+        made.access, made.written_in = access, written_in
+        return made
+
+
+def read_function(value: Any) -> Any:
+    """Read the value of a key annotated as `UserFunction`: the reference, after loading it once.
+
+    Raises
+    ------
+    CodeError
+        If it is no reference, or the object cannot be loaded.
+    """
+    if not isinstance(value, str):
+        # A program may pass the function itself.
+        if callable(value) or isinstance(value, CodeReference):
+            return value
+        raise CodeError("must name a function of a Python file, PATH.py:NAME")
+    if not isinstance(value, PlacedText):
+        raise CodeError(f"{value}: there is no configuration file whose directory it is relative to")
+    reference = value.access.reference(str(value), value.written_in)
+    value.access.load(reference)
+    return reference
+
+
+def read_data(value: Any) -> Any:
+    """Read the value of a key annotated as `DataFiles`.
+
+    Raises
+    ------
+    CodeError
+        If there are no such files.
+    """
+    if isinstance(value, DataReference):
+        return value
+    if not isinstance(value, str):
+        raise CodeError("must be the name of a file, or a pattern such as 'runs/*.csv'")
+    if not isinstance(value, PlacedText):
+        raise CodeError(f"{value}: there is no configuration file whose directory it is relative to")
+    return value.access.data(str(value), value.written_in)
+
+
+def placed(tree: Map, keys: Collection[str], access: CodeAccess) -> Map:
+    """Return a component in which the texts that name files have their place.
+
+    Parameters
+    ----------
+    tree : keys of the component
+    keys : those with values that name files
+    access : what the configuration may load
+    """
+    result = tree.copy()
+    for key in keys:
+        if key in tree:
+            result[key] = _placed(tree[key], locate(tree, [key]).file, access)
+    return result
+
+
+def _placed(value: Any, written_in: str, access: CodeAccess) -> Any:
+    if isinstance(value, str):
+        return PlacedText.of(value, access, written_in)
+    if isinstance(value, Map):
+        texts = {key: _placed(each, locate(value, [key]).file, access) for key, each in value.items()}
+        return Map(texts, mark=value.mark, key_marks=value.key_marks, value_marks=value.value_marks)
+    if isinstance(value, Items):
+        items = [_placed(each, locate(value, [number]).file, access) for number, each in enumerate(value)]
+        return Items(items, mark=value.mark, value_marks=value.value_marks)
+    return value
+
+
+def names_files(annotation: Any) -> bool:
+    """Whether values of an annotation, or values inside them, name files."""
+    return any(isinstance(mark, FromCode | FromData) for mark in _marks(annotation))
+
+
+def _marks(annotation: Any) -> Iterator[Any]:
+    """Metadata of all annotations inside an annotation, the fields of dataclasses included."""
+    if get_origin(annotation) is Annotated:
+        inner, *metadata = get_args(annotation)
+        yield from metadata
+        yield from _marks(inner)
+    elif dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
+        yield from _marks_of_fields(annotation)
+    else:
+        for inner in get_args(annotation):
+            yield from _marks(inner)
+
+
+@cache
+def _marks_of_fields(kind: type) -> tuple[Any, ...]:
+    return tuple(mark for hint in get_type_hints(kind, include_extras=True).values() for mark in _marks(hint))
+
+
+SECTIONS_WITH_CODE = (
+    *("plant", "model", "noise", "initial", "reference", "estimator", "controller", "methods"),
+    *("sweep", "metrics", "figures"),
+)
+"""Top-level keys in which components stand."""
+
+_TEXTS = ("label", "title", "name")
+"""Keys whose values are texts for people."""
+
+
+def named_in(tree: Map, access: CodeAccess) -> list[CodeReference]:
+    """Return everything in Python files that the components of a configuration name, in order.
+
+    Parameters
+    ----------
+    tree : a configuration
+    access : what it may load; references that it may not load are left out
+    """
+    found: dict[CodeReference, None] = {}
+    for text, written_in in _texts({key: tree[key] for key in SECTIONS_WITH_CODE if key in tree}, tree.mark.file):
+        reference = access.reference(text, written_in)
+        try:
+            access.check(reference)
+        except CodeError:
+            # Reported later, at its place.
+            continue
+        found[reference] = None
+    return list(found)
+
+
+def _texts(node: Any, written_in: str) -> Iterator[tuple[str, str]]:
+    """Yield every text that has the form of a reference, with the file it stands in."""
+    steps: Sequence[Any] = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
+    for step in steps:
+        file = locate(node, [step]).file if isinstance(node, Map | Items) else written_in
+        if step not in _TEXTS and is_reference(node[step]):
+            yield node[step], file
+        yield from _texts(node[step], file)
