@@ -99,10 +99,12 @@ def _config_lines(config: ExperimentConfig) -> list[str]:
     lines += [f"plant {resolved['plant']['kind']}"]
     known = plant.facts()
     known += _noises(config) if known else []
-    lines += _aligned([row for label, text in known for row in _rows(label, text)])
+    lines += aligned([row for label, text in known for row in _rows(label, text)])
+    for each in config.model_facts:
+        lines += ["", each.where, *aligned([row for label, text in each.facts for row in _rows(label, text)])]
     given = dump(plain({key: resolved[key] for key in ("noise", "initial")}))
     methods = [(method.name, _label(config, method.name)) for method in config.experiment.methods]
-    return [*lines, "", *given.splitlines(), "", "methods", *_aligned(methods)]
+    return [*lines, "", *given.splitlines(), "", "methods", *aligned(methods)]
 
 
 def _noises(config: ExperimentConfig) -> list[tuple[str, str]]:
@@ -124,7 +126,8 @@ def _rows(label: str, text: str) -> list[tuple[str, str]]:
     return [(label if number == 0 else "", row) for number, row in enumerate(text.split("\n"))]
 
 
-def _aligned(rows: Sequence[tuple[str, str]]) -> list[str]:
+def aligned(rows: Sequence[tuple[str, str]]) -> list[str]:
+    """Return lines of labels and texts, with the texts one below the other."""
     width = 2 + max((len(label) for label, _ in rows), default=0)
     return [f"  {label:{width}}{text}".rstrip() for label, text in rows]
 

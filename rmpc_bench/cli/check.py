@@ -50,6 +50,7 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
 
 
 def _describe(path: Path, config: ExperimentConfig) -> list[str]:
+    from rmpc_bench.cli.catalogue import aligned
     from rmpc_bench.cli.run_warnings import warning_texts
     from rmpc_bench.execution.cost import megabytes, seconds
 
@@ -58,6 +59,8 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     rows = [("", "plant", "design model"), *_plant_and_model(config)]
     widths = [2 + max(len(row[column]) for row in rows) for column in (0, 1)]
     lines += ["", *(f"  {name:{widths[0]}}{plant:{widths[1]}}{model}".rstrip() for name, plant, model in rows)]
+    for each in config.model_facts:
+        lines += ["", f"  {each.where}", *aligned(each.facts)] if each.facts else []
     lines += ["", "  differences between the methods"]
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     remarks = _remarks(config)
@@ -93,6 +96,7 @@ def _remarks(config: ExperimentConfig) -> list[str]:
     designs = [
         (method.name, design) for method in experiment.methods for design in (method.estimator, method.controller)
     ]
+    named += [(each.where, each.remarks) for each in config.model_facts]
     named += [(name, design.remarks) for name, design in designs]
     found = [f"  {name}: {text}" for name, texts in named for text in texts]
     for name, law in config.first_point["noise"].items():

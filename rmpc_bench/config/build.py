@@ -12,11 +12,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
+import numpy as np
+
 from rmpc_bench.config.build_method import DesignCache, MethodBuilder
 from rmpc_bench.config.build_noise import NoiseLaws
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import sweep_point
+from rmpc_bench.config.model_facts import model_facts
 from rmpc_bench.config.plant_range import build_range
 from rmpc_bench.config.plausibility import warnings_of
 from rmpc_bench.config.sweep_point import SweepPoint
@@ -41,6 +44,9 @@ from rmpc_bench.types import (
     Problem,
     Reference,
 )
+
+AT_POINT = 1e-6
+"""Relative difference up to which a reference is the output of an operating point."""
 
 
 @dataclass(frozen=True)
@@ -176,13 +182,21 @@ class _ExperimentBuilder:
         return tuple(metric for metric in made if metric is not None)
 
     def refuse_reference(self, reference: Reference, methods: Sequence[Method | None]) -> None:
-        """Refuse a reference other than 0 for a regulator."""
-        regulators = [each.name for each in methods if each is not None and each.controller.regulates]
-        if regulators and reference.sample(self.n_steps + 1).any():
-            names = ", ".join(map(repr, regulators))
-            self.draft.note(
-                ["reference"], f"the controller of {names} regulates the state to 0 and follows no reference"
-            )
+        """Refuse a reference other than 0, or than the output of the operating point, for a regulator."""
+        r = reference.sample(self.n_steps + 1)
+        wrong: dict[str, list[str]] = {}
+        for each in methods:
+            if each is None or not each.controller.regulates:
+                continue
+            y = each.controller.regulates_to
+            if y is None and r.any():
+                wrong.setdefault("the state to 0", []).append(each.name)
+            elif y is not None and not np.allclose(r, y, rtol=AT_POINT, atol=AT_POINT * float(np.abs(y).max())):
+                numbers = ", ".join(f"{value:.9g}" for value in y)
+                wrong.setdefault(f"to the operating point, y = {numbers},", []).append(each.name)
+        for where, names in wrong.items():
+            told = f"the controller of {', '.join(map(repr, names))} regulates {where} and follows no reference"
+            self.draft.note(["reference"], told)
 
     def refuse_unreachable(self, reference: Reference, plant: Plant, scenario: Scenario | None) -> None:
         """Refuse a reference or an initial state outside the workspace of the plant."""
@@ -226,7 +240,7 @@ def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Exper
     if draft.values["time"] is None:
         return None
     builder = _ExperimentBuilder(draft, cache, smoke=smoke)
-    plant = builder.plant()
+    plant = builder.methods.plant = builder.plant()
     methods = [builder.methods.method(name, components, plant) for name, components in draft.methods.items()]
     if plant is None or draft.reference is None:
         return None
@@ -256,4 +270,5 @@ def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Exper
         state_range=state_range,
     )
     draft.warnings += warnings_of(draft, experiment, builder.methods.model)
+    draft.model_facts = model_facts(draft, builder.methods.model)
     return experiment

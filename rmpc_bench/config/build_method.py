@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.identity import nominal_plant
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import initial_covariance, initial_state
@@ -47,6 +48,8 @@ class MethodBuilder:
         self.draft, self.cache = draft, cache
         self.time = draft.values["time"]
         self.n_steps: int = self.time.n_steps
+        self.plant: Plant | None = None
+        """The nominal plant, for models made from it; set once it has been built."""
 
     def size(self) -> list[Any]:
         """Return the data that determine every design, besides its own keys."""
@@ -57,8 +60,12 @@ class MethodBuilder:
         if component is None:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
+        nominal = nominal_plant(self.draft, component)
+        if nominal is not None and self.plant is None:
+            return None
         return self.cache.get(
-            ["model", size, component.resolved()], lambda: component.build(self.draft.problems, **size)
+            ["model", size, component.resolved(), nominal],
+            lambda: component.build(self.draft.problems, **size, plant=self.plant),
         )
 
     def _start(self, model: Any) -> dict[str, Array] | None:
@@ -91,7 +98,8 @@ class MethodBuilder:
         named = {"model": components.model, "estimator": components.estimator, "controller": components.controller}
         described = {key: component.resolved() for key, component in named.items() if component is not None}
         applied = None if self.draft.input is None else self.draft.input.resolved()
-        description = ["method", name, self.size(), described, self._disclosed(components), applied]
+        nominal = nominal_plant(self.draft, components.model)
+        description = ["method", name, self.size(), described, self._disclosed(components), applied, nominal]
         return cast("Method | None", self.cache.get(description, lambda: self._method(name, components, plant)))
 
     def _method(self, name: str, components: MethodComponents, plant: Plant | None) -> Method | None:
@@ -134,8 +142,8 @@ class MethodBuilder:
         assert estimator is not None and model is not None
         if provided["plant"] is None and (estimator.takes("plant") or estimator.takes("plant_info")):
             return None
-        disclosed = self._disclosed(components)
-        description = ["estimator", self.size(), model.resolved(), estimator.resolved(), disclosed]
+        disclosed, nominal = self._disclosed(components), nominal_plant(self.draft, model)
+        description = ["estimator", self.size(), model.resolved(), estimator.resolved(), disclosed, nominal]
         return self.cache.get(description, lambda: estimator.build(self.draft.problems, **provided))
 
     def _disclosed(self, components: MethodComponents) -> Any:

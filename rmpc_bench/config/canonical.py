@@ -54,6 +54,7 @@ def canonicalise(
         path=path,
         overrides=overrides,
         warnings=tuple(draft.warnings),
+        model_facts=draft.model_facts,
         name=values["name"],
         paper=values["paper"],
         title=values["title"],

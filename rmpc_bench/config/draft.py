@@ -44,6 +44,16 @@ class MethodComponents:
     """Whether a controller is given, valid or not."""
 
 
+class ModelFacts(NamedTuple):
+    """Properties of a design model."""
+
+    where: str
+    """``model``, or ``methods.NAME.model`` for the model of one method."""
+    facts: tuple[tuple[str, str], ...]
+    """Label and text."""
+    remarks: tuple[str, ...]
+
+
 @dataclass
 class DraftConfig:
     """The sections of a configuration at one point of its sweep.
@@ -82,6 +92,8 @@ class DraftConfig:
     """Method -> its label with the values of the parameters."""
     warnings: list[Problem] = field(default_factory=list)
     """What is valid but probably not meant."""
+    model_facts: tuple[ModelFacts, ...] = ()
+    """Properties of the design models, once they are built."""
     metrics: list[Component | None] = field(default_factory=list)
     figures: list[Component | None] = field(default_factory=list)
     claims: list[ClaimKeys | None] = field(default_factory=list)

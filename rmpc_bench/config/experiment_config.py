@@ -10,6 +10,7 @@ from typing import Any
 
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.component import Component
+from rmpc_bench.config.draft import ModelFacts
 from rmpc_bench.config.sections import Execution, Statistics
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
@@ -38,6 +39,7 @@ class ExperimentConfig:
     first_point : the same at the first point of the sweep, where ``resolved`` leaves swept components as given
     overrides : what changes the experiment against its file, as options of the command line, such as ``--smoke``
     warnings : what is valid but probably not meant, each with its place
+    model_facts : properties of the design models at the first point of the sweep
     """
 
     path: Path
@@ -57,6 +59,7 @@ class ExperimentConfig:
     first_point: Mapping[str, Any]
     overrides: tuple[str, ...] = ()
     warnings: tuple[Problem, ...] = ()
+    model_facts: tuple[ModelFacts, ...] = ()
 
     @property
     def experiment(self) -> Experiment:

@@ -82,7 +82,18 @@ def method_data(draft: DraftConfig, components: MethodComponents) -> dict[str, A
     """What identifies a method: its components, and where its estimator starts."""
     named = {"model": components.model, "estimator": components.estimator, "controller": components.controller}
     resolved = {name: set_keys(component) for name, component in named.items() if component is not None}
-    return {**resolved, **start_data(draft)}
+    nominal = nominal_plant(draft, components.model)
+    return {**resolved, **({} if nominal is None else {"nominal_plant": nominal}), **start_data(draft)}
+
+
+def nominal_plant(draft: DraftConfig, model: Component | None) -> dict[str, Any] | None:
+    """Return the keys of the plant that determine a model made from it; None for a model that is not made from it.
+
+    `perturb` and `set` are not among them: such a model has the nominal parameters.
+    """
+    if model is None or draft.plant is None or not model.takes("plant"):
+        return None
+    return set_keys(draft.plant) | {key: value for key, value in draft.plant_range.items() if value is not None}
 
 
 def set_keys(component: Component) -> dict[str, Any]:

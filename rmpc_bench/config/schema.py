@@ -39,7 +39,7 @@ from rmpc_bench.types import FromCode, FromData, OverTime, Problem, row_by_row
 
 PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps", "x0", "bounds"}),
-    "models": frozenset({"Ts", "n_steps"}),
+    "models": frozenset({"Ts", "n_steps", "plant"}),
     "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant", "Ts", "plant_info"}),
     "controllers": frozenset({"model", "n_steps", "estimator", "Ts", "plant_info"}),
     "references": frozenset({"ny", "Ts"}),

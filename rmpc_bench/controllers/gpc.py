@@ -8,7 +8,8 @@ Contents
 Model   At every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
         |Q_yw (y(k+j) - r(k+j))|^2 + |Q_u u(k+j-1)|^2, predicted from x_hat(k) with one model over the horizon, and
         apply u(k) (7).  Q_yw and Q_u are roots: the weights are Q_yw' Q_yw and Q_u' Q_u.  The cost weighs the inputs,
-        not their increments: a reference that needs a constant input is reached with an offset.
+        not their increments: a reference that needs a constant input is reached with an offset.  With a model that
+        has an operating point, u stands for u - u_op throughout.
         A state-dependent model is evaluated at x_hat(k-1), at k = 0 at x_hat(0); a time-varying model at k.
         The predictions include the constant parts of the model and, if the estimator estimates it, the mean of the
         process noise (`w_mean` of the estimate), which is held over the horizon.
@@ -31,7 +32,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning, TuningData
-from rmpc_bench.controllers.prediction import Frozen, with_mean
+from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import as_matrix, mv
@@ -52,6 +53,7 @@ class TunedState(NamedTuple):
 
     x_previous: Float[Array, "runs nx"]
     u_previous: Float[Array, "runs nu"]
+    """Previous input; its deviation from u_op if the model has an operating point."""
     Q_yw: Float[Array, "runs ny ny"]
     window: Float[Array, "runs samples numbers"]
     w_mean_previous: Float[Array, "runs nx"]
@@ -113,7 +115,7 @@ class Gpc(Controller):
         else:
             u, loss = self._first(self._frozen(k, state.x_previous if k else x_hat), self.Q_yw[None], estimate, r)
         info = {"Q_yw": np.broadcast_to(self.Q_yw, (len(u), *self.Q_yw.shape)), "loss": loss}
-        return GpcState(x_hat), Command(u, np.full(len(u), OK), info)
+        return GpcState(x_hat), Command(self._physical(u), np.full(len(u), OK), info)
 
     def warm_up(self) -> None:
         """Compile the kernels of a step before the design is sent to workers."""
@@ -140,8 +142,11 @@ class Gpc(Controller):
         if self._follows:
             (A, B), C = self.model.at_state(x), self.model.C
             return Frozen(A, B, np.zeros(C.shape[1]), C, np.zeros(len(C)))
-        now: LinearModel = self.model.at(k)
-        return Frozen(now.A, now.B, now.f0, now.C, now.d0)
+        return frozen(self.model.at(k))
+
+    def _physical(self, u: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
+        """Return the inputs; `u` are their deviations from the operating point."""
+        return u if self.model.operating_point is None else u + self.model.u_op
 
     def _first(
         self,
@@ -207,7 +212,8 @@ class TunedGpc(Gpc):
         u, loss = self._first(now, Q_yw, estimate, r)
         info = {"Q_yw": Q_yw, "loss": loss, **info}
         w_mean = estimate.info["w_mean"] if self.uses_mean else state.w_mean_previous
-        return TunedState(x_hat, u, Q_yw, window, w_mean), Command(u, np.full(len(u), OK), info)
+        after = TunedState(x_hat, u, Q_yw, window, w_mean)
+        return after, Command(self._physical(u), np.full(len(u), OK), info)
 
     def warm_up(self) -> None:
         """Compile the kernels of a step before the design is sent to workers."""
@@ -251,8 +257,7 @@ def design(
     outputs, inputs = _root("Q_yw", Q_yw, now.ny), _root("Q_u", Q_u, now.nu)
     R_u = np.linalg.qr(inputs)[1]
     if isinstance(tuning, ConstantTuning) and isinstance(model, LinearModel):
-        fixed = Frozen(model.A, model.B, model.f0, model.C, model.d0)
-        fixed = with_mean(fixed) if uses_mean else fixed
+        fixed = with_mean(frozen(model)) if uses_mean else frozen(model)
         try:
             law = gains(fixed.A, fixed.B, fixed.f, fixed.C, outputs, inputs, Np)
         except ValueError as error:

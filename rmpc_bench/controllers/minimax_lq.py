@@ -86,6 +86,7 @@ class MinimaxLq(Regulator):
         stages = Stages(*(each[window] for each in self.stages))
         S = window_law(stages, self.horizon, np.zeros((self.horizon, len(M_root), 1))).S[0]
         rho, worst = np.empty(len(x_hat)), np.empty(len(x_hat))
+        x_hat = x_hat if self.point is None else x_hat - self.point.x
         for row, x in enumerate(x_hat):
             found = self.solution(k, M_root, x)
             U = plan(self.game(k), self._feedback[window], found)
@@ -188,7 +189,7 @@ def design(
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
     refuse_mean(model, estimator, stages)
     w_roots = noise_roots(model, estimator, stages, horizon)
-    return MinimaxLq(stages, horizon, set, _error_roots(estimator), w_roots)
+    return MinimaxLq(stages, horizon, set, _error_roots(estimator), w_roots, point=model.operating_point)
 
 
 def _error_roots(estimator: Estimator) -> Float[Array, "k nx nx"] | None:

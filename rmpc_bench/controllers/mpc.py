@@ -2,13 +2,15 @@
 
 Model   Minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)|^2_R  over the input increments
         du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu.  Predictions start at x_hat(k); the reference is known in advance.
-        Law: u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k), u(k-1) the applied input, u(-1) = 0.
+        Law: u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k), u(k-1) the applied input.
+        u(-1) is the input u_op of the operating point of the model, 0 without one.
         With constant parts f0 and d0 of the model, or an estimated mean d_hat of the process noise (`w_mean` of the
         estimate), the predictions include them and u(k) has the further terms - u_0 - K_d d_hat(k).
 Source  zenere2018, cost (2).  The printed solution (4) minimises |u|^2 instead of |du|^2: `law: printed`.
 Assumed `law: increment`, because the text states (2).  `law: printed` holds the input after Hu, as (2) does (du = 0),
         so that the last block column of Theta is a step response; the printed entry C A^(Hp-Hu-1) B of that column
         agrees with no interpretation.  The printed law does not depend on u(k-1): K_u = I.
+        `law: printed` weighs u - u_op.
         `Q`, `R` weigh the scaled signals y / scale.y and u / scale.u.  An input beyond `limits` is clipped.
 Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly, with either law.
 Cost    Three small matrix-vector products per run and step.
@@ -92,6 +94,8 @@ class Mpc(Controller):
     """Gain of the estimated mean of the process noise, None if the estimator does not estimate it."""
     u_0: Float[Array, " nu"] | None = None
     """Input that compensates the constant parts of the model, None if they are zero."""
+    u_op: Float[Array, " nu"] | None = None
+    """Input before k = 0; None for 0."""
 
     @property
     def input_limits(self) -> tuple[float, float]:
@@ -99,8 +103,9 @@ class Mpc(Controller):
         return self.low, self.high
 
     def init(self, n_runs: int) -> MpcState:
-        """Start from the input 0."""
-        return MpcState(np.zeros((n_runs, len(self.K_x))))
+        """Start from the input of the operating point, or 0."""
+        nu = len(self.K_x)
+        return MpcState(np.tile(np.zeros(nu) if self.u_op is None else self.u_op, (n_runs, 1)))
 
     def control(
         self,
@@ -177,14 +182,17 @@ def design(
         Psi, Theta = predict_inputs(model, Hp, Hu)
         first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # u(k) = first (r - Psi x), (4)
         K_u = np.eye(model.nu)
+        # The minimiser of |u - u_op|^2: what u_op held over the horizon adds to the outputs, and u_op itself.
+        weighed = first @ Theta @ np.tile(model.u_op, Hu) - model.u_op
     else:
         Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
         first = _first_move(root_Q @ Theta, root_R, model.nu) @ root_Q  # du(k) = first (r - Psi x - Upsilon u(k-1))
-        K_u = first @ Upsilon
+        K_u, weighed = first @ Upsilon, np.zeros(model.nu)
     Phi, constant = predict_disturbance(model, Hp)
     K_d = first @ Phi if estimator is not None and estimator.estimates_mean else None
-    u_0 = first @ constant if constant.any() else None
-    return Mpc(first @ Psi, K_u, first, *bounds, preview=Hp + 1, K_d=K_d, u_0=u_0)
+    u_0 = first @ constant + weighed if constant.any() or weighed.any() else None
+    u_op = None if model.operating_point is None else model.u_op
+    return Mpc(first @ Psi, K_u, first, *bounds, preview=Hp + 1, K_d=K_d, u_0=u_0, u_op=u_op)
 
 
 def _constant(model: Model) -> LinearModel:

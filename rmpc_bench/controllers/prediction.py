@@ -29,6 +29,12 @@ class Frozen(NamedTuple):
     d: Float[Array, " ny"]
 
 
+def frozen(now: LinearModel) -> Frozen:
+    """Return the model of x and y with the input u - u_op, whose constant part contains B u_op."""
+    f = now.f0 if now.operating_point is None else now.f0 + now.B @ now.u_op
+    return Frozen(now.A, now.B, f, now.C, now.d0)
+
+
 def with_mean(now: Frozen) -> Frozen:
     """Extend a model by a constant mean of the process noise as additional states: [x; mean]."""
     nx = now.A.shape[-1]

@@ -2,7 +2,7 @@
 
 Model   From the estimate x_hat(k), minimise sum_{t=k..k+N-1} x(t+1)' Q_x x(t+1) + u(t)' R_u u(t) of
         x(t+1) = A_t x + B_t u + d + w, and apply u(k): certainty equivalence.  Both laws regulate to x = 0 and do not
-        follow a reference.
+        follow a reference.  With a model that has an operating point, x and u stand for x - x_op and u - u_op.
         lqr        d is the mean of the process noise: known from the model, in addition estimated (`w_mean` of the
                    estimate), or ignored; w = 0.
         game-gain  w maximises the cost minus the penalty tau w' M_w^-1 w, where tau is `ratio` times the smallest
@@ -17,7 +17,7 @@ Fails   Design error: a weight is not admissible (R_u must be positive definite)
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -39,6 +39,7 @@ from rmpc_bench.types import (
     Horizon,
     Matrix,
     Model,
+    OperatingPoint,
     Status,
 )
 
@@ -51,10 +52,24 @@ class NoState(NamedTuple):
     """Empty state of a static controller."""
 
 
+@dataclass(frozen=True, eq=False)
 class Regulator(Controller):
-    """A static law u(k) of the estimate that regulates to x = 0; subclasses define `input_of`."""
+    """A static law u(k) of the estimate that regulates to x = 0; subclasses define `input_of`.
+
+    Parameters
+    ----------
+    point : operating point to which the law regulates instead, None without one; a subclass then receives and returns
+        deviations from it
+    """
+
+    point: OperatingPoint | None = field(default=None, kw_only=True)
 
     regulates = True
+
+    @property
+    def regulates_to(self) -> Float[Array, " ny"] | None:
+        """Output at the operating point."""
+        return None if self.point is None else self.point.y
 
     def init(self, n_runs: int) -> NoState:
         """Return the empty state."""
@@ -69,7 +84,10 @@ class Regulator(Controller):
         r: Float[Array, "preview ny"],
     ) -> tuple[NoState, Command]:
         """Apply the first input of the window."""
-        u = self.input_of(k, estimate)
+        if self.point is None:
+            u = self.input_of(k, estimate)
+        else:
+            u = self.point.u + self.input_of(k, estimate._replace(x_hat=estimate.x_hat - self.point.x))
         return state, Command(u, np.full(len(u), OK), {})
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
@@ -129,12 +147,12 @@ def lqr(
         mean = "estimated" if estimator.estimates_mean else "known"
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
     nx = stages.A.shape[1]
-    f0 = np.array([model.at(k).f0 for k in range(len(stages.A))])[:, :, None]
+    f0 = np.array([model.deviation.at(k).f0 for k in range(len(stages.A))])[:, :, None]
     law = window_law(stages, horizon, np.concatenate([f0, np.broadcast_to(np.eye(nx), stages.A.shape)], axis=2))
     if mean == "estimated" and not estimator.estimates_mean:
         raise DesignError("the estimator does not estimate the mean; use kalman-disturbance, or `known`", "mean")
     u_0 = np.zeros_like(law.K_d[:, :, 0]) if mean == "ignored" else law.K_d[:, :, 0]
-    return Lqr(law.K, law.K_d[:, :, 1:] if mean == "estimated" else None, u_0)
+    return Lqr(law.K, law.K_d[:, :, 1:] if mean == "estimated" else None, u_0, point=model.operating_point)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +213,8 @@ def game_gain(
     """
     stages = stages_of(model, n_steps, horizon, Q_x, R_u)
     refuse_mean(model, estimator, stages)
-    return GameGain(stages, noise_roots(model, estimator, stages, horizon), horizon, ratio)
+    roots = noise_roots(model, estimator, stages, horizon)
+    return GameGain(stages, roots, horizon, ratio, point=model.operating_point)
 
 
 def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix) -> Stages:
@@ -233,7 +252,9 @@ def _ahead(what: Callable[[int], Any], k: int) -> Any:
 
 def refuse_mean(model: Model, estimator: Estimator, stages: Stages) -> None:
     """Raise a DesignError if the process noise has a mean, known from the model or estimated: the law ignores it."""
-    if any(model.at(k).f0.any() for k in range(len(stages.A))):
+    if any(model.deviation.at(k).f0.any() for k in range(len(stages.A))):
+        if model.operating_point is not None:
+            raise DesignError("needs an operating point that is a steady state; use lqr, or another `at` of the model")
         raise DesignError("does not support a known mean of the process noise; use lqr, or a model without this mean")
     if estimator.estimates_mean:
         raise DesignError(

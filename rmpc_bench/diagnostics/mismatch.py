@@ -140,16 +140,17 @@ def model_mismatch(
 
 
 def _method_model(method: Method, data: Mapping[str, Any], experiment: Experiment, build: Build) -> _MethodModel:
-    made = _redesigned(build, data, experiment.plant.Ts, experiment.n_steps, estimator=False)
+    made = _redesigned(build, data, experiment, experiment.n_steps, estimator=False)
     pair = linear_pair(method.estimator, method.controller)
     return _MethodModel(method, data, pair, *(made[:2] if made else (None, None)))
 
 
 def _redesigned(
-    build: Build, data: Mapping[str, Any], Ts: float, n_steps: int, *, estimator: bool
+    build: Build, data: Mapping[str, Any], experiment: Experiment, n_steps: int, *, estimator: bool
 ) -> tuple[Any, Array, Any] | None:
     """Design model, P0 and estimator from plain data, for some number of steps."""
-    model = build("models", data.get("model"), Ts=Ts, n_steps=n_steps)
+    plant = experiment.plant
+    model = build("models", data.get("model"), Ts=plant.Ts, n_steps=n_steps, plant=plant)
     if model is None or not model.is_linear_model:
         return None
     n = len(model.A)
@@ -251,7 +252,7 @@ def _convergence(experiment: Experiment, each: _MethodModel, build: Build) -> Ga
         return GainConvergence()
     while 2 * n <= min(MAX_STEPS, MAX_ENTRIES // len(each.model.A) ** 2):
         n *= 2
-        longer = _redesigned(build, each.data, Ts, n, estimator=True)
+        longer = _redesigned(build, each.data, experiment, n, estimator=True)
         if longer is None or longer[2] is None or linear_pair(longer[2], each.method.controller) is None:
             return GainConvergence(missing=f"its design refuses {n} steps")
         # A predictor has L = 0.

@@ -78,8 +78,8 @@ class _DesignModel:
 
     def get(self) -> Any:
         """Return the design model, None where it cannot be built."""
-        Ts, n_steps = self.experiment.plant.Ts, self.experiment.n_steps
-        return self.build("models", self.data.get("model"), Ts=Ts, n_steps=n_steps)
+        plant, n_steps = self.experiment.plant, self.experiment.n_steps
+        return self.build("models", self.data.get("model"), Ts=plant.Ts, n_steps=n_steps, plant=plant)
 
 
 def _uncontrolled(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:

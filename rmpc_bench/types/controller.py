@@ -31,8 +31,13 @@ class Controller(Design):
 
     @attribute
     def regulates(self) -> bool:
-        """Whether the law drives the state to 0 and does not use the reference."""
+        """Whether the law drives the state to 0, or to an operating point, and does not use the reference."""
         return False
+
+    @attribute
+    def regulates_to(self) -> Float[Array, " ny"] | None:
+        """Output at the operating point to which a law with `regulates` drives the plant; None for 0."""
+        return None
 
     @attribute
     def input_limits(self) -> tuple[float, float] | None:

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import Array
+from rmpc_bench.types.records import OperatingPoint
 
 
 class Model:
@@ -79,9 +80,43 @@ class Model:
         """Whether the noises have bounded parts, in the ellipsoids E(0, M_w) and E(0, M_v)."""
         return False
 
+    @attribute
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences for the user about this model; `check` prints them."""
+        return ()
+
+    @attribute
+    def operating_point(self) -> OperatingPoint | None:
+        """Point around which the model is linear; None for a model without one, whose equations hold everywhere."""
+        return None
+
+    @attribute
+    def x_op(self) -> Float[Array, " nx"]:
+        """State of the operating point; 0 without one."""
+        return np.zeros(self.nx) if self.operating_point is None else self.operating_point.x
+
+    @attribute
+    def u_op(self) -> Float[Array, " nu"]:
+        """Input of the operating point; 0 without one."""
+        return np.zeros(self.nu) if self.operating_point is None else self.operating_point.u
+
+    @attribute
+    def y_op(self) -> Float[Array, " ny"]:
+        """Output at the operating point; 0 without one."""
+        return np.zeros(self.ny) if self.operating_point is None else self.operating_point.y
+
+    @attribute
+    def deviation(self) -> Model:
+        """The model of x - x_op, u - u_op and y - y_op; the model itself without an operating point."""
+        return self
+
     def at(self, k: int, /) -> Any:
         """Return the linear model at k."""
         raise NotImplementedError("at")
+
+    def facts(self) -> list[tuple[str, str]]:
+        """Properties of the model that are known before any run, as (label, text); `check` prints them."""
+        return []
 
     def M_w(self, k: int, /) -> Float[Array, "nx nx"]:
         """Shape of the ellipsoid of the bounded process noise at k; zero without `has_sets`."""

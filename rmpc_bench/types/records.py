@@ -38,6 +38,14 @@ class Command(NamedTuple):
     info: Mapping[str, Array] = _NO_INFO
 
 
+class OperatingPoint(NamedTuple):
+    """A point of a plant in physical coordinates, around which a model is linear."""
+
+    x: Float[Array, " nx"]
+    u: Float[Array, " nu"]
+    y: Float[Array, " ny"]
+
+
 class Motion(NamedTuple):
     """State of a plant at k+1."""
 

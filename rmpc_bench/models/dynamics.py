@@ -1,0 +1,180 @@
+"""The nominal plant as functions of state and input, from which design models are made.
+
+An ODE plant gives x' = rhs(t, x, u, p) at the nominal parameters p and at t = 0.  A plant that is linear gives the
+matrices of one period, x(k+1) = A x + B u.  Values that are drawn for a run have no effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.jacobian import Derivative, derivative
+from rmpc_bench.types import Array, DesignError, LinearPlant, Ode, Plant
+
+OUTSIDE_DOMAIN = (ArithmeticError, ValueError, TypeError)
+"""What a function raises where it is not defined, such as ``math.sqrt`` of a negative number."""
+
+
+class Tangent(NamedTuple):
+    """Matrices at a point: rest(x, u) is about f + A dx + B du, the output about y + C dx."""
+
+    A: Float[Array, "nx nx"]
+    B: Float[Array, "nx nu"]
+    C: Float[Array, "ny nx"]
+
+
+class Names(NamedTuple):
+    """Names of states, inputs and outputs."""
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+class Dynamics:
+    """A plant at its nominal parameters; `rest` is zero in a steady state.
+
+    A subclass gives the attributes `names` and `continuous` and the methods.
+    """
+
+    names: Names
+    continuous: bool
+    """Whether `rest` is x', in contrast to x(k+1) - x(k)."""
+
+    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " nx"]:
+        """Return x', or x(k+1) - x(k); NaN where it is not defined."""
+        raise NotImplementedError("rest")
+
+    def output(self, x: Float[Array, " nx"]) -> Float[Array, " ny"]:
+        """Return y without noise; NaN where it is not defined."""
+        raise NotImplementedError("output")
+
+    def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Lower and upper bounds of states or inputs, infinite where there are none."""
+        return np.full(len(names), -np.inf), np.full(len(names), np.inf)
+
+    def unit(self, name: str) -> str:
+        """Unit of a state, an input or an output; empty where there is none."""
+        return ""
+
+    def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
+        """Return the matrices at a point, and the names of the coordinates with a kink there."""
+        nx = len(x)
+        moves = derivative(lambda z: self.rest(z[:nx], z[nx:]), np.concatenate([x, u]))
+        seen: Derivative = derivative(self.output, x)
+        every = (*self.names.states, *self.names.inputs)
+        kinks = tuple(every[i] for i in sorted({*moves.kinks, *seen.kinks}))
+        return Tangent(moves.J[:, :nx], moves.J[:, nx:], seen.J), kinks
+
+
+@dataclass(frozen=True, eq=False)
+class OdeDynamics(Dynamics):
+    """An ordinary differential equation at its nominal parameters."""
+
+    ode: Ode
+
+    continuous = True
+
+    @property
+    def names(self) -> Names:  # type: ignore[override]
+        """Names of the equation."""
+        return Names(self.ode.states, self.ode.inputs, self.ode.outputs)
+
+    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " nx"]:
+        """Return x'."""
+        try:
+            slope: Array = self.ode.slope(0.0, x, u, self.ode.p)
+        except OUTSIDE_DOMAIN:
+            return np.full(len(x), np.nan)
+        return slope
+
+    def output(self, x: Float[Array, " nx"]) -> Float[Array, " ny"]:
+        """Return y."""
+        try:
+            y: Array = self.ode.measure(x, self.ode.p)
+        except OUTSIDE_DOMAIN:
+            return np.full(self.ode.ny, np.nan)
+        return y
+
+    def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Bounds of the plant."""
+        return self.ode.limits(names)
+
+    def unit(self, name: str) -> str:
+        """Unit of the plant."""
+        return self.ode.units.get(name, "")
+
+    def refuse_errors(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> None:
+        """Call both functions once and report what they raise.
+
+        Raises
+        ------
+        DesignError
+            With the error of the user's function.
+        """
+        for name in ("rhs", "output"):
+            try:
+                if name == "rhs":
+                    self.ode.slope(0.0, x, u, self.ode.p)
+                else:
+                    self.ode.measure(x, self.ode.p)
+            # The functions are the user's: they may raise anything.
+            except Exception as error:
+                where = ", ".join(f"{each} = {value:.6g}" for each, value in zip(self.ode.states, x, strict=True))
+                raise DesignError(f"{name} raises {type(error).__name__} at {where}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class LinearDynamics(Dynamics):
+    """A plant with constant matrices."""
+
+    A: Float[Array, "nx nx"]
+    B: Float[Array, "nx nu"]
+    C: Float[Array, "ny nx"]
+
+    continuous = False
+
+    @property
+    def names(self) -> Names:  # type: ignore[override]
+        """Counted names, such as ``x.0``."""
+        sizes = {"x": self.A.shape[0], "u": self.B.shape[1], "y": len(self.C)}
+        return Names(*(tuple(f"{letter}.{i}" for i in range(n)) for letter, n in sizes.items()))
+
+    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " nx"]:
+        """Return x(k+1) - x(k)."""
+        moved: Array = self.A @ x + self.B @ u - x
+        return moved
+
+    def output(self, x: Float[Array, " nx"]) -> Float[Array, " ny"]:
+        """Return y."""
+        return self.C @ x
+
+    def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
+        """Return the matrices, which are the same at every point."""
+        return Tangent(self.A - np.eye(len(self.A)), self.B, self.C), ()
+
+
+def dynamics_of(plant: Plant) -> Dynamics:
+    """Return the nominal plant as functions.
+
+    Raises
+    ------
+    DesignError
+        If the plant is neither an ODE plant nor one with constant matrices.
+    """
+    if plant.ode is not None:
+        return OdeDynamics(plant.ode)
+    if plant.system is not None and not plant.system.varies:
+        now = plant.system.at(0)
+        return LinearDynamics(now.A, now.B, now.C)
+    linear: LinearPlant | None = plant.linear(dict(plant.nominal))
+    if linear is not None:
+        return LinearDynamics(linear.A, linear.B, linear.C)
+    raise DesignError(
+        "needs an ODE plant (`plant: {ode: FILE.py:NAME}`) or a plant with constant matrices; give the equations of "
+        "the model by `model: {ode: FILE.py:NAME, ..}`"
+    )

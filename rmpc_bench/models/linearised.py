@@ -1,0 +1,251 @@
+"""Linear model of a plant around an operating point.
+
+Model   Around (x_op, u_op) with f = rhs(x_op, u_op): x' = f + A (x - x_op) + B (u - u_op), y = y_op + C (x - x_op).
+        With a zero-order hold of the input one exponential of [[A, B, f], [0, 0, 0]] gives the sampled A, B and drift,
+        also where A is singular.  In physical coordinates
+            x(k+1) = A x(k) + B u(k) + f0 + w(k),  f0 = x_op + drift - A x_op - B u_op,
+            y(k)   = C x(k) + d0 + v(k),           d0 = y_op - C x_op.
+        The drift is exactly 0 in a steady state.  A, B, C are those of the nominal parameters.
+Method  Jacobians by central differences with one Richardson step (numerics/jacobian.py), or by the user's function.
+Limit   A linear plant is its own linear model.
+Fails   Design error: no steady state, a kink at the operating point, or a noise that is no covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.dynamics import Dynamics, OdeDynamics, Tangent, dynamics_of
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.operating_point import At, Found, find_point, text
+from rmpc_bench.numerics.jacobian import DIFFERS, sizes_of_coordinates
+from rmpc_bench.numerics.linalg import as_covariance
+from rmpc_bench.numerics.observability import controllable_states, observable_states
+from rmpc_bench.types import Array, DesignError, Matrix, Model, OperatingPoint, Plant, UserFunction
+
+
+@dataclass(frozen=True)
+class DesignNoise:
+    """Noise of a design model, white and added to the sampled state and to the output.
+
+    Parameters
+    ----------
+    process : covariance Q_w of the noise of x(k+1): a number (times the identity), a diagonal or a matrix
+    measurement : covariance R_v of the noise of y(k): a number (times the identity), a diagonal or a matrix
+    """
+
+    process: Matrix
+    measurement: Matrix
+
+    def covariances(self, nx: int, ny: int) -> tuple[Float[Array, "nx nx"], Float[Array, "ny ny"]]:
+        """Return Q_w and R_v.
+
+        Raises
+        ------
+        DesignError
+            If a size does not fit, or a matrix is not positive semidefinite.
+        """
+        found = []
+        for name, n in (("process", nx), ("measurement", ny)):
+            try:
+                found.append(as_covariance(getattr(self, name), n))
+            except ValueError as error:
+                raise DesignError(str(error), f"noise.{name}") from None
+        return found[0], found[1]
+
+
+class LinearisedModel(LinearModel):
+    """A linear model in physical coordinates with its operating point; create it with `linearised`.
+
+    Parameters
+    ----------
+    A, B, C, Q_w, R_v : as in `LinearModel`
+    point : operating point
+    drift : (nx,) x(k+1) - x(k) at the operating point; 0 in a steady state
+    known : what `facts` returns
+    remarks : notes that `check` prints
+    """
+
+    def __init__(
+        self,
+        A: Float[Array, "nx nx"],
+        B: Float[Array, "nx nu"],
+        C: Float[Array, "ny nx"],
+        Q_w: Float[Array, "nx nx"],
+        R_v: Float[Array, "ny ny"],
+        *,
+        point: OperatingPoint,
+        drift: Float[Array, " nx"] | None = None,
+        known: tuple[tuple[str, str], ...] = (),
+        remarks: tuple[str, ...] = (),
+    ) -> None:
+        drift = np.zeros(len(point.x)) if drift is None else drift
+        f0 = point.x + drift - A @ point.x - B @ point.u
+        super().__init__(A, B, C, Q_w, R_v, f0=f0, d0=point.y - C @ point.x)
+        own = {"operating_point": point, "drift": drift, "_known": known, "remarks": remarks}
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
+
+    operating_point: OperatingPoint
+    drift: Float[Array, " nx"]
+    remarks: tuple[str, ...]
+
+    @property
+    def deviation(self) -> LinearModel:
+        """The model of x - x_op, u - u_op, y - y_op; its constant part f0 is the drift."""
+        return LinearModel(self.A, self.B, self.C, self.Q_w, self.R_v, f0=self.drift)
+
+    def facts(self) -> list[tuple[str, str]]:
+        """Operating point, eigenvalues and ranks."""
+        return list(self._known)
+
+    _known: tuple[tuple[str, str], ...]
+
+
+def linearised(dynamics: Dynamics, Ts: float, at: At, noise: DesignNoise, jacobian: Any = None) -> LinearisedModel:
+    """Linearise a plant around an operating point and sample it.
+
+    Parameters
+    ----------
+    dynamics : the nominal plant
+    Ts : sampling time [s]
+    at : the operating point
+    noise : noise of the model
+    jacobian : the user's function (x, u, p) -> (A, B) or (A, B, C), None for differences
+
+    Raises
+    ------
+    DesignError
+        If there is no such point, the plant has a kink there, or the noise is no covariance.
+    """
+    found = find_point(dynamics, at)
+    names = dynamics.names
+    Q_w, R_v = noise.covariances(len(names.states), len(names.outputs))
+    tangent, remarks = _tangent(dynamics, found.point, jacobian)
+    A, B, drift = sampled(dynamics, tangent, found.rest, Ts)
+    known = tuple(_facts(dynamics, found, tangent, A))
+    return LinearisedModel(A, B, tangent.C, Q_w, R_v, point=found.point, drift=drift, known=known, remarks=remarks)
+
+
+def sampled(
+    dynamics: Dynamics, tangent: Tangent, rest: Float[Array, " nx"], Ts: float
+) -> tuple[Float[Array, "nx nx"], Float[Array, "nx nu"], Float[Array, " nx"]]:
+    """Return A, B and the drift over a sampling period, with the input held."""
+    if not dynamics.continuous:
+        return tangent.A + np.eye(len(rest)), tangent.B, rest
+    from scipy.linalg import expm
+
+    nx, nu = tangent.B.shape
+    block = np.zeros((nx + nu + 1, nx + nu + 1))
+    block[:nx] = np.hstack([tangent.A, tangent.B, rest[:, None]])
+    E = expm(block * Ts)
+    return E[:nx, :nx], E[:nx, nx:-1], E[:nx, -1]
+
+
+def _tangent(dynamics: Dynamics, point: OperatingPoint, jacobian: Any) -> tuple[Tangent, tuple[str, ...]]:
+    """Return the matrices at a point and remarks on them."""
+    tangent, kinks = dynamics.tangent(point.x, point.u)
+    if jacobian is not None:
+        return _given(dynamics, point, jacobian, tangent)
+    if not all(np.isfinite(matrix).all() for matrix in tangent):
+        raise DesignError("the plant has no derivative at the operating point; choose another one", "at")
+    if kinks:
+        raise DesignError(
+            f"has a kink at the operating point ({', '.join(kinks)}): the derivatives from the left and from the right "
+            "differ; choose another point, or give `jacobian`",
+            "at",
+        )
+    return tangent, ()
+
+
+def _given(
+    dynamics: Dynamics, point: OperatingPoint, jacobian: Any, differences: Tangent
+) -> tuple[Tangent, tuple[str, ...]]:
+    """Return the user's matrices, and where they differ from differences of the functions."""
+    if not isinstance(dynamics, OdeDynamics):
+        raise DesignError("has no effect on a linear plant", "jacobian")
+    try:
+        matrices = [np.array(each, dtype=float) for each in jacobian(point.x.copy(), point.u.copy(), dynamics.ode.p)]
+    # The function is the user's: it may raise anything.
+    except Exception as error:
+        raise DesignError(f"raises {type(error).__name__} at the operating point: {error}", "jacobian") from error
+    if len(matrices) not in (2, 3):
+        raise DesignError(f"must return (A, B) or (A, B, C) (got {len(matrices)} entries)", "jacobian")
+    remarks = []
+    for name, matrix, numeric in zip("ABC", matrices, differences, strict=False):
+        if matrix.shape != numeric.shape:
+            raise DesignError(f"{name} has shape {matrix.shape}; {numeric.shape} fits", "jacobian")
+        if not np.isfinite(matrix).all():
+            raise DesignError(f"{name} is not finite at the operating point", "jacobian")
+        largest = float(np.abs(numeric).max(initial=0.0))
+        off = float(np.nanmax(np.abs(matrix - numeric), initial=0.0))
+        if not off <= DIFFERS * largest:
+            remarks.append(f"{name} of `jacobian` differs from differences of the functions by {off:.3g}")
+    return Tangent(matrices[0], matrices[1], matrices[2] if len(matrices) == 3 else differences.C), tuple(remarks)
+
+
+def _facts(dynamics: Dynamics, found: Found, tangent: Tangent, A: Float[Array, "nx nx"]) -> list[tuple[str, str]]:
+    """Describe an operating point."""
+    names, point, nx = dynamics.names, found.point, len(found.point.x)
+    size = sizes_of_coordinates(point.x)
+    # Similar sizes of the states, so that the ranks do not depend on their units.
+    scaled, C, B = tangent.A / size[:, None] * size, tangent.C * size, tangent.B / size[:, None]
+    observable, controllable = observable_states(scaled, C), controllable_states(scaled, B)
+    what = "x'" if dynamics.continuous else "x(k+1) - x(k)"
+    rest = f"no steady state, the largest {what} is {found.residual:.3g}"
+    if found.iterations is not None:
+        rest = f"steady state with residual {found.residual:.2g}, {found.iterations} Newton steps"
+    where = "; ".join(text(dynamics, each, values) for each, values in zip(names, point, strict=True) if len(each))
+    rows = [("operating point", where), ("", rest)]
+    if dynamics.continuous:
+        rows.append(("eigenvalues", f"{_complex_text(np.linalg.eigvals(tangent.A))} 1/s"))
+    return [
+        *rows,
+        ("sampled poles", _complex_text(np.linalg.eigvals(A))),
+        ("observable", f"{observable} of {nx} states"),
+        ("controllable", f"{controllable} of {nx} states"),
+    ]
+
+
+def _complex_text(values: Float[Array, " n"] | Any) -> str:
+    """Write eigenvalues, the largest ones first."""
+    ordered = sorted(np.asarray(values, dtype=complex), key=lambda z: (-abs(z), -z.imag))
+    return ", ".join(f"{z.real:.5g}" if z.imag == 0.0 else f"{z.real:.5g}{z.imag:+.5g}j" for z in ordered)
+
+
+def design(
+    Ts: float,
+    plant: Plant,
+    *,
+    linearise: Literal["plant"] = "plant",
+    at: At,
+    noise: DesignNoise,
+    jacobian: UserFunction = None,
+) -> Model:
+    """Linear model of the nominal plant around an operating point.
+
+    Controllers work around the operating point: the input before k = 0 is u_op, and weights of states and inputs weigh
+    deviations from it.  Limits, references, measurements and estimates stay in physical units.  The estimators start at
+    `initial.x_hat`, which is a physical state as well.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    plant : plant of the experiment, with its nominal parameters
+    linearise : `plant`
+    at : operating point: `{u: .., guess: ..}` is the steady state of an input, `{y: .., guess: ..}` that of an output,
+        `{x: .., u: ..}` any point
+    noise : covariances `process` and `measurement` of the noise of the sampled model
+    jacobian : function (x, u, p) that returns (A, B) or (A, B, C), the derivatives of rhs and output; without it they
+        are computed by differences
+
+    Raises
+    ------
+    DesignError
+        If there is no such point, the plant has a kink there, or the noise is no covariance.
+    """
+    return linearised(dynamics_of(plant), Ts, at, noise, jacobian)
