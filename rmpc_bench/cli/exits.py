@@ -69,7 +69,7 @@ def code_of(written: Publication, *, strict: bool) -> int:
     written : what `publish` has returned
     strict : whether a finding that differs from its record counts
     """
-    if written.results.trials.n_failed_trials > written.results.config.execution.max_failures:
+    if written.results.trials.n_failed_trials > written.results.experiment.max_failures:
         return TOO_MANY_FAILURES
     return FINDING_DIFFERS if strict and written.differing else 0
 

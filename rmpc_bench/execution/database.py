@@ -26,8 +26,9 @@ CREATE TABLE traces (method TEXT, signal TEXT, run INTEGER, width INTEGER NOT NU
     PRIMARY KEY (method, signal, run));
 CREATE TABLE ensemble_groups (method TEXT, first INTEGER, stop INTEGER, n INTEGER NOT NULL, width INTEGER NOT NULL,
     mean BLOB NOT NULL, second BLOB NOT NULL, PRIMARY KEY (method, first, stop));
+CREATE TABLE arrays (name TEXT PRIMARY KEY, shape TEXT NOT NULL, data BLOB NOT NULL) WITHOUT ROWID;
 """
-_ADDED = ("methods", "traces", "ensemble_groups")
+_ADDED = ("methods", "traces", "ensemble_groups", "arrays")
 """Tables that a store of an earlier version lacks."""
 
 
@@ -36,7 +37,7 @@ class StoreError(Exception):
 
 
 class MissingError(Exception):
-    """A directory without trials."""
+    """A directory without trials, or without what a report needs beside them."""
 
 
 class WriteError(Exception):
@@ -130,7 +131,7 @@ def _translated(error: sqlite3.DatabaseError, path: Path) -> Exception:
     if "locked" in text:
         return StoreError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
     if any(f"no such table: {table}" in text for table in _ADDED):
-        return StoreError(f"{path}: holds trials of an earlier version; rmpc-bench run completes it")
+        return MissingError(f"{path}: holds trials of an earlier version; rmpc-bench run completes it")
     if "not a database" in text or "no such table" in text or "malformed" in text:
         return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh")
     return WriteError(f"{path}: {text}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -106,7 +106,7 @@ def judge(results: Results) -> tuple[ClaimVerdict, ...]:
     >>> len(judge(results)) == len(config.claims)
     True
     """
-    return tuple(verdict.judge(claim, results.trials) for claim in results.config.claims)
+    return tuple(verdict.judge(claim, results.trials) for claim in results.experiment.claims)
 
 
 def figure(results: Results, kind: str, **keys: Any) -> FigureResult:
@@ -137,13 +137,27 @@ def figure(results: Results, kind: str, **keys: Any) -> FigureResult:
     >>> picture.save(f"{directory}/settling_time.svg").name
     'settling_time.svg'
     """
+    return drawn(results, figure_component({"kind": kind, **{key.rstrip("_"): value for key, value in keys.items()}}))
+
+
+def figure_component(keys: Mapping[str, Any]) -> Component:
+    """Validate the keys of a figure.
+
+    Parameters
+    ----------
+    keys : ``kind`` and the others, as in a configuration
+
+    Raises
+    ------
+    DesignError
+        If the kind or a key is unknown.
+    """
     problems: list[Problem] = []
     mark = Mark("", 1, 1)
-    tree = Map({"kind": kind, **{key.rstrip("_"): value for key, value in keys.items()}}, mark=mark)
-    component = read_component("figures", tree, [], problems, mark=mark)
+    component = read_component("figures", Map(keys, mark=mark), [], problems, mark=mark)
     if component is None:
         raise _error_of(problems)
-    return drawn(results, component)
+    return component
 
 
 def drawn(results: Results, component: Component) -> FigureResult:
@@ -163,7 +177,9 @@ def drawn(results: Results, component: Component) -> FigureResult:
     made: Figure | None = component.build(problems)
     if made is None:
         raise _error_of(problems)
-    primary: dict[str, Any] = {key: results.config.primary for key in made.metric_keys if getattr(made, key) is None}
+    primary: dict[str, Any] = {
+        key: results.experiment.primary for key in made.metric_keys if getattr(made, key) is None
+    }
     return FigureResult(replace(made, **primary).draw(results.plotted))
 
 

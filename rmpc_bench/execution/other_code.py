@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -22,9 +22,21 @@ def rows_of_other_code(config: ExperimentConfig, store: Store, methods: Collecti
     -------
     such as ``800 rows of other code (NUMERICS 1, here 2) are kept apart``; empty where there are none
     """
+    return rows_kept_apart(stored_methods(config, methods), store, config.experiment.n_runs)
+
+
+def rows_kept_apart(methods: Iterable[StoredMethod], store: Store, n_runs: int) -> str:
+    """Describe the rows of some methods that other code has computed and this code has not.
+
+    Parameters
+    ----------
+    methods : what the trials of this code are stored under
+    store : an open store
+    n_runs : number of runs of the experiment
+    """
     here, numbers, n_rows = code_version(), set[int](), 0
-    for method in stored_methods(config, methods):
-        runs = store.of_other_code(method, config.experiment.n_runs)
+    for method in methods:
+        runs = store.of_other_code(method, n_runs)
         numbers |= {code["numerics"] for codes in runs.values() for code in codes}
         n_rows += len(runs)
     there = ", ".join(map(str, sorted(numbers)))

@@ -16,7 +16,7 @@ from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.execution.evaluation import drawn, judge, summarise
+from rmpc_bench.execution.evaluation import drawn, figure_component, judge, summarise
 from rmpc_bench.execution.manifest import note_look
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.files import save
@@ -59,13 +59,13 @@ class Publication:
         ----------
         seconds : how long the run took [s]; left out unless given
         """
-        config, trials = self.results.config, self.results.trials
+        experiment, trials = self.results.experiment, self.results.trials
         return end_screen(
             trials,
-            self.tables.to_screen(config.primary),
+            self.tables.to_screen(experiment.primary),
             directory=self.directory,
             n_complete=min(self.results.n_complete[name] for name in trials.methods),
-            n_runs=config.experiment.n_runs if "runs" in config.evaluate else 0,
+            n_runs=experiment.n_wanted,
             seconds=seconds,
             verdicts=self.verdicts,
             overrides=self.results.overrides,
@@ -162,16 +162,16 @@ def _write_claims(results: Results, verdicts: tuple[ClaimVerdict, ...], director
 
 def _experiment(results: Results) -> ExperimentRecord:
     """Describe the experiment by what is the same on every machine, since claims.json is kept under version control."""
-    config = results.config
-    file = "/".join(part for part in ("configs", config.paper, f"{config.name}.yaml") if part)
+    experiment = results.experiment
+    file = "/".join(part for part in ("configs", experiment.paper, f"{experiment.name}.yaml") if part)
     return {
-        "name": config.name,
-        "title": config.title,
-        "paper": config.paper,
-        "identifier": IDENTIFIERS.get(config.paper or ""),
+        "name": experiment.name,
+        "title": experiment.title,
+        "paper": experiment.paper,
+        "identifier": IDENTIFIERS.get(experiment.paper or ""),
         "runs": len(results.trials.each[0].runs),
         "seed": results.trials.seed,
-        "hash": config.hash,
+        "hash": experiment.hash,
         "version": rmpc_bench.__version__,
         "numerics": rmpc_bench.NUMERICS,
         "command": " ".join(["rmpc-bench run", file, *results.overrides]),
@@ -180,15 +180,16 @@ def _experiment(results: Results) -> ExperimentRecord:
 
 
 def _write_figures(results: Results, directory: Path) -> tuple[list[Path], list[str]]:
-    """Draw the figures of the configuration; return the files, and what could not be drawn with the reason."""
+    """Draw the figures of the experiment; return the files, and what could not be drawn with the reason."""
     paths: list[Path] = []
     left_out: list[str] = []
     counts: Counter[str] = Counter()
-    for component in results.config.figures:
-        kind = component.kind
+    for number, keys in enumerate(results.experiment.figures):
+        kind = str(keys["kind"])
         counts[kind] += 1
         stem = kind if counts[kind] == 1 else f"{kind}-{counts[kind]}"
         try:
+            component = results.components.get(number) or figure_component(keys)
             picture = drawn(results, component)
         except DesignError as error:
             # A method that the figure shows has not been computed yet.

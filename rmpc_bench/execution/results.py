@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from rmpc_bench.analysis.rounded_trials import rounded_trials
 from rmpc_bench.analysis.trials import Traces, Trials
-from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.load import load_config
-from rmpc_bench.execution import manifest
 from rmpc_bench.execution.database import FILE, MissingError
-from rmpc_bench.execution.progress import Progress
-from rmpc_bench.execution.runner import RESOLVED, compute
+from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
 from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, uncertainty
+
+if TYPE_CHECKING:
+    from rmpc_bench.config.component import Component
+    from rmpc_bench.config.experiment_config import ExperimentConfig
+    from rmpc_bench.execution.progress import Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,22 +29,28 @@ class Results:
 
     Parameters
     ----------
-    config : the configuration
+    experiment : names, settings, figures and claims of the experiment, as they are stored beside its trials
     directory : where the trials are stored
     trials : metrics and status of every run, series of the designs, recorded runs
     uncertainty : sweep columns, ``run`` and one column per named uncertain quantity
     n_complete : method -> number of runs that are stored with all metrics, at the point of the sweep with fewest
-    overrides : options that changed the configuration, such as ``--smoke``; claims are then not evaluated
     other_code : stored rows of other code that are missing in the tables, in words; empty where there are none
+    components : figures of the configuration that can be drawn, by their index; empty for stored results, whose figures
+        are made of their stored keys
     """
 
-    config: ExperimentConfig
+    experiment: StoredExperiment
     directory: Path
     trials: Trials
     uncertainty: pd.DataFrame
     n_complete: Mapping[str, int]
-    overrides: tuple[str, ...] = ()
     other_code: str = ""
+    components: Mapping[int, Component] = field(default_factory=dict)
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Options that changed the configuration, such as ``--smoke``; claims are then not evaluated."""
+        return self.experiment.overrides
 
     @property
     def series(self) -> pd.DataFrame:
@@ -61,7 +70,7 @@ class Results:
     @property
     def incomplete(self) -> tuple[str, ...]:
         """Methods of which runs are missing, each with their number."""
-        n_runs = self.config.experiment.n_runs if "runs" in self.config.evaluate else 0
+        n_runs = self.experiment.n_wanted
         return tuple(f"{name}: {n} of {n_runs} runs" for name, n in self.n_complete.items() if n < n_runs)
 
     @property
@@ -113,13 +122,16 @@ def run(
     >>> len(results.trials.runs)
     4
     """
+    # Designs, joblib and numba are needed here only: results are read without them.
+    from rmpc_bench.execution.runner import compute
+
     place = default_directory(config) if directory is None else Path(directory)
     compute(config, place, workers=jobs, only=only, progress=progress, modified=config.overrides)
-    return stored_results(config, place, config.overrides)
+    return load_results(place)
 
 
 def load_results(directory: str | Path) -> Results:
-    """Load the results of a directory; nothing is simulated.
+    """Load the results of a directory; nothing is simulated, no design is made and no code of a user is loaded.
 
     Parameters
     ----------
@@ -132,7 +144,9 @@ def load_results(directory: str | Path) -> Results:
     Raises
     ------
     MissingError
-        If there is no store in the directory, or no trial in it.
+        If there is no store in the directory, no trial in it, or an earlier version has written it.
+    StoreError
+        If another process writes to it.
 
     Examples
     --------
@@ -146,7 +160,16 @@ def load_results(directory: str | Path) -> Results:
     place = Path(directory)
     if not (place / FILE).exists():
         raise MissingError(f"{place}: there is no {FILE}; fill the directory with `rmpc-bench run`")
-    return stored_results(load_config(place / RESOLVED), place, manifest.read(place).get("modified", ()))
+    with Store(place, writable=False) as store:
+        experiment = read_experiment(store)
+        return Results(
+            experiment=experiment,
+            directory=place,
+            trials=stored_trials(experiment, store),
+            uncertainty=uncertainty(experiment, store),
+            n_complete=n_complete(experiment, store),
+            other_code=other_code(experiment, store),
+        )
 
 
 def load_trials(directory: str | Path) -> Trials:
@@ -158,30 +181,3 @@ def load_trials(directory: str | Path) -> Trials:
         If there is no store in the directory, or no trial in it.
     """
     return load_results(directory).trials
-
-
-def stored_results(config: ExperimentConfig, directory: Path, overrides: Collection[str] = ()) -> Results:
-    """Read the results of a configuration that lie in a directory.
-
-    Parameters
-    ----------
-    config : the configuration
-    directory : where its trials are stored
-    overrides : options that changed the configuration
-
-    Raises
-    ------
-    MissingError
-        If there is no store, or nothing in it belongs to the configuration.
-    StoreError
-        If the directory holds another experiment.
-    """
-    return Results(
-        config=config,
-        directory=directory,
-        trials=stored_trials(config, directory, with_verdicts="--smoke" not in overrides),
-        uncertainty=uncertainty(config, directory),
-        n_complete=n_complete(config, directory),
-        overrides=tuple(overrides),
-        other_code=other_code(config, directory),
-    )

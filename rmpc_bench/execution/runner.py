@@ -14,6 +14,7 @@ from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import engines
 from rmpc_bench.execution.database import WriteError
 from rmpc_bench.execution.engines import Done, Task
+from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.manifest import Session
 from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
@@ -93,6 +94,7 @@ def compute(
     with Store(directory) as store:
         store.claim(config.hash, config.shared)
         _keep_configuration(config, directory)
+        keep_layout(config, store, methods)
         tasks = pending(config, store, methods)
         with Session(directory, config, modified, progress.say):
             if apart := rows_of_other_code(config, store, methods):

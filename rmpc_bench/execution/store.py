@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -77,6 +78,34 @@ class Store:
     def set_meta(self, key: str, value: str) -> None:
         """Set a value."""
         self._write([("INSERT OR REPLACE INTO meta VALUES (?, ?)", [(key, value)])])
+
+    def set_layout(self, key: str, text: str, arrays: Mapping[str, Array]) -> None:
+        """Set a value and the arrays that it names in place of all arrays; nothing is written if it has not changed.
+
+        Parameters
+        ----------
+        key, text : name and value, as for `set_meta`
+        arrays : arrays under a name that changes with their content
+        """
+        if self.meta(key) == text:
+            return
+        rows = [(name, json.dumps(array.shape), zlib.compress(_bytes(array))) for name, array in arrays.items()]
+        self._write(
+            [
+                ("DELETE FROM arrays", [()]),
+                ("INSERT INTO arrays VALUES (?, ?, ?)", rows),
+                ("INSERT OR REPLACE INTO meta VALUES (?, ?)", [(key, text)]),
+            ]
+        )
+
+    def array(self, name: str) -> Array:
+        """Read an array that was set with `set_layout`."""
+        [(shape, data)] = self._read("SELECT shape, data FROM arrays WHERE name = ?", (name,))
+        return _array(zlib.decompress(data)).reshape(json.loads(shape))
+
+    def has_trials(self, method: str) -> bool:
+        """Whether a run of a method is stored."""
+        return bool(self._read("SELECT 1 FROM trials WHERE method = ? LIMIT 1", (method,)))
 
     def claim(self, experiment: str, shared: Mapping[str, Any]) -> None:
         """Assign the directory to an experiment, or check that it already belongs to it.

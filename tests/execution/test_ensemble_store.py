@@ -7,10 +7,9 @@ import pytest
 from small_experiment import cli, ran, spied
 from uncertain_experiment import PLANT, write_estimation
 
-from rmpc_bench import load_config, load_trials
+from rmpc_bench import load_results, load_trials
 from rmpc_bench.execution import engines
 from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.stored_trials import n_complete
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import SIZE, Group, groups
 from rmpc_bench.simulation.scenario import Recording
@@ -231,4 +230,4 @@ def test_a_missing_group_is_missing(tmp_path):
     with sqlite3.connect(tmp_path / "out" / "trials.sqlite") as connection:
         connection.execute("DELETE FROM ensemble_groups WHERE first = 50")
     connection.close()
-    assert n_complete(load_config(path), tmp_path / "out") == {"KF": N - 50, "ERP": N - 50}
+    assert load_results(tmp_path / "out").n_complete == {"KF": N - 50, "ERP": N - 50}

@@ -6,21 +6,17 @@ import numpy as np
 import pytest
 from small_experiment import ran, write
 
-from rmpc_bench import load_config, load_trials, run
+from rmpc_bench import load_config, load_results, load_trials, run
 from rmpc_bench.analysis.trials import Traces
 from rmpc_bench.execution.database import MissingError, StoreError
-from rmpc_bench.execution.series import series
-from rmpc_bench.execution.stored_trials import stored_trials, uncertainty
 from rmpc_bench.execution.traces import units_of
 
 
 class Arm(NamedTuple):
-    """A plant whose components have units of their own."""
+    """An experiment whose plant has units for its components."""
 
     nx: int = 2
-    y_unit: str = ""
-    u_unit: str = "N m"
-    units: dict = {"y.0": "m", "y.1": "rad", "x.0": "m", "x.1": "m/s"}  # noqa: RUF012
+    units: dict = {"y": "", "u": "N m", "y.0": "m", "y.1": "rad", "x.0": "m", "x.1": "m/s"}  # noqa: RUF012
 
 
 FAILING = {"uncertainty": "{eps: +-150%}"}
@@ -60,28 +56,26 @@ def test_a_failed_run_has_a_status_and_no_values(load, tmp_path):
 def test_a_failed_run_is_one_whose_parameter_means_nothing(load, tmp_path):
     """The sampled values say why."""
     config = load(**FAILING, runs="20")
-    trials = run(config, directory=tmp_path / "out", jobs=1).trials
-    eps = uncertainty(config, tmp_path / "out")["eps"]
-    np.testing.assert_array_equal(np.isnan(trials.column("mse", "S-MPC")), 1.0 + eps <= 0.0)
+    results = run(config, directory=tmp_path / "out", jobs=1)
+    eps = results.uncertainty["eps"]
+    np.testing.assert_array_equal(np.isnan(results.trials.column("mse", "S-MPC")), 1.0 + eps <= 0.0)
 
 
 def test_uncertain_values_by_run(load, tmp_path):
     """A column per quantity in the order of the configuration; none without uncertainty."""
     config = load(uncertainty="{eps: +-20%, a: {dist: fixed, value: 2}}")
-    run(config, directory=tmp_path / "out", jobs=1)
-    table = uncertainty(config, tmp_path / "out")
+    table = run(config, directory=tmp_path / "out", jobs=1).uncertainty
     assert list(table.columns) == ["run", "eps", "a"] and list(table["run"]) == [*range(6)]
     assert table["eps"].between(-0.2, 0.2).all() and set(table["a"]) == {2.0}
     assert table["eps"].tolist() == [config.experiment.scenario.named_values(run)["eps"] for run in range(6)]
     config = load(uncertainty="{}", plant="{kind: servo-linear}")
-    run(config, directory=tmp_path / "none", jobs=1)
-    assert list(uncertainty(config, tmp_path / "none").columns) == ["run"]
+    assert list(run(config, directory=tmp_path / "none", jobs=1).uncertainty.columns) == ["run"]
 
 
-def test_series_of_the_designs(load):
+def test_series_of_the_designs(load, tmp_path):
     """One row per k and component, exact; matrices come back whole."""
     config = load()
-    table = series(config.experiment.methods)
+    table = run(config, directory=tmp_path / "out", jobs=1).series
     assert list(table.columns) == ["method", "quantity", "component", "k", "n", "value"]
     assert set(table["n"]) == {0} and set(table["method"]) == {"S-MPC", "R-MPC"}
     P = config.experiment.method("R-MPC").estimator.series()["P"]
@@ -89,7 +83,6 @@ def test_series_of_the_designs(load):
     assert chosen["k"].tolist() == [*range(11)] and chosen["value"].tolist() == P[:, 1, 3].tolist()
     theta = table[(table["method"] == "R-MPC") & (table["quantity"] == "theta")]
     assert set(theta["component"]) == {""} and len(theta) == 11
-    assert list(series([]).columns) == list(table.columns)
 
 
 def test_matrix_series_survives_the_table(load, tmp_path):
@@ -103,8 +96,7 @@ def test_matrix_series_survives_the_table(load, tmp_path):
 def test_methods_without_a_run_are_left_out(load, tmp_path):
     """And another takes the place of the baseline."""
     config = load()
-    run(config, directory=tmp_path / "out", jobs=1, only=["R-MPC"])
-    trials = stored_trials(config, tmp_path / "out")
+    trials = run(config, directory=tmp_path / "out", jobs=1, only=["R-MPC"]).trials
     assert trials.methods == ("R-MPC",) and trials.baseline == "R-MPC"
     assert set(trials.series["method"]) == {"R-MPC"}
 
@@ -120,27 +112,26 @@ def test_load_trials_of_a_directory(tmp_path):
 def test_no_results(load, tmp_path):
     """Neither a directory without a store nor one without trials of the configuration makes a table."""
     with pytest.raises(MissingError, match="there is no trials.sqlite; fill the directory with `rmpc-bench run`"):
-        stored_trials(load(), tmp_path)
-    with pytest.raises(MissingError):
         load_trials(tmp_path)
     run(load(), directory=tmp_path / "out", jobs=1)
     other = load(methods="{a: {estimator: {kind: robust-kalman, c: 9}}}")
     with pytest.raises(MissingError, match="no trial of this configuration is stored"):
-        stored_trials(other, tmp_path / "out")
+        run(other, directory=tmp_path / "out", only=())
 
 
 def test_another_experiment_is_not_shown(load, tmp_path):
-    """Trials of another seed are no trials of this configuration, whoever asks."""
+    """Trials of another seed are no trials of this configuration; what is stored stays readable."""
     run(load(), directory=tmp_path / "out", jobs=1)
     with pytest.raises(StoreError):
-        stored_trials(load(seed=8), tmp_path / "out")
+        run(load(seed=8), directory=tmp_path / "out")
+    assert load_results(tmp_path / "out").trials.seed == 7
 
 
 @pytest.mark.parametrize(("widths", "known"), [((2, 2), True), ((2, 3), False), ((), False)])
 def test_units_of_components(widths, known):
     """As the plant tells them; estimates have those of the states where they are estimates of these."""
     traces = [Traces(np.arange(1), {"x_hat": np.zeros((1, 5, n))}, np.zeros((5, 2))) for n in widths]
-    expected = {"y": "", "u": "N m", **Arm().units}
+    expected = dict(Arm().units)
     if known:
         expected |= {"x_hat.0": "m", "x_hat.1": "m/s"}
     assert units_of(Arm(), traces) == expected

@@ -12,7 +12,6 @@ from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import engines
-from rmpc_bench.execution.stored_trials import n_complete, stored_trials
 
 HP, HU, C, STD = "controller.Hp", "controller.Hu", "methods.R-MPC.estimator.c", "noise.measurement.gaussian.std"
 METHODS = f"{{grid: {{{C}: [0.1, 1]}}, zip: {{{HP}: [10, 12], {HU}: [3, 2]}}}}"
@@ -222,9 +221,10 @@ def test_a_point_where_nothing_is_stored_is_left_out(made, tmp_path):
     directory = made(f"{{grid: {{{HP}: [10]}}}}", tmp_path / "a")
     config = load_config(write(tmp_path, sweep=f"{{grid: {{{HP}: [12, 10]}}}}"))
     trials = load_trials(directory)
-    part = stored_trials(config, directory)
-    assert [dict(point.point) for point in part.points] == [{HP: "10"}] and part.frame.equals(trials.frame)
-    assert n_complete(config, directory) == {"S-MPC": 0, "R-MPC": 0}
+    part = run(config, directory=directory, only=())
+    assert [dict(point.point) for point in part.trials.points] == [{HP: "10"}]
+    assert part.trials.frame.equals(trials.frame)
+    assert part.n_complete == {"S-MPC": 0, "R-MPC": 0}
 
 
 SWEEPS = [

@@ -40,13 +40,11 @@ def test_what_a_method_reports(load, tmp_path):
 @pytest.mark.parametrize("record", [ALL, "{runs: all, signals: [Q_yw]}"])
 def test_what_a_method_does_not_report_is_not_missing(load, tmp_path, monkeypatch, record):
     """Nothing is computed again for want of it, and all runs are complete; a method with nothing else has no traces."""
-    from rmpc_bench.execution.stored_trials import n_complete
-
     first = run(load(record=record), directory=tmp_path / "out", jobs=1).trials
     blocks = spied(monkeypatch)
-    again = run(load(record=record), directory=tmp_path / "out", jobs=1).trials
-    assert blocks == [] and again.frame.equals(first.frame)
-    assert n_complete(load(record=record), tmp_path / "out") == {"R": 6, "S": 6}
+    again = run(load(record=record), directory=tmp_path / "out", jobs=1)
+    assert blocks == [] and again.trials.frame.equals(first.frame)
+    assert again.n_complete == {"R": 6, "S": 6}
     assert list(again.traces) == (["R", "S"] if "x_hat" in record else ["R"])
 
 

@@ -1,0 +1,157 @@
+"""From a configuration to the record of its experiment that reports read."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from hashlib import sha256
+
+import numpy as np
+
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.identity import set_keys
+from rmpc_bench.config.sweep_point import SweepPoint, digest
+from rmpc_bench.config.tree import plain
+from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment, StoredPoint, write_experiment
+from rmpc_bench.simulation.moments import exact_laws, exact_moments
+from rmpc_bench.simulation.recording import kept
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import Array, Method
+
+
+def keep_layout(config: ExperimentConfig, store: Store, methods: Collection[str]) -> None:
+    """Store what reports need of an experiment beside its trials; whatever has changed without new trials is renewed.
+
+    Parameters
+    ----------
+    config : the experiment
+    store : its open store
+    methods : names of the methods that are about to be computed
+
+    Raises
+    ------
+    WriteError
+        If it cannot be written.
+    """
+    layout = _Layout(config, store, methods)
+    write_experiment(store, layout.experiment(), layout.arrays)
+
+
+class _Layout:
+    """Makes the record of an experiment and collects the arrays that it names.
+
+    Parameters
+    ----------
+    config, store, methods : as in `keep_layout`
+    """
+
+    def __init__(self, config: ExperimentConfig, store: Store, methods: Collection[str]) -> None:
+        self._config = config
+        self._shown = {name for name in config.methods if name in methods or _has_results(config, store, name)}
+        self._series: dict[tuple[str, str], tuple[dict[str, str], tuple[str, str] | None]] = {}
+        self.arrays: dict[str, Array] = {}
+
+    def experiment(self) -> StoredExperiment:
+        """Return the record."""
+        config, statistics = self._config, self._config.statistics
+        return StoredExperiment(
+            name=config.name,
+            paper=config.paper,
+            title=config.title,
+            hash=config.hash,
+            n_runs=config.experiment.n_runs,
+            has_runs="runs" in config.evaluate,
+            axes=config.axes,
+            labels=dict(config.labels),
+            primary=config.primary,
+            baseline=config.baseline,
+            confidence=statistics.confidence,
+            relevant=statistics.relevant_change,
+            margins=dict(statistics.margins),
+            average=statistics.average,
+            headline=config.headline,
+            max_failures=config.execution.max_failures,
+            alike=all(point.methods == config.methods for point in config.points),
+            overrides=config.overrides,
+            figures=tuple(plain(set_keys(figure)) for figure in config.figures),
+            claims=config.claims,
+            points=tuple(self._point(point) for point in config.points),
+        )
+
+    def _point(self, point: SweepPoint) -> StoredPoint:
+        experiment, plant = point.experiment, point.experiment.plant
+        recording = experiment.recording
+        is_recorded = bool(recording.n_runs and recording.signals)
+        return StoredPoint(
+            coordinates=dict(point.coordinates),
+            title=point.title,
+            seed=experiment.scenario.seed,
+            Ts=0.0 if self._config.in_samples else float(plant.Ts),
+            nx=int(plant.nx),
+            units={"y": plant.y_unit, "u": plant.u_unit, **plant.units},
+            metrics=experiment.metric_infos,
+            metric_keys=dict(point.metric_keys),
+            methods={method.name: self._method(point, method) for method in experiment.methods},
+            n_recorded=recording.n_runs,
+            has_ensemble=recording.ensemble,
+            reference=self._keep(experiment.scenario.reference.sample(experiment.n_steps + 1)) if is_recorded else None,
+            uncertainty_key=point.uncertainty_key,
+            uncertainty=tuple(experiment.scenario.uncertainty),
+        )
+
+    def _method(self, point: SweepPoint, method: Method) -> PointMethod:
+        experiment, name = point.experiment, method.name
+        series_key = _series_key(point, name)
+        shown = name in self._shown
+        series, moments = self._series_of(experiment, method, series_key) if shown else ({}, None)
+        signals = kept(experiment, name).signals
+        return PointMethod(
+            definition=point.definitions[name],
+            code=point.code[name],
+            is_oracle=name in experiment.oracles,
+            signals=signals,
+            shapes={signal: tuple(map(int, shape)) for signal, shape in method.reports.items() if signal in signals},
+            series_key=series_key,
+            series=series,
+            moments=moments,
+        )
+
+    def _series_of(
+        self, experiment: Experiment, method: Method, key: str
+    ) -> tuple[dict[str, str], tuple[str, str] | None]:
+        """Name the arrays of the series of a design and of its exact moments; points may share them."""
+        if (method.name, key) not in self._series:
+            series = {quantity: self._keep(values) for quantity, values in method.estimator.series().items()}
+            self._series[method.name, key] = series, self._moments(experiment, method)
+        return self._series[method.name, key]
+
+    def _moments(self, experiment: Experiment, method: Method) -> tuple[str, str] | None:
+        schedule = method.estimator.gain_schedule
+        if not experiment.recording.ensemble or "moments" not in self._config.evaluate or schedule is None:
+            return None
+        laws = exact_laws(experiment.plant, method, experiment.scenario)
+        if isinstance(laws, str):
+            return None
+        mean, cov = exact_moments(experiment.plant, schedule, laws, experiment.n_steps)
+        return self._keep(mean), self._keep(cov)
+
+    def _keep(self, values: Array) -> str:
+        """Keep an array under the hash of its content."""
+        array = np.ascontiguousarray(values, dtype="<f8")
+        name = sha256(repr(array.shape).encode() + array.tobytes()).hexdigest()
+        self.arrays[name] = array
+        return name
+
+
+def _has_results(config: ExperimentConfig, store: Store, name: str) -> bool:
+    """Whether there is something to show of a method at some point of the sweep."""
+    stored = any(store.has_trials(point.method_keys[name]) for point in config.points)
+    return stored or "runs" not in config.evaluate
+
+
+def _series_key(point: SweepPoint, name: str) -> str:
+    """Return what the series of a method depend on; those of an ensemble depend on all that its trials do."""
+    if point.experiment.recording.ensemble:
+        return point.method_keys[name]
+    design = {key: value for key, value in point.methods[name].items() if key != "controller"}
+    return digest([design, point.experiment.n_steps, point.experiment.plant.Ts, point.code[name]])

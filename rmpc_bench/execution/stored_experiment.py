@@ -1,0 +1,211 @@
+"""What reports need of an experiment, as plain data in its trial store.
+
+`run` writes it (layout.py) as JSON, with the arrays beside it.  Reports, comparisons and `load_results` read nothing
+else of the experiment: they build no design and load no code, and they need no configuration file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from rmpc_bench.claims.claim import Claim
+from rmpc_bench.config.code_version import code_version
+from rmpc_bench.config.sweep_point import key_of_trials
+from rmpc_bench.execution.database import MissingError
+from rmpc_bench.execution.store import Store, StoredMethod
+from rmpc_bench.simulation.scenario import Recording
+from rmpc_bench.types import MetricInfo
+
+KEY = "layout"
+WAY_OUT = "`rmpc-bench run` with its configuration adds it and computes nothing again"
+
+
+@dataclass(frozen=True)
+class PointMethod:
+    """A method at one point of the sweep.
+
+    Parameters
+    ----------
+    definition : hash of what the configuration determines of its trials
+    code : what identifies the code that computed them
+    is_oracle : whether its estimator is an oracle
+    signals : signals that are recorded of it
+    shapes : recorded signal that the method reports itself -> shape of an entry
+    series_key : what its series depend on; methods with equal keys have the same series
+    series : series of its design -> name of the array, axis 0 = k; empty where nothing of the method is computed
+    moments : names of the arrays of the exact mean and covariance of (x, x_hat); None where there are none
+    """
+
+    definition: str
+    code: Mapping[str, Any]
+    is_oracle: bool = False
+    signals: tuple[str, ...] = ()
+    shapes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    series_key: str = ""
+    series: Mapping[str, str] = field(default_factory=dict)
+    moments: tuple[str, str] | None = None
+
+    @property
+    def stored(self) -> StoredMethod:
+        """What its trials are stored under, in tables of the arithmetic (NUMERICS) of this program only."""
+        code = {**self.code, **code_version()}
+        return StoredMethod(key_of_trials(self.definition, code), self.definition, code)
+
+    @property
+    def key(self) -> str:
+        """Hash under which its trials are stored."""
+        return self.stored.key
+
+
+@dataclass(frozen=True)
+class StoredPoint:
+    """An experiment at one point of its sweep; without a sweep there is one point.
+
+    Parameters
+    ----------
+    coordinates : swept path -> text of its value
+    title : the point in words
+    seed : seed of the random numbers
+    Ts : sampling time [s]; 0 where time is counted in samples
+    nx : number of states of the plant
+    units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
+    metrics : columns of the metrics
+    metric_keys : metric -> hash under which its values are stored
+    methods : method -> its record, in the order of the configuration
+    n_recorded : number of runs whose signals are recorded, from the first one on
+    has_ensemble : whether mean and covariance over the runs are stored
+    reference : name of the array of r(k), (samples, ny); None where nothing is recorded
+    uncertainty_key : hash under which the values of the uncertain quantities are stored
+    uncertainty : names of these quantities, in the order of the configuration
+    """
+
+    coordinates: Mapping[str, str]
+    title: str
+    seed: int
+    Ts: float
+    nx: int
+    units: Mapping[str, str]
+    metrics: tuple[MetricInfo, ...]
+    metric_keys: Mapping[str, str]
+    methods: Mapping[str, PointMethod]
+    n_recorded: int
+    has_ensemble: bool
+    reference: str | None
+    uncertainty_key: str
+    uncertainty: tuple[str, ...]
+
+    def recording(self, method: str) -> Recording:
+        """Return what is kept of the runs of a method."""
+        return Recording(self.methods[method].signals, self.n_recorded, self.has_ensemble)
+
+
+@dataclass(frozen=True)
+class StoredExperiment:
+    """An experiment as its reports see it: names, keys of the stored numbers, settings, figures and claims.
+
+    Parameters
+    ----------
+    name, paper, title : as in the configuration
+    hash : the experiment hash
+    n_runs : number of runs
+    has_runs : whether single runs are evaluated; otherwise only exact moments are
+    axes : swept paths; the paths of a zip, which change together, are one axis
+    labels : method -> text for tables and figures
+    primary : name of the metric that the screen and the figures show
+    baseline : name of the method that all others are compared with
+    confidence, relevant, margins, average, headline : settings of the comparison, see `Trials`
+    max_failures : number of failed trials from which on the exit code is 3
+    alike : whether the methods are the same at all points of the sweep
+    overrides : options that changed the configuration, such as ``--smoke``
+    figures : keys of the figures to draw; of a figure from a user's file only ``file``
+    claims : statements to check
+    points : points of the sweep
+    """
+
+    name: str
+    paper: str | None
+    title: str
+    hash: str
+    n_runs: int
+    has_runs: bool
+    axes: tuple[tuple[str, ...], ...]
+    labels: Mapping[str, str]
+    primary: str
+    baseline: str
+    confidence: float
+    relevant: float
+    margins: Mapping[str, float]
+    average: str
+    headline: str
+    max_failures: int
+    alike: bool
+    overrides: tuple[str, ...]
+    figures: tuple[Mapping[str, Any], ...]
+    claims: tuple[Claim, ...]
+    points: tuple[StoredPoint, ...]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Names of the methods in the order of the configuration."""
+        return tuple(self.points[0].methods)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The swept paths."""
+        return tuple(path for axis in self.axes for path in axis)
+
+    @property
+    def is_smoke(self) -> bool:
+        """Whether it is a smoke run, whose comparisons have no verdict."""
+        return "--smoke" in self.overrides
+
+    @property
+    def n_wanted(self) -> int:
+        """Number of runs that the store of a finished experiment has of every method."""
+        return self.n_runs if self.has_runs else 0
+
+    @property
+    def stored_methods(self) -> tuple[StoredMethod, ...]:
+        """What identifies the trials of all methods at all points of the sweep, each once."""
+        found = (method.stored for point in self.points for method in point.methods.values())
+        return tuple({method.key: method for method in found}.values()) if self.has_runs else ()
+
+
+def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping[str, Any]) -> None:
+    """Store what reports need of an experiment in place of what is there.
+
+    Parameters
+    ----------
+    store : an open store
+    experiment : the record
+    arrays : the arrays that it names
+
+    Raises
+    ------
+    WriteError
+        If it cannot be written.
+    """
+    store.set_layout(KEY, json.dumps(asdict(experiment)), arrays)
+
+
+def read_experiment(store: Store) -> StoredExperiment:
+    """Read what reports need of the experiment that a store belongs to.
+
+    Raises
+    ------
+    MissingError
+        If it is missing, because an earlier version wrote the store, or because the writer never came to it.
+    """
+    # pydantic is imported by the commands that need it only.
+    from pydantic import TypeAdapter, ValidationError
+
+    text = store.meta(KEY)
+    if text is None:
+        raise MissingError(f"{store.directory}: an earlier version wrote it without what a report needs; {WAY_OUT}")
+    try:
+        return TypeAdapter(StoredExperiment).validate_python(json.loads(text))
+    except ValidationError:
+        raise MissingError(f"{store.directory}: another version has written what a report needs; {WAY_OUT}") from None
