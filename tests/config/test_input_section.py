@@ -62,7 +62,7 @@ def test_the_input_is_a_part_of_the_experiment(tmp_path):
 def test_the_resolved_configuration_has_the_input(tmp_path):
     path = write_estimation(tmp_path, **OPEN)
     results = run(load_config(path), directory=tmp_path / "results", jobs=1)
-    assert load_config(tmp_path / "results" / "config.resolved.yaml").hash == results.config.hash
+    assert load_config(tmp_path / "results" / "config.resolved.yaml").hash == results.experiment.hash
 
 
 @pytest.mark.parametrize(

@@ -59,11 +59,12 @@ def test_a_run_without_measurements_has_no_value():
 
 def test_a_consistent_filter_has_nis_1_white_innovations_and_the_mean_square_of_its_covariance(tmp_path):
     """Mean over 200 runs within 5 standard errors; a filter with too little process noise is overconfident."""
-    results = run(load_config(write_estimation(tmp_path, **CONSISTENT)), directory=tmp_path / "results", jobs=1)
+    config = load_config(write_estimation(tmp_path, **CONSISTENT))
+    results = run(config, directory=tmp_path / "results", jobs=1)
     frame = results.trials.frame
     table = {name: group for name, group in frame.groupby("method")}
     consistent, slow = table["KF"], table["slow"]
-    filter_ = results.config.experiment.method("KF").estimator
+    filter_ = config.experiment.method("KF").estimator
     for column, expected in (("nis", 1.0), ("innovation_mse", filter_.S.mean())):
         values = consistent[column]
         assert abs(values.mean() - expected) < STAT * values.std() / np.sqrt(len(values))
