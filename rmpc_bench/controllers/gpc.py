@@ -9,7 +9,7 @@ Model   At every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
         |Q_yw (y(k+j) - r(k+j))|^2 + |Q_u u(k+j-1)|^2, predicted from x_hat(k) with one model over the horizon, and
         apply u(k) (7).  Q_yw and Q_u are roots: the weights are Q_yw' Q_yw and Q_u' Q_u.  The cost weighs the inputs,
         not their increments: a reference that needs a constant input is reached with an offset.  With a model that
-        has an operating point, u stands for u - u_op throughout.
+        has an operating point, u stands for u - u_op throughout, and `lp-noise` takes deviations from it.
         A state-dependent model is evaluated at x_hat(k-1), at k = 0 at x_hat(0); a time-varying model at k.
         The predictions include the constant parts of the model and, if the estimator estimates it, the mean of the
         process noise (`w_mean` of the estimate), which is held over the horizon.
@@ -207,6 +207,11 @@ class TunedGpc(Gpc):
         x_tilde = mv(before.A, state.x_previous) + mv(before.B, state.u_previous) + before.f
         x_tilde = x_tilde + state.w_mean_previous if self.uses_mean else x_tilde
         sample = TuningData(y, mv(now.C, x_hat) + now.d, x_hat, x_tilde if k else np.full_like(x_hat, np.nan))
+        point = self.model.operating_point
+        if point is not None:
+            # The fits have no constant term: they are those of the deviations.
+            signals = zip(sample, (point.y, point.y, point.x, point.x), strict=True)
+            sample = TuningData(*(signal - centre for signal, centre in signals))
         window = self.noise.moved(state.window, sample)
         Q_yw, info = self.noise.penalties(k, window, state.Q_yw)
         u, loss = self._first(now, Q_yw, estimate, r)

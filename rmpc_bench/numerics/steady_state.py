@@ -20,6 +20,8 @@ ITERATIONS = 200
 HALVINGS = 40
 INSIDE = 0.9
 """Largest part of the way to a bound that one step may go; at the bound the function may have no derivative."""
+POLISHING = 3
+"""Steps that are taken after the residual has become small, while they make it smaller."""
 SMALL = 1e-12
 """Residual relative to the terms of its equation that counts as zero."""
 RANK = 1e-12
@@ -51,7 +53,7 @@ def find_zero(function: Function, x: Float[Array, " n"], low: Float[Array, " n"]
     >>> zero.converged, round(float(zero.x[0]), 12)
     (True, 1.414213562373)
     """
-    x, f = x.copy(), np.array(function(x.copy()), dtype=float)
+    x, f, polished = x.copy(), np.array(function(x.copy()), dtype=float), 0
     for count in range(ITERATIONS):
         J = jacobian(function, x)
         if not (np.isfinite(f).all() and np.isfinite(J).all()):
@@ -59,10 +61,11 @@ def find_zero(function: Function, x: Float[Array, " n"], low: Float[Array, " n"]
         terms = np.abs(f) + np.abs(J) @ sizes_of_coordinates(x)
         weight = 1.0 / np.where(terms > 0.0, terms, 1.0)
         small = bool((np.abs(f) * weight <= SMALL).all())
+        polished += small
         size = sizes_of_coordinates(x)
         step = size * np.linalg.lstsq(weight[:, None] * J * size, -weight * f, rcond=RANK)[0]
         moved = _shorter(function, x, step * _part_inside(x, step, low, high), weight, f)
-        if moved is None or not np.isfinite(step).all():
+        if moved is None or polished > POLISHING or not np.isfinite(step).all():
             return Zero(x, _largest(f), small, count)
         x, f = moved
     return Zero(x, _largest(f), False, ITERATIONS)
