@@ -11,8 +11,6 @@ from rmpc_bench.types import DesignError
 Names = int | list[str] | dict[str, str]
 """A count, a list of names, or names with their units."""
 
-RHS_FORMS = (("x", "u", "p"), ("t", "x", "u", "p"))
-
 
 def names_of(given: Names, key: str, letter: str) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return names and units; those of a count are ``x.0``, ``x.1`` and so on, without units.
@@ -58,17 +56,22 @@ def refuse_shared(states: Sequence[str], inputs: Sequence[str]) -> None:
         raise DesignError(f"{shared[0]!r} is the name of a state, too; `bounds` could mean either", "inputs")
 
 
-def is_timed(rhs: Any) -> bool:
-    """Whether a right-hand side is rhs(t, x, u, p) and not rhs(x, u, p).
+def is_timed(rhs: Any, key: str = "ode") -> bool:
+    """Whether a function takes (t, x, u, p) and not (x, u, p).
+
+    Parameters
+    ----------
+    rhs : the user's function
+    key : of the configuration, for messages
 
     Raises
     ------
     DesignError
         If it takes other arguments.
     """
-    n = _positional(rhs, "ode")
+    n = _positional(rhs, key)
     if n not in (3, 4):
-        raise DesignError(f"{_name(rhs)} must take (x, u, p) or (t, x, u, p); it takes {_signature(rhs)}", "ode")
+        raise DesignError(f"{function_name(rhs)} must take (x, u, p) or (t, x, u, p); it takes {_signature(rhs)}", key)
     return n == 4
 
 
@@ -83,9 +86,9 @@ def check_output(output: Any) -> None:
     n = _positional(output, "output")
     if n in (3, 4):
         reason = "u(k) is computed from y(k), so an output cannot depend on the input of the same sample"
-        raise DesignError(f"{_name(output)} must take (x, p): {reason}", "output")
+        raise DesignError(f"{function_name(output)} must take (x, p): {reason}", "output")
     if n != 2:
-        raise DesignError(f"{_name(output)} must take (x, p); it takes {_signature(output)}", "output")
+        raise DesignError(f"{function_name(output)} must take (x, p); it takes {_signature(output)}", "output")
 
 
 def _positional(function: Any, key: str) -> int:
@@ -108,5 +111,6 @@ def _signature(function: Callable[..., Any]) -> str:
     return f"({', '.join(_parameters(function))})"
 
 
-def _name(function: Any) -> str:
+def function_name(function: Any) -> str:
+    """Name of a user's function."""
     return str(getattr(function, "__name__", type(function).__name__))

@@ -110,6 +110,11 @@ class Ode:
         """The nominal parameters."""
         return Parameters(self.nominal)
 
+    def places(self) -> dict[str, str]:
+        """Return the names by their place in a signal: ``{"x.0": "h1", "u.0": "pump", "y.0": "level"}``."""
+        signals = {"x": self.states, "u": self.inputs, "y": self.outputs}
+        return {f"{signal}.{i}": name for signal, names in signals.items() for i, name in enumerate(names)}
+
     def limits(self, names: Sequence[str]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Lower and upper bounds of states or inputs, given by their names."""
         pairs = [self.bounds.get(name, (-np.inf, np.inf)) for name in names]
@@ -134,6 +139,16 @@ class Ode:
         """
         values = self.rhs(t, x.copy(), u.copy(), p) if self.timed else self.rhs(x.copy(), u.copy(), p)
         return _collected("rhs", values, "state", self.states, x.shape[1:])
+
+    def as_state(self, function: str, values: Any) -> Float[Array, " nx"]:
+        """Copy the state of one run that a user's function has returned.
+
+        Raises
+        ------
+        ValueError
+            If it is anything but nx numbers.
+        """
+        return _collected(function, values, "state", self.states, ())
 
     def measure(self, x: Float[Array, nx * runs], p: Parameters) -> Float[Array, ny * runs]:
         """Call output with its own copy of x.

@@ -1,0 +1,112 @@
+"""From the keys of a configuration to a differential equation and its integration over a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from timeit import default_timer
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.plants.ode_checks import output_takes_blocks, rhs_takes_blocks, sample
+from rmpc_bench.plants.ode_events import UserEvent, read_events
+from rmpc_bench.plants.ode_names import Names, check_output, function_name, is_timed, names_of, refuse_shared
+from rmpc_bench.plants.ode_stepping import Solver, Stepping, advance_block, advance_run
+from rmpc_bench.plants.ode_substeps import choose_substeps, substeps_remark
+from rmpc_bench.types import Array, DesignError, Ode
+
+BLOCK, TIMED = 50, 2
+"""Runs of a block for which a step is timed, and how often."""
+
+
+def equation(
+    rhs: Any,
+    output: Any,
+    states: Names,
+    inputs: Names,
+    outputs: Names | None,
+    parameters: Mapping[str, float],
+    bounds: Mapping[str, tuple[float, float]],
+    x0: Float[Array, " n"] | None,
+) -> tuple[Ode, dict[str, str]]:
+    """Return the equation, and the reasons for which its functions are called run by run, by their name.
+
+    Raises
+    ------
+    DesignError
+        If a function or a name is not what it must be, or fails at the initial state.
+    """
+    x_names, units = names_of(states, "states", "x")
+    u_names, u_units = names_of(inputs, "inputs", "u")
+    refuse_shared(x_names, u_names)
+    if output is not None:
+        check_output(output)
+        if outputs is None:
+            raise DesignError("name the outputs, or give their number", "outputs")
+    elif outputs is not None and names_of(outputs, "outputs", "y")[0] != x_names:
+        raise DesignError("without `output` all states are measured; give `output`, or leave `outputs` out", "outputs")
+    y_names, y_units = (x_names, units) if outputs is None else names_of(outputs, "outputs", "y")
+    for name in parameters:
+        if not name.isidentifier() or name.startswith("_"):
+            raise DesignError(f"{name!r} is no name: letters, digits and _, since rhs reads p.{name}", "parameters")
+    nominal = {name: float(value) for name, value in parameters.items()}
+    own = {name: bounds[name] for name in (*x_names, *u_names) if name in bounds}
+    record = Ode(rhs, output, x_names, u_names, y_names, nominal, {**y_units, **u_units, **units}, own, is_timed(rhs))
+    start = initial(record, x0)
+    reasons = {function_name(rhs): rhs_takes_blocks(record, start)}
+    measured = "" if output is None else output_takes_blocks(record, start)
+    record = replace(record, rhs_takes_blocks=not any(reasons.values()), output_takes_blocks=not measured)
+    if measured:
+        reasons[function_name(output)] = measured
+    return record, {name: reason for name, reason in reasons.items() if reason}
+
+
+def stepping_of(
+    ode: Ode, Ts: float, n_steps: int, solver: Solver, events: Any, reasons: Mapping[str, str], x0: Array | None
+) -> tuple[Stepping, tuple[str, ...], float]:
+    """Return the integration over a sample, remarks on it, and its time per run and step [s].
+
+    Raises
+    ------
+    DesignError
+        If the equation needs too many steps, or the events do not fit.
+    """
+    start = initial(ode, x0)
+    found: tuple[UserEvent, ...] = () if events is None else read_events(events)
+    if found and solver.method == "rk4":
+        raise DesignError("need a method of solve_ivp, such as solver: {method: RK45}", "events")
+    remarks = [f"{name} is called run by run: {reason}" for name, reason in reasons.items()]
+    substeps = 0
+    with np.errstate(all="ignore"):
+        if solver.method == "rk4":
+            substeps = solver.substeps or choose_substeps(ode, Ts, n_steps, start)
+            if solver.substeps is not None:
+                remarks += filter(None, [substeps_remark(ode, Ts, n_steps, start, substeps)])
+        stepping = Stepping(solver, substeps, found)
+        cost = _seconds(ode, Ts, stepping, start)
+    if reasons or solver.method != "rk4":
+        remarks.append(f"a step takes about {1e6 * cost:.2g} us per run")
+    return stepping, tuple(remarks), cost
+
+
+def initial(ode: Ode, x0: Float[Array, " n"] | None) -> Float[Array, " nx"]:
+    """Initial state within the bounds; 0 where none of this size is given, which is an error of `initial`."""
+    given = np.zeros(ode.nx) if x0 is None or x0.shape not in ((1,), (ode.nx,)) else np.broadcast_to(x0, (ode.nx,))
+    return np.asarray(np.clip(given, *ode.limits(ode.states)))
+
+
+def _seconds(ode: Ode, Ts: float, stepping: Stepping, x0: Array) -> float:
+    """Time of a step per run [s], measured."""
+    in_block = ode.rhs_takes_blocks and stepping.solver.method == "rk4"
+    some, times = sample(ode, x0, BLOCK if in_block else 1), []
+    # The first call imports and compiles what it needs.
+    for _ in range(TIMED + 1):
+        start = default_timer()
+        if in_block:
+            advance_block(ode, Ts, stepping.substeps, 0, *some)
+        else:
+            advance_run(ode, Ts, stepping, 0, *some.run(ode, 0))
+        times.append(default_timer() - start)
+    return min(times[1:]) / len(some.x)

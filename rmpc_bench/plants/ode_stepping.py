@@ -1,0 +1,149 @@
+"""Integration of a differential equation over one sample: for a block of runs, or for one run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.adaptive import Tolerances, solve
+from rmpc_bench.numerics.integration import Advance, Bounds, Slope, rk4, sample_times
+from rmpc_bench.plants.ode_events import UserEvent
+from rmpc_bench.types import Array, Count, Ode, Parameters, Positive, Status
+
+WIDTH = 8
+"""A block is filled up to a multiple of this many runs.  Sums and products of matrices take another path for a single
+run, with other last bits than within a block."""
+
+
+@dataclass(frozen=True)
+class Solver:
+    """Integration over one sample.
+
+    Parameters
+    ----------
+    method : `rk4`, or a method of scipy.integrate.solve_ivp: `LSODA`, `RK45`, `DOP853`, `Radau`, `BDF`
+    substeps : steps of `rk4` per sample; by default as many as it takes that twice as many change no sampled state of
+        20 trial runs by more than 1e-9 of its range
+    rtol, atol : tolerances of the other methods (default 1e-8 and 1e-10)
+    """
+
+    method: Literal["rk4", "LSODA", "RK45", "DOP853", "Radau", "BDF"] = "rk4"
+    substeps: Count | None = None
+    rtol: Positive | None = None
+    atol: Positive | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse keys of other methods."""
+        for name in ("rtol", "atol") if self.method == "rk4" else ("substeps",):
+            if getattr(self, name) is not None:
+                raise ValueError(f"the method {self.method!r} has no {name}")
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """The integrator and its tolerances."""
+        return Tolerances(self.method, self.rtol or 1e-8, self.atol or 1e-10)
+
+
+class Stepping(NamedTuple):
+    """How the plant integrates over a sample."""
+
+    solver: Solver
+    substeps: int
+    """Of `rk4`; 0 for the other methods."""
+    events: tuple[UserEvent, ...] = ()
+
+
+class RunAdvance(NamedTuple):
+    """State of one run at the end of a sample."""
+
+    x: Float[Array, " nx"]
+    status: Status
+    reason: str
+    """Why the run has failed; empty where it has not."""
+
+
+def advance_block(
+    ode: Ode,
+    Ts: float,
+    substeps: int,
+    k: int,
+    x: Float[Array, "runs nx"],
+    u: Float[Array, "runs nu"],
+    numbers: Float[Array, "runs n_parameters"],
+) -> Advance:
+    """Integrate all runs of a block at once by `rk4`."""
+    columns, inputs, p = padded(x), padded(u), rows(ode.nominal, padded(numbers))
+    bounds = state_bounds(ode)
+    times = sample_times(k, substeps, Ts)
+    end = rk4(lambda t, z: ode.slope(t, z, inputs, p), times, columns, Ts / substeps, bounds)
+    n = len(x)
+    return Advance(end.x[:, :n], end.state[:n], end.t[:n])
+
+
+def advance_run(
+    ode: Ode, Ts: float, stepping: Stepping, k: int, x: Float[Array, " nx"], u: Float[Array, " nu"], p: Parameters
+) -> RunAdvance:
+    """Integrate one run."""
+    bounds = state_bounds(ode)
+    if stepping.solver.method == "rk4":
+        end = rk4(_one_column(ode, u, p, bounds), sample_times(k, stepping.substeps, Ts), x[:, None],
+                  Ts / stepping.substeps, bounds)  # fmt: skip
+        return _judged(ode, end.x[:, 0], int(end.state[0]), float(end.t[0]))
+    events = [event.of_run(ode, u, p) for event in stepping.events]
+    found = solve(
+        lambda t, z: ode.slope(t, z, u, p), k * Ts, (k + 1) * Ts, x, stepping.solver.tolerances, bounds, events
+    )
+    if found.event >= 0:
+        return RunAdvance(found.x, Status.OUT_OF_RANGE, f"{stepping.events[found.event].word} at {found.t:.6g} s")
+    if found.crowded:
+        return RunAdvance(found.x, Status.TOO_MANY_EVENTS, f"too many events in one sample at {found.t:.6g} s")
+    if found.failure:
+        return RunAdvance(found.x, Status.NOT_CONVERGED, f"{stepping.solver.method}: {found.failure}")
+    return _judged(ode, found.x, found.state, found.t)
+
+
+def left_bounds(ode: Ode, state: int, t: float) -> str:
+    """Say that a state has left its bounds: ``h1 left its bounds [0.0001, 0.6] m at 12.3 s``."""
+    return f"{ode.states[state]} left its bounds {bounds_text(ode, ode.states[state])} at {t:.6g} s"
+
+
+def bounds_text(ode: Ode, name: str) -> str:
+    """Return the bounds of a state or an input with their unit."""
+    low, high = ode.bounds[name]
+    return f"[{low:g}, {high:g}] {ode.units.get(name, '')}".rstrip()
+
+
+def state_bounds(ode: Ode) -> Bounds | None:
+    """Bounds of the states; None where no state has any."""
+    return Bounds(*ode.limits(ode.states)) if any(name in ode.bounds for name in ode.states) else None
+
+
+def padded(each: Float[Array, "runs n"]) -> Float[Array, "n width"]:
+    """Return runs as columns, and the last one again until there is a multiple of `WIDTH`."""
+    return np.ascontiguousarray(np.pad(each, ((0, -len(each) % WIDTH), (0, 0)), mode="edge").T)
+
+
+def rows(names: Mapping[str, float], columns: Float[Array, "n_parameters width"]) -> Parameters:
+    """Parameters by name, a row over the runs each, which a user's function cannot write into."""
+    columns.flags.writeable = False
+    return Parameters(dict(zip(names, columns, strict=True)))
+
+
+def _one_column(ode: Ode, u: Float[Array, " nu"], p: Parameters, bounds: Bounds | None) -> Slope:
+    """Time derivative of one run as `rk4` takes it; beyond the bounds that of the nearest state inside."""
+
+    def slope(t: float, x: Array) -> Array:
+        inside = x[:, 0] if bounds is None else np.clip(x[:, 0], bounds.low, bounds.high)
+        return ode.slope(t, inside, u, p)[:, None]
+
+    return slope
+
+
+def _judged(ode: Ode, x: Float[Array, " nx"], state: int, t: float) -> RunAdvance:
+    if state < 0:
+        return RunAdvance(x, Status.OK, "")
+    return RunAdvance(x, Status.OUT_OF_RANGE, left_bounds(ode, state, t))

@@ -1,0 +1,153 @@
+"""Number of Runge-Kutta steps per sample of a differential equation.
+
+Trial runs start at the initial state with nominal parameters and no noise.  Their inputs are drawn anew at every
+sample: uniform between their bounds, standard normal without bounds.  The number of steps is the smallest one found for
+which twice as many steps change no sampled state by more than 1e-9 of its range over the trial runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import ceil
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.plants.ode_checks import inputs
+from rmpc_bench.plants.ode_stepping import Solver, Stepping, advance_block, advance_run
+from rmpc_bench.types import Array, DesignError, Ode, Status
+
+RUNS, FIRST_RUNS, SAMPLES = 20, 2, 20
+"""Trial runs, those of them with which the number is searched, and their samples at most."""
+LARGEST_CHANGE = 1e-9
+"""Of a sampled state, relative to its range."""
+ROUNDING = 1e-13
+"""Change relative to the magnitude of a state that rounding explains."""
+MAX_SUBSTEPS = 200
+"""Beyond this number the equation is stiff, and an implicit method is cheaper."""
+LEAST_SUBSTEPS = 16
+"""From which on the error is taken to fall with the fourth power of the step."""
+ORDER = 4
+"""Of the Runge-Kutta method."""
+
+Trial = Callable[[int, int], Array]
+"""States of the trial runs: number of runs, number of steps -> (runs, samples, nx), NaN after a run has failed."""
+
+
+def choose_substeps(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> int:
+    """Return the number of steps.
+
+    Parameters
+    ----------
+    ode : the equation; whether it takes blocks is known
+    Ts : sampling time [s]
+    n_steps : number of control periods N
+    x0 : initial state
+
+    Raises
+    ------
+    DesignError
+        If it would have to be more than `MAX_SUBSTEPS`.
+    """
+    trial = trial_runs(ode, Ts, n_steps, x0)
+    coarse, before, n = trial(FIRST_RUNS, 1), np.inf, 1
+    while True:
+        fine = trial(FIRST_RUNS, 2 * n)
+        error = change(coarse, fine)[0]
+        if error <= 1.0:
+            # The error falls with the fourth power of the step.
+            guess = ceil(n / 2 * before ** (1 / ORDER)) if np.isfinite(before) else n
+            for number in (guess, n) if n / 2 < guess < n else (n,):
+                if change(trial(RUNS, number), trial(RUNS, 2 * number))[0] <= 1.0:
+                    return number
+        hopeless = np.isfinite(error) and n * error ** (1 / ORDER) > 10 * MAX_SUBSTEPS and n >= LEAST_SUBSTEPS
+        if hopeless or n == MAX_SUBSTEPS:
+            raise DesignError(_stiff(ode, coarse, fine, n), "solver")
+        following = min(2 * n, MAX_SUBSTEPS)
+        coarse, before = fine if following == 2 * n else trial(FIRST_RUNS, following), error
+        n = following
+
+
+def substeps_remark(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], substeps: int) -> str:
+    """Say how far a given number of steps changes the states; empty where it is enough."""
+    trial = trial_runs(ode, Ts, n_steps, x0)
+    coarse, fine = trial(RUNS, substeps), trial(RUNS, 2 * substeps)
+    size, i = change(coarse, fine)
+    if size <= 1.0:
+        return ""
+    return f"twice as many substeps as {substeps} change {ode.states[i]} by {_relative(coarse, fine, i)}"
+
+
+def trial_runs(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> Trial:
+    """Return the function that simulates the trial runs."""
+    n_samples = min(n_steps, SAMPLES)
+    u = inputs(ode, np.random.Generator(np.random.PCG64(11)), (RUNS, n_samples))
+
+    def trial(n_runs: int, substeps: int) -> Array:
+        x, states = np.tile(x0, (n_runs, 1)), []
+        for k in range(n_samples):
+            x = _advance(ode, Ts, substeps, k, x, u[:n_runs, k])
+            states.append(x)
+        return np.stack(states, axis=1)
+
+    return trial
+
+
+def _advance(ode: Ode, Ts: float, substeps: int, k: int, x: Array, u: Array) -> Array:
+    """Move to the next sample; NaN for a run that leaves its bounds."""
+    if ode.rhs_takes_blocks:
+        numbers = np.tile(list(ode.nominal.values()), (len(x), 1))
+        found = advance_block(ode, Ts, substeps, k, x, u, numbers)
+        return np.where(found.state[:, None] < 0, found.x.T, np.nan)
+    stepping, ends = Stepping(Solver(), substeps), []
+    for row, given in zip(x, u, strict=True):
+        alive = bool(np.isfinite(row).all())
+        end = advance_run(ode, Ts, stepping, k, row, given, ode.p) if alive else None
+        ends.append(end.x if end is not None and end.status == Status.OK else np.full(ode.nx, np.nan))
+    return np.stack(ends)
+
+
+def change(coarse: Float[Array, "runs samples nx"], fine: Float[Array, "runs samples nx"]) -> tuple[float, int]:
+    """Return the largest change of a state, relative to what is allowed, and the state.
+
+    Samples at which both runs have ended are left out.  A run that ends with one number of steps only, or has a state
+    that is not a number, counts as an infinite change.
+    """
+    allowed = LARGEST_CHANGE * _range(fine) + ROUNDING * _largest(fine)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        apart = np.abs(coarse - fine)
+        apart[np.isnan(coarse) & np.isnan(fine)] = 0.0
+        relative = np.where(apart > 0.0, apart / allowed, 0.0)
+    relative[np.isnan(relative)] = np.inf
+    if np.isnan(fine[:, 0]).all():
+        # Nothing can be compared: too few steps, or no run survives a sample.
+        return np.inf, 0
+    worst = relative.max(axis=(0, 1))
+    return float(worst.max()), int(worst.argmax())
+
+
+def _range(states: Float[Array, "runs samples nx"]) -> Float[Array, " nx"]:
+    high = np.where(np.isfinite(states), states, -np.inf).max(axis=(0, 1))
+    low = np.where(np.isfinite(states), states, np.inf).min(axis=(0, 1))
+    return np.asarray(np.maximum(high - low, 0.0))
+
+
+def _largest(states: Float[Array, "runs samples nx"]) -> Float[Array, " nx"]:
+    return np.asarray(np.abs(np.where(np.isfinite(states), states, 0.0)).max(axis=(0, 1)))
+
+
+def _relative(coarse: Array, fine: Array, i: int) -> str:
+    with np.errstate(invalid="ignore", over="ignore"):
+        apart = np.nanmax(np.abs(coarse - fine)[..., i], initial=0.0)
+        return f"{apart / _range(fine)[i]:.1g} of its range in the trial runs"
+
+
+def _stiff(ode: Ode, coarse: Array, fine: Array, n: int) -> str:
+    size, i = change(coarse, fine)
+    found = f"change {ode.states[i]} by {_relative(coarse, fine, i)}"
+    if not np.isfinite(size):
+        found = "leave runs without finite numbers, or outside their bounds"
+    return (
+        f"from initial.x the differential equation is stiff, or has a jump or a kink: {2 * n} steps of rk4 per sample "
+        f"instead of {n} {found}; use solver: {{method: LSODA}} or {{method: Radau}}, or give solver.substeps"
+    )
