@@ -214,7 +214,7 @@ class OdePlant(Plant):
             runs.journal.warnings[f"input {name} limited to {bounds_text(self.ode, name)}"] += int(beyond[:, j].sum())
 
 
-def _rows_where(condition: Array) -> list[int]:
+def _rows_where(condition: Any) -> list[int]:
     rows_found: list[int] = np.flatnonzero(condition).tolist()
     return rows_found
 

@@ -17,21 +17,19 @@ from rmpc_bench.plants.ode_checks import inputs
 from rmpc_bench.plants.ode_stepping import Solver, Stepping, advance_block, advance_run
 from rmpc_bench.types import Array, DesignError, Ode, Status
 
-RUNS, FIRST_RUNS, SAMPLES = 20, 2, 20
-"""Trial runs, those of them with which the number is searched, and their samples at most."""
+FULL, SHORT = (20, 20), (2, 5)
+"""Trial runs and their samples at most: of the verdict, and those with which the number is searched."""
 LARGEST_CHANGE = 1e-9
 """Of a sampled state, relative to its range."""
 ROUNDING = 1e-13
 """Change relative to the magnitude of a state that rounding explains."""
 MAX_SUBSTEPS = 200
 """Beyond this number the equation is stiff, and an implicit method is cheaper."""
-LEAST_SUBSTEPS = 16
-"""From which on the error is taken to fall with the fourth power of the step."""
 ORDER = 4
 """Of the Runge-Kutta method."""
 
-Trial = Callable[[int, int], Array]
-"""States of the trial runs: number of runs, number of steps -> (runs, samples, nx), NaN after a run has failed."""
+Trial = Callable[[tuple[int, int], int], Array]
+"""States of trial runs: runs and samples, number of steps -> (runs, samples, nx), NaN after a run has failed."""
 
 
 def choose_substeps(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> int:
@@ -50,28 +48,27 @@ def choose_substeps(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) 
         If it would have to be more than `MAX_SUBSTEPS`.
     """
     trial = trial_runs(ode, Ts, n_steps, x0)
-    coarse, before, n = trial(FIRST_RUNS, 1), np.inf, 1
+    coarse, before, n = trial(SHORT, 1), np.inf, 1
     while True:
-        fine = trial(FIRST_RUNS, 2 * n)
+        fine = trial(SHORT, 2 * n)
         error = change(coarse, fine)[0]
         if error <= 1.0:
             # The error falls with the fourth power of the step.
             guess = ceil(n / 2 * before ** (1 / ORDER)) if np.isfinite(before) else n
             for number in (guess, n) if n / 2 < guess < n else (n,):
-                if change(trial(RUNS, number), trial(RUNS, 2 * number))[0] <= 1.0:
+                if change(trial(FULL, number), trial(FULL, 2 * number))[0] <= 1.0:
                     return number
-        hopeless = np.isfinite(error) and n * error ** (1 / ORDER) > 10 * MAX_SUBSTEPS and n >= LEAST_SUBSTEPS
-        if hopeless or n == MAX_SUBSTEPS:
+        if n == MAX_SUBSTEPS:
             raise DesignError(_stiff(ode, coarse, fine, n), "solver")
         following = min(2 * n, MAX_SUBSTEPS)
-        coarse, before = fine if following == 2 * n else trial(FIRST_RUNS, following), error
+        coarse, before = fine if following == 2 * n else trial(SHORT, following), error
         n = following
 
 
 def substeps_remark(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], substeps: int) -> str:
     """Say how far a given number of steps changes the states; empty where it is enough."""
     trial = trial_runs(ode, Ts, n_steps, x0)
-    coarse, fine = trial(RUNS, substeps), trial(RUNS, 2 * substeps)
+    coarse, fine = trial(FULL, substeps), trial(FULL, 2 * substeps)
     size, i = change(coarse, fine)
     if size <= 1.0:
         return ""
@@ -80,12 +77,12 @@ def substeps_remark(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], 
 
 def trial_runs(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> Trial:
     """Return the function that simulates the trial runs."""
-    n_samples = min(n_steps, SAMPLES)
-    u = inputs(ode, np.random.Generator(np.random.PCG64(11)), (RUNS, n_samples))
+    u = inputs(ode, np.random.Generator(np.random.PCG64(11)), FULL)
 
-    def trial(n_runs: int, substeps: int) -> Array:
+    def trial(size: tuple[int, int], substeps: int) -> Array:
+        n_runs, n_samples = size
         x, states = np.tile(x0, (n_runs, 1)), []
-        for k in range(n_samples):
+        for k in range(min(n_steps, n_samples)):
             x = _advance(ode, Ts, substeps, k, x, u[:n_runs, k])
             states.append(x)
         return np.stack(states, axis=1)
