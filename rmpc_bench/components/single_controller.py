@@ -74,6 +74,8 @@ class SingleRunController(SingleDesign, Controller):
         if "P" in asked:
             P = estimate.P
             given["P"] = None if P is None else np.broadcast_to(P, (n_runs, *P.shape[-2:]))
+        if "e" in asked:
+            given["e"] = estimate.info.get("e")
         if "info" in asked:
             given["info"] = [_info_of(estimate.info, row) for row in range(n_runs)]
         state.objects.call("control", k, given, answer.keep, settle=answer.settle)

@@ -21,6 +21,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
 
 from rmpc_bench.components.user_class import METHODS, UserClass, user_class
+from rmpc_bench.components.words import a_component
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.contract import BASES
 
@@ -85,10 +86,8 @@ def design_function(group: str, component: Any) -> Callable[..., Any]:
         return component
     if callable(component):
         return cast("Callable[..., Any]", component)
-    noun = group.removesuffix("s")
-    raise DesignError(
-        f"a {noun} is a class or a function; this is an object of type {type(component).__name__}", "kind"
-    )
+    found = type(component).__name__
+    raise DesignError(f"{a_component(group)} is a class or a function; this is an object of type {found}", "kind")
 
 
 def _not_marked(group: str, component: type) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from rmpc_bench.components.function_component import class_of
-from rmpc_bench.components.words import Arguments, arguments_of, design_words, words
+from rmpc_bench.components.words import Arguments, a_component, arguments_of, design_words, words
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.issue import unknown
 
@@ -70,8 +70,7 @@ class UserClass:
         own = [name for name in vars(self.cls) if callable(getattr(self.cls, name)) and not name.startswith("_")]
         near = [unknown(name, names, "method") for name in own]
         hint = next((f": {text}" for text in near if "did you mean" in text), "")
-        noun = self.group.removesuffix("s")
-        return f"a {noun} written for one run has the method {wanted}; {self.name} has not{hint}"
+        return f"{a_component(self.group)} written for one run has the method {wanted}; {self.name} has not{hint}"
 
     def _keys(self) -> dict[str, inspect.Parameter]:
         """Parameters of `__init__` that are keys of the configuration."""
@@ -129,7 +128,7 @@ def user_class(group: str, component: Any) -> UserClass:
     if isinstance(component, type):
         return UserClass(group, component, component)
     if group not in FUNCTION_METHODS:
-        raise DesignError(f"a {group.removesuffix('s')} written for one run is a class; this is a function", "kind")
+        raise DesignError(f"{a_component(group)} written for one run is a class; this is a function", "kind")
     return UserClass(group, class_of(group, FUNCTION_METHODS[group], component), component)
 
 

@@ -133,7 +133,9 @@ class UserRuns:
         phase : what the durations are noted under, besides the role
         settle : replaces the answer of a failed call if the step can be held, and says whether it has
         """
-        self._call(method, self.bound[method], self.names[method], k, signals, keep, phase=phase, settle=settle)
+        # Where `prepare` has failed there are no objects.
+        if method in self.bound:
+            self._call(method, self.bound[method], self.names[method], k, signals, keep, phase=phase, settle=settle)
 
     def _call(
         self,

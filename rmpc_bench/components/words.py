@@ -21,7 +21,7 @@ MEANINGS: Mapping[str, str] = {
     "p": "parameters of the plant in this run, as p.name and p['name']",
     "x_hat": "estimate of the state",
     "P": "reported covariance of x_hat - x; None where there is none",
-    "e": "innovation",
+    "e": "innovation y - C x_pred, where the estimator reports it as `e`; else None",
     "x0": "initial state: of a plant the true one, of an estimator the assumed one",
     "P0": "covariance of the initial estimate",
     "M0": "shape matrix of the set of the initial estimate",
@@ -57,7 +57,7 @@ _SAMPLE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     },
     "controllers": {
         "start": (),
-        "control": ("x_hat", "r", "y", "u_previous", "P", "info", "k", "t"),
+        "control": ("x_hat", "r", "y", "u_previous", "P", "e", "info", "k", "t"),
     },
     "plants": {
         "start": ("p", "x0"),
@@ -67,6 +67,12 @@ _SAMPLE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "metrics": {"evaluate": ("x", "y", "x_hat", "u", "r", "P", "t", "Ts", "info", "k")},
 }
 """Names of one run or one sample, by group and method."""
+
+
+def a_component(group: str) -> str:
+    """Return the noun of a group with its article, such as ``an estimator``."""
+    noun = group.removesuffix("s")
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
 
 
 def design_words(group: str) -> tuple[str, ...]:
