@@ -9,6 +9,7 @@ import click
 from rmpc_bench import __version__
 
 _VERBS: dict[str, tuple[str, str]] = {
+    "init": ("rmpc_bench.cli.init:init", "Write an experiment with components of your own to start from."),
     "run": ("rmpc_bench.cli.run:run", "Run an experiment, or continue it, and write its results."),
     "check": ("rmpc_bench.cli.check:check", "Validate configurations and show what they compare."),
     "list": ("rmpc_bench.cli.catalogue:list_", "List the names a configuration may use."),

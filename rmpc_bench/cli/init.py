@@ -1,0 +1,82 @@
+"""rmpc-bench init."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import click
+
+from rmpc_bench.cli import exits
+
+ESTIMATORS = {"mhe": "MHE", "plain": "Observer"}
+"""Choice of `--estimator` -> class in its template."""
+CONTROLLERS = {"plain": "PI"}
+"""Choice of `--controller` -> class in its template."""
+
+
+@click.command()
+@click.argument("name", default="tanks")
+@click.option("--plant", type=click.Choice(["ode"]), default="ode", show_default=True, help="Form of the plant.")
+@click.option(
+    "--estimator",
+    type=click.Choice([*ESTIMATORS]),
+    default="mhe",
+    show_default=True,
+    help="A moving-horizon estimator, or an observer of ten lines.",
+)
+@click.option("--controller", type=click.Choice([*CONTROLLERS]), default="plain", show_default=True)
+@exits.guarded
+def init(name: str, plant: str, estimator: str, controller: str) -> int:
+    """Write an experiment with components of your own into the current directory.
+
+    NAME.yaml compares an estimator written for one run with built-in ones on a plant that is a differential equation;
+    NAME.py has the components, and test_NAME.py tests them.  Existing files are never changed.
+    """
+    if not re.fullmatch(r"[A-Za-z_]\w*", name):
+        raise click.BadParameter(f"{name!r} is no name of a Python module: letters, digits and _", param_hint="NAME")
+    texts = starter(name, plant, ESTIMATORS[estimator], CONTROLLERS[controller], estimator, controller)
+    taken = [file for file in texts if Path(file).exists() and file != ".gitignore"]
+    if taken:
+        click.echo(f"{', '.join(taken)}: exists already; choose another NAME", err=True)
+        return exits.USAGE
+    for file, text in texts.items():
+        if not Path(file).exists():
+            Path(file).write_text(text, encoding="utf-8")
+            click.echo(f"written {file}", err=True)
+    click.echo(
+        f"next    rmpc-bench check --component {name}.py:{ESTIMATORS[estimator]}\n        rmpc-bench run {name}.yaml"
+    )
+    return 0
+
+
+def starter(name: str, plant: str, estimator: str, controller: str, *choices: str) -> dict[str, str]:
+    """Return the files of a new experiment and their texts.
+
+    Parameters
+    ----------
+    name : of the experiment and of its module
+    plant : form of the plant
+    estimator, controller : names of the classes
+    choices : of the templates of estimator and controller
+    """
+    parts = ["header", f"plant_{plant}", "noise", f"controller_{choices[1]}", f"estimator_{choices[0]}"]
+    module = "\n\n".join(_template(part) for part in parts)
+    types = ", ".join(
+        word for word in ("Count", "Noise", "Positive") if f": {word} " in module or f"({word})" in module
+    )
+    words = {"IMPORTS": types, "ESTIMATOR": estimator, "CONTROLLER": controller, "NAME": name}
+    texts = {
+        f"{name}.yaml": _template(f"config_{plant}"),
+        f"{name}.py": module,
+        f"test_{name}.py": _template("test"),
+        ".gitignore": _template("gitignore"),
+    }
+    for word, value in words.items():
+        texts = {file: text.replace(word, value) for file, text in texts.items()}
+    return texts
+
+
+def _template(name: str) -> str:
+    return (files("rmpc_bench.cli") / "templates" / f"{name}.txt").read_text(encoding="utf-8")
