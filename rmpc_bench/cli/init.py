@@ -36,7 +36,7 @@ def init(name: str, plant: str, estimator: str, controller: str) -> int:
     """
     if not re.fullmatch(r"[A-Za-z_]\w*", name):
         raise click.BadParameter(f"{name!r} is no name of a Python module: letters, digits and _", param_hint="NAME")
-    texts = starter(name, plant, ESTIMATORS[estimator], CONTROLLERS[controller], estimator, controller)
+    texts = starter(name, plant, estimator, controller)
     taken = [file for file in texts if Path(file).exists() and file != ".gitignore"]
     if taken:
         click.echo(f"{', '.join(taken)}: exists already; choose another NAME", err=True)
@@ -45,28 +45,28 @@ def init(name: str, plant: str, estimator: str, controller: str) -> int:
         if not Path(file).exists():
             Path(file).write_text(text, encoding="utf-8")
             click.echo(f"written {file}", err=True)
-    click.echo(
-        f"next    rmpc-bench check --component {name}.py:{ESTIMATORS[estimator]}\n        rmpc-bench run {name}.yaml"
-    )
+    click.echo(f"next    rmpc-bench check --component {name}.py:{ESTIMATORS[estimator]}")
+    click.echo(f"        rmpc-bench run {name}.yaml")
     return 0
 
 
-def starter(name: str, plant: str, estimator: str, controller: str, *choices: str) -> dict[str, str]:
+def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str, str]:
     """Return the files of a new experiment and their texts.
 
     Parameters
     ----------
     name : of the experiment and of its module
-    plant : form of the plant
-    estimator, controller : names of the classes
-    choices : of the templates of estimator and controller
+    plant, estimator, controller : choices of the command line
     """
-    parts = ["header", f"plant_{plant}", "noise", f"controller_{choices[1]}", f"estimator_{choices[0]}"]
-    module = "\n\n".join(_template(part) for part in parts)
-    types = ", ".join(
-        word for word in ("Count", "Noise", "Positive") if f": {word} " in module or f"({word})" in module
-    )
-    words = {"IMPORTS": types, "ESTIMATOR": estimator, "CONTROLLER": controller, "NAME": name}
+    parts = [f"plant_{plant}", "noise", f"controller_{controller}", f"estimator_{estimator}"]
+    module = _template("header") + "\n" + "\n\n".join(_template(part) for part in parts)
+    types = [word for word in ("Count", "Noise", "Positive") if f": {word} " in module or f"({word})" in module]
+    words = {
+        "IMPORTS": ", ".join(types),
+        "ESTIMATOR": ESTIMATORS[estimator],
+        "CONTROLLER": CONTROLLERS[controller],
+        "NAME": name,
+    }
     texts = {
         f"{name}.yaml": _template(f"config_{plant}"),
         f"{name}.py": module,

@@ -80,6 +80,15 @@ def _system_matrix(value: Any) -> Any:
     return expression if expression.names else expression()
 
 
+def _number_or_integer(value: Any) -> Any:
+    """Read a number that is written as text; a whole number stays one, and anything else is left as it is."""
+    return _integer(value) if isinstance(value, str) else value
+
+
+_PLAIN = Annotated[Any, BeforeValidator(_number_or_integer)]
+"""A key without an annotation whose default is a number: its value may be written as a quantity."""
+
+
 _READERS: dict[type, Callable[[Any], Any]] = {
     OverTime: _system_matrix,
     FromCode: read_function,
@@ -132,14 +141,20 @@ def _fields(function: Callable[..., Any], provided: frozenset[str]) -> dict[str,
     if inspect.isclass(function):  # its own keys come before the inherited ones
         own = inspect.get_annotations(function)
         keys = {name: key for name, key in keys.items() if name in own} | keys
-    found = hints(function, {name: key.annotation for name, key in keys.items()})
+    annotated = {name: key.annotation for name, key in keys.items() if key.annotation is not key.empty}
+    found = hints(function, annotated)
     fields: dict[str, Any] = {}
     for name, parameter in keys.items():
         default = ... if parameter.default is inspect.Parameter.empty else parameter.default
         alias = name.rstrip("_")
         field = Field(default, alias=alias) if alias != name else Field(default)
-        fields[name] = (with_quantities(found.get(name, Any)), field)
+        fields[name] = (with_quantities(found.get(name, _PLAIN if _is_number(parameter) else Any)), field)
     return fields
+
+
+def _is_number(parameter: inspect.Parameter) -> bool:
+    """Whether a parameter without an annotation has a number as default."""
+    return isinstance(parameter.default, int | float) and not isinstance(parameter.default, bool)
 
 
 def hints(function: Callable[..., Any], annotations: dict[str, Any]) -> dict[str, Any]:

@@ -205,3 +205,16 @@ def test_a_key_named_like_a_python_word():
 def test_shown(value, text):
     """Collections are not printed in full."""
     assert shown(value) == text
+
+
+def test_a_key_without_an_annotation_is_read_as_a_number_where_its_default_is_one(monkeypatch):
+    """A user's class need not annotate its keys for `5%` to be a number."""
+
+    def design(model, factor=10.0, Ne=6, word="a", anything=None):
+        return None
+
+    monkeypatch.setitem(registry._REGISTERED["estimators"], "plain", design)
+    tree = {"factor": "5%", "Ne": "2*3", "word": "5%", "anything": "5%"}
+    checked = validate(model_of("estimators", "plain"), tree, [], [])
+    assert (checked.factor, checked.Ne, checked.word, checked.anything) == (0.05, 6, "5%", "5%")
+    assert isinstance(checked.Ne, int)

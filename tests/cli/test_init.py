@@ -1,0 +1,114 @@
+"""`init` writes an experiment with own components; nothing that exists is changed."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rmpc_bench.cli import main
+from rmpc_bench.models.linear import LinearModel
+
+
+def init(directory, *arguments):
+    before = Path.cwd()
+    os.chdir(directory)
+    try:
+        return CliRunner().invoke(main, ["init", *arguments])
+    finally:
+        os.chdir(before)
+
+
+def components(directory, *arguments):
+    """Write the starter files and return the names in its module."""
+    assert init(directory, "mine", *arguments).exit_code == 0
+    found = {}
+    exec(compile((directory / "mine.py").read_text(encoding="utf-8"), "mine.py", "exec"), found)  # noqa: S102
+    return found
+
+
+def test_it_writes_four_files_and_says_how_to_go_on(tmp_path):
+    done = init(tmp_path, "mine")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".gitignore", "mine.py", "mine.yaml", "test_mine.py"]
+    assert done.stdout.splitlines() == [
+        "next    rmpc-bench check --component mine.py:MHE",
+        "        rmpc-bench run mine.yaml",
+    ]
+    for path in tmp_path.iterdir():
+        text = path.read_text(encoding="utf-8")
+        assert not any(word in text for word in ("NAME", "ESTIMATOR", "CONTROLLER", "IMPORTS"))
+
+
+@pytest.mark.parametrize("estimator", ["mhe", "plain"])
+def test_its_files_are_formatted(tmp_path, estimator):
+    init(tmp_path, "mine", "--estimator", estimator)
+    for arguments in (["check", "--select", "E,F,I,UP,B"], ["format", "--check"]):
+        command = [sys.executable, "-m", "ruff", *arguments, "--line-length", "120", str(tmp_path)]
+        subprocess.run(command, check=True, capture_output=True)
+
+
+def test_existing_files_are_not_changed(tmp_path):
+    (tmp_path / "mine.py").write_text("x = 1\n", encoding="utf-8")
+    done = init(tmp_path, "mine")
+    assert done.exit_code == 2
+    assert "mine.py: exists already" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.py"]
+    assert (tmp_path / "mine.py").read_text(encoding="utf-8") == "x = 1\n"
+
+
+def test_an_existing_gitignore_stays(tmp_path):
+    (tmp_path / ".gitignore").write_text("*.o\n", encoding="utf-8")
+    assert init(tmp_path, "mine").exit_code == 0
+    assert (tmp_path / ".gitignore").read_text(encoding="utf-8") == "*.o\n"
+
+
+@pytest.mark.parametrize("name", ["my-tanks", "1st", "a/b", "a.b"])
+def test_a_name_that_is_no_module_is_refused(tmp_path, name):
+    done = init(tmp_path, name)
+    assert done.exit_code == 2
+    assert not [*tmp_path.iterdir()]
+
+
+def test_the_moving_horizon_estimator_is_the_kalman_filter_for_a_large_delta(tmp_path):
+    """Oracle: the textbook recursion; ROUND times the condition of the window."""
+    A, B, C = np.array([[0.9, 0.0], [0.08, 0.93]]), np.array([[1e-3], [4e-5]]), np.array([[0.0, 1.0]])
+    Q, R, f0, d0 = 1e-6 * np.eye(2), np.array([[4e-6]]), np.array([1e-3, 2e-3]), np.array([0.01])
+    model = LinearModel(A, B, C, Q, R, f0=f0, d0=d0)
+    estimator = components(tmp_path)["MHE"](model, Ne=4, delta=1e9)
+    rng, x_pred, P, u = np.random.default_rng(2), np.array([0.1, 0.0]), 1e-4 * np.eye(2), None
+    estimator.start(x_pred, P)
+    for _ in range(30):
+        y = 0.1 + 2e-3 * rng.standard_normal(1)
+        K = P @ C.T / (C @ P @ C.T + R)
+        x_hat = x_pred + K @ (y - C @ x_pred - d0)
+        np.testing.assert_allclose(estimator.update(y, u), x_hat, rtol=1e-9)
+        u = rng.standard_normal(1)
+        x_pred, P = A @ x_hat + B @ u + f0, A @ (P - K @ C @ P) @ A.T + Q
+
+
+def test_an_outlier_moves_the_moving_horizon_estimate_less(tmp_path):
+    model = LinearModel(np.eye(1), np.zeros((1, 1)), np.eye(1), 1e-4 * np.eye(1), np.eye(1))
+    robust, quadratic = (components(tmp_path / name)["MHE"](model, delta=delta) for name, delta in _variants(tmp_path))
+    for estimator in (robust, quadratic):
+        estimator.start(np.zeros(1), np.eye(1))
+        for y in (0.1, -0.1, 0.0, 100.0):
+            x_hat = estimator.update(np.array([y]), None if y == 0.1 else np.zeros(1))
+        estimator.last = x_hat
+    assert abs(robust.last) < 0.1 * abs(quadratic.last)
+
+
+def _variants(directory):
+    for name in ("robust", "quadratic"):
+        (directory / name).mkdir()
+    return ("robust", 1.5), ("quadratic", 1e9)
+
+
+def test_the_share_and_the_size_of_outliers_are_those_asked_for(tmp_path):
+    law = components(tmp_path)["outliers"](1, std=2.0, probability=0.1, factor=5.0)
+    values = law.draw(np.random.default_rng(5), 200_000)
+    expected = 2.0 * np.sqrt(0.9 + 0.1 * 25.0)
+    assert abs(values.std() / expected - 1.0) < 0.02  # five standard errors of the spread of this mixture
+    assert abs(values.mean()) < 5.0 * expected / np.sqrt(200_000)
