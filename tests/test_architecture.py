@@ -21,7 +21,17 @@ MAY_IMPORT = {
     "controllers": DESIGNS,
     "metrics": {"numerics", "types"},
     # A figure is checked with the layout of stored results, and drawn in the style in which it is saved.
-    "conformance": {"analysis", "components", "figures", "types"},
+    # A component is loaded and designed as in a run, and simulated with a linear system whose best filter is known.
+    "conformance": {
+        "analysis",
+        "components",
+        "figures",
+        "models",
+        "numerics",
+        "registry",
+        "simulation",
+        "types",
+    },
     "simulation": {"noise", "numerics", "types"},
     # The mismatch is that of an experiment, whose record (`Experiment`) belongs to the simulation.
     "diagnostics": {"simulation", "noise", "numerics", "types"},

@@ -1,25 +1,46 @@
 """Conformance checks: the rules of plants, estimators, controllers, noises, references, metrics and figures.
 
-Every component that the bench ships passes them; run them on a component of your own::
+Every component that the bench ships passes them, or declares which ones it does not pass and why.  Run them on a
+component of your own::
 
-    from rmpc_bench.conformance import EstimatorExample, check_component
+    from rmpc_bench.conformance import check_estimator, parametrize_with_checks
 
-    for result in check_component(my_filter, EstimatorExample.random(nu=1, ny=2)):
-        print(result)
+    print(check_estimator("my_filters.py:MyFilter", keys={"c": 0.1}))
 
-An example contains the data and the checks for one kind of component.
+    @parametrize_with_checks(["my_filters.py:MyFilter"])
+    def test_my_filter(component, check):
+        check(component)
+
+The checks run in a process of their own, so that a component can neither hang nor end the program.  A class declares
+failures that are intended: ``expected_failures = {"consistent": "P is an upper bound"}``.
+
+`check_component` checks a design with given data in this process.  An example contains the data and the checks for one
+kind of component.
 """
 
 from typing import Any
 
 from rmpc_bench.conformance.controllers import ControllerExample
-from rmpc_bench.conformance.estimators import EstimatorExample
 from rmpc_bench.conformance.figures import FigureExample
+from rmpc_bench.conformance.filtering import EstimatorExample
+from rmpc_bench.conformance.kit import (
+    check,
+    check_controller,
+    check_estimator,
+    check_figure,
+    check_metric,
+    check_noise,
+    check_plant,
+    check_reference,
+    parametrize_with_checks,
+)
 from rmpc_bench.conformance.metrics import MetricExample
 from rmpc_bench.conformance.noises import NoiseExample
 from rmpc_bench.conformance.plants import PlantExample
 from rmpc_bench.conformance.references import ReferenceExample
+from rmpc_bench.conformance.report import Report
 from rmpc_bench.conformance.results import Check, CheckResult, run_checks
+from rmpc_bench.conformance.stages import CHECKS
 
 Example = (
     PlantExample
@@ -32,6 +53,7 @@ Example = (
 )
 
 __all__ = [
+    "CHECKS",
     "Check",
     "CheckResult",
     "ControllerExample",
@@ -42,7 +64,17 @@ __all__ = [
     "NoiseExample",
     "PlantExample",
     "ReferenceExample",
+    "Report",
+    "check",
     "check_component",
+    "check_controller",
+    "check_estimator",
+    "check_figure",
+    "check_metric",
+    "check_noise",
+    "check_plant",
+    "check_reference",
+    "parametrize_with_checks",
 ]
 
 

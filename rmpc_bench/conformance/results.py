@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, Literal, NamedTuple
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from rmpc_bench.types import Array
+
+Severity: TypeAlias = Literal["error", "warning", "information"]
+"""Whether a broken rule makes results wrong (error), is a likely mistake (warning), or is only worth knowing."""
+Outcome: TypeAlias = Literal["passed", "failed", "expected", "not checked"]
+"""`expected`: the component declares that the check fails, in its attribute `expected_failures`."""
+PACKAGE = str(Path(__file__).parents[1])
+
+
+class NotApplicableError(Exception):
+    """A check that has no meaning for this component; the message says why."""
+
+
+class Answer(NamedTuple):
+    """What a component has answered in another process."""
+
+    values: Array | None
+    raised: str = ""
+    """Text of its exception; empty where there is none."""
 
 
 class Check(NamedTuple):
@@ -16,8 +36,11 @@ class Check(NamedTuple):
     id: str
     says: str
     """The rule in one sentence."""
-    run: Callable[[Any, Any], None]
-    """Takes the component and the example; raises AssertionError where the rule is broken."""
+    run: Callable[[Any, Any], str | None]
+    """Takes the component and the example; raises AssertionError where the rule is broken; may return numbers."""
+    severity: Severity = "error"
+    is_first: bool = False
+    """Whether the remaining checks make no sense where this one fails."""
 
 
 class CheckResult(NamedTuple):
@@ -25,9 +48,15 @@ class CheckResult(NamedTuple):
 
     id: str
     says: str
-    status: Literal["passed", "failed"]
+    status: Outcome
     reason: str = ""
-    """Why it failed, with the numbers; empty where it passed."""
+    """Why it failed or was not checked; the numbers of a check that passed, where it has some."""
+    severity: Severity = "error"
+
+    @property
+    def counts(self) -> bool:
+        """Whether the component does not conform because of this check."""
+        return self.status == "failed" and self.severity == "error"
 
     def __str__(self) -> str:
         """Render as ``failed  batch-independence: a run gives ... (row 3 differs by 1e-17)``."""
@@ -35,7 +64,9 @@ class CheckResult(NamedTuple):
         return f"{self.status}  {self.id}: {self.says}{reason}"
 
 
-def run_checks(checks: Iterable[Check], component: Any, example: Any) -> tuple[CheckResult, ...]:
+def run_checks(
+    checks: Iterable[Check], component: Any, example: Any, *, begin: Callable[[Check], None] = lambda check: None
+) -> tuple[CheckResult, ...]:
     """Run every check; one that raises has failed, the others run all the same.
 
     Parameters
@@ -43,18 +74,82 @@ def run_checks(checks: Iterable[Check], component: Any, example: Any) -> tuple[C
     checks : the rules of the component's kind
     component : what is checked
     example : the data that it is checked with
+    begin : called before every check
     """
-    return tuple(_result(check, component, example) for check in checks)
+    results: list[CheckResult] = []
+    first: CheckResult | None = None
+    for check in checks:
+        begin(check)
+        result = run_check(check, component, example) if first is None else not_checked(check, first.id)
+        if check.is_first and result.status == "failed":
+            first = result
+        results.append(result)
+    return tuple(results)
 
 
-def _result(check: Check, component: Any, example: Any) -> CheckResult:
+def not_checked(check: Check, first: str) -> CheckResult:
+    """Return the result of a check that is left out because another one has failed."""
+    return CheckResult(check.id, check.says, "not checked", f"{first} fails", check.severity)
+
+
+def run_check(check: Check, component: Any, example: Any) -> CheckResult:
+    """Run one check.
+
+    Parameters
+    ----------
+    check : the rule
+    component, example : what it takes
+    """
+    status: Outcome = "failed"
     try:
-        check.run(component, example)
+        status, reason = "passed", check.run(component, example) or ""
+    except NotApplicableError as error:
+        status, reason = "not checked", str(error)
     except AssertionError as error:
-        return CheckResult(check.id, check.says, "failed", str(error))
-    except Exception as error:  # a component under test may raise anything
-        return CheckResult(check.id, check.says, "failed", f"raised {type(error).__name__}: {error}")
-    return CheckResult(check.id, check.says, "passed")
+        status, reason = "failed", str(error)
+    except (Exception, SystemExit) as error:  # a component under test may raise anything
+        status, reason = "failed", raised(error)
+    return CheckResult(check.id, check.says, status, reason, check.severity)
+
+
+def raised(error: BaseException) -> str:
+    """Describe an exception of a component, with the last line of the user's code.
+
+    Examples
+    --------
+    >>> raised(ValueError("negative level"))
+    'raised ValueError: negative level'
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if not frame.filename.startswith(PACKAGE)]
+    notes = "".join(f", {note}" for note in getattr(error, "__notes__", ()))
+    place = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
+    text = f": {error}" if str(error) else ""
+    return f"raised {type(error).__name__}{text}{place}{notes}"
+
+
+def with_expected(results: Iterable[CheckResult], expected: Mapping[str, str]) -> tuple[CheckResult, ...]:
+    """Replace failures that the component declares; a declared failure that passes, or does not exist, is an error.
+
+    Parameters
+    ----------
+    results : of all checks
+    expected : id of a check -> why it is expected to fail
+    """
+    changed = []
+    for result in results:
+        reason = expected.get(result.id)
+        if reason is not None and result.status == "failed":
+            result = result._replace(status="expected", reason=f"{reason}; {result.reason}")
+        elif reason is not None and result.status == "passed":
+            text = f"declared in `expected_failures` ({reason}), but it passes; remove the entry"
+            result = result._replace(status="failed", reason=text, severity="error")
+        changed.append(result)
+    unknown = sorted(set(expected) - {result.id for result in changed})
+    if unknown:
+        text = f"there is no check {', '.join(map(repr, unknown))}"
+        changed.append(CheckResult("expected-failures", "declared failures are checks", "failed", text))
+    return tuple(changed)
 
 
 def require(holds: bool, otherwise: str) -> None:
@@ -81,9 +176,14 @@ def require_same(name: str, found: Array, expected: Array) -> None:
     require(found.shape == expected.shape, f"{name} has shape {found.shape} instead of {expected.shape}")
     if np.array_equal(found, expected, equal_nan=found.dtype.kind == "f"):
         return
-    equal = (found == expected) | ((found != found) & (expected != expected))
-    place = tuple(int(index) for index in np.argwhere(~equal)[0])
+    place = first_difference(found, expected)
     raise AssertionError(f"{name}{list(place)} is {found[place]!r} instead of {expected[place]!r}")
+
+
+def first_difference(found: Array, expected: Array) -> tuple[int, ...]:
+    """Return the first place at which two arrays of one shape differ; NaN equals NaN."""
+    equal = (found == expected) | ((found != found) & (expected != expected))
+    return tuple(int(index) for index in np.argwhere(~equal)[0])
 
 
 def require_frozen(component: Any) -> None:
@@ -117,3 +217,12 @@ def require_unchanged(arrays: Iterable[Array], before: Iterable[Array]) -> None:
     """
     for number, (array, copy) in enumerate(zip(arrays, before, strict=True)):
         require_same(f"argument {number}", array, copy)
+
+
+def _frozen(component: Any, _: Any) -> None:
+    if type(component).__module__.startswith("rmpc_bench.components."):
+        raise NotApplicableError("a component written for one run has an object per run")
+    require_frozen(component)
+
+
+FROZEN = Check("frozen", "the design cannot be changed after it was made", _frozen, "warning")

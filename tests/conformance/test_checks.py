@@ -130,7 +130,7 @@ def test_a_filter_that_keeps_the_rules_passes():
 @pytest.mark.parametrize(
     ("broken", "check"),
     [
-        (MutableFilter, "base-class"),
+        (MutableFilter, "frozen"),
         (FloatStatus, "shapes"),
         (InPlace, "arguments"),
         (Counting, "purity"),
@@ -153,9 +153,8 @@ def test_a_failure_gives_its_reason():
     reasons = {result.id: result.reason for result in check_component(ByRow(), EstimatorExample.random(1, 1))}
     assert reasons["batch-independence"].startswith("x_hat of run 1 alone[0, 0, 0] is ") and reasons["shapes"] == ""
     [pickled] = [each for each in check_component(Unpicklable(), EstimatorExample.random(1, 1)) if each.id == "pickle"]
-    assert str(pickled) == (
-        "failed  pickle: a copy made by pickle gives the same bits (raised TypeError: no copy of this)"
-    )
+    text = "failed  pickle: a copy made by pickle gives the same bits (raised TypeError: no copy of this at "
+    assert str(pickled).startswith(f"{text}test_checks.py:")
 
 
 # -- controllers -------------------------------------------------------------------------------------------------------
@@ -230,7 +229,7 @@ def test_a_law_that_keeps_the_rules_passes():
 @pytest.mark.parametrize(
     ("broken", "check"),
     [
-        (MutableLaw, "base-class"),
+        (MutableLaw, "frozen"),
         (LawFloatStatus, "shapes"),
         (LawInPlace, "arguments"),
         (LawCounting, "purity"),
@@ -326,7 +325,7 @@ def test_a_plant_that_keeps_the_rules_passes():
 @pytest.mark.parametrize(
     ("broken", "check"),
     [
-        (MutableWalk, "base-class"),
+        (MutableWalk, "frozen"),
         (WalkFloatStatus, "shapes"),
         (WalkInPlace, "arguments"),
         (WalkCounting, "purity"),
@@ -395,7 +394,7 @@ def test_a_noise_law_that_keeps_the_rules_passes():
 @pytest.mark.parametrize(
     ("broken", "check"),
     [
-        (MutableCoin, "base-class"),
+        (MutableCoin, "frozen"),
         (CoinFlat, "shapes"),
         (CoinGlobal, "generator"),
         (CoinByLength, "prefix"),
@@ -445,7 +444,7 @@ def test_a_reference_that_keeps_the_rules_passes():
 
 @pytest.mark.parametrize(
     ("broken", "check"),
-    [(MutableRamp, "base-class"), (RampFlat, "shapes"), (RampByLength, "prefix"), (RampShared, "purity")],
+    [(MutableRamp, "frozen"), (RampFlat, "shapes"), (RampByLength, "prefix"), (RampShared, "purity")],
 )
 def test_reference_checks(broken, check):
     """A broken rule is found."""
@@ -614,7 +613,7 @@ def test_a_figure_that_keeps_the_rules_passes(results):
 @pytest.mark.parametrize(
     ("broken", "check"),
     [
-        (MutableMeans, "base-class"),
+        (MutableMeans, "frozen"),
         (MeansNever, "accepted"),
         (MeansAlways, "refused"),
         (MeansRandom, "same-bytes"),

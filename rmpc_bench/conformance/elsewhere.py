@@ -1,0 +1,124 @@
+"""The same component in another process: one without a plant, with another hash seed and working directory."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from rmpc_bench.conformance.results import Answer
+from rmpc_bench.conformance.subject import Subject
+
+SAME_SEED, OTHER_SEED = "0", "1"
+"""PYTHONHASHSEED of the process of the checks, and of the one with other surroundings."""
+MODULE = "rmpc_bench.conformance.replay"
+
+
+def started(
+    module: str,
+    hash_seed: str,
+    directory: Path | None = None,
+    *,
+    errors: IO[bytes] | None = None,
+    session: bool = False,
+) -> subprocess.Popen[bytes]:
+    """Start a Python process that runs ``main`` of a module of the kit; it gets its job from stdin.
+
+    Parameters
+    ----------
+    module : of the kit
+    hash_seed : PYTHONHASHSEED
+    directory : working directory; this one unless given
+    errors : file for stderr; dropped unless given
+    session : whether the process gets a group of its own, which can be ended together
+    """
+    root = str(Path(__file__).parents[2])
+    environment = {**os.environ, "PYTHONHASHSEED": hash_seed, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    code = f"from {module} import main; main()"
+    # Code of the user may print; what it writes must not get between the results.
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=errors or subprocess.DEVNULL,
+        cwd=directory,
+        start_new_session=session and os.name == "posix",
+        env=environment,
+    )
+
+
+@dataclass(eq=False)
+class Elsewhere:
+    """Repeats what a component has answered, in a process that gets nothing but the data.
+
+    Parameters
+    ----------
+    subject : the component
+    provided : what its design function gets
+    group : group of the registry
+    seconds : time limit
+    """
+
+    subject: Subject
+    provided: Mapping[str, Any]
+    group: str
+    seconds: float = 20.0
+    answers: dict[bool, Answer] = field(default_factory=dict)
+    _process: subprocess.Popen[bytes] | None = None
+    _directory: tempfile.TemporaryDirectory[str] | None = None
+
+    def prepare(self) -> None:
+        """Start the process with other surroundings, so that it imports while other checks run."""
+        self._directory = tempfile.TemporaryDirectory()
+        self._process = started(MODULE, OTHER_SEED, Path(self._directory.name))
+
+    def close(self) -> None:
+        """End the process and delete its directory."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+            self._process = None
+        if self._directory is not None:
+            self._directory.cleanup()
+            self._directory = None
+
+    def __call__(self, data: Any, same: bool) -> Answer:
+        """Return what the component answers there.
+
+        Parameters
+        ----------
+        data : what it gets
+        same : whether the surroundings are those of this process
+        """
+        if same not in self.answers:
+            if self._process is None and not same:
+                self.prepare()
+            process = started(MODULE, SAME_SEED) if same else self._process
+            assert process is not None
+            self.answers[same] = self._asked(process, data)
+            self.close()
+        return self.answers[same]
+
+    def _asked(self, process: subprocess.Popen[bytes], data: Any) -> Answer:
+        job = {"subject": self.subject, "provided": self.provided, "group": self.group, "data": data}
+        # The search path first: what the job consists of is imported along it.
+        text = pickle.dumps(tuple(sys.path)) + pickle.dumps(job)
+        try:
+            out, _ = process.communicate(text, timeout=self.seconds)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            return Answer(None, f"there is no answer within {self.seconds:g} s")
+        if not out:
+            return Answer(None, f"the process ended with code {process.returncode}")
+        values, raised = pickle.loads(out)
+        return Answer(None if values is None else np.asarray(values), raised)

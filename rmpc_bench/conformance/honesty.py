@@ -1,0 +1,194 @@
+"""Checks of what an estimator knows: y(0)..y(k) and u(0)..u(k-1), and nothing else.
+
+They need a linear Gaussian system (`linear_system`), whose best estimator is the Kalman filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.conformance.consistency import consistency_text
+from rmpc_bench.conformance.filtering import EstimatorExample
+from rmpc_bench.conformance.linear_system import LinearSystem, Recorded
+from rmpc_bench.conformance.results import (
+    Answer,
+    Check,
+    NotApplicableError,
+    first_difference,
+    require,
+)
+from rmpc_bench.conformance.timing import exactness, shift_text
+from rmpc_bench.types import Array, Estimator
+
+CHANGE = 81
+"""Sample from which on another y is given to a causal estimator."""
+MOST_ERRORS = 4.0
+"""Standard errors beyond which a paired difference counts."""
+
+
+class EstimatorData(NamedTuple):
+    """Everything that an estimator may know of some runs."""
+
+    y: Float[Array, "runs samples ny"]
+    u: Float[Array, "runs steps nu"]
+
+    def answers(self, estimator: Estimator) -> Float[Array, "runs samples nx"]:
+        """Return the estimates."""
+        return EstimatorExample(self.y, self.u).x_hat(estimator)
+
+
+@dataclass(frozen=True, eq=False)
+class HonestyExample:
+    """A linear Gaussian system that an estimator is checked on.
+
+    Parameters
+    ----------
+    system : the system with the random inputs of its runs
+    elsewhere : repeats the filter in a process without a plant; takes the data and whether the surroundings (hash seed,
+        working directory) are the same as here; None where there are no other processes
+    """
+
+    system: LinearSystem
+    elsewhere: Callable[[EstimatorData, bool], Answer] | None = None
+    checks: ClassVar[tuple[Check, ...]]
+    noun: ClassVar[str] = "x_hat"
+
+    @cached_property
+    def recorded(self) -> Recorded:
+        """Data with noise."""
+        return self.system.recorded()
+
+    @cached_property
+    def data(self) -> EstimatorExample:
+        """The measurements and inputs alone."""
+        return EstimatorExample(self.recorded.y, self.recorded.u, nx=self.system.model.nx)
+
+    @cached_property
+    def kalman(self) -> Float[Array, "runs samples nx"]:
+        """Estimates of the Kalman filter."""
+        return self.data.x_hat(self.system.kalman)
+
+    @cached_property
+    def _loops(self) -> dict[int, tuple[Estimator, Array]]:
+        return {}
+
+    def in_loop(self, estimator: Estimator) -> Float[Array, "runs samples nx"]:
+        """Estimates in the simulation, where there is a plant; computed once per estimator."""
+        if id(estimator) not in self._loops:
+            record, _ = self.system.simulated(estimator)
+            self._loops[id(estimator)] = estimator, record.x_hat
+        return self._loops[id(estimator)][1]
+
+    def away(self, *, same: bool) -> Answer:
+        """Estimates in a process without a plant."""
+        if self.elsewhere is None:
+            raise NotApplicableError("needs another process")
+        return self.elsewhere(EstimatorData(self.recorded.y, self.recorded.u), same)
+
+
+def _agrees(answer: Answer, expected: Array) -> bool:
+    return answer.values is not None and np.array_equal(answer.values, expected, equal_nan=True)
+
+
+def _difference(answer: Answer, expected: Array, name: str) -> str:
+    if answer.values is None:
+        return answer.raised
+    if answer.values.shape != expected.shape:
+        return f"{name} has shape {answer.values.shape} instead of {expected.shape}"
+    place = first_difference(answer.values, expected)
+    differing = int((answer.values != expected).any(axis=(1, 2)).sum())
+    return f"{name} of run {place[0]} differs from k = {place[1]} on, that of {differing} of {len(expected)} runs"
+
+
+def function_of_data(component: Any, example: Any) -> None:
+    """Fail if the component answers otherwise without a plant in the same surroundings."""
+    loop = example.in_loop(component)
+    if _agrees(example.away(same=False), loop):
+        return
+    same = example.away(same=True)
+    if _agrees(same, loop):
+        return
+    differs = _difference(same, loop, example.noun)
+    raise AssertionError(f"in a process without a plant {differs}: it uses more than its arguments, such as the plant")
+
+
+def fresh_process(component: Any, example: Any) -> None:
+    """Fail if the component answers otherwise with another hash seed and another working directory."""
+    loop, other = example.in_loop(component), example.away(same=False)
+    if _agrees(other, loop):
+        return
+    if not _agrees(example.away(same=True), loop):
+        raise NotApplicableError("see `function-of-data`")
+    differs = _difference(other, loop, "the result")
+    raise AssertionError(f"with another PYTHONHASHSEED and working directory {differs}; does it iterate over a set?")
+
+
+def _causal(estimator: Estimator, example: HonestyExample) -> None:
+    y, rows = example.recorded.y[:5], range(5)
+    changed = y.copy()
+    spread = 3.0 * y.std(axis=(0, 1))
+    changed[:, CHANGE:] += spread * np.random.default_rng(17).standard_normal(changed[:, CHANGE:].shape)
+    # Several times each: an estimator may remember the data of an earlier method and use them as the future.
+    before, after = ([example.data.x_hat(estimator, rows, each) for _ in range(3)] for each in (y, changed))
+    if not np.array_equal(before[1][:, :CHANGE], before[2][:, :CHANGE], equal_nan=True):
+        raise NotApplicableError("the same data give other numbers, see `repeated`")
+    for other in after:
+        found, expected = other[:, :CHANGE], before[1][:, :CHANGE]
+        differs = (found != expected) & ~((found != found) & (expected != expected))
+        if differs.any():
+            ahead = CHANGE - int(np.flatnonzero(differs.any(axis=(0, 2)))[0])
+            samples = f"{ahead} sample{'s' if ahead > 1 else ''}"
+            raise AssertionError(f"uses the future: with another y from k = {CHANGE} on x_hat changes {samples} ahead")
+
+
+def _in_time(estimator: Estimator, example: HonestyExample) -> str:
+    return shift_text(example.in_loop(estimator), example.recorded.x)
+
+
+def _exact(estimator: Estimator, example: HonestyExample) -> str:
+    return exactness(estimator, example.system)
+
+
+def _consistent(estimator: Estimator, example: HonestyExample) -> str:
+    outcome = example.data.all(estimator)
+    matrices = [estimate.P for estimate in outcome.answers]
+    if any(P is None for P in matrices):
+        raise NotApplicableError("P is not reported")
+    predictor = estimator.form == "predictor"
+    P = np.stack(matrices, axis=matrices[0].ndim - 2)
+    return consistency_text(example.system.model, example.recorded, outcome.values, P, predictor=predictor)
+
+
+def _possible(estimator: Estimator, example: HonestyExample) -> str:
+    x = example.recorded.x
+    found, best = (
+        ((x_hat - x)[:, 5:] ** 2).mean(axis=(1, 2)) for x_hat in (example.in_loop(estimator), example.kalman)
+    )
+    tiny = np.finfo(float).tiny
+    log_ratio = 0.5 * np.log(np.maximum(found, tiny) / np.maximum(best, tiny))
+    mean, error = float(log_ratio.mean()), float(log_ratio.std(ddof=1) / np.sqrt(len(x)))
+    text = f"error {np.exp(mean):.3g} times that of the Kalman filter"
+    require(
+        not (mean < -MOST_ERRORS * error and mean < -1e-6),
+        f"{text}, {-mean / max(error, tiny):.0f} standard errors below it: it uses the true state or the future"
+        if error > 0.0
+        else f"{text} in every run",
+    )
+    return text
+
+
+HonestyExample.checks = (
+    Check("function-of-data", "x_hat depends on y, u and the model only: the same without a plant", function_of_data),
+    Check("fresh-process", "the same bits in a fresh process, with another hash seed and directory", fresh_process),
+    Check("causal", "x_hat(k) does not depend on y after k", _causal),
+    Check("in-time", "x_hat(k) fits x(k) better than the state of any other sample", _in_time),
+    Check("exact", "without noise and from the true x(0), x_hat is the state", _exact),
+    Check("possible", "the error is not smaller than that of the Kalman filter", _possible),
+    Check("consistent", "errors and innovations agree with the reported covariance P", _consistent, "warning"),
+)

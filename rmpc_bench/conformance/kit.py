@@ -1,0 +1,145 @@
+"""The checks as functions: one per kind of component, and one for pytest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from rmpc_bench.conformance.linear_system import LinearSystem
+from rmpc_bench.conformance.report import Report
+from rmpc_bench.conformance.stages import CHECKS
+from rmpc_bench.conformance.subject import groups_of, subject_of
+from rmpc_bench.conformance.supervisor import SECONDS, check_subject
+from rmpc_bench.types import DesignError
+
+
+def check(
+    component: Any,
+    group: str = "",
+    *,
+    keys: Mapping[str, Any] | None = None,
+    model: Any = None,
+    seconds: float = SECONDS,
+) -> Report:
+    """Check a component in a process of its own.
+
+    Parameters
+    ----------
+    component : a class, a design function, ``PATH.py:NAME`` or a name of the registry
+    group : ``estimators``, ``controllers`` and so on; found from the component unless given
+    keys : keywords of its design function
+    model : linear model (`LinearModel`) that it is designed for; two states, one input and one output unless given
+    seconds : time limit of one check
+
+    Returns
+    -------
+    The outcome of every check; ``print(report)`` shows it as a table.
+
+    Raises
+    ------
+    DesignError
+        If another process could not find the component.
+
+    Examples
+    --------
+    >>> report = check("kalman", "estimators")
+    >>> report.passed
+    True
+    """
+    system = None if model is None else LinearSystem.of(model)
+    return check_subject(subject_of(component, group, keys), system=system, seconds=seconds)
+
+
+def check_estimator(component: Any, **options: Any) -> Report:
+    """Check an estimator; see `check` for the options."""
+    return check(component, "estimators", **options)
+
+
+def check_controller(component: Any, **options: Any) -> Report:
+    """Check a controller; see `check` for the options."""
+    return check(component, "controllers", **options)
+
+
+def check_plant(component: Any, **options: Any) -> Report:
+    """Check a plant; see `check` for the options."""
+    return check(component, "plants", **options)
+
+
+def check_metric(component: Any, **options: Any) -> Report:
+    """Check a metric; see `check` for the options."""
+    return check(component, "metrics", **options)
+
+
+def check_noise(component: Any, **options: Any) -> Report:
+    """Check a noise law; see `check` for the options."""
+    return check(component, "noises", **options)
+
+
+def check_reference(component: Any, **options: Any) -> Report:
+    """Check a reference; see `check` for the options."""
+    return check(component, "references", **options)
+
+
+def check_figure(component: Any, **options: Any) -> Report:
+    """Check a figure; see `check` for the options."""
+    return check(component, "figures", **options)
+
+
+def parametrize_with_checks(components: Sequence[Any], group: str = "", **options: Any) -> Callable[..., Any]:
+    """Parametrise a pytest function with every check of some components.
+
+    The function takes ``component`` and ``check`` and calls ``check(component)``, which raises an AssertionError where
+    the check fails.  All checks of a component are run once.
+
+    Parameters
+    ----------
+    components : as in `check`
+    group : of all components; found from each of them unless given
+    options : keys, model and seconds, as in `check`
+
+    Examples
+    --------
+    >>> @parametrize_with_checks(["kalman"], "estimators")
+    ... def test_my_filter(component, check):
+    ...     check(component)
+    """
+    import pytest
+
+    parameters = []
+    for number, component in enumerate(components):
+        kind = _group(component, group)
+        outcome = cache(lambda component=component, kind=kind: check(component, kind, **options))
+        name = component if isinstance(component, str) else getattr(component, "__name__", str(number))
+        parameters += [
+            pytest.param(component, _Check(each.id, outcome), id=f"{name}-{each.id}") for each in CHECKS[kind]
+        ]
+    return pytest.mark.parametrize(("component", "check"), parameters)
+
+
+class _Check:
+    """One check of one component, for pytest.
+
+    Parameters
+    ----------
+    id : of the check
+    outcome : returns the outcome of all checks
+    """
+
+    def __init__(self, id: str, outcome: Callable[[], Report]) -> None:
+        self.id, self.outcome = id, outcome
+
+    def __call__(self, component: Any) -> None:
+        """Fail if the check has failed and is of the class `error`."""
+        result = self.outcome().result(self.id)
+        assert not result.counts, str(result)
+
+
+def _group(component: Any, group: str) -> str:
+    if group:
+        return group
+    subject = subject_of(component)
+    candidates = [subject.group] if subject.group else list(groups_of(subject.loaded()))
+    if len(candidates) > 1:
+        raise DesignError(f"say what {subject.text} is: parametrize_with_checks([...], group='estimators')")
+    return candidates[0]

@@ -1,0 +1,147 @@
+"""The list of checks of every kind of component, and the examples that they are run on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from rmpc_bench.conformance.controller_honesty import ControllerHonestyExample
+from rmpc_bench.conformance.controllers import FIRST as CONTROLLER_FIRST
+from rmpc_bench.conformance.controllers import ControllerExample
+from rmpc_bench.conformance.elsewhere import Elsewhere
+from rmpc_bench.conformance.estimators import FIRST
+from rmpc_bench.conformance.filtering import EstimatorExample
+from rmpc_bench.conformance.honesty import HonestyExample
+from rmpc_bench.conformance.linear_system import LinearSystem
+from rmpc_bench.conformance.results import Check, NotApplicableError
+from rmpc_bench.conformance.subject import Subject
+from rmpc_bench.types import Controller, Estimator, PlantInfo
+
+SHORT = 12
+"""Steps of the random examples."""
+
+
+class Stage(NamedTuple):
+    """Checks that are run on one example."""
+
+    checks: tuple[Check, ...]
+    component: Any = None
+    example: Any = None
+
+
+@dataclass(eq=False)
+class Setting:
+    """What the bench provides to the component under test.
+
+    Parameters
+    ----------
+    subject : the component
+    group : group of the registry
+    system : the linear Gaussian system
+    """
+
+    subject: Subject
+    group: str
+    system: LinearSystem
+
+    def provided(self, n_steps: int) -> Mapping[str, Any]:
+        """Return what a design function of the group may ask for."""
+        return provided(self.group, self.system, n_steps)
+
+    def made(self, n_steps: int) -> Any:
+        """Make the design for a number of steps."""
+        return self.subject.made(self.group, self.provided(n_steps))
+
+    def elsewhere(self) -> Elsewhere:
+        """Return the component in another process."""
+        return Elsewhere(self.subject, self.provided(self.system.n_steps), self.group)
+
+
+def provided(group: str, system: LinearSystem, n_steps: int) -> Mapping[str, Any]:
+    """Return what a design function may ask for.
+
+    Parameters
+    ----------
+    group : group of the registry
+    system : the linear Gaussian system
+    n_steps : number of control periods
+    """
+    model = system.model
+    start = {"x0": system.x0, "P0": system.P0, "M0": system.P0}
+    common = {"Ts": system.plant.Ts, "n_steps": n_steps, "plant_info": PlantInfo.of(system.plant)}
+    given: dict[str, Mapping[str, Any]] = {
+        "estimators": {"model": model, **start, **common, "plant": system.plant},
+        "controllers": {"model": model, "estimator": system.kalman, **common},
+        "plants": {"Ts": 0.1, "n_steps": n_steps},
+        "models": {"Ts": 0.1, "n_steps": n_steps},
+        "references": {"ny": model.ny, "Ts": 0.1},
+        "noises": {"n": 2, "Ts": 0.1},
+    }
+    return given.get(group, {})
+
+
+MADE = Check("signature", "the design can be made", lambda component, example: None, is_first=True)
+"""Comes first for every kind; fails where the design function raises."""
+
+
+def _estimator_stages(setting: Setting) -> Iterator[Stage]:
+    design: Estimator = setting.made(setting.system.n_steps)
+    elsewhere = setting.elsewhere()
+    try:
+        elsewhere.prepare()
+        example = HonestyExample(setting.system, elsewhere)
+        yield Stage((MADE,))
+        if design.knows_uncertainty:
+            yield Stage(FIRST[:1], design, example.data)
+            return
+        yield Stage(FIRST, design, example.data)
+        model = setting.system.model
+        data = EstimatorExample.random(model.nu, model.ny, n_steps=SHORT)
+        yield Stage(_without(EstimatorExample.checks, FIRST), setting.made(SHORT), data)
+        yield Stage(HonestyExample.checks, design, example)
+    finally:
+        elsewhere.close()
+
+
+def _controller_stages(setting: Setting) -> Iterator[Stage]:
+    system, elsewhere = setting.system, setting.elsewhere()
+    design: Controller = setting.made(system.n_steps)
+    try:
+        elsewhere.prepare()
+        yield Stage((MADE,))
+        yield Stage(CONTROLLER_FIRST[:1], design)
+        example = ControllerHonestyExample(system, design.preview, elsewhere, design.regulates)
+        yield Stage(CONTROLLER_FIRST[1:], design, example.data)
+        data = ControllerExample.random(system.model.nx, system.model.ny, design.preview, n_steps=SHORT)
+        yield Stage(_without(ControllerExample.checks, CONTROLLER_FIRST), setting.made(SHORT), data)
+        yield Stage(ControllerHonestyExample.checks, design, example)
+    finally:
+        elsewhere.close()
+
+
+def _without(checks: tuple[Check, ...], others: tuple[Check, ...]) -> tuple[Check, ...]:
+    return tuple(check for check in checks if check not in others)
+
+
+STAGES: Mapping[str, Callable[[Setting], Iterator[Stage]]] = {
+    "estimators": _estimator_stages,
+    "controllers": _controller_stages,
+}
+CHECKS: Mapping[str, tuple[Check, ...]] = {
+    "estimators": (MADE, *EstimatorExample.checks, *HonestyExample.checks),
+    "controllers": (MADE, *ControllerExample.checks, *ControllerHonestyExample.checks),
+}
+"""Every check, by group of components."""
+
+
+def stages(setting: Setting) -> Iterator[Stage]:
+    """Return the checks of a component with what they are run on, in their order.
+
+    Parameters
+    ----------
+    setting : the component and what the bench provides
+    """
+    if setting.group not in STAGES:
+        raise NotApplicableError(f"there are no checks of {setting.group}")
+    yield from STAGES[setting.group](setting)

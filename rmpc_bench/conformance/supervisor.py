@@ -1,0 +1,148 @@
+"""Checks of a component in a process of its own, so that it can neither hang nor end the kit."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import queue
+import re
+import signal
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import IO, Any
+
+from rmpc_bench.conformance.elsewhere import SAME_SEED, started
+from rmpc_bench.conformance.linear_system import LinearSystem
+from rmpc_bench.conformance.report import Report
+from rmpc_bench.conformance.results import PACKAGE, CheckResult, with_expected
+from rmpc_bench.conformance.stages import CHECKS, MADE
+from rmpc_bench.conformance.subject import Subject
+
+MODULE = "rmpc_bench.conformance.checking"
+SECONDS = 30.0
+"""Time limit of one check."""
+MOST_PROCESSES = 3
+"""Processes that a component may end; the checks that are left are then not run."""
+_FRAME = re.compile(r'File "(?P<file>[^"]+)", line (?P<line>\d+) in (?P<name>\w+)')
+
+
+class _Process:
+    """The process of the checks, and what it has said.
+
+    Parameters
+    ----------
+    job : subject, system, ids of checks to leave out
+    seconds : time limit of a check
+    """
+
+    def __init__(self, job: tuple[Subject, LinearSystem | None, frozenset[str]], seconds: float) -> None:
+        self.seconds = seconds
+        self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `end`
+        self.process = started(MODULE, SAME_SEED, errors=self.errors, session=True)
+        self.said: queue.Queue[tuple[str, Any] | None] = queue.Queue()
+        threading.Thread(target=self._listen, daemon=True).start()
+        assert self.process.stdin is not None
+        self.process.stdin.write(pickle.dumps(tuple(sys.path)) + pickle.dumps((*job, seconds)))
+        self.process.stdin.close()
+
+    def _listen(self) -> None:
+        stream = self.process.stdout
+        assert stream is not None
+        try:
+            while True:
+                self.said.put(pickle.load(stream))
+        except (EOFError, pickle.UnpicklingError, ValueError, OSError):
+            self.said.put(None)
+
+    def next(self) -> tuple[str, Any] | None:
+        """Return the next message; None where the process has ended.
+
+        Raises
+        ------
+        queue.Empty
+            If there is none within the time limit.
+        """
+        return self.said.get(timeout=self.seconds)
+
+    def end(self) -> None:
+        """End the process and those that it has started."""
+        if os.name == "posix":
+            try:
+                os.killpg(self.process.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+        self.process.kill()
+        self.process.wait()
+
+    def last_frame(self) -> str:
+        """Return the place at which the component was when its time was over; empty where it is not known."""
+        self.errors.seek(0)
+        text = self.errors.read().decode(errors="replace").rpartition("most recent call first")[2]
+        for frame in _FRAME.finditer(text):
+            if not frame["file"].startswith((PACKAGE, sys.prefix, sys.base_prefix)):
+                return f" in {frame['name']} at {Path(frame['file']).name}:{frame['line']}"
+        return ""
+
+
+def check_subject(subject: Subject, *, system: LinearSystem | None = None, seconds: float = SECONDS) -> Report:
+    """Run all checks of a component.
+
+    Parameters
+    ----------
+    subject : the component
+    system : linear Gaussian system that it is designed for; the shipped one unless given
+    seconds : time limit of one check
+
+    Returns
+    -------
+    One result per check, in the order of the list.
+    """
+    results: dict[str, CheckResult] = {}
+    known: dict[str, Any] = {"group": subject.group, "expected": {}}
+    for _ in range(MOST_PROCESSES):
+        process = _Process((subject, system, frozenset(results)), seconds)
+        try:
+            stopped_at, reason = _followed(process, results, known)
+        finally:
+            process.end()
+        if not stopped_at:
+            break
+        check = next((each for each in CHECKS.get(known["group"], (MADE,)) if each.id == stopped_at), MADE)
+        results[check.id] = CheckResult(check.id, check.says, "failed", reason, check.severity)
+        if check.is_first:
+            break
+    listed = CHECKS.get(known["group"], (MADE,))
+    missing = next((each.id for each in results.values() if each.status == "failed"), "")
+    for check in listed:
+        results.setdefault(
+            check.id,
+            CheckResult(check.id, check.says, "not checked", f"{missing} fails" if missing else "", check.severity),
+        )
+    order = [results[check.id] for check in listed if check.id in results]
+    return Report(subject.text, known["group"], with_expected(order, known["expected"]))
+
+
+def _followed(process: _Process, results: dict[str, CheckResult], known: dict[str, Any]) -> tuple[str, str]:
+    """Collect messages until the end; the check at which it stopped and the reason, or two empty texts."""
+    current = MADE.id
+    while True:
+        try:
+            message = process.next()
+        except queue.Empty:
+            process.end()
+            return current, f"no answer within {process.seconds:g} s: an endless loop{process.last_frame()}?"
+        if message is None:
+            code = process.process.wait()
+            word = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"
+            return current, f"the process {word}{process.last_frame()}"
+        word, value = message
+        if word == "begin":
+            current = value
+        elif word == "result":
+            results[value.id] = value
+        elif word == "end":
+            return "", ""
+        else:
+            known[word] = value
