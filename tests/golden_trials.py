@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import rmpc_bench
 from rmpc_bench.config.sweep_point import digest
-from rmpc_bench.execution import engines
+from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.tasks import Task
 from rmpc_bench.types import Status
 
 ROOT = Path(__file__).parents[1]
@@ -60,11 +61,11 @@ def computed(name):
     config = rmpc_bench.load_config(path, overrides=CONFIGS[name], runs=N_RUNS, smoke=True)
     points, found = config.points, {}
     tasks = [
-        engines.Task(method.name, 0, N_RUNS, number)
+        Task(method.name, 0, N_RUNS, number)
         for number in sorted({0, len(points) - 1})
         for method in points[number].experiment.methods
     ]
-    for done in engines.serial([point.experiment for point in points], tasks):
+    for done in serial([point.experiment for point in points], tasks):
         point, method = points[done.task.point], done.task.method
         columns = {metric.name: done.block.metrics[i] for i, metric in enumerate(point.experiment.metrics)}
         rows = {

@@ -60,13 +60,13 @@ def ran(path, directory, *options, jobs=1):
 
 def spied(monkeypatch):
     """Return a list that gets (method, runs) of every block computed in this process from now on."""
-    from rmpc_bench.execution import engines
+    from rmpc_bench.execution.engines import tasks
 
-    blocks, simulate = [], engines.simulate_block
+    blocks, simulate = [], tasks.simulate_block
 
     def spy(experiment, method, runs, *draws):
         blocks.append((method.name, [*runs]))
         return simulate(experiment, method, runs, *draws)
 
-    monkeypatch.setattr(engines, "simulate_block", spy)
+    monkeypatch.setattr(tasks, "simulate_block", spy)
     return blocks

@@ -65,9 +65,9 @@ MAY_IMPORT["__main__"] = {"cli"}
 SHARED_SIBLINGS = {"gain_schedule", "noise_tuning", "prediction", "state_feedback"}
 ONLY_IN = {  # a package of others -> where it may be imported
     "matplotlib": "figures/",
-    "joblib": "execution/engines.py",
-    "distributed": "execution/engines.py",
-    "dask": "execution/engines.py",
+    "joblib": "execution/engines/",
+    "distributed": "execution/engines/",
+    "dask": "execution/engines/",
     "click": "cli/",
     "highspy": "numerics/lp.py",
     "cvxpy": "nowhere",

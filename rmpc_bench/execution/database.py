@@ -27,8 +27,15 @@ CREATE TABLE traces (method TEXT, signal TEXT, run INTEGER, width INTEGER NOT NU
 CREATE TABLE ensemble_groups (method TEXT, first INTEGER, stop INTEGER, n INTEGER NOT NULL, width INTEGER NOT NULL,
     mean BLOB NOT NULL, second BLOB NOT NULL, PRIMARY KEY (method, first, stop));
 CREATE TABLE arrays (name TEXT PRIMARY KEY, shape TEXT NOT NULL, data BLOB NOT NULL) WITHOUT ROWID;
+CREATE TABLE failures (method TEXT, run INTEGER, status TEXT NOT NULL, failure TEXT NOT NULL,
+    PRIMARY KEY (method, run)) WITHOUT ROWID;
+CREATE TABLE held (method TEXT, run INTEGER, n INTEGER NOT NULL, PRIMARY KEY (method, run)) WITHOUT ROWID;
+CREATE TABLE warnings (method TEXT, first INTEGER, stop INTEGER, text TEXT, n INTEGER NOT NULL,
+    PRIMARY KEY (method, first, stop, text)) WITHOUT ROWID;
+CREATE TABLE durations (method TEXT, first INTEGER, stop INTEGER, phase TEXT, largest REAL NOT NULL,
+    counts TEXT NOT NULL, PRIMARY KEY (method, first, stop, phase)) WITHOUT ROWID;
 """
-_ADDED = ("methods", "traces", "ensemble_groups", "arrays")
+_ADDED = ("methods", "traces", "ensemble_groups", "arrays", "failures", "held", "warnings", "durations")
 """Tables that a store of an earlier version lacks."""
 
 

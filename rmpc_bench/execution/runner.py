@@ -11,9 +11,10 @@ from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
-from rmpc_bench.execution import engines
 from rmpc_bench.execution.database import WriteError
-from rmpc_bench.execution.engines import Done, Task
+from rmpc_bench.execution.engines.processes import processes
+from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.tasks import Done, Task
 from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.manifest import Session
 from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
@@ -137,7 +138,7 @@ def _compute(
 
 def _engine(experiments: Sequence[Experiment], tasks: list[Task], workers: int) -> Any:
     workers = min(workers, len(tasks))
-    return engines.serial(experiments, tasks) if workers == 1 else engines.processes(experiments, tasks, workers)
+    return serial(experiments, tasks) if workers == 1 else processes(experiments, tasks, workers)
 
 
 def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:

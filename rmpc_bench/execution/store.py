@@ -19,13 +19,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.execution.database import Database, StoreError
+from rmpc_bench.execution.durations import Durations
+from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failures
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import SIZE, Group, gathered, start_of_group
 from rmpc_bench.simulation.scenario import Recording
-from rmpc_bench.types import Array, Status
+from rmpc_bench.types import Array, RunFailure, Status
 
 _NOTHING = Recording()
 _WORDS = {int(status): status.word for status in Status}
+_MAYBE_WITHOUT_TRACES = ", ".join(f"'{status.word}'" for status in (Status.CRASHED, Status.TIMEOUT))
+"""Statuses of runs that may have no trajectories, because their block was not simulated to its end."""
 
 
 class StoredMethod(NamedTuple):
@@ -157,8 +161,10 @@ class Store:
         for metric in metrics:
             rows = self._read("SELECT run FROM metrics WHERE method = ? AND metric = ?", (method, metric))
             runs &= {run for (run,) in rows}
+        query = f"""SELECT run FROM traces WHERE method = ? AND signal = ? UNION
+            SELECT run FROM trials WHERE method = ? AND status IN ({_MAYBE_WITHOUT_TRACES})"""
         for signal in recording.signals if recording.n_runs else ():
-            rows = self._read("SELECT run FROM traces WHERE method = ? AND signal = ?", (method, signal))
+            rows = self._read(query, (method, signal, method))
             runs -= set(range(recording.n_runs)) - {run for (run,) in rows}
         if recording.ensemble:
             rows = self._read(
@@ -215,8 +221,26 @@ class Store:
                 ("INSERT OR REPLACE INTO metrics VALUES (?, ?, ?, ?)", values),
                 ("INSERT OR REPLACE INTO traces VALUES (?, ?, ?, ?, ?)", traces),
                 ("INSERT OR REPLACE INTO uncertainty VALUES (?, ?, ?, ?)", named),
+                *journal_rows(method, runs, block.journal),
             ]
         )
+
+    def failures(self, method: str, n_runs: int) -> list[RunFailure]:
+        """Failures of a method that have a description, in the order of the runs."""
+        return read_failures(self._read, method, n_runs)
+
+    def held(self, method: str, n_runs: int) -> dict[int, int]:
+        """Run -> number of held steps, of the runs that have some."""
+        return dict(self._read("SELECT run, n FROM held WHERE method = ? AND run < ? ORDER BY run", (method, n_runs)))
+
+    def warnings(self, method: str, n_runs: int) -> dict[str, int]:
+        """Text of a warning of a component -> how often it was given, the most frequent one first."""
+        query = "SELECT text, sum(n) FROM warnings WHERE method = ? AND first < ? GROUP BY text ORDER BY 2 DESC, text"
+        return dict(self._read(query, (method, n_runs)))
+
+    def durations(self, method: str, n_runs: int) -> dict[str, Durations]:
+        """Component and phase -> durations of its calls."""
+        return read_durations(self._read, method, n_runs)
 
     def column(self, method: str, n_runs: int) -> tuple[list[int], list[str]]:
         """Run indices and status words of a method, in the order of the runs."""

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.simulation.checked_calls import checked_calls, metric_values
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.recorder import Recorder
 from rmpc_bench.simulation.run_start import RunStart, RunState
@@ -39,7 +40,8 @@ class Block(NamedTuple):
     metrics: Float[Array, "metrics runs"]
     """NaN where the run failed."""
     traces: Mapping[str, Float[Array, "recorded samples n"]]
-    """Signal -> trajectories of the first runs of the block, as many as are to be recorded."""
+    """Signal -> trajectories of the first runs of the block, as many as are to be recorded; empty where the simulation
+    did not reach its end."""
     ensemble: Sequence[Group]
     """Mean and covariance of (x, x_hat) over groups of runs, where they are to be kept."""
     journal: Journal
@@ -72,7 +74,7 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     record = record._replace(experiment=experiment.metric_layout, runs=evaluated)
     # Failed runs may overflow; their values are replaced by NaN.
     with np.errstate(over="ignore", invalid="ignore"):
-        found = [metric.evaluate(record) for metric in experiment.metrics]
+        found = [metric_values(metric, record) for metric in experiment.metrics]
     status = np.where(status == OK, evaluated.failed, status)
     ok = status == OK
     values = [np.where(ok, each, np.nan) for each in found]
@@ -122,6 +124,7 @@ def simulate(
     mixes, preview = plant.mixes_noise, controller.preview
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
+    moving, estimating, controlling = checked_calls(plant, method, alive)
     known = r[: n_steps + 1].copy()
     limits, nothing = RunLimits(state_range, x, known), np.full(n_runs, OK)
     outputs, inputs = Recorder(n_steps + 1), Recorder(n_steps)
@@ -131,13 +134,13 @@ def simulate(
         status = limits.of_state(nothing, failed, x)
         np.equal(status, OK, out=alive)
         for k in range(n_steps + 1):
-            y_true = np.array(plant.output(k, draws.delta, x, no_noise))
+            y_true = np.array(moving.output(k, draws.delta, x, no_noise))
             outputs.at(k, x=x, y=y_true)
-            y = y_true + v[:, k] if mixes else np.array(plant.output(k, draws.delta, x, v[:, k]))
+            y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k]))
             if failed.any():
                 status = np.where(status == OK, failed, status)
                 np.equal(status, OK, out=alive)
-            e, answer = estimator.correct(k, e, y)
+            e, answer = estimating.correct(k, e, y)
             estimate = as_estimate(answer)
             estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
             status = limits.of_estimate(status, estimate.status, estimate.x_hat)
@@ -147,17 +150,17 @@ def simulate(
             outputs.matrix_at(k, "M", estimate.M if with_M else None)
             if k == n_steps:
                 break
-            c, chosen = controller.control(k, c, y, estimate, r[k : k + preview])
+            c, chosen = controlling.control(k, c, y, estimate, r[k : k + preview])
             command = as_command(chosen)
             status = limits.of_input(status, command.status, command.u)
             np.equal(status, OK, out=alive)
             u = np.array(command.u)
             inputs.at(k, u=u, **_wanted(command.info, info))
-            motion = as_motion(plant.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
+            motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = limits.of_state(status, motion.status, motion.x)
             np.equal(status, OK, out=alive)
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
-            e = estimator.predict(k, e, u)
+            e = estimating.predict(k, e, u)
     signals = {**outputs.all(), **inputs.all()}
     x_all, y_all, x_hat_all, u_all = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
     matrices = outputs.matrix("P"), outputs.matrix("M")

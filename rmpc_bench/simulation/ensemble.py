@@ -105,6 +105,8 @@ def joined(parts: Sequence[Group]) -> tuple[int, Float[Array, "samples nz"], Flo
     """
     by_group = (list(members) for _, members in groupby(parts, key=lambda part: start_of_group(part.first)))
     whole = [gathered(members) if members[0].is_single else members[0] for members in by_group]
+    # A group without a run that ended well adds nothing, and the width of its moments may not be known.
+    whole = [part for part in whole if part.n] or whole
     _, _, n, mean, second = whole[0]
     for part in whole[1:]:
         if part.n:

@@ -1,5 +1,6 @@
 """report: tables and figures again, from what is stored."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 from small_experiment import cli, ran, write
 
-from rmpc_bench.execution import engines
+from rmpc_bench.execution.engines import tasks
 
 CLAIMS = "[{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}]"
 DERIVED = {
@@ -50,7 +51,7 @@ def test_report_writes_the_same_bytes_without_simulating(here, monkeypatch, opti
     for name in DERIVED:
         (here / "out" / name).unlink()
     path.unlink()
-    monkeypatch.setattr(engines, "simulate_block", lambda *args: pytest.fail("report simulates"))
+    monkeypatch.setattr(tasks, "simulate_block", lambda *args: pytest.fail("report simulates"))
     result = cli("report", "out")
     assert result.exit_code == 0, result.output
     assert {name for name in before if tree(here / "out").get(name) != before[name]} == set()
@@ -101,14 +102,14 @@ def test_report_of_nothing(here):
 
 def test_report_of_an_interrupted_first_run(here, monkeypatch):
     """What is stored can be looked at."""
-    simulate = engines.simulate_block
+    simulate = tasks.simulate_block
 
     def interrupted(experiment, method, runs, *draws):
         if runs.start >= 3:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         return simulate(experiment, method, runs, *draws)
 
-    monkeypatch.setattr(engines, "simulate_block", interrupted)
+    monkeypatch.setattr(tasks, "simulate_block", interrupted)
     path = write(here)
     assert cli("run", path, "-o", "out", "-j", 1, "-s", "execution.block=3").exit_code == 130
     result = cli("report", "out")

@@ -169,9 +169,9 @@ def test_progress_goes_to_stderr(here, how):
 
 def test_an_internal_error(here, monkeypatch):
     """Exit 70 with the traceback; finished blocks are kept."""
-    from rmpc_bench.execution import engines
+    from rmpc_bench.execution.store import Store
 
-    monkeypatch.setattr(engines, "simulate_block", lambda *args: 1 / 0)
+    monkeypatch.setattr(Store, "add_block", lambda *args: 1 / 0)
     result = go(write(here), "-o", "out")
     assert result.exit_code == 70
     assert "ZeroDivisionError" in result.stderr and "please report it" in result.stderr

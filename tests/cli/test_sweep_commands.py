@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,7 @@ import pytest
 from small_experiment import cli, ran, spied, write
 
 from rmpc_bench.analysis.rounding import significant
-from rmpc_bench.execution import engines
+from rmpc_bench.execution.engines import tasks
 
 HP, C = "controller.Hp", "methods.R-MPC.estimator.c"
 SWEEP = f"{{grid: {{{HP}: [10, 12], {C}: [0.1, 1]}}}}"
@@ -133,7 +134,7 @@ def test_report_writes_the_same_bytes(here, monkeypatch, options):
     for name in DERIVED:
         (here / "out" / name).unlink()
     path.unlink()
-    monkeypatch.setattr(engines, "simulate_block", lambda *args: pytest.fail("report simulates"))
+    monkeypatch.setattr(tasks, "simulate_block", lambda *args: pytest.fail("report simulates"))
     result = cli("report", "out")
     assert result.exit_code == 0, result.output
     assert {name: (here / "out" / name).read_bytes() for name in DERIVED} == before
@@ -143,15 +144,15 @@ def test_report_writes_the_same_bytes(here, monkeypatch, options):
 def test_a_report_of_an_interrupted_sweep(here, monkeypatch):
     """What is there is shown, with what is missing: a point without trials, and one where a method has none."""
     keys = {"sweep": f"{{grid: {{{HP}: [10, 12, 8]}}}}", "record": "{runs: 2}", "figures": "[boxplot, trajectories]"}
-    path, simulate, done = write(here, **keys, claims=f"[{', '.join(CLAIMS)}]"), engines.simulate_block, []
+    path, simulate, done = write(here, **keys, claims=f"[{', '.join(CLAIMS)}]"), tasks.simulate_block, []
 
     def interrupted(*args):
         if len(done) == 3:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         done.append(simulate(*args))
         return done[-1]
 
-    monkeypatch.setattr(engines, "simulate_block", interrupted)
+    monkeypatch.setattr(tasks, "simulate_block", interrupted)
     assert go(path, "-o", "out").exit_code == 130
     result = cli("report", "out")
     assert result.exit_code == 0, result.output

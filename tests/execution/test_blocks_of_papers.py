@@ -1,11 +1,12 @@
 """Experiments of the papers at a small size: trials and series have the same bytes for any blocks and interruptions."""
 
-from pathlib import Path
+from pathlib import signal
 
+import Path
 import pytest
 
 from rmpc_bench import load_config, run
-from rmpc_bench.execution import engines
+from rmpc_bench.execution.engines import tasks
 
 ROOT = Path(__file__).parents[2] / "configs"
 N_RUNS = 53
@@ -51,15 +52,15 @@ def test_any_block(case, tmp_path, block, jobs):
 def test_interrupted(case, tmp_path, monkeypatch):
     """Stopped in the middle of a group, and continued with other blocks."""
     name, expected = case
-    simulate = engines.simulate_block
+    simulate = tasks.simulate_block
 
     def interrupted(experiment, method, runs, *draws):
         if runs.start >= 20:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         return simulate(experiment, method, runs, *draws)
 
-    monkeypatch.setattr(engines, "simulate_block", interrupted)
+    monkeypatch.setattr(tasks, "simulate_block", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run(loaded(name, 8), directory=tmp_path, jobs=1)
-    monkeypatch.setattr(engines, "simulate_block", simulate)
+    monkeypatch.setattr(tasks, "simulate_block", simulate)
     assert texts(run(loaded(name, 30), directory=tmp_path, jobs=1)) == expected

@@ -1,5 +1,6 @@
 """Ensembles in trials.sqlite: whatever the blocks, the workers and the interruptions, they are those of the runs."""
 
+import signal
 import sqlite3
 
 import numpy as np
@@ -8,7 +9,7 @@ from small_experiment import cli, ran, spied
 from uncertain_experiment import PLANT, write_estimation
 
 from rmpc_bench import load_results, load_trials
-from rmpc_bench.execution import engines
+from rmpc_bench.execution.engines import tasks
 from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import SIZE, Group, groups
@@ -72,18 +73,18 @@ def test_any_block_and_any_workers(tmp_path, whole, block, jobs):
 
 def test_interrupted_and_resumed_with_other_blocks(tmp_path, whole, monkeypatch):
     """What was stored in blocks of 7 goes on in blocks of 50, and in other blocks again."""
-    path, simulate = write_estimation(tmp_path, **KEYS), engines.simulate_block
+    path, simulate = write_estimation(tmp_path, **KEYS), tasks.simulate_block
     for stop, block in ((20, 7), (70, 50), (90, 11)):
 
         def interrupted(experiment, method, runs, *draws, stop=stop):
             if runs.start >= stop:
-                raise KeyboardInterrupt
+                signal.raise_signal(signal.SIGINT)
             return simulate(experiment, method, runs, *draws)
 
-        monkeypatch.setattr(engines, "simulate_block", interrupted)
+        monkeypatch.setattr(tasks, "simulate_block", interrupted)
         command = ("run", path, "-o", tmp_path / "out", "-j", 1, "-s", f"execution.block={block}")
         assert cli(*command).exit_code == 130
-    monkeypatch.setattr(engines, "simulate_block", simulate)
+    monkeypatch.setattr(tasks, "simulate_block", simulate)
     assert filled(path, tmp_path / "out", jobs=2) == whole
     blocks = spied(monkeypatch)
     ran(path, tmp_path / "out", "-s", "execution.block=13")

@@ -1,12 +1,15 @@
 """The promises: the same bytes whatever the way, nothing computed twice, nothing lost."""
 
+import signal
+
 import numpy as np
 import pytest
 from small_experiment import cli, ran, spied, write
 from threadpoolctl import threadpool_info
 
 from rmpc_bench import load_config, registry
-from rmpc_bench.execution import engines
+from rmpc_bench.execution.engines import tasks
+from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.runner import pending
 from rmpc_bench.execution.store import Store
 
@@ -153,19 +156,19 @@ def test_a_window_in_another_unit_is_another_metric(tmp_path):
 
 def test_an_interrupted_run_continues_where_it_was(noisy, tmp_path, monkeypatch):
     """Blocks that are stored are not computed again, and the bytes are those of an uninterrupted run."""
-    simulate = engines.simulate_block
+    simulate = tasks.simulate_block
 
     def interrupted(experiment, method, runs, *draws):
         if runs.start >= 9:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         return simulate(experiment, method, runs, *draws)
 
-    monkeypatch.setattr(engines, "simulate_block", interrupted)
+    monkeypatch.setattr(tasks, "simulate_block", interrupted)
     command = ("-s", "execution.block=3")
     result = cli("run", noisy, "-o", tmp_path / "a", "-j", 1, *command)
     assert result.exit_code == 130
     assert "the same command continues" in result.stderr and "Traceback" not in result.stderr
-    monkeypatch.setattr(engines, "simulate_block", simulate)
+    monkeypatch.setattr(tasks, "simulate_block", simulate)
     blocks = spied(monkeypatch)
     assert ran(noisy, tmp_path / "a", *command) == ran(noisy, tmp_path / "b")
     assert min(min(runs) for _, runs in blocks[:8]) == 9
@@ -209,17 +212,17 @@ def test_blas_runs_on_one_thread(tmp_path, monkeypatch):
 
     registry.register("estimator", "watching", watching)
     config = load_config(write(tmp_path, methods="{a: {estimator: {kind: watching}}}"))
-    simulate = engines.simulate_block
-    monkeypatch.setattr(engines, "simulate_block", lambda *args: note("block") or simulate(*args))
-    list(engines.serial([config.experiment], [engines.Task("a", 0, 2)]))
+    simulate = tasks.simulate_block
+    monkeypatch.setattr(tasks, "simulate_block", lambda *args: note("block") or simulate(*args))
+    list(serial([config.experiment], [tasks.Task("a", 0, 2)]))
     assert threads == {"design": 1, "block": 1}
 
 
 def test_a_task_brings_its_uncertain_values(noisy):
     """One record per run, the same as any other task that contains the run."""
     config = load_config(noisy)
-    done = engines.work([config.experiment], engines.Task("S-MPC", 2, 5))
-    again = engines.work([config.experiment], engines.Task("R-MPC", 4, 6))
+    done = tasks.work([config.experiment], tasks.Task("S-MPC", 2, 5))
+    again = tasks.work([config.experiment], tasks.Task("R-MPC", 4, 6))
     assert [*done.uncertainty[0]] == ["eps", "delta"]
     assert done.uncertainty[2] == again.uncertainty[0]
     assert done.block.metrics.shape == (4, 3) and np.isfinite(done.block.metrics[0]).all()

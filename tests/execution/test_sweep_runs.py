@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import signal
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from small_experiment import cli, ran, spied, text, write
 from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
-from rmpc_bench.execution import engines
+from rmpc_bench.execution.engines import tasks
 
 HP, HU, C, STD = "controller.Hp", "controller.Hu", "methods.R-MPC.estimator.c", "noise.measurement.gaussian.std"
 METHODS = f"{{grid: {{{C}: [0.1, 1]}}, zip: {{{HP}: [10, 12], {HU}: [3, 2]}}}}"
@@ -73,8 +74,8 @@ def test_every_point_is_the_plain_experiment(made, tmp_path, sweep):
         alone = run(load_config(plain, overrides=overrides), directory=tmp_path / str(number), jobs=1).trials
         assert point.frame.equals(alone.frame) and point.series.equals(alone.series)
         for method in ("S-MPC", "R-MPC"):
-            for signal, array in alone.traces[method].signals.items():
-                np.testing.assert_array_equal(point.traces[method].signals[signal], array)
+            for name, array in alone.traces[method].signals.items():
+                np.testing.assert_array_equal(point.traces[method].signals[name], array)
     assert len({tuple(point.column("mse", "R-MPC")) for point in trials.points}) == 4
 
 
@@ -87,18 +88,18 @@ def test_the_way_to_compute_changes_no_byte(made, tmp_path):
 
 def test_an_interrupted_sweep_continues_where_it_was(made, tmp_path, monkeypatch):
     """What is stored is not computed again, and the bytes are those of an uninterrupted sweep."""
-    path, simulate, done = write(tmp_path, sweep=TRUTH, **NOISY), engines.simulate_block, []
+    path, simulate, done = write(tmp_path, sweep=TRUTH, **NOISY), tasks.simulate_block, []
 
     def interrupted(*args):
         if len(done) == 7:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         done.append(simulate(*args))
         return done[-1]
 
-    monkeypatch.setattr(engines, "simulate_block", interrupted)
+    monkeypatch.setattr(tasks, "simulate_block", interrupted)
     command = ("-s", "execution.block=2")
     assert cli("run", path, "-o", tmp_path / "b", "-j", 1, *command).exit_code == 130
-    monkeypatch.setattr(engines, "simulate_block", simulate)
+    monkeypatch.setattr(tasks, "simulate_block", simulate)
     blocks = spied(monkeypatch)
     ran(path, tmp_path / "b", *command)
     assert len(blocks) == 3 * (2 + 4) - 7

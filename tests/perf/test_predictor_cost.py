@@ -5,7 +5,8 @@ import pytest
 
 from rmpc_bench.config.load import load_config
 from rmpc_bench.estimators import enhanced_robust, kalman_predictor, lmmse
-from rmpc_bench.execution.engines import Task, serial
+from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.tasks import Task
 from rmpc_bench.models import uncertain_linear
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.threads import single_thread

@@ -7,7 +7,8 @@ import pytest
 from simulation.test_closed_loop import RUNS, STEPS, toy_draws
 from simulation.toy import Delta, Halfway, Proportional, Walk
 
-from rmpc_bench.execution.engines import Task, serial
+from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.tasks import Task
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.noise.gaussian import gaussian

@@ -91,8 +91,10 @@ class Tank(Walk):
 
     def step(self, k, delta, x, u, w):
         """Drain, and put the root of a negative level into a second state."""
-        level = x[:, :1] - 0.3 * np.sqrt(x[:, :1])
-        return Motion(np.hstack([level, np.sqrt(level)]), delta.status)
+        with np.errstate(invalid="ignore"):
+            level = x[:, :1] - 0.3 * np.sqrt(x[:, :1])
+            root = np.sqrt(level)
+        return Motion(np.hstack([level, root]), delta.status)
 
     def output(self, k, delta, x, v):
         """Measure the level."""

@@ -1,0 +1,50 @@
+"""Containment of exceptions: a component that raises costs its own runs, not those of its block."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from rmpc_bench.execution.engines.failures import failed, failure_of
+from rmpc_bench.execution.engines.tasks import Done, Task, work
+from rmpc_bench.simulation.scenario import Experiment
+
+
+def contained(
+    experiments: Sequence[Experiment], task: Task, is_fatal: Callable[[BaseException], bool]
+) -> Iterator[Done]:
+    """Do one task, in parts if a component raises: halves are repeated until the run that raises is alone.
+
+    The runs of a block do not depend on each other, so a repeated run has the same numbers.
+
+    Parameters
+    ----------
+    experiments : one per point of the sweep
+    task : what to do
+    is_fatal : whether an exception ends this process, such as a real Ctrl-C; every other one is of a component
+
+    Yields
+    ------
+    the finished parts, in the order of the runs
+    """
+    try:
+        done = work(experiments, task)
+    except BaseException as error:
+        if is_fatal(error):
+            raise
+        parts = _halves(task)
+        failure = failure_of(error, experiments[task.point], task.first) if not parts else None
+    else:
+        yield done
+        return
+    # Outside of the handler: the exception keeps the arrays of the block alive.
+    if failure is not None:
+        yield failed(experiments, task, failure)
+    for part in parts:
+        yield from contained(experiments, part, is_fatal)
+
+
+def _halves(task: Task) -> list[Task]:
+    middle = (task.first + task.stop) // 2
+    if middle == task.first:
+        return []
+    return [task._replace(stop=middle), task._replace(first=middle)]

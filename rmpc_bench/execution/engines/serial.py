@@ -1,0 +1,27 @@
+"""The engine without worker processes: a component that ends its process ends the experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+
+from rmpc_bench.execution.engines.contained import contained
+from rmpc_bench.execution.engines.tasks import Done, Task, forget_draws
+from rmpc_bench.execution.interrupts import noted
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.threads import single_thread
+
+
+def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generator[Done]:
+    """Do the tasks in this process, one after the other.
+
+    Parameters
+    ----------
+    experiments : one per point of the sweep
+    tasks : what to do
+    """
+    try:
+        with single_thread(), noted() as signals:
+            for task in tasks:
+                yield from contained(experiments, task, lambda error: bool(signals))
+    finally:
+        forget_draws()

@@ -1,0 +1,114 @@
+"""The unit of work: one method over a range of runs."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import PurePath
+from typing import NamedTuple, TextIO
+
+from rmpc_bench.simulation.checked_calls import is_own
+from rmpc_bench.simulation.closed_loop import Block, simulate_block
+from rmpc_bench.simulation.own_draws import own_draws
+from rmpc_bench.simulation.scenario import Draws, Experiment
+from rmpc_bench.types import Method
+
+
+class Task(NamedTuple):
+    """One method over a range of runs, at one point of a sweep."""
+
+    method: str
+    first: int
+    stop: int
+    point: int = 0
+
+    @property
+    def runs(self) -> range:
+        """Indices of the runs."""
+        return range(self.first, self.stop)
+
+
+class Done(NamedTuple):
+    """A finished task, or a finished part of a task."""
+
+    task: Task
+    block: Block
+    uncertainty: list[dict[str, float]]
+
+
+def work(experiments: Sequence[Experiment], task: Task) -> Done:
+    """Do one task.
+
+    Parameters
+    ----------
+    experiments : one per point of the sweep
+    task : what to do
+    """
+    experiment = experiments[task.point]
+    method = experiment.method(task.method)
+    counts = Counter[str]()
+    with _counted_warnings(counts) if has_own_code(experiment, method) else nullcontext():
+        draws = _drawn(experiment, task.runs)
+        # The plant may write into its record, and a component into its arguments, so every method gets copies.
+        own = own_draws(experiment.scenario, experiment.plant, task.runs, experiment.n_steps, draws)
+        block = simulate_block(experiment, method, task.runs, own)
+    block.journal.warnings.update(counts)
+    return Done(task, block, _uncertain_values(experiment, task.runs, draws))
+
+
+def has_own_code(experiment: Experiment, method: Method) -> bool:
+    """Whether a component that takes part in the runs of a method has a class that is not one of the bench."""
+    scenario = experiment.scenario
+    noises = (*scenario.x0_noise, *scenario.process, *scenario.measurement)
+    return any(map(is_own, (experiment.plant, *method[1:], scenario.reference, *noises, *experiment.metrics)))
+
+
+@contextmanager
+def _counted_warnings(counts: Counter[str]) -> Iterator[None]:
+    """Count warnings by their text and line, instead of printing them."""
+
+    def count(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        counts[f"{category.__name__}: {message} ({PurePath(filename).name}:{lineno})"] += 1
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = count
+        yield
+
+
+def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list[dict[str, float]]:
+    """Values that are constant during a run: named quantities, times of bursts, and constants that the plant draws."""
+    drawn = experiment.plant.drawn(draws.delta)
+    return [
+        named_values(experiment, run) | {name: float(values[row]) for name, values in drawn.items()}
+        for row, run in enumerate(runs)
+    ]
+
+
+def named_values(experiment: Experiment, run: int) -> dict[str, float]:
+    """Draw the named uncertain quantities and the times of random bursts of one run, without the plant."""
+    return experiment.scenario.named_values(run) | experiment.scenario.burst_values(run)
+
+
+_last_draw: list[tuple[Experiment, range, Draws]] = []
+"""One-entry cache of the last random draw in this process: the methods of a block follow each other and get copies."""
+
+
+def _drawn(experiment: Experiment, runs: range) -> Draws:
+    if not (_last_draw and _last_draw[0][0] is experiment and _last_draw[0][1] == runs):
+        _last_draw[:] = [(experiment, runs, experiment.scenario.draw(experiment.plant, runs, experiment.n_steps))]
+    return _last_draw[0][2]
+
+
+def forget_draws() -> None:
+    """Empty the cache of the last random draw."""
+    _last_draw.clear()

@@ -1,0 +1,83 @@
+"""Tables of the trial store for what happened in the runs: failures, held steps, warnings and durations."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rmpc_bench.execution.durations import Durations
+from rmpc_bench.types import Journal, RunFailure, Status
+
+_WORDS = {int(status): status.word for status in Status}
+Read = Callable[[str, tuple[Any, ...]], list[Any]]
+
+
+def journal_rows(method: str, runs: Sequence[int], journal: Journal) -> list[tuple[str, list[tuple[Any, ...]]]]:
+    """Return the statements that store the journal of a block in place of what an earlier one has stored.
+
+    Warnings and durations belong to a block.  Those of an earlier block that shares a run with it are deleted, so that
+    no call counts twice.
+
+    Parameters
+    ----------
+    method : hash of the method
+    runs : indices of the runs
+    journal : what happened in them
+    """
+    one_by_one = [(method, run) for run in runs]
+    first, stop = min(runs), max(runs) + 1
+    failures = [
+        (method, run, _WORDS[failure.status], json.dumps(failure._asdict(), default=str))
+        for run, failure in journal.failures.items()
+    ]
+    durations = {phase: Durations.of(seconds) for phase, seconds in journal.seconds.items() if seconds}
+    return [
+        ("DELETE FROM failures WHERE method = ? AND run = ?", one_by_one),
+        ("DELETE FROM held WHERE method = ? AND run = ?", one_by_one),
+        ("DELETE FROM warnings WHERE method = ? AND first < ? AND stop > ?", [(method, stop, first)]),
+        ("DELETE FROM durations WHERE method = ? AND first < ? AND stop > ?", [(method, stop, first)]),
+        ("INSERT INTO failures VALUES (?, ?, ?, ?)", failures),
+        ("INSERT INTO held VALUES (?, ?, ?)", [(method, run, n) for run, n in journal.held.items() if n]),
+        (
+            "INSERT INTO warnings VALUES (?, ?, ?, ?, ?)",
+            [(method, first, stop, text, n) for text, n in journal.warnings.items()],
+        ),
+        (
+            "INSERT INTO durations VALUES (?, ?, ?, ?, ?, ?)",
+            [
+                (method, first, stop, phase, part.largest, json.dumps(sorted(part.counts.items())))
+                for phase, part in durations.items()
+            ],
+        ),
+    ]
+
+
+def read_failures(read: Read, method: str, n_runs: int) -> list[RunFailure]:
+    """Return the stored failures of a method, in the order of the runs.
+
+    Parameters
+    ----------
+    read : runs a query
+    method : hash of the method
+    n_runs : runs from this one on are left out
+    """
+    rows = read("SELECT failure FROM failures WHERE method = ? AND run < ? ORDER BY run", (method, n_runs))
+    return [RunFailure(**json.loads(text)) for (text,) in rows]
+
+
+def read_durations(read: Read, method: str, n_runs: int) -> dict[str, Durations]:
+    """Return the stored durations of a method by component and phase.
+
+    Parameters
+    ----------
+    read : runs a query
+    method : hash of the method
+    n_runs : blocks from this run on are left out
+    """
+    found: dict[str, Durations] = {}
+    query = "SELECT phase, largest, counts FROM durations WHERE method = ? AND first < ? ORDER BY phase, first"
+    for phase, largest, counts in read(query, (method, n_runs)):
+        found.setdefault(phase, Durations()).add(Durations(Counter(dict(json.loads(counts))), largest))
+    return found

@@ -1,0 +1,219 @@
+"""Checks of what a component returns at every call, for components that are not built in.
+
+A wrong shape, dtype or status would otherwise be broadcast to other runs, or show as an error somewhere else.  The
+floating-point warnings that the simulation switches off are switched on again during these calls, as long as no run of
+the block has failed: a component goes on with the rows of failed runs, whose numbers mean nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+
+from rmpc_bench.types import (
+    Array,
+    Command,
+    Controller,
+    Estimate,
+    Estimator,
+    Method,
+    Metric,
+    Motion,
+    Plant,
+    Record,
+    Status,
+    as_command,
+    as_estimate,
+    as_motion,
+)
+
+_STATUSES = frozenset(int(status) for status in Status)
+_NUMBERS = "fiub"
+
+
+class WrongAnswer(Exception):
+    """A component returned something else than its contract says."""
+
+
+def is_own(design: Any) -> bool:
+    """Whether the class of a design is not one of the bench."""
+    return type(design).__module__.partition(".")[0] != "rmpc_bench"
+
+
+def checked_calls(plant: Plant, method: Method, alive: Bool[Array, " runs"]) -> tuple[Any, Any, Any]:
+    """Return plant, estimator and controller for the loop: built-in ones as they are, others with checked answers.
+
+    Parameters
+    ----------
+    plant, method : the components
+    alive : whether a run has not failed, updated in place
+    """
+    _, estimator, controller = method
+    return (
+        CheckedPlant(plant, alive) if is_own(plant) else plant,
+        CheckedEstimator(estimator, alive) if is_own(estimator) else estimator,
+        CheckedController(controller, alive, plant.nu) if is_own(controller) else controller,
+    )
+
+
+def metric_values(metric: Metric, record: Record) -> Array:
+    """Evaluate a metric and check the shape of its values.
+
+    Raises
+    ------
+    WrongAnswer
+        If it does not return one number per run.
+    """
+    values = metric.evaluate(record)
+    if is_own(metric):
+        _check_array(values, f"evaluate of the metric {metric.name!r}", "values", (len(record.y),))
+    return values
+
+
+class _Checked:
+    """What the checked calls of all components share."""
+
+    def __init__(self, alive: Bool[Array, " runs"]) -> None:
+        self._alive, self._n = alive, len(alive)
+
+    def _floating(self) -> np.errstate:
+        return np.errstate(all="warn" if self._alive.all() else "ignore")
+
+
+class CheckedPlant(_Checked):
+    """The calls of a plant in the loop.
+
+    Parameters
+    ----------
+    plant : what is called
+    alive : whether a run of the block has not failed, updated in place
+    """
+
+    def __init__(self, plant: Plant, alive: Bool[Array, " runs"]) -> None:
+        super().__init__(alive)
+        self._plant = plant
+
+    def output(self, k: int, delta: Any, x: Array, v: Array) -> Array:
+        """Return the checked output."""
+        with self._floating():
+            y = self._plant.output(k, delta, x, v)
+        _check_array(y, "output", "y", (self._n, self._plant.ny))
+        return y
+
+    def step(self, k: int, delta: Any, x: Array, u: Array, w: Array) -> Motion:
+        """Return the checked motion."""
+        with self._floating():
+            answer = self._plant.step(k, delta, x, u, w)
+        _check_answer(answer, "step", Motion, "x or Motion(x, status)")
+        motion = as_motion(answer)
+        _check_array(motion.x, "step", "x", (self._n, self._plant.nx))
+        _check_status(motion.status, "step", self._n)
+        return motion
+
+
+class CheckedEstimator(_Checked):
+    """The calls of an estimator in the loop.
+
+    Parameters
+    ----------
+    estimator : what is called
+    alive : whether a run of the block has not failed, updated in place
+    """
+
+    def __init__(self, estimator: Estimator, alive: Bool[Array, " runs"]) -> None:
+        super().__init__(alive)
+        self._estimator, self._nx = estimator, -1
+
+    def correct(self, k: int, state: Any, y: Array) -> tuple[Any, Estimate]:
+        """Return the checked estimate."""
+        with self._floating():
+            answer = self._estimator.correct(k, state, y)
+        state, second = _pair(answer, "correct", "(state, x_hat) or (state, Estimate)")
+        _check_answer(second, "correct", Estimate, "(state, x_hat) or (state, Estimate)")
+        estimate = as_estimate(second)
+        width = np.shape(estimate.x_hat)[-1:] if self._nx < 0 else (self._nx,)
+        _check_array(estimate.x_hat, "correct", "x_hat", (self._n, *width) if width else (self._n, 1))
+        self._nx = nx = estimate.x_hat.shape[1]
+        for name, matrix in (("P", estimate.P), ("M", estimate.M)):
+            if matrix is not None:
+                _check_array(matrix, "correct", name, (nx, nx), (self._n, nx, nx))
+        _check_status(estimate.status, "correct", self._n)
+        _check_info(estimate.info, "correct", self._n)
+        return state, estimate
+
+    def predict(self, k: int, state: Any, u: Array) -> Any:
+        """Return the state at k+1, which only the estimator itself can read."""
+        with self._floating():
+            return self._estimator.predict(k, state, u)
+
+
+class CheckedController(_Checked):
+    """The calls of a controller in the loop.
+
+    Parameters
+    ----------
+    controller : what is called
+    alive : whether a run of the block has not failed, updated in place
+    nu : number of inputs of the plant
+    """
+
+    def __init__(self, controller: Controller, alive: Bool[Array, " runs"], nu: int) -> None:
+        super().__init__(alive)
+        self._controller, self._nu = controller, nu
+
+    def control(self, k: int, state: Any, y: Array, estimate: Estimate, r: Array) -> tuple[Any, Command]:
+        """Return the checked input."""
+        with self._floating():
+            answer = self._controller.control(k, state, y, estimate, r)
+        state, second = _pair(answer, "control", "(state, u) or (state, Command)")
+        _check_answer(second, "control", Command, "(state, u) or (state, Command)")
+        command = as_command(second)
+        _check_array(command.u, "control", "u", (self._n, self._nu))
+        _check_status(command.status, "control", self._n)
+        _check_info(command.info, "control", self._n)
+        return state, command
+
+
+def _pair(answer: Any, call: str, right: str) -> tuple[Any, Any]:
+    if not (isinstance(answer, tuple) and len(answer) == 2):
+        raise WrongAnswer(f"{call} returned {_described(answer)}; it must return {right}")
+    return answer
+
+
+def _check_answer(answer: Any, call: str, record: type, right: str) -> None:
+    if not isinstance(answer, record | np.ndarray | list):
+        raise WrongAnswer(f"{call} returned {_described(answer)}; it must return {right}")
+
+
+def _check_array(value: Any, call: str, name: str, *shapes: tuple[int, ...]) -> None:
+    fits = isinstance(value, np.ndarray) and value.dtype.kind in _NUMBERS and value.shape in shapes
+    if not fits:
+        right = " or ".join(map(str, shapes))
+        raise WrongAnswer(f"{call} returned {name} as {_described(value)}; it must be an array of numbers {right}")
+
+
+def _check_status(status: Any, call: str, n_runs: int) -> None:
+    right = isinstance(status, np.ndarray) and status.dtype.kind in "iu" and status.shape == (n_runs,)
+    if not right:
+        wrong = _described(status)
+        raise WrongAnswer(f"{call} returned the status as {wrong}; it must be an array of integers ({n_runs},)")
+    if status.any() and (unknown := set(status.tolist()) - _STATUSES):
+        raise WrongAnswer(f"{call} returned the status {min(unknown)}; the statuses are 0 to {max(_STATUSES)}")
+
+
+def _check_info(info: Any, call: str, n_runs: int) -> None:
+    if not hasattr(info, "items"):
+        raise WrongAnswer(f"{call} returned info as {_described(info)}; it must be a mapping of arrays")
+    for name, value in info.items():
+        if not (isinstance(value, np.ndarray) and value.dtype.kind in _NUMBERS and value.shape[:1] == (n_runs,)):
+            raise WrongAnswer(
+                f"{call} returned info[{name!r}] as {_described(value)}; axis 0 of the array must be the run ({n_runs})"
+            )
+
+
+def _described(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.dtype} of shape {value.shape}"
+    return "None" if value is None else f"an object of type {type(value).__name__}"
