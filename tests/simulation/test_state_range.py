@@ -89,6 +89,8 @@ def test_an_unstable_run_fails_and_the_others_have_the_same_bits(rng):
 class Tank(Walk):
     """A tank that drains by the root of its level: below 0 its numbers have no meaning."""
 
+    nx = 2
+
     def step(self, k, delta, x, u, w):
         """Drain, and put the root of a negative level into a second state."""
         with np.errstate(invalid="ignore"):
