@@ -9,7 +9,7 @@ from components.one_run import MODEL, Fixed, Textbook, designed
 
 from rmpc_bench import Controller, Estimator, Metric, single_run
 from rmpc_bench.components.single_run import design_function, is_single_run
-from rmpc_bench.config.schema import model_of, validate
+from rmpc_bench.config.schema import keys_of, validate
 from rmpc_bench.config.tree import Map, Mark
 from rmpc_bench.registry import _REGISTERED
 from rmpc_bench.types import Command, DesignError, Positive, as_command, as_estimate, as_motion
@@ -99,12 +99,11 @@ def registered():
     def add(group, component):
         _REGISTERED[group]["mine"] = design_function(group, component)
         names.append(group)
-        model_of.cache_clear()
+        return keys_of(group, "mine", _REGISTERED[group]["mine"])
 
     yield add
     for group in names:
         del _REGISTERED[group]["mine"]
-    model_of.cache_clear()
 
 
 @single_run
@@ -123,9 +122,8 @@ class Tuned(Fixed):
 
 def test_parameters_of_init_are_keys(registered):
     """Oracle: the problems of a built-in component: missing, unknown, out of range, quantities, defaults."""
-    registered("estimators", Tuned)
     problems = []
-    kind = model_of("estimators", "mine")
+    kind = registered("estimators", Tuned)
     mark = Mark("x.yaml", 1, 1)
     checked = validate(kind, Map({"gain": "2*pi", "max_held": "5%"}, mark=mark), ["e"], problems)
     assert problems == [] and (checked.gain, checked.Ne, checked.on_failure, checked.max_held) == (
