@@ -11,6 +11,8 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from rmpc_bench import notices
+
 if TYPE_CHECKING:
     from rmpc_bench.types import Controller, Estimator, Model, Plant
 
@@ -129,7 +131,7 @@ def singular(group: str) -> str:
 
 
 def register(group: str, name: str, design: DesignFunction) -> None:
-    """Add a component under a name.
+    """Add a component under a name; a changed one replaces the earlier one, with a line on stderr.
 
     Parameters
     ----------
@@ -140,13 +142,17 @@ def register(group: str, name: str, design: DesignFunction) -> None:
     Raises
     ------
     ValueError
-        If the group is not one, or the name is taken by another design.
+        If the group is not one, or the name is that of a built-in component.
     """
     group = group if group in BUILT_IN else group + "s"
     if group not in BUILT_IN:
         raise ValueError(f"{group!r} is not a group of components; there are {', '.join(BUILT_IN)}")
-    if name in BUILT_IN[group] or _REGISTERED[group].get(name, design) is not design:
-        raise ValueError(f"{name!r} is taken by another {singular(group)}")
+    if name in BUILT_IN[group]:
+        raise ValueError(f"{name!r} is a built-in {singular(group)}; choose another name")
+    if _REGISTERED[group].get(name, design) is not design:
+        notices.say(f"{singular(group)} {name!r}: the new definition replaces the earlier one")
+    elif name not in _REGISTERED[group] and name in _entry_points(group):
+        notices.say(f"{singular(group)} {name!r}: replaces the one of an installed package")
     _REGISTERED[group][name] = design
 
 
@@ -209,4 +215,9 @@ def controller(kind: str, *args: Any, **parameters: Any) -> Controller:
 def _entry_points(group: str) -> dict[str, Any]:
     from importlib.metadata import entry_points
 
-    return {point.name: point for point in entry_points(group=f"rmpc_bench.{group}")}
+    found = {point.name: point for point in entry_points(group=f"rmpc_bench.{group}")}
+    for name in sorted({*found} & {*BUILT_IN[group]}):
+        package = found.pop(name).dist
+        owner = "" if package is None else f" of {package.name}"
+        notices.say(f"the {singular(group)} {name!r}{owner} is not used: a built-in one has that name")
+    return found

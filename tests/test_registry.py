@@ -5,7 +5,7 @@ import inspect
 import pytest
 
 from rmpc_bench import registry
-from rmpc_bench.config.schema import PROVIDED
+from rmpc_bench.config.schema import PROVIDED, model_of
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
 
@@ -69,12 +69,24 @@ def test_register_the_same_design_twice(clean):
     registry.register("estimator", "half", design)
 
 
-@pytest.mark.parametrize("name", ["kalman", "half"])
-def test_register_refuses_a_taken_name(clean, name):
-    """Neither a built-in part nor another design is replaced in silence."""
+def test_register_refuses_a_built_in_name(clean):
+    """A configuration means the same everywhere."""
+    with pytest.raises(ValueError, match="'kalman' is a built-in estimator; choose another name"):
+        registry.register("estimator", "kalman", lambda: None)
+
+
+def test_register_a_changed_design_replaces_it_with_a_line(clean, capsys):
+    """After a cell of a notebook was edited, its class counts, and its keys are read again."""
     registry.register("estimator", "half", design)
-    with pytest.raises(ValueError, match=f"'{name}' is taken by another estimator"):
-        registry.register("estimator", name, lambda: None)
+    assert "gain" in model_of("estimators", "half").model_fields
+    assert capsys.readouterr().err == ""
+
+    def changed(model, n_steps, *, x0, P0, weight: float = 0.5): ...
+
+    registry.register("estimator", "half", changed)
+    assert capsys.readouterr().err == "estimator 'half': the new definition replaces the earlier one\n"
+    assert registry.get("estimators", "half") is changed
+    assert [*model_of("estimators", "half").model_fields] == ["weight"]
 
 
 def test_register_refuses_an_unknown_group(clean):

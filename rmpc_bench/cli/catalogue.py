@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 
 from rmpc_bench import registry
-from rmpc_bench.cli import exits
+from rmpc_bench.cli import exits, own_code
 
 if TYPE_CHECKING:
+    from rmpc_bench.components.code import CodeReference
     from rmpc_bench.config.experiment_config import ExperimentConfig
 
 NOMINAL = {"Ts": 0.1, "n_steps": 1}
@@ -27,15 +28,25 @@ NEAR = 0.7
 """Similarity from which on GROUP/NAME is treated as a misspelt configuration and not as an unknown group."""
 
 
+_LISTS = (*registry.BUILT_IN, "functions", "configs")
+
+
 @click.command(name="list")
-@click.argument("group", required=False, type=click.Choice([*registry.BUILT_IN, "functions", "configs"]))
+@click.argument("group", required=False, metavar=f"[{'|'.join(_LISTS)}|FILE.py]")
+@own_code.import_option
 @exits.guarded
 def list_(group: str | None) -> int:
     """List the names a configuration may use.
 
-    Without GROUP all of them; `functions` are those of claims, `configs` lists the files under configs.
+    Without an argument all of them; `functions` are those of claims, `configs` lists the files under configs.  FILE.py
+    lists the components that a Python file defines.
     """
-    for name in [group] if group else [*registry.BUILT_IN, "functions", "configs"]:
+    if group and group.endswith(".py"):
+        click.echo("\n".join(own_code.entries(group)))
+        return 0
+    if group and group not in _LISTS:
+        raise click.BadParameter(registry.unknown(group, _LISTS, "list"))
+    for name in [group] if group else _LISTS:
         if not group:
             click.echo(f"{name}:")
         entries = _entries(name)
@@ -57,18 +68,24 @@ def _configs() -> list[str]:
 
 
 @click.command()
-@click.argument("name", metavar="[GROUP/]NAME|CONFIG")
+@click.argument("name", metavar="[GROUP/]NAME|[GROUP/]FILE.py:NAME|CONFIG")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Also draw the plant (.svg .png .pdf).")
+@own_code.allow_code_option
+@own_code.import_option
 @exits.guarded
-def describe(name: str, plot: Path | None) -> int:
+def describe(name: str, plot: Path | None, allow_code: tuple[Path, ...]) -> int:
     """Show what a component is, its source, and its keys.
 
     For a configuration (a file, or its name below configs): the plant and its known properties, the noise, the initial
     state and the methods.
     """
+    own = own_code.named_component(name)
+    if own is not None:
+        _show_own(*own)
+        return 0
     found = _find(name)
     if not found:
-        _describe_config(name, plot)
+        _describe_config(name, plot, allow_code)
         return 0
     if plot is not None:
         _plot(name, [panel for group, kind in found for panel in _panels(group, kind)], plot)
@@ -79,10 +96,10 @@ def describe(name: str, plot: Path | None) -> int:
     return 0
 
 
-def _describe_config(name: str, plot: Path | None) -> None:
+def _describe_config(name: str, plot: Path | None, allow_code: Sequence[Path]) -> None:
     from rmpc_bench.config.load import load_config
 
-    config = load_config(_config(name))
+    config = load_config(_config(name), allow_code=allow_code)
     if plot is not None:
         _plot(name, config.experiment.plant.plots(), plot)
     click.echo("\n".join(_config_lines(config)))
@@ -225,11 +242,29 @@ EVERY_PLANT = """Every plant also has the keys
         the largest of 1, its initial value and the reference)"""
 
 
-def _show(group: str, kind: str) -> None:
-    from rmpc_bench.config.key_meanings import key_meanings, meanings_in
-    from rmpc_bench.config.schema import model_of
+def _show_own(group: str, reference: CodeReference) -> None:
+    """Show a component from a file of the user."""
+    from rmpc_bench.components.code import CodeError
+    from rmpc_bench.components.designs import loaded_design
+    from rmpc_bench.components.loading import user_code
 
-    design = registry.get(group, kind)
+    try:
+        with user_code(reference.path):
+            _show_design(group, reference.text, loaded_design(group, reference))
+    except CodeError as error:
+        raise click.BadParameter(error.line) from None
+
+
+def _show(group: str, kind: str) -> None:
+    from rmpc_bench.components.designs import registered_design
+
+    _show_design(group, kind, registered_design(group, kind))
+
+
+def _show_design(group: str, kind: str, design: Any) -> None:
+    from rmpc_bench.config.key_meanings import key_meanings, meanings_in
+    from rmpc_bench.config.schema import keys_of
+
     click.echo(f"{group}/{kind}")
     module = inspect.getmodule(inspect.unwrap(design))
     doc = inspect.getdoc(design) or ""
@@ -237,7 +272,7 @@ def _show(group: str, kind: str) -> None:
         if text:
             click.echo(f"\n{text}")
     meanings = key_meanings(design)
-    fields = model_of(group, kind).model_fields
+    fields = keys_of(group, kind, design).model_fields
     if fields:
         click.echo("\nKeys")
     nested = _records(design, fields)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rmpc_bench.cli import exits
+from rmpc_bench.cli import exits, own_code
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -26,8 +26,10 @@ MAX_WIDTH = 130
     is_flag=True,
     help="Add the mismatch of plant and design model, and warnings on stability and convergence.",
 )
+@own_code.allow_code_option
+@own_code.import_option
 @exits.guarded
-def check(configs: tuple[Path, ...], deep: bool) -> int:
+def check(configs: tuple[Path, ...], deep: bool, allow_code: tuple[Path, ...]) -> int:
     """Validate configurations; show plant and design model, differences between the methods, assumptions and cost."""
     from rmpc_bench.config.load import load_config
     from rmpc_bench.types import ConfigError
@@ -35,7 +37,7 @@ def check(configs: tuple[Path, ...], deep: bool) -> int:
     code = 0
     for path in configs:
         try:
-            config = load_config(path)
+            config = load_config(path, allow_code=allow_code)
             lines = _describe(path, config)
             if deep:
                 from rmpc_bench.cli.mismatch import mismatch_lines

@@ -89,10 +89,21 @@ def _explain(error: BaseException) -> int:
         return _say(error, OCCUPIED)
     if isinstance(error, WriteError):
         return _say(f"results cannot be written: {error}; what was stored before is intact", CANNOT_WRITE)
+    own = _own_code(error)
+    if own:
+        return _say(own, USAGE)
     if isinstance(error, OSError):
         return _say(f"results cannot be written: {error}; stored trials are intact", CANNOT_WRITE)
     traceback.print_exception(error)
     return _say("internal error; this is a bug, please report it with the lines above", INTERNAL)
+
+
+def _own_code(error: BaseException) -> str:
+    """Describe an error that comes from code of the user, with its line there; empty for any other."""
+    from rmpc_bench.components.loading import described, place_of
+
+    place = place_of(error)
+    return "" if place is None else f"{place.file}:{place.line}: {described(error)}"
 
 
 def _say(what: Any, code: int) -> int:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rmpc_bench.cli import exits
+from rmpc_bench.cli import exits, own_code
 from rmpc_bench.execution.interrupts import held
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ class Request:
     fresh: bool
     dry_run: bool
     progress: str
+    allow_code: tuple[Path, ...]
 
     def changes(self) -> list[str]:
         """Options that change what is computed."""
@@ -64,7 +65,15 @@ class Request:
 
     def command(self, directory: Path) -> str:
         """Return the same command for another directory."""
-        return " ".join(["rmpc-bench run", shlex.quote(str(self.config)), *self.changes(), f"-o {directory}"])
+        allowed = [f"--allow-code {shlex.quote(str(path))}" for path in self.allow_code]
+        return " ".join(["rmpc-bench run", shlex.quote(str(self.config)), *self.changes(), *allowed, f"-o {directory}"])
+
+    def load(self, *, overridden: bool = True) -> ExperimentConfig:
+        """Load the configuration, with or without the overrides and the number of runs."""
+        from rmpc_bench.config.load import load_config
+
+        changes: dict[str, Any] = {"overrides": self.overrides, "runs": self.runs} if overridden else {}
+        return load_config(self.config, smoke=self.smoke, allow_code=self.allow_code, **changes)
 
 
 @click.command()
@@ -79,6 +88,8 @@ class Request:
 @click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
 @click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
 @click.option("--progress", type=click.Choice(["auto", "bar", "plain", "none"]), default="auto", show_default=True)
+@own_code.allow_code_option
+@own_code.import_option
 @exits.guarded
 def run(**options: Any) -> int:
     """Run an experiment, or continue it, and write its results.
@@ -91,15 +102,15 @@ def run(**options: Any) -> int:
     with held():
         import scipy.linalg  # noqa: F401
 
+        import rmpc_bench.config.load  # noqa: F401
         from rmpc_bench.cli.run_warnings import warning_texts
-        from rmpc_bench.config.load import load_config
         from rmpc_bench.execution.database import StoreError
         from rmpc_bench.execution.progress import choose
         from rmpc_bench.execution.publish import publish
         from rmpc_bench.execution.results import run as run_experiment
 
     request = Request(**options)
-    config = load_config(request.config, overrides=request.overrides, runs=request.runs, smoke=request.smoke)
+    config = request.load()
     for text in warning_texts(config):
         click.echo(f"warning: {text}", err=True)
     _check_names(request.only, config)
@@ -136,10 +147,8 @@ def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
 
 def _directory(request: Request, config: ExperimentConfig) -> Path:
     """Default directory; an override that changes the experiment gets one of its own."""
-    from rmpc_bench.config.load import load_config
-
     name = config.name
-    if request.overrides and load_config(request.config, smoke=request.smoke).full_hash != config.full_hash:
+    if request.overrides and request.load(overridden=False).full_hash != config.full_hash:
         name = f"{name}~{config.full_hash[:6]}"
     parent = Path("results") / ("smoke" if request.smoke else "") / (config.paper or "")
     if name != config.name:

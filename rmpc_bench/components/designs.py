@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.code import CodeError, CodeReference
 from rmpc_bench.components.loading import load
+from rmpc_bench.components.single_run import design_function
+from rmpc_bench.types.errors import DesignError
 
 DesignFunction = Callable[..., Any]
 
@@ -25,9 +27,14 @@ def registered_design(group: str, kind: str) -> DesignFunction:
     ----------
     group : of the registry
     kind : a name of `registry.names`
+
+    Raises
+    ------
+    CodeError
+        If what is registered is no component.
     """
     design = registry.get(group, kind)
-    return design if is_built_in(group, kind) else design_function(group, design)
+    return design if is_built_in(group, kind) else _design(group, design, kind)
 
 
 def loaded_design(group: str, reference: CodeReference) -> DesignFunction:
@@ -38,16 +45,17 @@ def loaded_design(group: str, reference: CodeReference) -> DesignFunction:
     CodeError
         If the file cannot be imported, has no such name, or the name is no component.
     """
-    found = load(reference)
-    if not callable(found):
-        kind, noun = type(found).__name__, registry.singular(group)
-        if inspect.ismodule(found):
-            kind = "module"
-        raise CodeError(f"{reference.text} is a {kind}, not a class or a function that makes a {noun}")
+    return _design(group, load(reference), reference.text)
+
+
+def _design(group: str, found: Any, name: str) -> DesignFunction:
+    try:
+        return _cached(group, found)
+    except DesignError as error:
+        raise CodeError(f"{name}: {error}") from None
+
+
+@cache
+def _cached(group: str, found: Any) -> DesignFunction:
+    """One function for every component, since the keys of a function are read once."""
     return design_function(group, found)
-
-
-def design_function(group: str, found: Any) -> DesignFunction:
-    """Return the function that makes the design."""
-    made: DesignFunction = found
-    return made

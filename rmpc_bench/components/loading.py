@@ -13,7 +13,7 @@ from types import FrameType, ModuleType, TracebackType
 from typing import Any
 
 from rmpc_bench.components.code import CodeError, CodeReference, Place
-from rmpc_bench.components.private_modules import file_of, is_private, is_source, package_of
+from rmpc_bench.components.private_modules import file_of, is_private, is_source, module_name, package_of
 from rmpc_bench.types.errors import ConfigError, DesignError
 from rmpc_bench.types.issue import unknown
 
@@ -56,10 +56,8 @@ def module_of(path: Path) -> ModuleType:
         If it cannot be imported.
     """
     package = package_of(path.parent)
-    if not path.stem.isidentifier():
-        raise CodeError(f"{path.name} is no name of a module: letters, digits and _, beginning with a letter or _")
     with user_code(path):
-        return import_module(f"{package.name}.{path.stem}")
+        return import_module(f"{package.name}.{module_name(path.stem)}")
 
 
 def reference_of(design: Any) -> CodeReference | None:

@@ -24,6 +24,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 PREFIX = "_rmpc_bench_code_"
+_ENCODED = "file_"
 _numbers = count(1)
 
 
@@ -93,6 +94,25 @@ def is_source(file: str) -> bool:
     return any(file in package.sources for package in _packages.values())
 
 
+def module_name(stem: str) -> str:
+    """Return the name of the module for a file without its ending; it may have blanks, points and hyphens.
+
+    Examples
+    --------
+    >>> module_name("tanks"), module_name("tanks-2")
+    ('tanks', 'file_74616e6b732d32')
+    """
+    return stem if stem.isidentifier() else f"{_ENCODED}{stem.encode().hex()}"
+
+
+def _stem(name: str) -> str:
+    """Return the name of a file for the name of its module; the inverse of `module_name`."""
+    try:
+        return bytes.fromhex(name.removeprefix(_ENCODED)).decode() if name.startswith(_ENCODED) else name
+    except ValueError:
+        return name
+
+
 class _Finder(MetaPathFinder):
     """Finds the modules of private packages."""
 
@@ -114,7 +134,7 @@ class _Finder(MetaPathFinder):
 
 def _spec(package: Package, fullname: str, directory: Path) -> ModuleSpec | None:
     """Return the spec of a module in a directory."""
-    stem = directory / fullname.rpartition(".")[2]
+    stem = directory / _stem(fullname.rpartition(".")[2])
     file, inside = stem / "__init__.py", [str(stem)]
     if not _exists(package, file):
         file, inside = stem.with_name(f"{stem.name}.py"), []

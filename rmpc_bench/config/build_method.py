@@ -109,6 +109,7 @@ class MethodBuilder:
         start = self._start(model)
         info = None if plant is None else PlantInfo.of(plant)
         common = {"model": model, "n_steps": self.n_steps, "Ts": self.time.step, "plant_info": info}
+        common["limits"] = None if info is None else info.limits
         estimator = None
         if components.estimator is not None and start is not None:
             estimator = self._estimator(components, {**common, **start, "plant": plant})
@@ -120,7 +121,7 @@ class MethodBuilder:
                 return None
         elif estimator is None and components.controller.takes("estimator"):
             return None
-        elif info is None and components.controller.takes("plant_info"):
+        elif info is None and _is_informed(components.controller):
             return None
         else:
             controller = components.controller.build(problems, **common, estimator=estimator)
@@ -140,7 +141,7 @@ class MethodBuilder:
         """Build an estimator; methods and points with equal estimators share one."""
         estimator, model = components.estimator, components.model
         assert estimator is not None and model is not None
-        if provided["plant"] is None and (estimator.takes("plant") or estimator.takes("plant_info")):
+        if provided["plant"] is None and (estimator.takes("plant") or _is_informed(estimator)):
             return None
         disclosed, nominal = self._disclosed(components), nominal_plant(self.draft, model)
         description = ["estimator", self.size(), model.resolved(), estimator.resolved(), disclosed, nominal]
@@ -151,5 +152,10 @@ class MethodBuilder:
         plant = self.draft.plant
         oracle = components.estimator is not None and components.estimator.takes("plant")
         parts = (components.estimator, components.controller)
-        informed = any(part is not None and part.takes("plant_info") for part in parts)
+        informed = any(part is not None and _is_informed(part) for part in parts)
         return plant.resolved() if plant is not None and (oracle or informed) else None
+
+
+def _is_informed(component: Component) -> bool:
+    """Whether a component takes nominal data of the plant."""
+    return component.takes("plant_info") or component.takes("limits")

@@ -21,7 +21,7 @@ from rmpc_bench.components.loading import reference_of, user_code
 from rmpc_bench.components.recipes import Recipe, inside
 from rmpc_bench.config.schema import keys_of, keys_with_files, shown, validate
 from rmpc_bench.config.short_forms import FILE, given_forms, with_kind
-from rmpc_bench.config.tree import Map, Mark, join, locate
+from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key
 from rmpc_bench.config.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.types import DesignError, Issue, Problem
@@ -63,7 +63,7 @@ class Component:
         The design, or None where there is a problem.
         """
         taken = inspect.signature(self.design).parameters
-        given = {name: value for name, value in provided.items() if name in taken}
+        given = {name: value for name, value in provided.items() if name in taken and name not in self.parameters}
         recipe = Recipe(self.group, self.design, self.code, given, self.parameters)
         made = self._guarded(lambda: registry.checked(self.group, self.kind, recipe.make(), provided), problems)
         if made is not None and not self.is_built_in:
@@ -101,8 +101,8 @@ class Component:
         return keys_of(self.group, self.kind, self.design)
 
     def takes(self, name: str) -> bool:
-        """Whether the design function has a parameter of this name."""
-        return name in inspect.signature(self.design).parameters
+        """Whether the design function has a parameter of this name that is no key."""
+        return name in inspect.signature(self.design).parameters and name not in self.parameters
 
     def references(self) -> tuple[CodeReference, ...]:
         """Return what the component uses in Python files of the user: its own file, and those that its keys name."""
@@ -185,6 +185,11 @@ def read_component(
             model = keys_of(group, kind, design)
     except CodeError as error:
         problems.append(problem_of(error, kind_mark, join([*path, FILE])))
+        return None
+    if FILE in tree and FILE not in {field.alias or name for name, field in model.model_fields.items()}:
+        problems.append(
+            Problem(*locate_key(tree, [FILE]), join([*path, FILE]), "stands for `kind`; give one of the two")
+        )
         return None
     own = tree.copy()
     for key in ("kind", *ignore):

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rmpc_bench import registry
+from rmpc_bench.components.code import is_reference
 from rmpc_bench.config.component import read_component
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm
 from rmpc_bench.config.schema import shown, validate
@@ -135,7 +136,7 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
     if isinstance(law, Map) and len(law) > 1 and set(law) <= {"same", *kinds}:
         draft.note(path, f"laws add up as a list: {{sum: [{', '.join(f'{{{kind}: ..}}' for kind in law)}]}}")
         return None
-    if isinstance(law, Map) and FILE in law:
+    if isinstance(law, Map) and (FILE in law or is_reference(law.get("kind"))):
         component = read_component("noises", law, path, draft.problems, mark=law.mark, access=draft.access)
         return None if component is None else NoiseTerm(component, None)
     if not isinstance(law, Map) or len(law) != 1 or next(iter(law)) not in ("same", *kinds):

@@ -69,7 +69,8 @@ def assigned(tree: Map, paths: Sequence[str], values: Sequence[SweptValue]) -> M
 
 def _text(value: Any) -> str:
     """Name a value; that of a file that has been read is its name as given."""
-    read = isinstance(value, Map) and isinstance(value.get(FILE), str)
+    # A component from a Python file has a key of the same name, but no plant.
+    read = isinstance(value, Map) and isinstance(value.get(FILE), str) and "plant" in value
     return str(value[FILE]) if read else value_text(plain(value))
 
 
