@@ -267,7 +267,8 @@ def _show_design(group: str, kind: str, design: Any) -> None:
 
     click.echo(f"{group}/{kind}")
     module = inspect.getmodule(inspect.unwrap(design))
-    doc = inspect.getdoc(design) or ""
+    # A class without a docstring of its own inherits that of the base class, which says nothing about it.
+    doc = inspect.getdoc(design) or "" if design.__doc__ else ""
     for text in (inspect.getdoc(module), SECTION.split(doc)[0].rstrip()):
         if text:
             click.echo(f"\n{text}")

@@ -118,7 +118,8 @@ class Component:
     def problem(self, message: str, parameter: str = "") -> Problem:
         """Return a problem of this component, at the parameter to blame."""
         steps = parameter.split(".") if parameter else []
-        return Problem(*locate(self.tree, steps), join([*self.path, *steps]), message)
+        shown_steps = [FILE] if steps == ["kind"] and self.code is not None else steps
+        return Problem(*locate(self.tree, steps), join([*self.path, *shown_steps]), message)
 
     def resolved(self) -> dict[str, Any]:
         """Return the component as plain data with every default filled in."""
@@ -176,6 +177,30 @@ def read_component(
     kind = kind or _kind(group, tree, path, problems)
     if kind is None:
         return None
+    given = _design(group, kind, tree, path, mark, access, problems)
+    if given is None:
+        return None
+    kind, code, design, model = given
+    own = tree.copy()
+    for key in ("kind", *ignore):
+        own.pop(key, None)
+    checked = validate(model, placed(own, keys_with_files(group, kind, design), access), path, problems)
+    if checked is None:
+        return None
+    parameters = {name: getattr(checked, name) for name in type(checked).model_fields}
+    return Component(group, kind, parameters, tree, tuple(path), design, code)
+
+
+def _design(
+    group: str,
+    kind: str,
+    tree: Map,
+    path: Sequence[str | int],
+    mark: tuple[str, int, int],
+    access: CodeAccess,
+    problems: list[Problem],
+) -> tuple[str, CodeReference | None, Callable[..., Any], type[BaseModel]] | None:
+    """Return kind, reference, design function and keys of a component; None where its file cannot be used."""
     kind_mark = locate(tree, ["kind"]) if "kind" in tree else Mark(*mark)
     try:
         code = access.reference(kind, kind_mark.file) if is_reference(kind) else None
@@ -187,18 +212,10 @@ def read_component(
         problems.append(problem_of(error, kind_mark, join([*path, FILE])))
         return None
     if FILE in tree and FILE not in {field.alias or name for name, field in model.model_fields.items()}:
-        problems.append(
-            Problem(*locate_key(tree, [FILE]), join([*path, FILE]), "stands for `kind`; give one of the two")
-        )
+        place = locate_key(tree, [FILE])
+        problems.append(Problem(*place, join([*path, FILE]), "stands for `kind`; give one of the two"))
         return None
-    own = tree.copy()
-    for key in ("kind", *ignore):
-        own.pop(key, None)
-    checked = validate(model, placed(own, keys_with_files(group, kind, design), access), path, problems)
-    if checked is None:
-        return None
-    parameters = {name: getattr(checked, name) for name in type(checked).model_fields}
-    return Component(group, kind, parameters, tree, tuple(path), design, code)
+    return kind, code, design, model
 
 
 def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any) -> Any:
