@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,14 +15,14 @@ from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.execution.evaluation import drawn, figure_component, judge, summarise
+from rmpc_bench.execution.evaluation import judge, summarise
+from rmpc_bench.execution.figure_files import write_figures
 from rmpc_bench.execution.manifest import note_look
 from rmpc_bench.execution.results import Results
-from rmpc_bench.figures.files import save
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 from rmpc_bench.report.summary import Summary, trials_csv, write_csv
-from rmpc_bench.types import Array, DesignError
+from rmpc_bench.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,7 @@ def publish(results: Results, *, to: str | Path | None = None) -> Publication:
     ]
     if len(results.trials.runs) and results.trials.with_verdicts:
         note_look(results.directory, len(results.trials.runs))
-    figures, left_out = _write_figures(results, directory / "figures")
+    figures, left_out = write_figures(results, directory / "figures")
     return Publication(results, directory, (*paths, *figures), tables, verdicts, tuple(left_out))
 
 
@@ -177,23 +176,3 @@ def _experiment(results: Results) -> ExperimentRecord:
         "command": " ".join(["rmpc-bench run", file, *results.overrides]),
         "final": results.is_final,
     }
-
-
-def _write_figures(results: Results, directory: Path) -> tuple[list[Path], list[str]]:
-    """Draw the figures of the experiment; return the files, and what could not be drawn with the reason."""
-    paths: list[Path] = []
-    left_out: list[str] = []
-    counts: Counter[str] = Counter()
-    for number, keys in enumerate(results.experiment.figures):
-        kind = str(keys["kind"])
-        counts[kind] += 1
-        stem = kind if counts[kind] == 1 else f"{kind}-{counts[kind]}"
-        try:
-            component = results.components.get(number) or figure_component(keys)
-            picture = drawn(results, component)
-        except DesignError as error:
-            # A method that the figure shows has not been computed yet.
-            left_out.append(f"{kind}: {error}")
-        else:
-            paths += save(picture.figure, directory, stem)
-    return paths, left_out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,8 +35,7 @@ class Results:
     uncertainty : sweep columns, ``run`` and one column per named uncertain quantity
     n_complete : method -> number of runs that are stored with all metrics, at the point of the sweep with fewest
     other_code : stored rows of other code that are missing in the tables, in words; empty where there are none
-    components : figures of the configuration that can be drawn, by their index; empty for stored results, whose figures
-        are made of their stored keys
+    components : own figures by their index among the figures, loaded by `run`; stored results have none
     """
 
     experiment: StoredExperiment
@@ -127,7 +126,8 @@ def run(
 
     place = default_directory(config) if directory is None else Path(directory)
     compute(config, place, workers=jobs, only=only, progress=progress, modified=config.overrides)
-    return load_results(place)
+    own = {number: figure for number, figure in enumerate(config.figures) if not figure.is_built_in}
+    return replace(load_results(place), components=own)
 
 
 def load_results(directory: str | Path) -> Results:

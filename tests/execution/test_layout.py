@@ -1,0 +1,260 @@
+"""Results are read from the store alone: without designs, a user's code, numba and joblib, and from any place."""
+
+import json
+import shutil
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from small_experiment import cli, ran, spied, text, write
+from uncertain_experiment import write_estimation
+
+from rmpc_bench import compare, load_config, load_results, load_trials, publish, registry, run
+from rmpc_bench.execution.database import MissingError
+
+KEPT = ("trials.sqlite", "manifest.json")
+PARTS = '''
+from dataclasses import dataclass
+from matplotlib.figure import Figure as Picture
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter
+from rmpc_bench.estimators.kalman import design
+from rmpc_bench.types import Figure, Metric
+
+
+def slow(model, n_steps, x0, P0, factor: float = 2.0):
+    """Kalman filter that starts with another covariance."""
+    return design(model, n_steps, x0=x0, P0=factor * P0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peak(Metric):
+    """Largest output."""
+
+    name: str = "peak"
+
+    def evaluate(self, record):
+        return record.y[:, :, 0].max(axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dots(Figure):
+    """Nothing but axes."""
+
+    def draw(self, results):
+        picture = Picture()
+        picture.add_subplot().plot([1.0, 2.0])
+        return picture
+
+
+@dataclass(frozen=True, kw_only=True)
+class Torn(Figure):
+    """A figure with a mistake."""
+
+    def draw(self, results):
+        return 1 / 0
+'''
+OWN = {
+    "methods": "{S-MPC: {estimator: {kind: kalman}}, own: {estimator: {file: 'parts.py:slow', factor: 3}}}",
+    "metrics": "[mse, {file: 'parts.py:Peak'}]",
+    "figures": "[boxplot, {file: 'parts.py:Dots'}, {file: 'parts.py:Torn'}]",
+    "claims": "[{says: small, source: here, check: 'mean(peak[own, controller.Hp=10]) < 1e9'}]",
+    "record": "{runs: 2, signals: [y, x_hat]}",
+    "sweep": "{grid: {controller.Hp: [10, 12]}}",
+}
+
+
+def files(directory):
+    """Return the bytes of all that is derived from the trials, by name."""
+    kept = {*KEPT, "config.yaml", "config.resolved.yaml"}
+    found = [path for path in directory.rglob("*") if path.is_file() and "code" not in path.parts]
+    return {str(path.relative_to(directory)): path.read_bytes() for path in found if path.name not in kept}
+
+
+def moved(directory, there):
+    """Copy only what the trials were stored in to another place."""
+    there.mkdir(parents=True)
+    for name in KEPT:
+        shutil.copy(directory / name, there / name)
+    return there
+
+
+def query(directory, statement):
+    """Execute a statement on the store."""
+    with closing(sqlite3.connect(directory / "trials.sqlite")) as connection, connection:
+        return connection.execute(statement).fetchall()
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """Return the directory of an experiment with a user's estimator, metric and figures, whose file is gone."""
+    place = tmp_path_factory.mktemp("own")
+    (place / "parts.py").write_text(PARTS, encoding="utf-8")
+    written = publish(run(load_config(write(place, **OWN)), directory=place / "out", jobs=1))
+    (place / "parts.py").unlink()
+    (place / "tiny.yaml").unlink()
+    return place / "out", written
+
+
+def test_the_same_bytes_without_code_in_another_place(own, tmp_path):
+    """Tables, claims, recorded runs and the figures of this package; the user's picture is left as it is."""
+    directory, _ = own
+    there = moved(directory, tmp_path / "elsewhere" / "deep")
+    result = cli("report", there)
+    assert result.exit_code == 0
+    expected = files(directory)
+    drawn = [expected.pop(f"figures/Dots{ending}") for ending in (".svg", ".png")]
+    assert all(drawn) and files(there) == expected
+    assert load_trials(there).frame.equals(load_trials(directory).frame)
+    assert compare(load_results(there)).to_markdown() == compare(load_results(directory)).to_markdown()
+
+
+def test_a_figure_of_a_user_is_drawn_by_run_only(own, tmp_path):
+    """A line says so; a mistake in one costs this figure alone and names the user's line."""
+    directory, written = own
+    assert [path.name for path in written.paths if path.suffix == ".png"] == ["boxplot.png", "Dots.png"]
+    [torn] = written.left_out
+    assert torn.startswith("parts.py:Torn: ") and "parts.py:" in torn[15:] and "ZeroDivisionError" in torn
+    lines = cli("report", moved(directory, tmp_path / "there")).stderr.splitlines()
+    assert [line.split(": ")[:2] for line in lines] == [
+        ["figure left out", "parts.py:Dots"],
+        ["figure left out", "parts.py:Torn"],
+    ]
+    assert all("`rmpc-bench run` draws it" in line for line in lines)
+
+
+def test_a_report_imports_no_design(own, tmp_path):
+    """Neither numba nor joblib nor a plant, model, estimator, controller or metric; nor is a configuration read."""
+    there = moved(own[0], tmp_path / "there")
+    code = (
+        "import sys\n"
+        "from rmpc_bench.execution.publish import publish\n"
+        "from rmpc_bench.execution.results import load_results\n"
+        f"publish(load_results({str(there)!r}))\n"
+        "print(*sys.modules)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    modules = set(result.stdout.split())
+    groups = ("plants", "models", "estimators", "controllers", "metrics")
+    designs = {target.partition(":")[0] for group in groups for target in registry.BUILT_IN[group].values()}
+    assert "rmpc_bench.figures.boxplot" in modules and "rmpc_bench.estimators.kalman" in designs
+    assert not modules & {"numba", "joblib", "parts", "rmpc_bench.config.build", "rmpc_bench.execution.engines"}
+    assert sorted(modules & designs) == []
+
+
+def test_what_needs_no_new_trial_is_renewed_by_the_next_run(tmp_path, monkeypatch):
+    """Labels, figures, claims and statistics; until then a report shows those of the run before."""
+    path, out = write(tmp_path), tmp_path / "out"
+    ran(path, out)
+    before = load_results(out)
+    claims = "[{says: small, source: here, check: 'mean(mse[S-MPC]) < 1e9'}]"
+    methods = "{S-MPC: {label: plain, estimator: {kind: kalman}}, R-MPC: {estimator: {kind: robust-kalman, c: 0.1}}}"
+    statistics = "{confidence: 0.9, baseline: R-MPC, relevant: 0.05}"
+    path.write_text(text(claims=claims, methods=methods, statistics=statistics, figures="[paired]"), encoding="utf-8")
+    assert load_results(out).experiment == before.experiment
+    blocks = spied(monkeypatch)
+    ran(path, out)
+    after = load_results(out)
+    assert blocks == [] and after.trials.frame.equals(before.trials.frame)
+    assert after.trials.labels["S-MPC"] == "plain" and [claim.says for claim in after.experiment.claims] == ["small"]
+    assert (after.trials.confidence, after.trials.baseline, after.trials.relevant) == (0.9, "R-MPC", 0.05)
+    assert [dict(figure)["kind"] for figure in after.experiment.figures] == ["paired"]
+
+
+def test_a_method_with_new_keys_gets_new_series(tmp_path):
+    """And arrays that nothing names any more are gone."""
+    path, out = write(tmp_path), tmp_path / "out"
+    ran(path, out)
+    [(n_arrays,)] = query(out, "SELECT count(*) FROM arrays")
+    methods = "{S-MPC: {estimator: {kind: kalman}}, R-MPC: {estimator: {kind: robust-kalman, c: 0.7}}}"
+    config = load_config(write(tmp_path, methods=methods))
+    trials = run(config, directory=out, jobs=1).trials
+    expected = config.experiment.method("R-MPC").estimator.series()["P"]
+    assert trials.matrix_series("P", "R-MPC").tobytes() == expected.tobytes()
+    assert query(out, "SELECT count(*) FROM arrays") == [(n_arrays,)]
+
+
+def test_a_run_without_news_leaves_the_store_as_it_is(tmp_path):
+    """Not a byte is written."""
+    path, out = write_estimation(tmp_path, evaluate="[runs, moments]"), tmp_path / "out"
+    ran(path, out)
+    before = (out / "trials.sqlite").read_bytes()
+    ran(path, out)
+    assert (out / "trials.sqlite").read_bytes() == before
+
+
+def test_exact_moments_and_ensembles_of_a_sweep(tmp_path):
+    """Points that share an array store it once; the table is that of the designs."""
+    sweep = "{grid: {initial.P: [1, 2], plant.uncertainty.high: [1, 0.5]}}"
+    path = write_estimation(tmp_path, evaluate="[runs, moments]", sweep=sweep, record="{runs: 1}")
+    ran(path, tmp_path / "out")
+    there = moved(tmp_path / "out", tmp_path / "there")
+    assert cli("report", there).exit_code == 0
+    assert files(there) == files(tmp_path / "out")
+    results = load_results(there)
+    points = results.experiment.points
+    methods = [method for point in points for method in point.methods.values()]
+    named = [name for method in methods for name in (*method.moments, *method.series.values())]
+    stored = {name for (name,) in query(there, "SELECT name FROM arrays")}
+    assert stored == {*named, *(point.reference for point in points)} and len(stored) < len(named)
+    assert {"cov(e)", "P"} <= set(results.series["quantity"])
+
+
+def test_a_smoke_run_can_be_reported(tmp_path):
+    """Also where a window of a metric reaches beyond its last sample."""
+    keys = {"smoke": "{runs: 2, steps: 5}", "metrics": "[{kind: mse, name: late, from: 0.8, to: 1}]"}
+    out = tmp_path / "out"
+    ran(write(tmp_path, **keys), out, "--smoke")
+    assert cli("report", out).exit_code == 0
+    assert load_results(out).overrides == ("--smoke",) and not load_trials(out).with_verdicts
+
+
+def test_an_interrupted_run_can_be_read(tmp_path, monkeypatch):
+    """What reports need is stored before the first block."""
+    from rmpc_bench.execution import store
+
+    path, out = write(tmp_path, execution="{block: 2}"), tmp_path / "out"
+    add, added = store.Store.add_block, []
+
+    def interrupted(self, *arguments):
+        if len(added) == 2:
+            raise KeyboardInterrupt
+        added.append(arguments)
+        add(self, *arguments)
+
+    monkeypatch.setattr(store.Store, "add_block", interrupted)
+    assert cli("run", path, "-o", out, "-j", 1, "--progress", "none").exit_code == 130
+    assert load_results(out).incomplete == ("S-MPC: 2 of 6 runs", "R-MPC: 2 of 6 runs")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "DELETE FROM meta WHERE key = 'layout'",
+        "UPDATE meta SET value = '{}' WHERE key = 'layout'",
+        "DELETE FROM meta WHERE key = 'layout'; DROP TABLE arrays",
+    ],
+)
+def test_a_store_without_what_a_report_needs(tmp_path, monkeypatch, change):
+    """An earlier or another version wrote it: exit 2 with the way out, which computes nothing again."""
+    path, out = write(tmp_path), tmp_path / "out"
+    first = ran(path, out)
+    with closing(sqlite3.connect(out / "trials.sqlite")) as connection:
+        connection.executescript(change)
+    result = cli("report", out)
+    assert result.exit_code == 2 and "rmpc-bench run" in result.stderr and "version" in result.stderr
+    with pytest.raises(MissingError):
+        load_trials(out)
+    blocks = spied(monkeypatch)
+    assert ran(path, out) == first and blocks == []
+    assert cli("report", out).exit_code == 0
+
+
+def test_the_layout_is_plain_data(own):
+    """JSON without a path of this machine."""
+    directory, _ = own
+    [(layout,)] = query(directory, "SELECT value FROM meta WHERE key = 'layout'")
+    assert json.loads(layout)["name"] == "tiny"
+    assert str(directory.parent) not in layout and str(Path.cwd()) not in layout
