@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import sweep_point
 from rmpc_bench.config.model_facts import model_facts
-from rmpc_bench.config.plant_range import build_range
+from rmpc_bench.config.plant_range import build_range, given_bounds
 from rmpc_bench.config.plausibility import warnings_of
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.expressions.quantity import Expression, QuantityError
@@ -86,6 +86,8 @@ class _ExperimentBuilder:
         if component is None:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
+        range_of = {"x0": _mean_start(self.draft), "bounds": given_bounds(self.draft)}
+        size |= {name: value for name, value in range_of.items() if component.takes(name)}
         description = ["plant", size, component.resolved()]
         plant: Plant | None = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
         if plant is not None:
@@ -214,6 +216,18 @@ class _ExperimentBuilder:
         ensemble = not {"moments", "ensemble"}.isdisjoint(self.draft.values["evaluate"])
         asked = Recording(tuple(dict.fromkeys(keys.signals)), min(int(first), n_runs), ensemble)
         return with_bursts(asked, bursts=has_bursts(scenario))
+
+
+def _mean_start(draft: DraftConfig) -> Any:
+    """Mean of the initial state as plain data, as far as its laws say it; None where it has an error."""
+    x = draft.initial["x"]
+    try:
+        for term in draft.initial["laws"]:
+            keys = {} if term.law is None else term.law.parameters
+            x = np.add(x, keys.get("mean", keys.get("center", 0.0)))
+        return np.asarray(x, dtype=float).tolist()
+    except (TypeError, ValueError):
+        return None
 
 
 def build(drafts: Sequence[DraftConfig], *, smoke: bool) -> list[SweepPoint | None]:

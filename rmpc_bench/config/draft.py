@@ -78,6 +78,8 @@ class DraftConfig:
     plant: Component | None = None
     plant_range: dict[str, Any] = field(default_factory=dict)
     """Limits of the true state, the keys `bounds` and `diverged` of the plant."""
+    bound_units: dict[str, set[str]] = field(default_factory=dict)
+    """Name under `bounds` -> units that stand behind its numbers."""
     model: Component | None = None
     reference: Component | None = None
     input: Component | None = None

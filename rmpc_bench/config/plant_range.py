@@ -1,24 +1,45 @@
-"""Keys `bounds` and `diverged` of every plant: limits of the true state beyond which a run has failed."""
+"""Keys `bounds` and `diverged` of every plant: limits of the true state beyond which a run has failed.
+
+A plant with a differential equation has names for its states and inputs.  Its inputs may have bounds, too: they are
+limited to them.
+"""
 
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from annotated_types import Gt, Len, Lt
+from pydantic import BeforeValidator
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.tree import Map
+from rmpc_bench.expressions import quantity
+from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.state_range import LARGEST, StateRange
 from rmpc_bench.types import Array, Plant
 
 KEYS = ("bounds", "diverged")
 """Keys of a plant that are no parameters of its design."""
 
-Bounds: Any = dict[str, Annotated[list[float | None], Len(2, 2)]]
+
+class _Number(NamedTuple):
+    """A number with the unit that stands behind it; empty without one."""
+
+    value: float
+    unit: str
+
+
+def _number(given: Any) -> _Number | None:
+    return None if given is None else _Number(*quantity.with_unit(given))
+
+
+Entry = Annotated[Any, BeforeValidator(_number)]
+Bounds: Any = dict[str, Annotated[list[Entry], Len(2, 2)]]
 Limit = Annotated[float, Gt(0), Lt(LARGEST)]
-Limits: Any = Limit | list[Limit]
+Limits: Any = Limit | list[Limit] | dict[str, Limit]
 
 
 def read_range(draft: DraftConfig) -> None:
@@ -26,12 +47,24 @@ def read_range(draft: DraftConfig) -> None:
 
     Parameters
     ----------
-    draft : with a plant; gets the values in `plant_range`
+    draft : with a plant; gets the values in `plant_range`, and the units of bounds in `bound_units`
     """
     tree = draft.tree["plant"]
     for key, annotation in zip(KEYS, (Bounds, Limits), strict=True):
         if isinstance(tree, Map) and key in tree:
             draft.plant_range[key] = draft.checked(annotation, ["plant", key])
+    bounds = draft.plant_range.get("bounds")
+    if bounds:
+        pairs = {name: [None if each is None else each.value for each in pair] for name, pair in bounds.items()}
+        draft.plant_range["bounds"] = pairs
+        draft.bound_units = {name: {each.unit for each in pair if each} - {""} for name, pair in bounds.items()}
+
+
+def given_bounds(draft: DraftConfig) -> dict[str, tuple[float, float]]:
+    """Return the bounds by their names, with infinity where there is none; those with an error are left out."""
+    bounds = draft.plant_range.get("bounds") or {}
+    pairs = {name: _pair(*given) for name, given in bounds.items()}
+    return {name: pair for name, pair in pairs.items() if pair[0] < pair[1]}
 
 
 def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRange:
@@ -40,47 +73,105 @@ def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRang
     Parameters
     ----------
     draft : with the validated keys
-    plant : for its number of states
+    plant : for its states
     x0 : true initial state, without its deviation; None where it has an error
     """
-    bounds, diverged = draft.plant_range.get("bounds"), draft.plant_range.get("diverged")
-    low, high, found = np.full(plant.nx, -np.inf), np.full(plant.nx, np.inf), len(draft.problems)
-    for name, (lower, upper) in (bounds or {}).items():
-        lower, upper = -np.inf if lower is None else lower, np.inf if upper is None else upper
+    bounds, found = draft.plant_range.get("bounds") or {}, len(draft.problems)
+    low, high = np.full(plant.nx, -np.inf), np.full(plant.nx, np.inf)
+    for name, pair in bounds.items():
+        lower, upper = _pair(*pair)
         if not lower < upper:
             message = f"the lower bound {lower:g} must be below the upper bound {upper:g}"
             draft.note(["plant", "bounds", name], message)
-        states = _states(draft, name, plant.nx)
+        if name in _inputs(plant):
+            _check_unit(draft, plant, name)
+            continue
+        states = _states(draft, plant, "bounds", name)
         if states is not None:
+            _check_unit(draft, plant, name)
             low[states], high[states] = lower, upper
-    largest = None
-    if isinstance(diverged, list) and len(diverged) != plant.nx:
-        message = f"has {len(diverged)} entries; give one number, or one for each of the {plant.nx} states"
-        draft.note(["plant", "diverged"], message)
-    elif diverged is not None:
-        largest = np.broadcast_to(np.array(diverged, dtype=float), (plant.nx,)).copy()
+    largest = _largest(draft, plant)
     if x0 is not None and x0.shape == low.shape and len(draft.problems) == found:
-        _check_start(draft, x0, low, high, largest)
+        _check_start(draft, plant, x0, StateRange(low, high, largest))
     return StateRange(low, high, largest) if bounds else StateRange(largest=largest)
 
 
-def _states(draft: DraftConfig, name: str, nx: int) -> slice | None:
-    """Return the states that a name stands for: `x` for all, `x.i` for one, counted from 0."""
+def _pair(lower: float | None, upper: float | None) -> tuple[float, float]:
+    return -np.inf if lower is None else lower, np.inf if upper is None else upper
+
+
+def _largest(draft: DraftConfig, plant: Plant) -> Array | None:
+    """Return the magnitudes beyond which a run has diverged: NaN for a state without one, None without any."""
+    diverged = draft.plant_range.get("diverged")
+    if isinstance(diverged, Mapping):
+        largest = np.full(plant.nx, np.nan)
+        for name, value in diverged.items():
+            states = _states(draft, plant, "diverged", name)
+            if states is not None:
+                largest[states] = value
+        return largest
+    if isinstance(diverged, list) and len(diverged) != plant.nx:
+        message = f"has {len(diverged)} entries; give one number, or one for each of the {plant.nx} states"
+        draft.note(["plant", "diverged"], message)
+        return None
+    return None if diverged is None else np.broadcast_to(np.array(diverged, dtype=float), (plant.nx,)).copy()
+
+
+def state_names(plant: Plant) -> tuple[str, ...]:
+    """Names of the states; ``x.0``, ``x.1`` and so on where a plant has none."""
+    return plant.ode.states if plant.ode is not None else tuple(f"x.{i}" for i in range(plant.nx))
+
+
+def _inputs(plant: Plant) -> tuple[str, ...]:
+    """Names that stand for inputs in `bounds`."""
+    return () if plant.ode is None else (*plant.ode.inputs, *(f"u.{i}" for i in range(plant.nu)))
+
+
+def _states(draft: DraftConfig, plant: Plant, key: str, name: str) -> slice | None:
+    """Return the states that a name stands for: its own, `x` for all, `x.i` for one, counted from 0."""
+    names = state_names(plant)
     if name == "x":
         return slice(None)
-    number = int(name[2:]) if re.fullmatch(r"x\.\d{1,6}", name) else nx
-    if number < nx:
+    if name in names:
+        return slice(names.index(name), names.index(name) + 1)
+    number = int(name[2:]) if re.fullmatch(r"x\.\d{1,6}", name) else plant.nx
+    if number < plant.nx:
         return slice(number, number + 1)
-    known = "x.0" if nx == 1 else f"x.0 to x.{nx - 1}"
-    message = f"{name!r} is not a state of this plant; its states are {known}, and x stands for all of them"
-    draft.note(["plant", "bounds", name], message, key=True)
+    if plant.ode is not None:
+        known = (*names, *(plant.ode.inputs if key == "bounds" else ()))
+        noun = "state or input of this plant" if key == "bounds" else "state of this plant"
+        draft.note(["plant", key, name], unknown(name, known, noun), key=True)
+        return None
+    known_names = "x.0" if plant.nx == 1 else f"x.0 to x.{plant.nx - 1}"
+    message = f"{name!r} is not a state of this plant; its states are {known_names}, and x stands for all of them"
+    draft.note(["plant", key, name], message, key=True)
     return None
 
 
-def _check_start(draft: DraftConfig, x0: Array, low: Array, high: Array, largest: Array | None) -> None:
+def _check_unit(draft: DraftConfig, plant: Plant, name: str) -> None:
+    """Report a unit other than that of the state or the input."""
+    for message in _wrong_units(plant, name, draft.bound_units.get(name, set())):
+        draft.note(["plant", "bounds", name], message)
+
+
+def _wrong_units(plant: Plant, name: str, given: set[str]) -> Iterator[str]:
+    places = plant.ode.places() if plant.ode is not None else {}
+    own = next((place for place, each in places.items() if each == name and place[0] in "xu"), name)
+    unit = plant.units.get(own, plant.u_unit if own.startswith("u") else "")
+    for each in sorted(given - {unit}):
+        known = f"is in {unit}" if unit else "has no unit"
+        yield f"{name} {known} (got {each}); units are compared by name, and numbers are not converted"
+
+
+def _check_start(draft: DraftConfig, plant: Plant, x0: Array, limits: StateRange) -> None:
     """Report an initial state with which every run fails at once."""
+    low, high, largest = limits
+    assert low is not None and high is not None
     path: list[str | int] = ["initial", "x"] if "x" in draft.tree.get("initial", {}) else ["plant"]
+    names = state_names(plant)
     for i in np.flatnonzero((x0 < low) | (x0 > high)):
-        draft.note(path, f"x.{i} starts at {x0[i]:g}, outside its plant.bounds [{low[i]:g}, {high[i]:g}]")
-    for i in np.flatnonzero(np.abs(x0) > (np.inf if largest is None else largest)):
-        draft.note(path, f"x.{i} starts at {x0[i]:g}, beyond plant.diverged = {np.asarray(largest)[i]:g}")
+        draft.note(path, f"{names[i]} starts at {x0[i]:g}, outside its plant.bounds [{low[i]:g}, {high[i]:g}]")
+    with np.errstate(invalid="ignore"):
+        beyond = np.flatnonzero(np.abs(x0) > (np.inf if largest is None else largest))
+    for i in beyond:
+        draft.note(path, f"{names[i]} starts at {x0[i]:g}, beyond plant.diverged = {np.asarray(largest)[i]:g}")

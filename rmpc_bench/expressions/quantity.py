@@ -34,6 +34,7 @@ _OPERATORS: dict[str, Callable[[float, float], float]] = {
     "*": operator.mul,
     "/": operator.truediv,
 }
+_UNIT = re.compile(r"[^\W\d_][\w/^*.· -]*")
 _SPREAD = re.compile(r"\s*(?:\+\s*-|±)")
 
 
@@ -223,6 +224,44 @@ def _number_text(number: float | int) -> str:
 def number(value: str | float | int) -> float:
     """Read and evaluate a quantity without free names; raises QuantityError as `parse` does."""
     return parse(value)()
+
+
+def with_unit(value: str | float | int) -> tuple[float, str]:
+    """Read a number that may have a unit behind it, after a blank: ``8 ml/s``.
+
+    Parameters
+    ----------
+    value : a quantity without free names, possibly with the name of a unit
+
+    Returns
+    -------
+    the number and the unit, empty where none is given; units are names here: nothing is converted
+
+    Raises
+    ------
+    QuantityError
+        when there is no number
+
+    Examples
+    --------
+    >>> with_unit("8 ml/s"), with_unit("2*pi rad"), with_unit(0.5)
+    ((8.0, 'ml/s'), (6.283185307179586, 'rad'), (0.5, ''))
+    """
+    try:
+        return number(value), ""
+    except QuantityError:
+        if not isinstance(value, str):
+            raise
+        words = value.split()
+        for n in range(len(words) - 1, 0, -1):
+            unit = " ".join(words[n:])
+            if not _UNIT.fullmatch(unit):
+                continue
+            try:
+                return number(" ".join(words[:n])), unit
+            except QuantityError:
+                continue
+        raise
 
 
 def spread(text: str | float | int) -> float | None:

@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.plants.ode_design import equation, stepping_of
+from rmpc_bench.plants.ode_facts import facts
 from rmpc_bench.plants.ode_names import Names
 from rmpc_bench.plants.ode_stepping import (
     RunAdvance,
@@ -115,6 +116,10 @@ class OdePlant(Plant):
     def units(self) -> Mapping[str, str]:
         """Units of single components."""
         return {place: self.ode.units[name] for place, name in self.ode.places().items() if name in self.ode.units}
+
+    def facts(self) -> list[tuple[str, str]]:
+        """Names with units and bounds, and the integration over a sample."""
+        return facts(self.ode, self.stepping)
 
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int

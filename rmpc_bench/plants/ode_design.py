@@ -52,7 +52,7 @@ def equation(
         if not name.isidentifier() or name.startswith("_"):
             raise DesignError(f"{name!r} is no name: letters, digits and _, since rhs reads p.{name}", "parameters")
     nominal = {name: float(value) for name, value in parameters.items()}
-    own = {name: bounds[name] for name in (*x_names, *u_names) if name in bounds}
+    own = _by_name(bounds, x_names, u_names)
     record = Ode(rhs, output, x_names, u_names, y_names, nominal, {**y_units, **u_units, **units}, own, is_timed(rhs))
     start = initial(record, x0)
     reasons = {function_name(rhs): rhs_takes_blocks(record, start)}
@@ -61,6 +61,19 @@ def equation(
     if measured:
         reasons[function_name(output)] = measured
     return record, {name: reason for name, reason in reasons.items() if reason}
+
+
+def _by_name(
+    bounds: Mapping[str, tuple[float, float]], states: tuple[str, ...], inputs: tuple[str, ...]
+) -> dict[str, tuple[float, float]]:
+    """Return the bounds of states and inputs, which may be given as ``x``, ``x.0`` or ``u.0``, by their names."""
+    found = {name: bounds["x"] for name in states if "x" in bounds}
+    for letter, names in (("x", states), ("u", inputs)):
+        for i, name in enumerate(names):
+            for each in (f"{letter}.{i}", name):
+                if each in bounds:
+                    found[name] = bounds[each]
+    return found
 
 
 def stepping_of(
@@ -82,8 +95,7 @@ def stepping_of(
     with np.errstate(all="ignore"):
         if solver.method == "rk4":
             substeps = solver.substeps or choose_substeps(ode, Ts, n_steps, start)
-            if solver.substeps is not None:
-                remarks += filter(None, [substeps_remark(ode, Ts, n_steps, start, substeps)])
+            remarks += filter(None, [substeps_remark(ode, Ts, n_steps, start, solver, substeps)])
         stepping = Stepping(solver, substeps, found)
         cost = _seconds(ode, Ts, stepping, start)
     if reasons or solver.method != "rk4":

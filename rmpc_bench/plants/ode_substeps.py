@@ -17,8 +17,8 @@ from rmpc_bench.plants.ode_checks import inputs
 from rmpc_bench.plants.ode_stepping import Solver, Stepping, advance_block, advance_run
 from rmpc_bench.types import Array, DesignError, Ode, Status
 
-FULL, SHORT = (20, 20), (2, 5)
-"""Trial runs and their samples at most: of the verdict, and those with which the number is searched."""
+SHORT = (2, 5)
+"""Trial runs and their samples at most, with which the number of steps is searched."""
 LARGEST_CHANGE = 1e-9
 """Of a sampled state, relative to its range."""
 ROUNDING = 1e-13
@@ -48,27 +48,45 @@ def choose_substeps(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) 
         If it would have to be more than `MAX_SUBSTEPS`.
     """
     trial = trial_runs(ode, Ts, n_steps, x0)
-    coarse, before, n = trial(SHORT, 1), np.inf, 1
-    while True:
+    first = _search(trial)
+    if first > MAX_SUBSTEPS:
+        coarse, fine = trial(SHORT, MAX_SUBSTEPS), trial(SHORT, 2 * MAX_SUBSTEPS)
+        if change(coarse, fine)[0] > 1.0:
+            raise DesignError(_stiff(ode, coarse, fine, MAX_SUBSTEPS), "solver")
+        first = MAX_SUBSTEPS
+    for n in [first * factor for factor in (1, 2, 4, 8) if first * factor <= MAX_SUBSTEPS]:
+        coarse, fine = trial(full(ode), n), trial(full(ode), 2 * n)
+        if change(coarse, fine)[0] <= 1.0:
+            return n
+    raise DesignError(_stiff(ode, coarse, fine, n), "solver")
+
+
+def _search(trial: Trial) -> int:
+    """Return the number of steps for a few short trial runs; more than `MAX_SUBSTEPS` where those are too few."""
+    n, coarse, before = 1, trial(SHORT, 1), np.inf
+    while n <= MAX_SUBSTEPS:
         fine = trial(SHORT, 2 * n)
         error = change(coarse, fine)[0]
         if error <= 1.0:
             # The error falls with the fourth power of the step.
             guess = ceil(n / 2 * before ** (1 / ORDER)) if np.isfinite(before) else n
-            for number in (guess, n) if n / 2 < guess < n else (n,):
-                if change(trial(FULL, number), trial(FULL, 2 * number))[0] <= 1.0:
-                    return number
-        if n == MAX_SUBSTEPS:
-            raise DesignError(_stiff(ode, coarse, fine, n), "solver")
-        following = min(2 * n, MAX_SUBSTEPS)
-        coarse, before = fine if following == 2 * n else trial(SHORT, following), error
-        n = following
+            good = n / 2 < guess < n and change(trial(SHORT, guess), trial(SHORT, 2 * guess))[0] <= 1.0
+            return guess if good else n
+        n, coarse, before = 2 * n, fine, error
+    return n
 
 
-def substeps_remark(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], substeps: int) -> str:
-    """Say how far a given number of steps changes the states; empty where it is enough."""
+def full(ode: Ode) -> tuple[int, int]:
+    """Trial runs and their samples at most, of the verdict; fewer samples where every run is called by itself."""
+    return (20, 20) if ode.rhs_takes_blocks else (20, 8)
+
+
+def substeps_remark(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], solver: Solver, substeps: int) -> str:
+    """Say what number of steps was chosen, or how far twice a given one changes the states; empty if not far."""
+    if solver.substeps is None:
+        return f"rk4 takes {substeps} substeps per sample"
     trial = trial_runs(ode, Ts, n_steps, x0)
-    coarse, fine = trial(FULL, substeps), trial(FULL, 2 * substeps)
+    coarse, fine = trial(full(ode), substeps), trial(full(ode), 2 * substeps)
     size, i = change(coarse, fine)
     if size <= 1.0:
         return ""
@@ -77,7 +95,7 @@ def substeps_remark(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], 
 
 def trial_runs(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> Trial:
     """Return the function that simulates the trial runs."""
-    u = inputs(ode, np.random.Generator(np.random.PCG64(11)), FULL)
+    u = inputs(ode, np.random.Generator(np.random.PCG64(11)), (20, 20))
 
     def trial(size: tuple[int, int], substeps: int) -> Array:
         n_runs, n_samples = size

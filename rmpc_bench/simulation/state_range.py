@@ -30,7 +30,7 @@ class StateRange(NamedTuple):
     """Lower bounds; None where no state has bounds."""
     high: Float[Array, " nx"] | None = None
     largest: Float[Array, " nx"] | None = None
-    """Magnitudes beyond which a run has diverged; None for the default."""
+    """Magnitudes beyond which a run has diverged; None for the default, NaN for that of a single state."""
 
 
 DEFAULT_RANGE = StateRange()
@@ -49,12 +49,11 @@ class RunLimits:
 
     def __init__(self, state_range: StateRange, x0: Float[Array, "runs nx"], r: Float[Array, "samples ny"]) -> None:
         self.low, self.high, largest = state_range
-        if largest is None:
-            scale = max(1.0, float(np.abs(r).max(initial=0.0)))
-            # An initial state that is not a number fails its own run only.
-            self.of_x = GROWTH * np.fmax(np.abs(x0), scale)
-        else:
-            self.of_x = np.broadcast_to(largest, x0.shape)
+        scale = max(1.0, float(np.abs(r).max(initial=0.0)))
+        # An initial state that is not a number fails its own run only.
+        self.of_x = GROWTH * np.fmax(np.abs(x0), scale)
+        if largest is not None:
+            self.of_x = np.where(np.isnan(largest), self.of_x, largest)
         self._of_x_hat = self.of_x.max(axis=1, initial=0.0)[:, None]
 
     def of_state(self, status: Statuses, reported: Statuses, x: Float[Array, "runs nx"]) -> Statuses:
