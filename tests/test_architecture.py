@@ -25,6 +25,8 @@ MAY_IMPORT = {
     "conformance": {
         "analysis",
         "components",
+        # Keys on the command line are validated as those of a configuration.
+        "config",
         "figures",
         "models",
         "numerics",

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rmpc_bench import registry
 from rmpc_bench.cli import exits, own_code
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.types import Noise
 
+GROUPS = [registry.singular(group) for group in registry.BUILT_IN if group != "models"]
+"""Kinds of components that have checks."""
 MAX_VALUES = 100
 """Characters of the values of a swept path that are shown."""
 MAX_WIDTH = 130
@@ -20,7 +23,7 @@ MAX_WIDTH = 130
 
 
 @click.command()
-@click.argument("configs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("configs", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--deep",
     is_flag=True,
@@ -28,9 +31,33 @@ MAX_WIDTH = 130
 )
 @own_code.allow_code_option
 @own_code.import_option
+@click.option("--component", metavar="FILE:NAME", help="Check that a component of a Python file keeps the rules.")
+@click.option("--keys", metavar="YAML", help="With --component: its keys, such as '{c: 0.1}'.")
+@click.option("--model", metavar="CONFIG|YAML", help="With --component: the linear model that it is designed for.")
+@click.option("--group", type=click.Choice(GROUPS), help="With --component: what it is, if that is not clear.")
+@click.option("--seconds", type=click.FloatRange(min=1), default=30.0, help="With --component: time limit of a check.")
 @exits.guarded
-def check(configs: tuple[Path, ...], deep: bool, allow_code: tuple[Path, ...]) -> int:
-    """Validate configurations; show plant and design model, differences between the methods, assumptions and cost."""
+def check(
+    configs: tuple[Path, ...],
+    deep: bool,
+    allow_code: tuple[Path, ...],
+    component: str | None,
+    keys: str | None,
+    model: str | None,
+    group: str | None,
+    seconds: float,
+) -> int:
+    """Validate configurations; show plant and design model, differences between the methods, assumptions and cost.
+
+    With --component: run the conformance checks of a plant, an estimator, a controller, a reference, a noise, a metric
+    or a figure, and print one line per check; exit code 1 if one of them fails.
+    """
+    if component is not None and not configs:
+        from rmpc_bench.cli.component_check import check_component
+
+        return check_component(component, keys, model, group, seconds)
+    if component is not None or not configs:
+        raise click.UsageError("give one or more configurations, or --component FILE:NAME")
     from rmpc_bench.config.load import load_config
     from rmpc_bench.types import ConfigError
 

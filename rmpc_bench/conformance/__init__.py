@@ -8,8 +8,8 @@ component of your own::
     print(check_estimator("my_filters.py:MyFilter", keys={"c": 0.1}))
 
     @parametrize_with_checks(["my_filters.py:MyFilter"])
-    def test_my_filter(component, check):
-        check(component)
+    def test_my_filter(check):
+        check()
 
 The checks run in a process of their own, so that a component can neither hang nor end the program.  A class declares
 failures that are intended: ``expected_failures = {"consistent": "P is an upper bound"}``.

@@ -8,6 +8,7 @@ import pickle
 import sys
 from typing import Any, BinaryIO
 
+from rmpc_bench.components.transport import loads
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.results import CheckResult, not_checked, raised, run_check
 from rmpc_bench.conformance.stages import MADE, Setting, provided, stages
@@ -21,11 +22,12 @@ def main() -> None:
     # What the component prints goes where the errors go.
     os.dup2(2, 1)
     with os.fdopen(0, "rb") as stream:
-        sys.path[:] = [path for path in pickle.load(stream) if path]
-        subject, system, left_out, seconds = pickle.load(stream)
+        search_path, seconds = pickle.load(stream)
+        job = stream.read()
+    sys.path[:] = [path for path in search_path if path]
     faulthandler.enable()
     with single_thread():
-        _Checking(out, left_out, seconds).all(subject, system)
+        _Checking(out, seconds).all(job)
     out.flush()
     # Threads and handlers at exit of the component's libraries may wait for each other.
     os._exit(0)
@@ -37,12 +39,11 @@ class _Checking:
     Parameters
     ----------
     out : stream of the messages
-    left_out : ids of checks that an earlier process has run
     seconds : time limit of a check
     """
 
-    def __init__(self, out: BinaryIO, left_out: frozenset[str], seconds: float) -> None:
-        self.out, self.left_out, self.seconds, self.first = out, left_out, seconds, ""
+    def __init__(self, out: BinaryIO, seconds: float) -> None:
+        self.out, self.seconds, self.first = out, seconds, ""
 
     def say(self, word: str, value: Any) -> None:
         """Write a message; a check that takes too long leaves the place where it is on stderr."""
@@ -51,16 +52,22 @@ class _Checking:
         pickle.dump((word, value), self.out)
         self.out.flush()
 
-    def all(self, subject: Subject, system: LinearSystem | None) -> None:
-        """Run the checks of every stage."""
+    def all(self, job: bytes) -> None:
+        """Run the checks of every stage.
+
+        Parameters
+        ----------
+        job : subject, linear system or None, and the ids of checks that an earlier process has run
+        """
         self.say("begin", MADE.id)
-        system = system or LinearSystem.shipped()
         try:
+            subject, system, left_out = loads(job)
+            system = system or LinearSystem.shipped()
             group = group_of(subject, lambda each: provided(each, system, system.n_steps))
             self.say("group", group)
             for stage in stages(Setting(subject, group, system)):
                 for check in stage.checks:
-                    if check.id not in self.left_out:
+                    if check.id not in left_out:
                         self.one(check, stage.component, stage.example)
             self.say("expected", expected_failures(subject))
         except (Exception, SystemExit) as error:  # a component under test may raise anything

@@ -14,6 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from rmpc_bench.components.transport import dumps
 from rmpc_bench.conformance.results import Answer
 from rmpc_bench.conformance.subject import Subject
 
@@ -111,7 +112,7 @@ class Elsewhere:
     def _asked(self, process: subprocess.Popen[bytes], data: Any) -> Answer:
         job = {"subject": self.subject, "provided": self.provided, "group": self.group, "data": data}
         # The search path first: what the job consists of is imported along it.
-        text = pickle.dumps(tuple(sys.path)) + pickle.dumps(job)
+        text = pickle.dumps(tuple(sys.path)) + dumps(job)
         try:
             out, _ = process.communicate(text, timeout=self.seconds)
         except subprocess.TimeoutExpired:

@@ -89,8 +89,8 @@ def check_figure(component: Any, **options: Any) -> Report:
 def parametrize_with_checks(components: Sequence[Any], group: str = "", **options: Any) -> Callable[..., Any]:
     """Parametrise a pytest function with every check of some components.
 
-    The function takes ``component`` and ``check`` and calls ``check(component)``, which raises an AssertionError where
-    the check fails.  All checks of a component are run once.
+    The function takes ``check`` and calls it without arguments; it raises an AssertionError where the check fails.  All
+    checks of a component are run once.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def parametrize_with_checks(components: Sequence[Any], group: str = "", **option
     Examples
     --------
     >>> @parametrize_with_checks(["kalman"], "estimators")
-    ... def test_my_filter(component, check):
-    ...     check(component)
+    ... def test_my_filter(check):
+    ...     check()
     """
     import pytest
 
@@ -110,11 +110,11 @@ def parametrize_with_checks(components: Sequence[Any], group: str = "", **option
     for number, component in enumerate(components):
         kind = _group(component, group)
         outcome = cache(lambda component=component, kind=kind: check(component, kind, **options))
-        name = component if isinstance(component, str) else getattr(component, "__name__", str(number))
+        name = component.rpartition(":")[2] if isinstance(component, str) else getattr(component, "__name__", number)
         parameters += [
             pytest.param(component, _Check(each.id, outcome), id=f"{name}-{each.id}") for each in CHECKS[kind]
         ]
-    return pytest.mark.parametrize(("component", "check"), parameters)
+    return pytest.mark.parametrize("check", parameters)
 
 
 class _Check:
@@ -129,7 +129,7 @@ class _Check:
     def __init__(self, id: str, outcome: Callable[[], Report]) -> None:
         self.id, self.outcome = id, outcome
 
-    def __call__(self, component: Any) -> None:
+    def __call__(self) -> None:
         """Fail if the check has failed and is of the class `error`."""
         result = self.outcome().result(self.id)
         assert not result.counts, str(result)

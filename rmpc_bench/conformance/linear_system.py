@@ -34,12 +34,16 @@ class LinearGaussian(Plant):
     Parameters
     ----------
     model : its matrices
+    Ts : sampling time [s]
     """
 
-    Ts = 1.0
+    def __init__(self, model: LinearModel, Ts: float = 1.0) -> None:
+        self.model, self._Ts = model, Ts
 
-    def __init__(self, model: LinearModel) -> None:
-        self.model = model
+    @property
+    def Ts(self) -> float:
+        """Sampling time [s]."""
+        return self._Ts
 
     @property
     def nx(self) -> int:
@@ -108,6 +112,7 @@ class LinearSystem:
     x0, P0 : (nx,), (nx, nx) mean and covariance of x(0)
     n_runs, n_steps : size
     seed : of the generator
+    Ts : sampling time [s]
     """
 
     model: LinearModel
@@ -116,6 +121,7 @@ class LinearSystem:
     n_runs: int = N_RUNS
     n_steps: int = N_STEPS
     seed: int = 15
+    Ts: float = 1.0
 
     @classmethod
     def shipped(cls) -> LinearSystem:
@@ -124,15 +130,15 @@ class LinearSystem:
         return cls.of(LinearModel(A, B, C, np.diag([0.2, 0.1]), [[0.1]]))
 
     @classmethod
-    def of(cls, model: LinearModel) -> LinearSystem:
+    def of(cls, model: LinearModel, Ts: float = 1.0) -> LinearSystem:
         """Return the system that a linear model describes, with x(0) of the size of its process noise."""
         P0 = model.Q_w + 1e-3 * np.trace(model.Q_w) / model.nx * np.eye(model.nx)
-        return cls(model, np.full(model.nx, 0.5) * np.sqrt(np.diag(P0)), P0)
+        return cls(model, np.full(model.nx, 0.5) * np.sqrt(np.diag(P0)), P0, Ts=Ts)
 
     @cached_property
     def plant(self) -> LinearGaussian:
         """The true system."""
-        return LinearGaussian(self.model)
+        return LinearGaussian(self.model, self.Ts)
 
     @cached_property
     def u(self) -> Float[Array, "runs steps nu"]:

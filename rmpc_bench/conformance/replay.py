@@ -7,6 +7,7 @@ import pickle
 import sys
 from typing import Any
 
+from rmpc_bench.components.transport import loads
 from rmpc_bench.conformance.results import raised
 
 
@@ -17,9 +18,9 @@ def main() -> None:
     os.dup2(2, 1)
     with os.fdopen(0, "rb") as stream:
         sys.path[:] = [path for path in pickle.load(stream) if path]
-        job = pickle.load(stream)
+        job = stream.read()
     try:
-        answer = answered(job), ""
+        answer = answered(loads(job)), ""
     except (Exception, SystemExit) as error:  # the component may raise anything
         answer = None, raised(error)
     pickle.dump(answer, out)

@@ -9,7 +9,8 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.types import Array
+from rmpc_bench.components.code import CodeError
+from rmpc_bench.types import Array, DesignError
 
 Severity: TypeAlias = Literal["error", "warning", "information"]
 """Whether a broken rule makes results wrong (error), is a likely mistake (warning), or is only worth knowing."""
@@ -120,6 +121,9 @@ def raised(error: BaseException) -> str:
     >>> raised(ValueError("negative level"))
     'raised ValueError: negative level'
     """
+    if isinstance(error, DesignError | CodeError):
+        place = getattr(error, "place", None)
+        return f"{error}" if place is None else f"{Path(place.file).name}:{place.line}: {error}"
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not frame.filename.startswith(PACKAGE)]
     notes = "".join(f", {note}" for note in getattr(error, "__notes__", ()))

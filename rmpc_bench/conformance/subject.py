@@ -14,8 +14,9 @@ from rmpc_bench import registry
 from rmpc_bench.components.code import CodeReference, split_reference
 from rmpc_bench.components.loading import load
 from rmpc_bench.components.single_run import design_function
-from rmpc_bench.types import DesignError
+from rmpc_bench.types import DesignError, Problem
 from rmpc_bench.types.contract import BASES
+from rmpc_bench.types.issue import unknown
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class Subject:
     code : file and name; None for a component of an installed module or of the registry
     module, name : installed module and name in it; a module of ``""`` is a kind of the registry
     keys : keywords of its design function
+    written : whether the keys are those of a configuration, which are validated as such
+    value : the class or function itself, where it stands neither in a file nor in a module
     """
 
     text: str
@@ -37,6 +40,8 @@ class Subject:
     module: str = ""
     name: str = ""
     keys: Mapping[str, Any] = field(default_factory=dict)
+    written: bool = False
+    value: Any = None
 
     def loaded(self) -> Any:
         """Import what it names: a class or a function.
@@ -46,6 +51,8 @@ class Subject:
         DesignError
             If it cannot be imported.
         """
+        if self.value is not None:
+            return self.value
         if self.code is not None:
             return load(self.code)
         if not self.module:
@@ -71,17 +78,37 @@ class Subject:
         design = design_function(group, self.loaded())
         parameters = inspect.signature(design).parameters
         given = {name: provided[name] for name in parameters if name in provided and wanted(parameters[name], name)}
-        unknown = sorted(set(self.keys) - set(parameters))
-        if unknown:
-            raise DesignError(f"{unknown[0]!r} is no key of it; it has {', '.join(parameters) or 'none'}")
+        keys = self._validated(group, design) if self.written else dict(self.keys)
+        wrong = [name for name in keys if name not in parameters]
+        if wrong and not any(each.kind is each.VAR_KEYWORD for each in parameters.values()):
+            known = [name for name in parameters if name not in given]
+            raise DesignError(unknown(wrong[0], known, f"key of {self.text}"))
         missing = [
             name
             for name, each in parameters.items()
-            if each.default is each.empty and name not in (*given, *self.keys) and each.kind not in _COLLECTING
+            if each.default is each.empty and name not in (*given, *keys) and each.kind not in _COLLECTING
         ]
         if missing:
             raise DesignError(f"needs a value for {', '.join(missing)}; give it as a key")
-        return registry.checked(group, self.text, design(**given, **self.keys), provided)
+        return registry.checked(group, self.text, design(**given, **keys), provided)
+
+    def _validated(self, group: str, design: Any) -> dict[str, Any]:
+        """Validate the keys as those of a configuration.
+
+        Raises
+        ------
+        DesignError
+            With all errors.
+        """
+        # Validation needs pydantic, which a component without keys need not wait for.
+        from rmpc_bench.components.recipes import loaded
+        from rmpc_bench.config.schema import keys_of, validate
+
+        problems: list[Problem] = []
+        checked = validate(keys_of(group, self.text, design), self.keys, [], problems)
+        if problems:
+            raise DesignError("; ".join(f"{each.path}: {each.message}" for each in problems))
+        return {name: loaded(getattr(checked, name)) for name in type(checked).model_fields}
 
 
 _COLLECTING = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
@@ -92,7 +119,9 @@ def wanted(parameter: inspect.Parameter, name: str) -> bool:
     return name != "M0" or parameter.default is parameter.empty
 
 
-def subject_of(component: Any, group: str = "", keys: Mapping[str, Any] | None = None) -> Subject:
+def subject_of(
+    component: Any, group: str = "", keys: Mapping[str, Any] | None = None, *, written: bool = False
+) -> Subject:
     """Return the recipe of a component.
 
     Parameters
@@ -100,26 +129,28 @@ def subject_of(component: Any, group: str = "", keys: Mapping[str, Any] | None =
     component : a class, a design function, ``PATH.py:NAME`` or a name of the registry
     group : group of the registry, such as ``estimators``; found from the component unless given
     keys : keywords of its design function
+    written : whether the keys are those of a configuration
 
     Raises
     ------
     DesignError
-        If another process could not find it.
+        If it is no class, no design function and no name of one.
     """
-    keys = dict(keys or {})
+    keys = keys or {}
     if isinstance(component, str):
         parts = split_reference(component)
         if parts is None:
             group = group or next((each for each in registry.BUILT_IN if component in registry.names(each)), "")
             if not group:
                 raise DesignError(f"{component!r} is neither PATH.py:NAME nor a name of a component")
-            return Subject(component, group, None, "", component, keys)
+            return Subject(component, group, None, "", component, keys, written)
         path, name = Path(parts[0]).resolve(), parts[1]
-        return Subject(component, group, CodeReference(path, name, component), "", "", keys)
+        return Subject(component, group, CodeReference(path, name, component), "", "", keys, written)
     name = getattr(component, "__qualname__", "")
-    if not name or "<" in name:
-        shown = name or f"an object of type {type(component).__name__}"
-        raise DesignError(f"{shown} cannot be made in another process; give a class or function of a file")
+    if not name:
+        raise DesignError(f"an object of type {type(component).__name__} is no class and no design function")
+    if "<" in name or component.__module__ == "__main__":
+        return Subject(name.rpartition(">.")[2], group, None, "", "", keys, value=component)
     return Subject(name, group, *_place(component, name), keys)
 
 

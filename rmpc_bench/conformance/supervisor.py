@@ -13,6 +13,7 @@ import threading
 from pathlib import Path
 from typing import IO, Any
 
+from rmpc_bench.components.transport import dumps
 from rmpc_bench.conformance.elsewhere import SAME_SEED, started
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.report import Report
@@ -44,7 +45,7 @@ class _Process:
         self.said: queue.Queue[tuple[str, Any] | None] = queue.Queue()
         threading.Thread(target=self._listen, daemon=True).start()
         assert self.process.stdin is not None
-        self.process.stdin.write(pickle.dumps(tuple(sys.path)) + pickle.dumps((*job, seconds)))
+        self.process.stdin.write(pickle.dumps((tuple(sys.path), seconds)) + dumps(job))
         self.process.stdin.close()
 
     def _listen(self) -> None:
