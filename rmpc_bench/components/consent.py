@@ -80,12 +80,12 @@ class CodeAccess:
             raise CodeError(f"must name something in a Python file, PATH.py:NAME (got {text!r})")
         file, name = parts
         path = self.base(written_in) / file
-        return CodeReference(path.resolve(), name, f"{self._relative(path)}:{name}")
+        return CodeReference(path.resolve(), name, f"{self._relative(path, file)}:{name}")
 
     def file(self, text: str, written_in: str) -> CodeReference:
         """Return a reference to a whole file; it need not exist."""
         path = self.base(written_in) / text
-        return CodeReference(path.resolve(), "", f"{self._relative(path)}:")
+        return CodeReference(path.resolve(), "", f"{self._relative(path, text)}:")
 
     def load(self, reference: CodeReference) -> Any:
         """Return the object that a reference names, after naming its file on stderr.
@@ -154,11 +154,11 @@ class CodeAccess:
         files = sorted({path.resolve() for path in found if path.is_file()})
         if not files:
             raise CodeError(_missing(text, pattern, "*"))
-        return DataReference(self._relative(pattern), tuple(files))
+        return DataReference(self._relative(pattern, text), tuple(files))
 
-    def _relative(self, path: Path) -> str:
-        """Write a path relative to the directory of the configuration."""
-        return Path(os.path.relpath(path, self.directory or Path.cwd())).as_posix()
+    def _relative(self, path: Path, text: str) -> str:
+        """Write a path relative to the directory of the configuration; without one the text stays as it is."""
+        return text if self.directory is None else Path(os.path.relpath(path, self.directory)).as_posix()
 
 
 NO_ACCESS = CodeAccess(None)

@@ -13,7 +13,7 @@ from types import FrameType, ModuleType, TracebackType
 from typing import Any
 
 from rmpc_bench.components.code import CodeError, CodeReference, Place
-from rmpc_bench.components.private_modules import file_of, is_private, is_source, module_name, package_of
+from rmpc_bench.components.private_modules import file_of, is_private, is_source, module_name, package_of, plain_names
 from rmpc_bench.types.errors import ConfigError, DesignError
 from rmpc_bench.types.issue import unknown
 
@@ -117,7 +117,7 @@ def described(error: BaseException) -> str:
     if isinstance(error, SyntaxError):
         return f"{type(error).__name__}: {error.msg}"
     try:
-        text = " ".join(str(error).split())
+        text = plain_names(" ".join(str(error).split()))
     except Exception:
         # The exception is the user's own class, and its text may fail as well.
         text = ""

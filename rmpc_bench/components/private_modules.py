@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import builtins
 import importlib
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 PREFIX = "_rmpc_bench_code_"
+_PRIVATE = re.compile(rf"{PREFIX}\d+\.")
 _ENCODED = "file_"
 _numbers = count(1)
 
@@ -87,6 +89,11 @@ def is_private(module: str | None) -> bool:
 def file_of(module: str) -> Path:
     """Return the file of a private module."""
     return Path(str(sys.modules[module].__file__))
+
+
+def plain_names(text: str) -> str:
+    """Return a message of Python with the names of modules as the user writes them."""
+    return _PRIVATE.sub("", text)
 
 
 def is_source(file: str) -> bool:

@@ -13,10 +13,12 @@ import pickle
 import sys
 from importlib import import_module
 from importlib.machinery import PathFinder
+from pathlib import Path
 from typing import Any
 
 from rmpc_bench.components.private_modules import Package, add, is_private, packages
 from rmpc_bench.components.recipes import Recipe, recipe_of
+from rmpc_bench.components.source import read_source
 
 
 def dumps(experiments: Any) -> bytes:
@@ -28,6 +30,8 @@ def dumps(experiments: Any) -> bytes:
     """
     stream = io.BytesIO()
     _pickler(stream).dump(experiments)
+    for package in packages():
+        _add_late_imports(package)
     return pickle.dumps((packages(), stream.getvalue()))
 
 
@@ -37,6 +41,16 @@ def loads(data: bytes) -> Any:
     for package in sent:
         add(Package(package.name, package.directory, package.sources, fixed=True))
     return pickle.loads(content)
+
+
+def _add_late_imports(package: Package) -> None:
+    """Add the texts of files that functions import when they are called."""
+    if not package.is_current():
+        return
+    for file in [*package.sources]:
+        for each in read_source(Path(file)).files:
+            if each.path.suffix == ".py" and each.path.is_relative_to(package.directory):
+                package.sources.setdefault(str(each.path), each.path.read_bytes())
 
 
 def _made(recipe: Recipe) -> Any:
