@@ -1,0 +1,1 @@
+"""Components for rmpc-bench in a package of their own."""
