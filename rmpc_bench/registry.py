@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rmpc_bench import notices
 
 if TYPE_CHECKING:
+    from rmpc_bench.installed import InstalledComponent
     from rmpc_bench.types import Controller, Estimator, Model, Plant
 
 DesignFunction = Callable[..., Any]
@@ -157,8 +158,22 @@ def register(group: str, name: str, design: DesignFunction) -> None:
 
 
 def names(group: str) -> list[str]:
-    """All names of a group, sorted."""
-    return sorted({*BUILT_IN[group], *_entry_points(group), *_REGISTERED[group]})
+    """All names of a group, sorted; ``package:name`` where the name alone is not enough."""
+    points = _entry_points(group)
+    unique = {name for name, each in points.items() if ":" not in name and len(each.points) == 1}
+    shown = [name for name in points if name.rpartition(":")[2] not in unique or name in unique]
+    return sorted({*BUILT_IN[group], *shown, *_REGISTERED[group]})
+
+
+def is_known(group: str, name: str) -> bool:
+    """Whether a configuration may write a name after ``kind:``; ``package:name`` is one for every installed one."""
+    return name in BUILT_IN[group] or name in _REGISTERED[group] or name in _entry_points(group)
+
+
+def package_of(group: str, name: str) -> str:
+    """Return distribution and version of an installed component; empty for others."""
+    is_installed = name not in BUILT_IN[group] and name not in _REGISTERED[group]
+    return _entry_points(group)[name].origin if is_installed else ""
 
 
 def get(group: str, name: str) -> DesignFunction:
@@ -168,6 +183,8 @@ def get(group: str, name: str) -> DesignFunction:
     ------
     KeyError
         If the name is not known, with the nearest known one in the message.
+    BrokenPackageError
+        If it is that of an installed package that cannot be loaded.
     """
     if name in _REGISTERED[group]:
         return _REGISTERED[group][name]
@@ -212,12 +229,15 @@ def controller(kind: str, *args: Any, **parameters: Any) -> Controller:
 
 
 @cache
-def _entry_points(group: str) -> dict[str, Any]:
-    from importlib.metadata import entry_points
+def _entry_points(group: str) -> dict[str, InstalledComponent]:
+    """Installed components by their names, and by ``package:name``; a name of a built-in one is not used."""
+    # Imported here, because it reads the metadata of all installed packages.
+    from rmpc_bench.installed import installed
 
-    found = {point.name: point for point in entry_points(group=f"rmpc_bench.{group}")}
+    found = dict(installed(group))
     for name in sorted({*found} & {*BUILT_IN[group]}):
-        package = found.pop(name).dist
-        owner = "" if package is None else f" of {package.name}"
-        notices.say(f"the {singular(group)} {name!r}{owner} is not used: a built-in one has that name")
+        origin = found.pop(name).origin
+        way_out = " or ".join(each for each in found if each.endswith(f":{name}"))
+        text = f"the {singular(group)} {name!r} of {origin} is not used: a built-in one has that name"
+        notices.say(f"{text}; write {way_out} for it")
     return found

@@ -39,9 +39,10 @@ MAY_IMPORT = {
     "diagnostics": {"simulation", "noise", "numerics", "types"},
     "notices": set(),
     # A name that is replaced or refused is said where a notebook shows it.
-    "registry": {"notices", "types"},
+    "registry": {"notices", "types", "installed"},
+    "installed": set(),
     # A user's file is named before its code runs, for programs and notebooks too.
-    "components": {"registry", "notices", "types", "numerics", "models"},
+    "components": {"registry", "installed", "notices", "types", "numerics", "models"},
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},
     "figures": {"analysis", "types"},

@@ -67,7 +67,7 @@ def test_list_shows_package_and_version_and_what_is_broken(call):
     assert "no_such_library_of_anybody" in lines["broken"]
     assert "NoSuchName" in lines["missing"]
     assert lines["kalman"] == "kalman"
-    assert "the estimator 'kalman' of example-parts is not used: a built-in one has that name" in done.stderr
+    assert "the estimator 'kalman' of example-parts 1.2.3 is not used" in done.stderr
 
 
 def test_describe_shows_keys_with_their_meaning(call):
@@ -103,7 +103,7 @@ def test_a_broken_one_is_an_error_of_the_configuration_that_names_it(call, insta
     text = CONFIG.replace("kind: exponential", f"kind: {kind}")
     (installed[1] / f"{kind}.yaml").write_text(text, encoding="utf-8")
     done = call("check", f"{kind}.yaml", code=2)
-    assert f"{kind}.yaml:14:31: methods.EXP.estimator.kind: " in done.stderr
+    assert f"{kind}.yaml:14:27: methods.EXP.estimator.kind: " in done.stderr
     assert reason in done.stderr
 
 

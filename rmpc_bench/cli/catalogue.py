@@ -60,7 +60,22 @@ def _entries(name: str) -> list[str]:
         from rmpc_bench.claims.tree import FUNCTION_HELP
 
         return [*FUNCTION_HELP.values()]
-    return _configs() if name == "configs" else registry.names(name)
+    return _configs() if name == "configs" else [_entry(name, kind) for kind in registry.names(name)]
+
+
+def _entry(group: str, kind: str) -> str:
+    """Name of a component, with the package and version of an installed one, and why it cannot be loaded."""
+    package = registry.package_of(group, kind)
+    if not package:
+        return kind
+    from rmpc_bench.components.code import CodeError
+    from rmpc_bench.components.designs import registered_design
+
+    try:
+        registered_design(group, kind)
+    except CodeError as error:
+        return f"{kind}  {error}"
+    return f"{kind}  {package}"
 
 
 def _configs() -> list[str]:
@@ -79,6 +94,8 @@ def describe(name: str, plot: Path | None, allow_code: tuple[Path, ...]) -> int:
     For a configuration (a file, or its name below configs): the plant and its known properties, the noise, the initial
     state and the methods.
     """
+    from rmpc_bench.components.code import CodeError
+
     own = own_code.named_component(name)
     if own is not None:
         _show_own(*own)
@@ -92,7 +109,10 @@ def describe(name: str, plot: Path | None, allow_code: tuple[Path, ...]) -> int:
     for number, (group, kind) in enumerate(found):
         if number:
             click.echo()
-        _show(group, kind)
+        try:
+            _show(group, kind)
+        except CodeError as error:
+            raise click.BadParameter(f"{group}/{kind}: {error}") from None
     return 0
 
 
@@ -187,7 +207,7 @@ def _find(name: str) -> list[tuple[str, str]]:
     """Groups and kinds that a name may mean; empty if it is no component."""
     group, slash, kind = name.rpartition("/")
     groups = [_group(group)] if slash else list(registry.BUILT_IN)
-    return [(each, kind) for each in groups if each in registry.BUILT_IN and kind in registry.names(each)]
+    return [(each, kind) for each in groups if each in registry.BUILT_IN and registry.is_known(each, kind)]
 
 
 def _group(name: str) -> str:

@@ -10,6 +10,7 @@ from rmpc_bench import registry
 from rmpc_bench.components.code import CodeError, CodeReference
 from rmpc_bench.components.loading import load
 from rmpc_bench.components.single_run import design_function
+from rmpc_bench.installed import BrokenPackageError
 from rmpc_bench.types.errors import DesignError
 
 DesignFunction = Callable[..., Any]
@@ -31,9 +32,12 @@ def registered_design(group: str, kind: str) -> DesignFunction:
     Raises
     ------
     CodeError
-        If what is registered is no component.
+        If what is registered is no component, or its package cannot be loaded.
     """
-    design = registry.get(group, kind)
+    try:
+        design = registry.get(group, kind)
+    except BrokenPackageError as error:
+        raise CodeError(str(error)) from None
     return design if is_built_in(group, kind) else _design(group, design, kind)
 
 

@@ -209,7 +209,7 @@ def _design(
         with nullcontext() if is_built_in(group, kind) else user_code(None if code is None else code.path):
             model = keys_of(group, kind, design)
     except CodeError as error:
-        problems.append(problem_of(error, kind_mark, join([*path, FILE])))
+        problems.append(problem_of(error, kind_mark, join([*path, FILE if is_reference(kind) else "kind"])))
         return None
     if FILE in tree and FILE not in {field.alias or name for name, field in model.model_fields.items()}:
         place = locate_key(tree, [FILE])
@@ -250,7 +250,7 @@ def _kind(group: str, tree: Map, path: Sequence[str | int], problems: list[Probl
         problems.append(Problem(*tree.mark, join(path), message))
         return None
     kind = tree["kind"]
-    if isinstance(kind, str) and (is_reference(kind) or kind in registry.names(group)):
+    if isinstance(kind, str) and (is_reference(kind) or registry.is_known(group, kind)):
         return kind
     written = FILE if isinstance(kind, str) and ".py" in kind else "kind"
     message = registry.unknown(str(kind), registry.names(group), noun, f"rmpc-bench list {group}")

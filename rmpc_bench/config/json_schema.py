@@ -12,9 +12,10 @@ from functools import cache
 from typing import Any
 
 from rmpc_bench import registry
+from rmpc_bench.components.designs import registered_design
 from rmpc_bench.config.annotation_schema import CODE, Schema, mapping_schema, schema_of
 from rmpc_bench.config.key_meanings import key_meanings
-from rmpc_bench.config.schema import hints, model_of
+from rmpc_bench.config.schema import hints, keys_of, model_of
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
@@ -78,8 +79,8 @@ def _definitions() -> dict[str, Schema]:
 
 def _component(group: str, kind: str) -> Schema:
     """Schema of the keys of one component; which of them are required is said where it is used."""
-    design = registry.get(group, kind)
-    fields = model_of(group, kind).model_fields
+    design = registered_design(group, kind)
+    fields = keys_of(group, kind, design).model_fields
     parameters = inspect.signature(design).parameters
     annotations = hints(design, {name: parameters[name].annotation for name in fields})
     defaults = {name: field.default for name, field in fields.items() if not field.is_required()}

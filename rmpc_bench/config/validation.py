@@ -226,7 +226,7 @@ def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:
         path: list[str | int] = [group, number]
         mark = locate(draft.tree, path)
         if isinstance(entry, str):
-            if entry in registry.names(group) or is_reference(entry):
+            if registry.is_known(group, entry) or is_reference(entry):
                 tree = Map(mark=type(draft.tree.mark)(*mark))
                 components.append(
                     read_component(group, tree, path, draft.problems, mark=mark, kind=entry, access=draft.access)
