@@ -44,6 +44,31 @@ class Model:
         return False
 
     @attribute
+    def A(self) -> Float[Array, "nx nx"]:
+        """State matrix of a model that is the same at all k."""
+        return self._constant("A")
+
+    @attribute
+    def B(self) -> Float[Array, "nx nu"]:
+        """Input matrix of a model that is the same at all k."""
+        return self._constant("B")
+
+    @attribute
+    def C(self) -> Float[Array, "ny nx"]:
+        """Output matrix of a model that is the same at all k."""
+        return self._constant("C")
+
+    @attribute
+    def f0(self) -> Float[Array, " nx"]:
+        """Constant part of x(k+1) of a model that is the same at all k."""
+        return self._constant("f0")
+
+    @attribute
+    def d0(self) -> Float[Array, " ny"]:
+        """Constant part of y(k) of a model that is the same at all k."""
+        return self._constant("d0")
+
+    @attribute
     def Q_w(self) -> Float[Array, "nx nx"]:
         """Covariance of the process noise at k = 0."""
         covariance: Array = self.at(0).Q_w
@@ -109,6 +134,13 @@ class Model:
     def deviation(self) -> Model:
         """The model of x - x_op, u - u_op and y - y_op; the model itself without an operating point."""
         return self
+
+    def _constant(self, name: str) -> Array:
+        """Return a matrix of the linear model; an AttributeError where it depends on k."""
+        if self.varies:
+            raise AttributeError(f"{name} of this model depends on k; use model.at(k).{name}")
+        matrix: Array = getattr(self.at(0), name)
+        return matrix
 
     def at(self, k: int, /) -> Any:
         """Return the linear model at k."""
