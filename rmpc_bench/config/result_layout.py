@@ -10,9 +10,10 @@ import numpy as np
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.simulation.closed_loop import BURSTS
+from rmpc_bench.simulation.design_series import design_series
 from rmpc_bench.simulation.moments import Moments, signals
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Method, ResultLayout
+from rmpc_bench.types import DesignError, Method, ResultLayout
 
 Shapes = dict[str, tuple[int, ...]]
 
@@ -42,7 +43,7 @@ def layout_of(
     if not experiments:
         return ResultLayout(**names, is_complete=False)
     first = experiments[0]
-    arrays = {method.name: _series_of(method, first) for method in first.methods}
+    arrays = {method.name: _series_of(method, first, drafts[0]) for method in first.methods}
     return ResultLayout(
         **names,
         signals=_signals(experiments),
@@ -70,9 +71,13 @@ def _signals(experiments: Sequence[Experiment]) -> dict[str, dict[str, tuple[int
     return found
 
 
-def _series_of(method: Method, experiment: Experiment) -> Shapes:
-    """Return series -> shape, axis 0 = k, of a design and of the ensemble."""
-    shapes = {name: array.shape for name, array in method.estimator.series().items()}
+def _series_of(method: Method, experiment: Experiment, draft: DraftConfig) -> Shapes:
+    """Return series -> shape, axis 0 = k, of a design and of the ensemble; the draft gets the errors of a design."""
+    shapes: Shapes = {}
+    try:
+        shapes = {name: array.shape for name, array in design_series(method).items()}
+    except DesignError as error:
+        draft.note(["methods", method.name, "estimator"], str(error))
     if experiment.recording.ensemble:
         ensemble = _ensemble(experiment.plant.nx, method)
         shapes |= {name: (experiment.n_steps + 1, *entry) for name, entry in ensemble.items()}

@@ -13,6 +13,7 @@ from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.tree import plain
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment, StoredPoint, write_experiment
+from rmpc_bench.simulation.design_series import design_series
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
@@ -121,7 +122,7 @@ class _Layout:
     ) -> tuple[dict[str, str], tuple[str, str] | None]:
         """Name the arrays of the series of a design and of its exact moments; points may share them."""
         if (method.name, key) not in self._series:
-            series = {quantity: self._keep(values) for quantity, values in method.estimator.series().items()}
+            series = {quantity: self._keep(values) for quantity, values in design_series(method).items()}
             self._series[method.name, key] = series, self._moments(experiment, method)
         return self._series[method.name, key]
 

@@ -14,6 +14,7 @@ from uncertain_experiment import write_estimation
 
 from rmpc_bench import compare, load_config, load_results, load_trials, publish, registry, run
 from rmpc_bench.execution.database import MissingError
+from rmpc_bench.types import ConfigError
 
 KEPT = ("trials.sqlite", "manifest.json")
 PARTS = '''
@@ -27,6 +28,19 @@ from rmpc_bench.types import Figure, Metric
 def slow(model, n_steps, x0, P0, factor: float = 2.0):
     """Kalman filter that starts with another covariance."""
     return design(model, n_steps, x0=x0, P0=factor * P0)
+
+
+@dataclass(frozen=True)
+class Wordy(GainScheduleFilter):
+    """A filter that reports a text."""
+
+    def series(self):
+        return {"note": "fast"}
+
+
+def wordy(model, n_steps, x0, P0):
+    """Kalman filter that reports a text."""
+    return Wordy(**vars(design(model, n_steps, x0=x0, P0=P0)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,6 +264,13 @@ def test_a_store_without_what_a_report_needs(tmp_path, monkeypatch, change):
     blocks = spied(monkeypatch)
     assert ran(path, out) == first and blocks == []
     assert cli("report", out).exit_code == 0
+
+
+def test_a_series_that_is_no_array_is_refused(tmp_path):
+    """Before any run, at the estimator that returns it."""
+    (tmp_path / "parts.py").write_text(PARTS, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"estimator: `series` returns something else than numbers for 'note'"):
+        load_config(write(tmp_path, methods="{own: {estimator: {file: 'parts.py:wordy'}}}"))
 
 
 def test_the_layout_is_plain_data(own):
