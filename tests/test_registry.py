@@ -6,6 +6,7 @@ import pytest
 
 from rmpc_bench import registry
 from rmpc_bench.config.schema import PROVIDED, model_of
+from rmpc_bench.installed import InstalledComponent
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
 
@@ -118,14 +119,15 @@ def test_parts_of_installed_packages(monkeypatch):
     """An entry point adds a part without an import until it is asked for."""
 
     class Point:
-        name = "half"
+        name, value, dist = "half", "my_package:design", None
         loaded = 0
 
         def load(self):
             Point.loaded += 1
             return design
 
-    monkeypatch.setattr(registry, "_entry_points", lambda group: {"half": Point()} if group == "estimators" else {})
+    found = {"half": InstalledComponent("half", (Point(),))}
+    monkeypatch.setattr(registry, "_entry_points", lambda group: found if group == "estimators" else {})
     assert "half" in registry.names("estimators") and "half" not in registry.names("plants")
     assert Point.loaded == 0
     assert registry.get("estimators", "half") is design
