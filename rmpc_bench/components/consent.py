@@ -17,6 +17,7 @@ from rmpc_bench import notices
 from rmpc_bench.components.code import CodeError, CodeReference, DataReference, split_reference
 from rmpc_bench.components.designs import DesignFunction, loaded_design
 from rmpc_bench.components.loading import load
+from rmpc_bench.components.probe import check_import
 from rmpc_bench.components.source import read_source
 from rmpc_bench.types.issue import nearest
 
@@ -97,6 +98,7 @@ class CodeAccess:
         """
         self.check(reference)
         name_files([reference])
+        check_import(reference, _short_hash(reference.path))
         return load(reference)
 
     def design(self, group: str, reference: CodeReference) -> DesignFunction:
@@ -114,6 +116,7 @@ class CodeAccess:
         """
         self.check(reference)
         name_files([reference])
+        check_import(reference, _short_hash(reference.path))
         return loaded_design(group, reference)
 
     def check(self, reference: CodeReference) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import traceback
 from pathlib import Path
 
@@ -37,6 +38,18 @@ def last_user_frame(error: BaseException) -> str:
     """Return file name and line of the last frame outside the bench, such as ``tanks.py:12``; empty without one."""
     frames = [each for each in traceback.extract_tb(error.__traceback__) if not each.filename.startswith(_BENCH)]
     return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+
+
+def place_in(trace: str) -> str:
+    """Return file name and line of the last frame in the text of `user_trace`; empty without one.
+
+    Examples
+    --------
+    >>> place_in('  File "/home/me/tanks.py", line 12, in update')
+    'tanks.py:12'
+    """
+    found = re.findall(r'^  File "(.+)", line (\d+)', trace, flags=re.MULTILINE)
+    return f"{Path(found[-1][0]).name}:{found[-1][1]}" if found else ""
 
 
 def one_line(error: BaseException) -> str:

@@ -11,6 +11,7 @@ from rmpc_bench.config.canonical import canonicalise
 from rmpc_bench.config.checks import check
 from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.first_calls import call_first
 from rmpc_bench.config.inheritance import inherit
 from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
@@ -56,6 +57,7 @@ def load_config(
     drafts = validate_sections(sweep.points, runs=runs, smoke=smoke, access=access)
     join_findings(source.path, drafts[0])
     points = build(drafts, smoke=smoke)
+    call_first(drafts, points)
     # Figures and claims are written for the full size; a reduced or overridden one may be too short for them.
     claims = check(sweep, drafts, points, lenient=smoke or bool(overrides))
     built = [point for point in points if point is not None]

@@ -1,0 +1,158 @@
+"""The first samples of one nominal run of a method, for a check of its components before any run.
+
+The numbers are plausible: the nominal parameters of the plant, the true initial state, and no noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.components.single_design import run_info
+from rmpc_bench.components.trace import last_user_frame, one_line, place_in
+from rmpc_bench.types import (
+    Array,
+    Command,
+    Controller,
+    Estimate,
+    Estimator,
+    Method,
+    Plant,
+    RunInfo,
+    SolverError,
+    Status,
+    as_command,
+    as_estimate,
+    as_motion,
+)
+
+
+class Finding(NamedTuple):
+    """What is wrong with a component."""
+
+    role: str
+    """``plant``, ``estimator`` or ``controller``."""
+    message: str
+
+
+class Sample(NamedTuple):
+    """What a first call needs besides the components."""
+
+    x0: Array
+    """(nx,) the true initial state."""
+    r: Array
+    """(samples, ny) the reference from k = 0 on."""
+    n_steps: int
+
+
+class _Stopped(Exception):
+    """The first call has come to its end."""
+
+
+class FirstCall:
+    """One nominal run over the samples k = 0 and k = 1.
+
+    Parameters
+    ----------
+    plant, method : the components
+    sample : the initial state and the reference
+    enter : called with the role of the component whose code runs next
+    """
+
+    def __init__(self, plant: Plant, method: Method, sample: Sample, enter: Callable[[str], None]) -> None:
+        self.plant, self.method, self.sample, self.enter = plant, method, sample, enter
+        self.runs: RunInfo = run_info(1)
+        self.found: Finding | None = None
+
+    def finding(self) -> Finding | None:
+        """Return the first thing that is wrong; None where two samples give answers of the right form."""
+        try:
+            with np.errstate(all="ignore"):
+                self._samples()
+        except _Stopped:
+            pass
+        return self.found
+
+    def _samples(self) -> None:
+        plant, estimator, controller = self.plant, self.method.estimator, self.method.controller
+        x = self.sample.x0[None].copy()
+        with self._role("plant"):
+            nominal = {name: np.array([float(value)]) for name, value in plant.nominal.items()}
+            delta = plant.draw(nominal, self.runs.rngs, self.sample.n_steps)
+            delta = plant.start(delta, x, self.runs) if plant.starts_runs else delta
+        with self._role("estimator"):
+            e = _state(estimator, delta, self.runs)
+        with self._role("controller"):
+            c = _state(controller, delta, self.runs)
+        for k in range(2):
+            with self._role("plant"):
+                y = np.array(plant.output(k, delta, x.copy(), np.zeros((1, plant.nv))))
+                self._expect(y, "output returned y", (1, plant.ny))
+            with self._role("estimator"):
+                e, answer = estimator.correct(k, e, y.copy())
+                estimate = as_estimate(answer)
+                self._expect_estimate(estimate)
+            if k == 1:
+                return
+            u, c = self._input(k, c, y, estimate)
+            with self._role("plant"):
+                motion = as_motion(plant.step(k, delta, x, u.copy(), np.zeros((1, plant.nw))))
+                self._expect(motion.x, "step returned x", (1, plant.nx))
+                x = np.array(motion.x)
+            with self._role("estimator"):
+                e = estimator.predict(k, e, u.copy())
+
+    def _input(self, k: int, state: Any, y: Array, estimate: Estimate) -> tuple[Array, Any]:
+        controller, r = self.method.controller, self.sample.r
+        with self._role("controller"):
+            state, answer = controller.control(k, state, y.copy(), estimate, r[k : k + controller.preview].copy())
+            command: Command = as_command(answer)
+            self._expect(command.u, "control returned u", (1, self.plant.nu))
+        return np.array(command.u), state
+
+    def _expect_estimate(self, estimate: Estimate) -> None:
+        x_hat = np.asarray(estimate.x_hat)
+        if x_hat.ndim != 2 or len(x_hat) != 1:
+            self._stop("estimator", f"correct returned x_hat of shape {x_hat.shape} for one run; (1, nx) is expected")
+        self._expect(x_hat, "correct returned x_hat", x_hat.shape)
+
+    def _expect(self, values: Any, what: str, shape: tuple[int, ...]) -> None:
+        array = np.asarray(values)
+        role = "controller" if "control" in what else "estimator" if "correct" in what else "plant"
+        if array.dtype.kind not in "fiu" or array.shape != shape:
+            self._stop(role, f"{what} of shape {array.shape} for one run; {shape} is expected")
+
+    @contextmanager
+    def _role(self, role: str) -> Iterator[None]:
+        """Run code of a component; an exception or a failure that it notes ends the first call."""
+        self.enter(role)
+        try:
+            yield
+        except SolverError:
+            # A solver may fail at these numbers.
+            raise _Stopped from None
+        except _Stopped:
+            raise
+        except (Exception, SystemExit, KeyboardInterrupt) as error:
+            place = last_user_frame(error)
+            self._stop(role, f"{place}: {one_line(error)}" if place else one_line(error))
+        for failure in self.runs.journal.failures.values():
+            if failure.status != Status.CRASHED:
+                raise _Stopped
+            place = place_in(failure.trace)
+            self._stop(failure.component, f"{place}: {failure.message}" if place else failure.message)
+
+    def _stop(self, role: str, message: str) -> None:
+        self.found = Finding(role, message)
+        raise _Stopped
+
+
+def _state(component: Estimator | Controller, delta: Any, runs: RunInfo) -> Any:
+    """Return the state before the first sample."""
+    init: Callable[..., Any] = component.init
+    keywords = {"runs": runs} if component.starts_runs else {}
+    oracle = isinstance(component, Estimator) and component.knows_uncertainty
+    return init(1, delta, **keywords) if oracle else init(1, **keywords)
