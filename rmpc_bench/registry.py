@@ -31,6 +31,8 @@ BUILT_IN: dict[str, dict[str, str]] = {
     "models": {
         "linear": "rmpc_bench.models.mixed_noise:design",
         "linearise": "rmpc_bench.models.linearised:design",
+        "nonlinear": "rmpc_bench.models.nonlinear:design",
+        "ode": "rmpc_bench.models.ode:design",
         "moving-slide": "rmpc_bench.models.moving_slide:design",
         "servo-linear": "rmpc_bench.models.servo:design",
         "uncertain-linear": "rmpc_bench.models.uncertain_linear:design",

@@ -13,6 +13,7 @@ from jaxtyping import install_import_hook
 # (jaxtyping matches whole dotted names; plants/test_servo.py asserts that `servo` does not cover `servo_kernel`).
 COMPILED = {
     "bounded_window_kernel",
+    "compiled_step",
     "game_kernel",
     "game_lookup",
     "minimax_kernel",

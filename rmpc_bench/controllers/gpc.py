@@ -32,7 +32,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning, TuningData
-from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean
+from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean, with_output
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import as_matrix, mv
@@ -46,6 +46,7 @@ class GpcState(NamedTuple):
     """State of the controller between steps."""
 
     x_previous: Float[Array, "runs nx"]
+    u_previous: Float[Array, "runs nu"]
 
 
 class TunedState(NamedTuple):
@@ -98,7 +99,7 @@ class Gpc(Controller):
 
     def init(self, n_runs: int) -> GpcState | TunedState:
         """Start with a previous estimate of 0, which the law does not use at k = 0."""
-        return GpcState(np.zeros((n_runs, self._nx)))
+        return GpcState(np.zeros((n_runs, self._nx)), np.zeros((n_runs, len(self.R_u))))
 
     def control(
         self,
@@ -111,11 +112,13 @@ class Gpc(Controller):
         """Apply the first input of the minimiser."""
         x_hat = estimate.x_hat
         if self.gains is not None:
-            u, loss = _linear(self.gains, self._extended(estimate), r[1:] - self._frozen(k, x_hat).d)
+            d = self._frozen(k, x_hat, state.u_previous).d
+            u, loss = _linear(self.gains, self._extended(estimate), r[1:] - d)
         else:
-            u, loss = self._first(self._frozen(k, state.x_previous if k else x_hat), self.Q_yw[None], estimate, r)
+            now = self._frozen(k, state.x_previous if k else x_hat, state.u_previous)
+            u, loss = self._first(now, self.Q_yw[None], estimate, r)
         info = {"Q_yw": np.broadcast_to(self.Q_yw, (len(u), *self.Q_yw.shape)), "loss": loss}
-        return GpcState(x_hat), Command(self._physical(u), np.full(len(u), OK), info)
+        return GpcState(x_hat, u), Command(self._physical(u), np.full(len(u), OK), info)
 
     def warm_up(self) -> None:
         """Compile the kernels of a step before the design is sent to workers."""
@@ -134,11 +137,18 @@ class Gpc(Controller):
         return isinstance(self.model, StateDependentModel)
 
     @cached_property
+    def _offsets(self) -> bool:
+        """Whether the model has constant parts and an output matrix of every run."""
+        return bool(self._follows and self.model.has_offsets)
+
+    @cached_property
     def _nx(self) -> int:
         return int(self.model.nx if self._follows else self.model.at(0).nx)
 
-    def _frozen(self, k: int, x: Float[Array, "runs nx"]) -> Frozen:
-        """Return the model at k; a state-dependent model is evaluated at x."""
+    def _frozen(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Frozen:
+        """Return the model at k; a state-dependent model is evaluated at x, and at u if it depends on the input."""
+        if self._offsets:
+            return with_output(self.model.around(k, x, u))
         if self._follows:
             (A, B), C = self.model.at_state(x), self.model.C
             return Frozen(A, B, np.zeros(C.shape[1]), C, np.zeros(len(C)))
@@ -162,6 +172,10 @@ class Gpc(Controller):
 
     def _extended(self, estimate: Estimate) -> Float[Array, "runs n"]:
         """Return the estimate, followed by the estimated mean of the process noise if it is used."""
+        if self._offsets:
+            # The states of `with_output`: its output at k has no effect.
+            nothing = np.zeros((len(estimate.x_hat), len(self.Q_yw)))
+            return np.hstack([estimate.x_hat, nothing, np.ones((len(nothing), 1))])
         return np.hstack([estimate.x_hat, estimate.info["w_mean"]]) if self.uses_mean else estimate.x_hat
 
 
@@ -202,8 +216,8 @@ class TunedGpc(Gpc):
     ) -> tuple[Any, Command]:
         """Compute the output weight and apply the first input of the minimiser."""
         x_hat = estimate.x_hat
-        now = self._frozen(k, state.x_previous if k else x_hat)
-        before = now if self._follows or k == 0 else self._frozen(k - 1, x_hat)
+        now = self._frozen(k, state.x_previous if k else x_hat, state.u_previous)
+        before = now if self._follows or k == 0 else self._frozen(k - 1, x_hat, state.u_previous)
         x_tilde = mv(before.A, state.x_previous) + mv(before.B, state.u_previous) + before.f
         x_tilde = x_tilde + state.w_mean_previous if self.uses_mean else x_tilde
         sample = TuningData(y, mv(now.C, x_hat) + now.d, x_hat, x_tilde if k else np.full_like(x_hat, np.nan))
@@ -273,6 +287,8 @@ def design(
         raise DesignError("must be of full rank, unless both the model and Q_yw are constant", "Q_u")
     if isinstance(tuning, ConstantTuning):
         return Gpc(model, Np, outputs, R_u, None, uses_mean)
+    if isinstance(model, StateDependentModel) and model.has_offsets:
+        raise DesignError("does not support `at: trajectory` of the model; use constant", "tuning")
     return TunedGpc(model, Np, outputs, R_u, None, uses_mean, _noise(tuning, estimator, now.nx, now.ny))
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.state_dependent import Affine
+from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array
 
 
@@ -42,6 +44,18 @@ def with_mean(now: Frozen) -> Frozen:
     A = np.block([[now.A, np.eye(nx)], [nothing, np.eye(nx)]])
     B, C = np.vstack([now.B, np.zeros_like(now.B)]), np.hstack([now.C, np.zeros_like(now.C)])
     return Frozen(A, B, np.concatenate([now.f, np.zeros(nx)]), C, now.d)
+
+
+def with_output(now: Affine) -> Frozen:
+    """Return a linearisation of every run as a model with a shared output matrix: its states are [x; y; 1]."""
+    n_runs, ny, nx = now.C.shape
+    nu, size = now.B.shape[2], nx + ny + 1
+    A, B = np.zeros((n_runs, size, size)), np.zeros((n_runs, size, nu))
+    A[:, :nx, :nx], A[:, :nx, -1], A[:, -1, -1] = now.A, now.f, 1.0
+    A[:, nx:-1, :nx] = np.einsum("rij,rjk->rik", now.C, now.A)
+    A[:, nx:-1, -1] = mv(now.C, now.f) + now.d
+    B[:, :nx], B[:, nx:-1] = now.B, np.einsum("rij,rjk->rik", now.C, now.B)
+    return Frozen(A, B, np.zeros(size), np.eye(ny, size, nx), np.zeros(ny))
 
 
 def predict_moves(model: LinearModel, Hp: int, Hu: int) -> Prediction:

@@ -3,6 +3,8 @@
 Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k),  w ~ N(0, Q_w), v ~ N(0, R_v), white, independent.
         P is the covariance of x_hat - x, P_pred that of x_pred - x (the paper's P_t).  If A and B depend on the state,
         they are evaluated at x_hat(k) of each run and held constant over the sample; R_v may then depend on k.
+        With a model linearised along the trajectory this is the extended Kalman filter: x_pred and y_pred are those of
+        the nonlinear model, A is its linearisation at x_hat(k) and u(k), C that at x_pred(k).
 Source  zenere2018, (5)-(8).
 Limit   The other filters are tested against this one.  With a state-dependent model whose A and B do not change it is
         the filter of the linear model.
@@ -14,7 +16,7 @@ Fails   Design error: C P_pred C' + R_v is singular, or R_v for a state-dependen
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -88,6 +90,51 @@ class RelinearisedFilter(Estimator):
         return RelinearisedState(mv(A, state.x_hat) + mv(B, u), symmetrise(congruence(A, state.P) + self.model.Q_w))
 
 
+class TrajectoryState(NamedTuple):
+    """State of the filter between steps; before a correction x_hat and P are those of the prediction."""
+
+    x_hat: Float[Array, "runs nx"]
+    P: Float[Array, "runs nx nx"]
+    u: Float[Array, "runs nu"]
+    """Input at which the output is linearised, the last one that was applied."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryFilter(RelinearisedFilter):
+    """Extended Kalman filter: it predicts with the nonlinear model and linearises at every estimate."""
+
+    def init(self, n_runs: int) -> Any:
+        """Start every run at ``x0``."""
+        return TrajectoryState(*super().init(n_runs), np.zeros((n_runs, self.model.nu)))
+
+    def correct(self, k: int, state: Any, y: Float[Array, "runs ny"]) -> tuple[Any, Estimate]:
+        """Use y(k) with the output linearised at the prediction of the run; P in Joseph form."""
+        R_v = np.broadcast_to(self.model.R_v_at(k), (len(y), *self.model.R_v.shape))
+        e, after = y - self.model.measure(state.x_hat), state
+        if k > 0 or self.use_y0:
+            C = self.model.around(k, state.x_hat, state.u).C
+            PC = np.einsum("rij,rkj->rik", state.P, C)
+            L = _solved(congruence(C, state.P) + R_v, PC.swapaxes(1, 2)).swapaxes(1, 2)
+            rest = np.eye(self.model.nx) - np.einsum("rij,rjk->rik", L, C)
+            P = symmetrise(congruence(rest, state.P) + congruence(L, R_v))
+            after = TrajectoryState(state.x_hat + mv(L, e), P, state.u)
+        return after, Estimate(after.x_hat, after.P, None, np.full(len(y), OK), {"e": e})
+
+    def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
+        """Predict k+1 with the nonlinear model; P with its linearisation at x_hat(k) and u(k)."""
+        A = self.model.around(k, state.x_hat, u).A
+        P = symmetrise(congruence(A, state.P) + self.model.Q_w)
+        return TrajectoryState(self.model.advance(k, state.x_hat, u), P, u)
+
+
+def _solved(S: Float[Array, "runs ny ny"], N: Float[Array, "runs ny nx"]) -> Float[Array, "runs ny nx"]:
+    """Return S^-1 N of every run; NaN where S is not finite, as in a failed run."""
+    good = np.isfinite(S).all(axis=(1, 2))
+    found = np.full_like(N, np.nan)
+    found[good] = np.linalg.solve(S[good], N[good])
+    return found
+
+
 def design(
     model: Model | StateDependentModel,
     n_steps: int,
@@ -134,4 +181,4 @@ def _relinearised(
         np.linalg.cholesky([model.R_v_at(k) for k in range(n_steps + 1)])
     except np.linalg.LinAlgError:
         raise DesignError("R_v is singular: the state-dependent model needs measurement noise", "") from None
-    return RelinearisedFilter(model, x0, P0, use_y0)
+    return (TrajectoryFilter if model.has_offsets else RelinearisedFilter)(model, x0, P0, use_y0)

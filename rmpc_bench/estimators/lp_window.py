@@ -202,6 +202,8 @@ def design(
         If the window has too few samples to determine the state.
     """
     if isinstance(model, StateDependentModel):
+        if model.has_offsets:
+            raise DesignError("does not support a model that is linearised along the trajectory; use kalman", "kind")
         C, d = model.C[None], np.zeros((1, len(model.C)))
     else:
         models = [model.at(k) for k in range(n_steps + 1)]

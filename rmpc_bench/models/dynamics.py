@@ -12,9 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.jacobian import Derivative, derivative
+from rmpc_bench.numerics.integration import rk4, sample_times
+from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
 from rmpc_bench.types import Array, DesignError, LinearPlant, Ode, Plant
 
+SUBSTEPS = 10
+"""Steps per sample where the plant does not integrate by the Runge-Kutta method."""
 OUTSIDE_DOMAIN = (ArithmeticError, ValueError, TypeError)
 """What a function raises where it is not defined, such as ``math.sqrt`` of a negative number."""
 
@@ -53,6 +56,12 @@ class Dynamics:
         """Return y without noise; NaN where it is not defined."""
         raise NotImplementedError("output")
 
+    def advance(
+        self, k: int, x: Float[Array, " nx"], u: Float[Array, " nu"], Ts: float, substeps: int
+    ) -> Float[Array, " nx"]:
+        """Return x(k+1) with the input held."""
+        return x + self.rest(x, u)
+
     def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Lower and upper bounds of states or inputs, infinite where there are none."""
         return np.full(len(names), -np.inf), np.full(len(names), np.inf)
@@ -60,6 +69,12 @@ class Dynamics:
     def unit(self, name: str) -> str:
         """Unit of a state, an input or an output; empty where there is none."""
         return ""
+
+    def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Tangent:
+        """Return the matrices at a point."""
+        nx = len(x)
+        J = jacobian(lambda z: self.rest(z[:nx], z[nx:]), np.concatenate([x, u]))
+        return Tangent(J[:, :nx], J[:, nx:], jacobian(self.output, x))
 
     def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
         """Return the matrices at a point, and the names of the coordinates with a kink there."""
@@ -87,7 +102,9 @@ class OdeDynamics(Dynamics):
     def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " nx"]:
         """Return x'."""
         try:
-            slope: Array = self.ode.slope(0.0, x, u, self.ode.p)
+            # Outside of its domain, where a search may try it, the function is NaN.
+            with np.errstate(all="ignore"):
+                slope: Array = self.ode.slope(0.0, x, u, self.ode.p)
         except OUTSIDE_DOMAIN:
             return np.full(len(x), np.nan)
         return slope
@@ -95,10 +112,20 @@ class OdeDynamics(Dynamics):
     def output(self, x: Float[Array, " nx"]) -> Float[Array, " ny"]:
         """Return y."""
         try:
-            y: Array = self.ode.measure(x, self.ode.p)
+            with np.errstate(all="ignore"):
+                y: Array = self.ode.measure(x, self.ode.p)
         except OUTSIDE_DOMAIN:
             return np.full(self.ode.ny, np.nan)
         return y
+
+    def advance(
+        self, k: int, x: Float[Array, " nx"], u: Float[Array, " nu"], Ts: float, substeps: int
+    ) -> Float[Array, " nx"]:
+        """Integrate over sample k by the Runge-Kutta method of order 4."""
+        p = self.ode.p
+        times = sample_times(k, substeps, Ts)
+        end = rk4(lambda t, z: self.ode.slope(t, z[:, 0], u, p)[:, None], times, x[:, None], Ts / substeps)
+        return np.ascontiguousarray(end.x[:, 0])
 
     def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Bounds of the plant."""
@@ -154,8 +181,12 @@ class LinearDynamics(Dynamics):
         return self.C @ x
 
     def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
+        """Return the matrices, which are the same at every point and have no kink."""
+        return self.slopes(x, u), ()
+
+    def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Tangent:
         """Return the matrices, which are the same at every point."""
-        return Tangent(self.A - np.eye(len(self.A)), self.B, self.C), ()
+        return Tangent(self.A - np.eye(len(self.A)), self.B, self.C)
 
 
 def dynamics_of(plant: Plant) -> Dynamics:
@@ -178,3 +209,23 @@ def dynamics_of(plant: Plant) -> Dynamics:
         "needs an ODE plant (`plant: {ode: FILE.py:NAME}`) or a plant with constant matrices; give the equations of "
         "the model by `model: {ode: FILE.py:NAME, ..}`"
     )
+
+
+def sampled(
+    dynamics: Dynamics, tangent: Tangent, rest: Float[Array, " nx"], Ts: float
+) -> tuple[Float[Array, "nx nx"], Float[Array, "nx nu"], Float[Array, " nx"]]:
+    """Return A, B and the drift over a sampling period, with the input held."""
+    if not dynamics.continuous:
+        return tangent.A + np.eye(len(rest)), tangent.B, rest
+    from scipy.linalg import expm
+
+    nx, nu = tangent.B.shape
+    block = np.zeros((nx + nu + 1, nx + nu + 1))
+    block[:nx] = np.hstack([tangent.A, tangent.B, rest[:, None]])
+    E = expm(block * Ts)
+    return E[:nx, :nx], E[:nx, nx:-1], E[:nx, -1]
+
+
+def steps_of(dynamics: Dynamics) -> int:
+    """Return the steps per sample of the plant."""
+    return (dynamics.ode.substeps if isinstance(dynamics, OdeDynamics) else 0) or SUBSTEPS

@@ -13,49 +13,19 @@ Fails   Design error: no steady state, a kink at the operating point, or a noise
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.dynamics import Dynamics, OdeDynamics, Tangent, dynamics_of
+from rmpc_bench.models.dynamics import Dynamics, OdeDynamics, Tangent, dynamics_of, sampled
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.operating_point import At, Found, find_point, text
+from rmpc_bench.models.trajectory import relinearised
 from rmpc_bench.numerics.jacobian import DIFFERS, sizes_of_coordinates
-from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.numerics.observability import controllable_states, observable_states
-from rmpc_bench.types import Array, DesignError, Matrix, Model, OperatingPoint, Plant, UserFunction
-
-
-@dataclass(frozen=True)
-class DesignNoise:
-    """Noise of a design model, white and added to the sampled state and to the output.
-
-    Parameters
-    ----------
-    process : covariance Q_w of the noise of x(k+1): a number (times the identity), a diagonal or a matrix
-    measurement : covariance R_v of the noise of y(k): a number (times the identity), a diagonal or a matrix
-    """
-
-    process: Matrix
-    measurement: Matrix
-
-    def covariances(self, nx: int, ny: int) -> tuple[Float[Array, "nx nx"], Float[Array, "ny ny"]]:
-        """Return Q_w and R_v.
-
-        Raises
-        ------
-        DesignError
-            If a size does not fit, or a matrix is not positive semidefinite.
-        """
-        found = []
-        for name, n in (("process", nx), ("measurement", ny)):
-            try:
-                found.append(as_covariance(getattr(self, name), n))
-            except ValueError as error:
-                raise DesignError(str(error), f"noise.{name}") from None
-        return found[0], found[1]
+from rmpc_bench.types import Array, DesignError, Model, OperatingPoint, Plant, UserFunction
 
 
 class LinearisedModel(LinearModel):
@@ -129,21 +99,6 @@ def linearised(dynamics: Dynamics, Ts: float, at: At, noise: DesignNoise, jacobi
     A, B, drift = sampled(dynamics, tangent, found.rest, Ts)
     known = tuple(_facts(dynamics, found, tangent, A))
     return LinearisedModel(A, B, tangent.C, Q_w, R_v, point=found.point, drift=drift, known=known, remarks=remarks)
-
-
-def sampled(
-    dynamics: Dynamics, tangent: Tangent, rest: Float[Array, " nx"], Ts: float
-) -> tuple[Float[Array, "nx nx"], Float[Array, "nx nu"], Float[Array, " nx"]]:
-    """Return A, B and the drift over a sampling period, with the input held."""
-    if not dynamics.continuous:
-        return tangent.A + np.eye(len(rest)), tangent.B, rest
-    from scipy.linalg import expm
-
-    nx, nu = tangent.B.shape
-    block = np.zeros((nx + nu + 1, nx + nu + 1))
-    block[:nx] = np.hstack([tangent.A, tangent.B, rest[:, None]])
-    E = expm(block * Ts)
-    return E[:nx, :nx], E[:nx, nx:-1], E[:nx, -1]
 
 
 def _tangent(dynamics: Dynamics, point: OperatingPoint, jacobian: Any) -> tuple[Tangent, tuple[str, ...]]:
@@ -222,7 +177,7 @@ def design(
     plant: Plant,
     *,
     linearise: Literal["plant"] = "plant",
-    at: At,
+    at: At | Literal["trajectory"],
     noise: DesignNoise,
     jacobian: UserFunction = None,
 ) -> Model:
@@ -238,7 +193,7 @@ def design(
     plant : plant of the experiment, with its nominal parameters
     linearise : `plant`
     at : operating point: `{u: .., guess: ..}` is the steady state of an input, `{y: .., guess: ..}` that of an output,
-        `{x: .., u: ..}` any point
+        `{x: .., u: ..}` any point; `trajectory` linearises again at every estimate (for `kalman` and `gpc`)
     noise : covariances `process` and `measurement` of the noise of the sampled model
     jacobian : function (x, u, p) that returns (A, B) or (A, B, C), the derivatives of rhs and output; without it they
         are computed by differences
@@ -248,4 +203,9 @@ def design(
     DesignError
         If there is no such point, the plant has a kink there, or the noise is no covariance.
     """
-    return linearised(dynamics_of(plant), Ts, at, noise, jacobian)
+    dynamics = dynamics_of(plant)
+    if at == "trajectory":
+        if jacobian is not None:
+            raise DesignError("has no effect beside `at: trajectory`", "jacobian")
+        return relinearised(dynamics, Ts, noise)
+    return linearised(dynamics, Ts, at, noise, jacobian)

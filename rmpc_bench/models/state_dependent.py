@@ -20,6 +20,16 @@ class Pair(NamedTuple):
     B: Float[Array, "runs nx nu"]
 
 
+class Affine(NamedTuple):
+    """A linearisation of every run: x(k+1) = A x + B u + f, y = C x + d."""
+
+    A: Float[Array, "runs nx nx"]
+    B: Float[Array, "runs nx nu"]
+    f: Float[Array, "runs nx"]
+    C: Float[Array, "runs ny nx"]
+    d: Float[Array, "runs ny"]
+
+
 class StateDependentModel(Model):
     """Base class of models with another pair of matrices at every state.
 
@@ -57,6 +67,23 @@ class StateDependentModel(Model):
     def at_state(self, x: Float[Array, "runs nx"]) -> Pair:
         """Sample the model with its matrices frozen at a state of every run."""
         raise NotImplementedError("at_state")
+
+    @attribute
+    def has_offsets(self) -> bool:
+        """Whether the model has constant parts and an output matrix that depend on the state: use `around`."""
+        return False
+
+    def around(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Affine:
+        """Linearise at a state and an input of every run; only with `has_offsets`."""
+        raise NotImplementedError("around")
+
+    def advance(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Float[Array, "runs nx"]:
+        """Return x(k+1) of the model without linearisation; only with `has_offsets`."""
+        raise NotImplementedError("advance")
+
+    def measure(self, x: Float[Array, "runs nx"]) -> Float[Array, "runs ny"]:
+        """Return y of the model without linearisation; only with `has_offsets`."""
+        raise NotImplementedError("measure")
 
 
 def pair_at(model: Model | StateDependentModel, k: int, x: Float[Array, "runs nx"]) -> Pair:

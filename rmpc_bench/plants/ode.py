@@ -22,15 +22,15 @@ Cost    About 20 us per run and sample for two states and 10 steps in a block of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.ode_names import Names
 from rmpc_bench.plants.ode_design import equation, stepping_of
 from rmpc_bench.plants.ode_facts import facts
-from rmpc_bench.plants.ode_names import Names
 from rmpc_bench.plants.ode_stepping import (
     RunAdvance,
     Solver,
@@ -283,4 +283,5 @@ def design(
     start = None if x0 is None else np.atleast_1d(np.asarray(x0, dtype=float))
     record, reasons = equation(ode, output, states, inputs, outputs, parameters or {}, bounds or {}, start)
     stepping, remarks, cost = stepping_of(record, float(Ts), n_steps, solver, events, reasons, start)
+    record = replace(record, substeps=stepping.substeps)
     return OdePlant(float(Ts), record, stepping, record.nominal, remarks, cost)

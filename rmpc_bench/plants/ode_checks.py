@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.plants.ode_names import function_name
+from rmpc_bench.models.ode_names import function_name
 from rmpc_bench.plants.ode_stepping import padded, rows
 from rmpc_bench.types import Array, DesignError, Ode, Parameters
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.ode_names import Names, check_output, function_name, is_timed, names_of, refuse_shared
 from rmpc_bench.plants.ode_checks import output_takes_blocks, rhs_takes_blocks, sample
 from rmpc_bench.plants.ode_events import UserEvent, read_events
-from rmpc_bench.plants.ode_names import Names, check_output, function_name, is_timed, names_of, refuse_shared
 from rmpc_bench.plants.ode_stepping import Solver, Stepping, advance_block, advance_run
 from rmpc_bench.plants.ode_substeps import choose_substeps, substeps_remark
 from rmpc_bench.types import Array, DesignError, Ode

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.ode_names import function_name, is_timed
 from rmpc_bench.numerics.adaptive import Event
-from rmpc_bench.plants.ode_names import function_name, is_timed
 from rmpc_bench.types import Array, DesignError, Ode, Parameters
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rmpc_bench.plants.ode_names import function_name
+from rmpc_bench.models.ode_names import function_name
 from rmpc_bench.plants.ode_stepping import Stepping, bounds_text
 from rmpc_bench.types import Ode
 

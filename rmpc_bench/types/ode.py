@@ -76,6 +76,7 @@ class Ode:
     timed : whether rhs depends on the time
     rhs_takes_blocks, output_takes_blocks : whether the function gives the same bits for a block of runs, x of shape
         (nx, runs), as for each run alone
+    substeps : steps of the Runge-Kutta method per sample in the plant; 0 with another method
     """
 
     rhs: Callable[..., Any]
@@ -89,6 +90,7 @@ class Ode:
     timed: bool = False
     rhs_takes_blocks: bool = False
     output_takes_blocks: bool = False
+    substeps: int = 0
 
     @property
     def nx(self) -> int:

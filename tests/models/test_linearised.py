@@ -7,7 +7,8 @@ from models import pendulum
 from plants import tanks
 from scipy.signal import cont2discrete
 
-from rmpc_bench.models.linearised import DesignNoise, design
+from rmpc_bench.models.linearised import design
+from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.numerics.linalg import discretise
 from rmpc_bench.plants.linear import design as linear_plant

@@ -1,0 +1,108 @@
+"""Design model given by an equation of its own, which may be simpler than that of the plant.
+
+Model   x' = rhs(x, u, p), y = output(x, p) with the parameters of the model.  It is used as the plant's own equation
+        is by `linearise` (with `at`) or by `nonlinear` (without).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rmpc_bench.models.dynamics import OdeDynamics
+from rmpc_bench.models.linearised import linearised
+from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.nonlinear import nonlinear_model
+from rmpc_bench.models.ode_names import Names, check_output, is_timed, names_of, refuse_shared
+from rmpc_bench.models.operating_point import At
+from rmpc_bench.models.trajectory import relinearised
+from rmpc_bench.types import Count, DesignError, Model, Ode, Plant, UserFunction
+
+
+def design(
+    Ts: float,
+    plant: Plant,
+    *,
+    ode: UserFunction,
+    output: UserFunction = None,
+    states: Names | None = None,
+    inputs: Names | None = None,
+    outputs: Names | None = None,
+    parameters: dict[str, float] | None = None,
+    noise: DesignNoise,
+    at: At | Literal["trajectory"] | None = None,
+    jacobian: UserFunction = None,
+    substeps: Count | None = None,
+    numba: bool = False,
+) -> Model:
+    """Design model with an equation of its own; linear with `at`, nonlinear without.
+
+    Names, parameters and bounds that are not given are those of an ODE plant.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    plant : plant of the experiment
+    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states
+    output : ``PATH.py:NAME`` of output(x, p); without it all states are measured
+    states, inputs, outputs : names, such as ``[h1, h2]``, or counts
+    parameters : name -> value; they replace those of the plant one by one
+    noise : covariances `process` and `measurement` of the noise of the sampled model
+    at : operating point, as for `linearise`; without it the model is nonlinear
+    jacobian : derivatives at the operating point, as for `linearise`
+    substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant)
+    numba : whether to compile rhs of a nonlinear model
+
+    Raises
+    ------
+    DesignError
+        If a function, a name or an operating point is not what it must be.
+    """
+    equation = _equation(plant.ode, ode, output, states, inputs, outputs, parameters or {})
+    if (equation.nu, equation.ny) != (plant.nu, plant.ny):
+        raise DesignError(
+            f"inputs and outputs of the model: {equation.nu} and {equation.ny}; those of the plant: {plant.nu} and "
+            f"{plant.ny}; give inputs, outputs and `output`",
+            "ode",
+        )
+    dynamics = OdeDynamics(equation)
+    if at == "trajectory":
+        return relinearised(dynamics, Ts, noise, substeps)
+    if at is not None:
+        return linearised(dynamics, Ts, at, noise, jacobian)
+    return nonlinear_model(dynamics, Ts, noise, substeps=substeps, numba=numba)
+
+
+def _equation(
+    plant: Ode | None,
+    ode: UserFunction,
+    output: UserFunction,
+    states: Names | None,
+    inputs: Names | None,
+    outputs: Names | None,
+    parameters: dict[str, float],
+) -> Ode:
+    """Return the equation, with the names of the plant where none are given."""
+    x_names, x_units = _named(states, None if plant is None else plant.states, "states", "x")
+    u_names, u_units = _named(inputs, None if plant is None else plant.inputs, "inputs", "u")
+    refuse_shared(x_names, u_names)
+    if output is None:
+        y_names, y_units = x_names, x_units
+    else:
+        check_output(output)
+        y_names, y_units = _named(outputs, None if plant is None else plant.outputs, "outputs", "y")
+    nominal = {**({} if plant is None else plant.nominal), **parameters}
+    units = {**({} if plant is None else plant.units), **y_units, **u_units, **x_units}
+    known = {} if plant is None else plant.bounds
+    bounds = {name: known[name] for name in (*x_names, *u_names) if name in known}
+    substeps = 0 if plant is None else plant.substeps
+    return Ode(ode, output, x_names, u_names, y_names, nominal, units, bounds, is_timed(ode), substeps=substeps)
+
+
+def _named(
+    given: Names | None, of_plant: tuple[str, ...] | None, key: str, letter: str
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    if given is not None:
+        return names_of(given, key, letter)
+    if of_plant is None:
+        raise DesignError("name them, or give their number: the plant is no ODE plant", key)
+    return of_plant, {}
