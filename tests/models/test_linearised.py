@@ -9,16 +9,19 @@ from scipy.signal import cont2discrete
 
 from rmpc_bench.models.linearised import design
 from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.ode import design as ode_model
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.numerics.linalg import discretise
 from rmpc_bench.plants.linear import design as linear_plant
 from rmpc_bench.plants.ode import design as ode_plant
+from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.plants.servo import design as servo_plant
 from rmpc_bench.plants.servo import design_linear as servo_linear_plant
 from rmpc_bench.types import DesignError
 
 TS = 0.5
 NOISE = DesignNoise(process=4e-6, measurement=4e-6)
+STEPS = Solver(substeps=10)
 DIFFERENCES = {"rtol": 1e-9, "atol": 1e-11}
 """Of a central difference with one Richardson step."""
 
@@ -27,13 +30,15 @@ def two_tanks(**keys):
     """Return the tanks as a plant."""
     given = {"bounds": {"h1": [0.0, 2.0], "h2": [0.0, 2.0], "pump": [0.0, 30.0]}, **keys}
     names = {"states": tanks.STATES, "inputs": tanks.INPUTS, "outputs": tanks.OUTPUTS}
+    given |= {"x0": [0.2, 0.1]}
     return ode_plant(TS, 20, ode=tanks.rhs, output=tanks.output, parameters=tanks.PARAMETERS, **names, **given)
 
 
 def cart():
     """Return the pendulum as a plant."""
     names = {"states": pendulum.STATES, "inputs": pendulum.INPUTS, "outputs": ["s"]}
-    return ode_plant(TS, 20, ode=pendulum.rhs, output=pendulum.position, parameters=pendulum.PARAMETERS, **names)
+    given = {"parameters": pendulum.PARAMETERS, "solver": STEPS, **names}
+    return ode_plant(TS, 20, ode=pendulum.rhs, output=pendulum.position, **given)
 
 
 def tank_matrices(x):
@@ -98,9 +103,14 @@ def oscillator(x, u, p):
     return [x[1], u[0] - 0.3 * x[1] + 0.2]
 
 
+def oscillating():
+    """Return the linear equation as a plant."""
+    return ode_plant(TS, 20, ode=oscillator, states=["a", "b"], inputs=["f"])
+
+
 def test_a_linear_equation_is_its_own_model():
     """Oracle: the exponential of the block matrix, at any point; the constant part included."""
-    plant = ode_plant(TS, 20, ode=oscillator, states=["a", "b"], inputs=["f"])
+    plant = oscillating()
     A, B = discretise(np.array([[0.0, 1.0], [0.0, -0.3]]), np.array([[0.0, 0.0], [1.0, 0.2]]), TS)
     for at in (At(x=[1.0, -2.0], u=0.5), At(u=-0.2, guess=3.0), At(x=0.0, u=0.0)):
         model = design(TS, plant, at=at, noise=NOISE)
@@ -127,7 +137,7 @@ def test_built_in_linear_plants_are_their_own_models(rng):
 
 def kinked(**keys):
     """Return a plant with a kink at x = 1."""
-    return ode_plant(TS, 20, ode=pendulum.table, states=["level"], inputs=["flow"], **keys)
+    return ode_plant(TS, 20, ode=pendulum.table, states=["level"], inputs=["flow"], solver=STEPS, **keys)
 
 
 def test_a_kink_at_the_operating_point_is_refused():
@@ -182,8 +192,7 @@ REFUSED = {
     "no effect": (two_tanks, At(x=0.1, u=8.0, guess=3.0), "no effect", "at.guess"),
     "beyond": (two_tanks, At(u=29.0 + 0.9, guess=1.0), None, None),
     "edge": (two_tanks, At(u=0.0, guess=1.0), "no steady state was found for pump = 0 ml/s", "at"),
-    "none": (lambda: ode_plant(TS, 20, ode=empty, states=["a"]), At(u=0.0), "the residual is", "at"),
-    "mistake": (lambda: ode_plant(TS, 20, ode=raising, states=["a"]), At(u=0.0), "raises AttributeError", "at.guess"),
+    "none": (lambda: ode_plant(TS, 20, ode=empty, states=["a"], solver=STEPS), At(u=0.0), "the residual is", "at"),
 }
 
 
@@ -198,6 +207,13 @@ def test_what_is_refused(name):
         design(TS, plant(), at=at, noise=NOISE)
     assert words in str(found.value)
     assert found.value.parameter == key
+
+
+def test_an_error_of_the_function_is_reported():
+    """An equation of the model's own is first called at the guess."""
+    with pytest.raises(DesignError, match=r"rhs raises AttributeError at a = 0.5, b = 0.5: 'missing'") as found:
+        ode_model(TS, oscillating(), ode=raising, noise=NOISE, at=At(u=0.0, guess=0.5))
+    assert found.value.parameter == "at.guess"
 
 
 def test_noise_of_the_wrong_size_is_reported_at_its_key():
