@@ -113,3 +113,12 @@ def test_a_single_filter_is_a_batch_of_one():
     filter_ = rmpc_bench.estimator("kalman", model, n_steps=5, x0=np.zeros(2), P0=eye)
     state, estimate = filter_.correct(0, filter_.init(n_runs=1), np.array([1.0])[None])
     assert estimate.x_hat.shape == (1, 2) and estimate.status.tolist() == [rmpc_bench.Status.OK]
+
+
+def test_no_public_name_is_that_of_a_submodule():
+    """After the first import of such a submodule the attribute of the package would be the module."""
+    directory = Path(rmpc_bench.__file__).parent
+    modules = {path.stem for path in directory.glob("*.py")} | {
+        path.name for path in directory.iterdir() if path.is_dir()
+    }
+    assert not modules & set(rmpc_bench._PUBLIC)

@@ -94,7 +94,9 @@ def _not_marked(group: str, component: type) -> str:
     base, noun = BASES[group].__name__, group.removesuffix("s")
     other = next((each for each, kind in BASES.items() if issubclass(component, kind)), None)
     if other is not None:
-        return f"{component.__qualname__} is a {BASES[other].__name__}, no {noun}"
+        other_base = BASES[other].__name__
+        article = "an" if other_base[0] in "AEIOU" else "a"
+        return f"{component.__qualname__} is {article} {other_base}, no {noun}"
     if any(all(hasattr(component, name) for name in each) for each in METHODS.get(group, ())):
         return (
             f"{component.__qualname__} is not marked: write @single_run above the class if it is written for one run, "
