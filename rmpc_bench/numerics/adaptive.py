@@ -79,6 +79,9 @@ class _User:
         if self._calls > MAX_CALLS:
             raise _TooManyCalls
         x = x if self._bounds is None else np.clip(x, self._bounds.low, self._bounds.high)
+        if not np.isfinite(x).all():
+            # Functions of one number, such as math.sin, raise an exception there.
+            return np.full(len(x), np.nan)
         return self._guarded(self._slope, t, x)  # type: ignore[no-any-return]
 
     def event(self, event: Event | None) -> Callable[[float, Array], float]:

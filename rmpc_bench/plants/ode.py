@@ -154,7 +154,9 @@ class OdePlant(Plant):
         if runs is not None:
             self._count_limited(runs, u, limited)
         ends = self._block if self.ode.rhs_takes_blocks and self.stepping.substeps else self._run_by_run
-        x_next, failed = ends(k, delta, x, limited, None if runs is None else runs.alive)
+        # Beyond its bounds a state may be one for which rhs is not defined.
+        with np.errstate(all="ignore"):
+            x_next, failed = ends(k, delta, x, limited, None if runs is None else runs.alive)
         x_next = x_next + w
         for i, name in self._outside(x_next):
             reason = left_bounds(self.ode, self.ode.states.index(name), (k + 1) * self.Ts)
@@ -171,7 +173,8 @@ class OdePlant(Plant):
     ) -> Float[Array, "runs ny"]:
         """Measure."""
         if self.ode.output_takes_blocks:
-            return self.ode.measure(padded(x), rows(self.nominal, padded(delta.numbers)))[:, : len(x)].T + v
+            with np.errstate(all="ignore"):
+                return self.ode.measure(padded(x), rows(self.nominal, padded(delta.numbers)))[:, : len(x)].T + v
         alive = delta.runs.alive if isinstance(delta, StartedDelta) else np.ones(len(x), dtype=bool)
         y = np.full((len(x), self.ny), np.nan)
         for i in _rows_where(alive):

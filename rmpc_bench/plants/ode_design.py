@@ -55,8 +55,10 @@ def equation(
     own = _by_name(bounds, x_names, u_names)
     record = Ode(rhs, output, x_names, u_names, y_names, nominal, {**y_units, **u_units, **units}, own, is_timed(rhs))
     start = initial(record, x0)
-    reasons = {function_name(rhs): rhs_takes_blocks(record, start)}
-    measured = "" if output is None else output_takes_blocks(record, start)
+    # A function may meet numbers here for which it is not defined.
+    with np.errstate(all="ignore"):
+        reasons = {function_name(rhs): rhs_takes_blocks(record, start)}
+        measured = "" if output is None else output_takes_blocks(record, start)
     record = replace(record, rhs_takes_blocks=not any(reasons.values()), output_takes_blocks=not measured)
     if measured:
         reasons[function_name(output)] = measured

@@ -138,7 +138,8 @@ def _one_column(ode: Ode, u: Float[Array, " nu"], p: Parameters, bounds: Bounds 
 
     def slope(t: float, x: Array) -> Array:
         inside = x[:, 0] if bounds is None else np.clip(x[:, 0], bounds.low, bounds.high)
-        return ode.slope(t, inside, u, p)[:, None]
+        # At what is not a number functions such as math.sin raise an exception.
+        return (ode.slope(t, inside, u, p) if np.isfinite(inside).all() else np.full(ode.nx, np.nan))[:, None]
 
     return slope
 

@@ -2,7 +2,8 @@
 
 Trial runs start at the initial state with nominal parameters and no noise.  Their inputs are drawn anew at every
 sample: uniform between their bounds, standard normal without bounds.  The number of steps is the smallest one found for
-which twice as many steps change no sampled state by more than 1e-9 of its range over the trial runs.
+which twice as many steps change no sampled state by more than 1e-9 of its range over the trial runs.  An equation with
+jumps or kinks has no such number; it gets 50 steps and a remark with its change.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ ROUNDING = 1e-13
 """Change relative to the magnitude of a state that rounding explains."""
 MAX_SUBSTEPS = 200
 """Beyond this number the equation is stiff, and an implicit method is cheaper."""
+ROUGH_SUBSTEPS, ROUGH_CHANGE = 50, 0.02
+"""Number of steps where no number is enough although the solution is no worse than this, relative to the range of a
+state: the equation has a jump or a kink, such as dry friction."""
 ORDER = 4
 """Of the Runge-Kutta method."""
 
@@ -49,16 +53,18 @@ def choose_substeps(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) 
     """
     trial = trial_runs(ode, Ts, n_steps, x0)
     first = _search(trial)
-    if first > MAX_SUBSTEPS:
-        coarse, fine = trial(SHORT, MAX_SUBSTEPS), trial(SHORT, 2 * MAX_SUBSTEPS)
-        if change(coarse, fine)[0] > 1.0:
-            raise DesignError(_stiff(ode, coarse, fine, MAX_SUBSTEPS), "solver")
-        first = MAX_SUBSTEPS
-    for n in [first * factor for factor in (1, 2, 4, 8) if first * factor <= MAX_SUBSTEPS]:
-        coarse, fine = trial(full(ode), n), trial(full(ode), 2 * n)
-        if change(coarse, fine)[0] <= 1.0:
+    coarse = trial(full(ode), first) if first <= MAX_SUBSTEPS else None
+    for n in [first * factor for factor in (1, 2, 4) if first * factor <= MAX_SUBSTEPS]:
+        fine = trial(full(ode), 2 * n)
+        if coarse is not None and change(coarse, fine)[0] <= 1.0:
             return n
-    raise DesignError(_stiff(ode, coarse, fine, n), "solver")
+        coarse = fine
+    if change(trial(SHORT, MAX_SUBSTEPS), trial(SHORT, 2 * MAX_SUBSTEPS))[0] <= 1.0:
+        return MAX_SUBSTEPS
+    coarse, fine = trial(full(ode), ROUGH_SUBSTEPS), trial(full(ode), 2 * ROUGH_SUBSTEPS)
+    if change(coarse, fine)[0] * LARGEST_CHANGE <= ROUGH_CHANGE:
+        return ROUGH_SUBSTEPS
+    raise DesignError(_stiff(ode, coarse, fine), "solver")
 
 
 def _search(trial: Trial) -> int:
@@ -83,14 +89,15 @@ def full(ode: Ode) -> tuple[int, int]:
 
 def substeps_remark(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"], solver: Solver, substeps: int) -> str:
     """Say what number of steps was chosen, or how far twice a given one changes the states; empty if not far."""
-    if solver.substeps is None:
+    if solver.substeps is None and substeps != ROUGH_SUBSTEPS:
         return f"rk4 takes {substeps} substeps per sample"
     trial = trial_runs(ode, Ts, n_steps, x0)
     coarse, fine = trial(full(ode), substeps), trial(full(ode), 2 * substeps)
     size, i = change(coarse, fine)
     if size <= 1.0:
-        return ""
-    return f"twice as many substeps as {substeps} change {ode.states[i]} by {_relative(coarse, fine, i)}"
+        return "" if solver.substeps else f"rk4 takes {substeps} substeps per sample"
+    text = f"twice as many substeps of rk4 as {substeps} change {ode.states[i]} by {_relative(coarse, fine, i)}"
+    return text if solver.substeps else f"{text}, as where the equation has a jump or a kink; see solver"
 
 
 def trial_runs(ode: Ode, Ts: float, n_steps: int, x0: Float[Array, " nx"]) -> Trial:
@@ -157,12 +164,12 @@ def _relative(coarse: Array, fine: Array, i: int) -> str:
         return f"{apart / _range(fine)[i]:.1g} of its range in the trial runs"
 
 
-def _stiff(ode: Ode, coarse: Array, fine: Array, n: int) -> str:
+def _stiff(ode: Ode, coarse: Array, fine: Array) -> str:
     size, i = change(coarse, fine)
-    found = f"change {ode.states[i]} by {_relative(coarse, fine, i)}"
+    found = f"{ode.states[i]} changes by {_relative(coarse, fine, i)} with twice as many"
     if not np.isfinite(size):
-        found = "leave runs without finite numbers, or outside their bounds"
+        found = "runs have no finite numbers, or leave their bounds"
     return (
-        f"from initial.x the differential equation is stiff, or has a jump or a kink: {2 * n} steps of rk4 per sample "
-        f"instead of {n} {found}; use solver: {{method: LSODA}} or {{method: Radau}}, or give solver.substeps"
+        f"the differential equation is stiff: with {ROUGH_SUBSTEPS} steps of rk4 per sample {found}; more than "
+        f"{MAX_SUBSTEPS} would be needed; use solver: {{method: LSODA}} or {{method: Radau}}, or give solver.substeps"
     )
