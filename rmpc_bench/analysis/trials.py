@@ -70,6 +70,7 @@ class Trials:
     keys : method -> what identifies its trials, the same at points that share them
     oracles : methods whose estimator is an oracle
     groups : method -> moments over the runs by groups of runs, where they are not exact
+    expected_failures : method -> check of its components that is meant to fail -> reason
     """
 
     name: str
@@ -99,6 +100,7 @@ class Trials:
     look: int = 1
     with_verdicts: bool = True
     groups: Mapping[str, RunGroups] = field(default_factory=dict)
+    expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def primary_info(self) -> MetricInfo | None:

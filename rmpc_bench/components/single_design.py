@@ -38,6 +38,11 @@ class SingleDesign:
         """`init` or `start` takes the runs of the block."""
         return True
 
+    @property
+    def expected_failures(self) -> Mapping[str, str]:
+        """As the user's class declares."""
+        return getattr(self.user.component, "expected_failures", {})
+
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what `prepare` returned: every process makes it again."""
         return {**self.__dict__, "_prepared": None}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from hashlib import sha256
 
 import numpy as np
@@ -18,6 +18,8 @@ from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Method
+
+BUILT_IN = ("rmpc_bench.estimators.", "rmpc_bench.controllers.")
 
 
 def keep_layout(config: ExperimentConfig, store: Store, methods: Collection[str]) -> None:
@@ -77,6 +79,7 @@ class _Layout:
             figures=tuple(plain(set_keys(figure)) for figure in config.figures),
             claims=config.claims,
             points=tuple(self._point(point) for point in config.points),
+            expected_failures=_declared(config),
         )
 
     def _point(self, point: SweepPoint) -> StoredPoint:
@@ -142,6 +145,17 @@ class _Layout:
         name = sha256(repr(array.shape).encode() + array.tobytes()).hexdigest()
         self.arrays[name] = array
         return name
+
+
+def _declared(config: ExperimentConfig) -> dict[str, dict[str, str]]:
+    """Return the failures of checks that own components declare, by method; those of this package are in its tests."""
+    found: dict[str, dict[str, str]] = {}
+    for method in (method for point in config.points for method in point.experiment.methods):
+        for design in (method.estimator, method.controller):
+            if not type(design).__module__.startswith(BUILT_IN) and isinstance(design.expected_failures, Mapping):
+                declared = {str(check): str(reason) for check, reason in design.expected_failures.items()}
+                found.setdefault(method.name, {}).update(declared)
+    return {name: declared for name, declared in found.items() if declared}
 
 
 def _has_results(config: ExperimentConfig, store: Store, name: str) -> bool:

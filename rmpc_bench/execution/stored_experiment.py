@@ -123,6 +123,7 @@ class StoredExperiment:
     figures : keys of the figures to draw; of a figure from a user's file only ``file``
     claims : statements to check
     points : points of the sweep
+    expected_failures : method -> check of `rmpc_bench.conformance` that its own components are meant to fail -> reason
     """
 
     name: str
@@ -146,6 +147,7 @@ class StoredExperiment:
     figures: tuple[Mapping[str, Any], ...]
     claims: tuple[Claim, ...]
     points: tuple[StoredPoint, ...]
+    expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def methods(self) -> tuple[str, ...]:

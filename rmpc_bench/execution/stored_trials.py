@@ -96,6 +96,7 @@ def _table(experiment: StoredExperiment, point: StoredPoint, store: Store, serie
         oracles=frozenset(name for name, method in point.methods.items() if method.is_oracle),
         groups={name: groups for name in methods if (groups := _groups(experiment, point, store, name)) is not None},
         with_verdicts=not experiment.is_smoke,
+        expected_failures=experiment.expected_failures,
     )
 
 

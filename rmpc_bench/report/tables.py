@@ -100,8 +100,9 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
         parts.append(explanation(trials))
     worst = worst_runs_columns(trials)
     parts += ["## Worst runs", markdown_table(worst)] if worst else []
-    statuses = _statuses(trials)
-    return "\n\n".join([*parts, *(["## Failed runs", "\n".join(statuses)] if statuses else [])]) + "\n"
+    for head, lines in (("Failed runs", _statuses(trials)), ("Checks that are meant to fail", _declared(trials))):
+        parts += [f"## {head}", "\n".join(lines)] if lines else []
+    return "\n\n".join(parts) + "\n"
 
 
 def _markdown_columns(table: MetricTable) -> dict[str, list[str]]:
@@ -182,6 +183,15 @@ def _statuses(trials: Trials) -> list[str]:
             meaning = f": {status.explanation}" if status is not None else ""
             rows.append(f"- {method}: {_count(counts[method, word], 'run')} {word}{meaning}")
     return rows
+
+
+def _declared(trials: Trials) -> list[str]:
+    """List the checks that own components declare to fail, with the reason."""
+    return [
+        f"- {method}: `{check}` ({reason})"
+        for method in trials.methods
+        for check, reason in trials.expected_failures.get(method, {}).items()
+    ]
 
 
 def _count(n: int, noun: str) -> str:

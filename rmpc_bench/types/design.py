@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rmpc_bench.types.attribute import attribute
 
 
@@ -17,6 +19,11 @@ class Design:
     def cost_per_step(self) -> float:
         """Time of a step per run in a block of 50 runs [s]; 0 where it is a few microseconds at most."""
         return 0.0
+
+    @attribute
+    def expected_failures(self) -> Mapping[str, str]:
+        """Checks of `rmpc_bench.conformance` that the component is meant to fail -> reason; reports print them."""
+        return {}
 
     def warm_up(self) -> None:
         """Do costly work that workers share, such as compiling; doing it again costs nothing."""

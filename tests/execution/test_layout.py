@@ -25,9 +25,15 @@ from rmpc_bench.estimators.kalman import design
 from rmpc_bench.types import Figure, Metric
 
 
+class Slow(GainScheduleFilter):
+    """A filter that is not consistent."""
+
+    expected_failures = {"consistent": "starts with another covariance"}
+
+
 def slow(model, n_steps, x0, P0, factor: float = 2.0):
     """Kalman filter that starts with another covariance."""
-    return design(model, n_steps, x0=x0, P0=factor * P0)
+    return Slow(**vars(design(model, n_steps, x0=x0, P0=factor * P0)))
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,15 @@ def test_the_same_bytes_without_code_in_another_place(own, tmp_path):
     assert all(drawn) and files(there) == expected
     assert load_trials(there).frame.equals(load_trials(directory).frame)
     assert compare(load_results(there)).to_markdown() == compare(load_results(directory)).to_markdown()
+
+
+def test_declared_failures_of_checks_are_printed(own, tmp_path):
+    """With the reason, in the page of tables."""
+    there = moved(own[0], tmp_path / "there")
+    assert cli("report", there).exit_code == 0
+    page = (there / "tables" / "summary.md").read_text(encoding="utf-8")
+    section = page.partition("## Checks that are meant to fail")[2].partition("\n#")[0]
+    assert section.strip() == "- own: `consistent` (starts with another covariance)"
 
 
 def test_a_figure_of_a_user_is_drawn_by_run_only(own, tmp_path):
