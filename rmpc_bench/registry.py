@@ -198,6 +198,11 @@ def get(group: str, name: str) -> DesignFunction:
     raise KeyError(unknown(name, names(group), singular(group), f"rmpc-bench list {group}"))
 
 
+def installed_component(group: str, name: str) -> InstalledComponent | None:
+    """Return the component of an installed package that a name stands for; None for any other component."""
+    return None if name in _REGISTERED[group] or name in BUILT_IN[group] else _entry_points(group).get(name)
+
+
 def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> Any:
     """Return a design after the checks that every component passes; see `rmpc_bench.types.contract.checked`."""
     # Imported here because `types` needs NumPy, and the names of components are listed without it.

@@ -195,7 +195,8 @@ def _multiline(name: str, plant: list[str], model: str) -> list[tuple[str, str, 
 
 def _differences(config: ExperimentConfig) -> list[tuple[str, str]]:
     """Return, per method, the keys whose values differ between the methods."""
-    flat = {name: dict(_leaves(parts)) for name, parts in config.methods.items()}
+    methods = config.first_point["methods"].items()
+    flat = {name: {key: leaf for key, leaf in _leaves(parts) if key != "label"} for name, parts in methods}
     keys = dict.fromkeys(key for leaves in flat.values() for key in leaves)
     differing = [key for key in keys if len({repr(leaves.get(key)) for leaves in flat.values()}) > 1]
     return [

@@ -53,6 +53,7 @@ class Request:
     smoke: bool
     strict: bool
     fresh: bool
+    accept_versions: bool
     dry_run: bool
     progress: str
     allow_code: tuple[Path, ...]
@@ -86,6 +87,7 @@ class Request:
 @click.option("--smoke", is_flag=True, help="Use the size of the section `smoke`; results go to results/smoke.")
 @click.option("--strict", is_flag=True, help="Exit with 1 if the finding of a claim differs from its record.")
 @click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
+@click.option("--accept-versions", is_flag=True, help="Use rows that other versions of a library have computed.")
 @click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
 @click.option("--progress", type=click.Choice(["auto", "bar", "plain", "none"]), default="auto", show_default=True)
 @own_code.allow_code_option
@@ -125,6 +127,7 @@ def run(**options: Any) -> int:
             directory=directory,
             jobs=request.jobs,
             only=request.only or None,
+            accept_versions=request.accept_versions,
             progress=choose(request.progress),
         )
     except StoreError as error:
@@ -164,15 +167,15 @@ def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -
 
     names = [method.name for method in config.experiment.methods if not only or method.name in only]
     left = total = config.n_trials(names)
-    apart = ""
+    apart = None
     if (directory / FILE).exists():
         with Store(directory, writable=False) as store:
-            store.check(config.hash, config.shared)
+            store.check(config.hash, config.shared, config.own.names())
             left = sum(len(task.runs) for task in pending(config, store, names))
             apart = rows_of_other_code(config, store, names)
     click.echo(f"{config.name}: {left} of {total} trials to compute ({', '.join(names)})")
     if apart:
-        click.echo(f"{apart}; they would be computed again")
+        click.echo("\n".join(apart.said("; they would be computed again", ": they would be computed again")))
     click.echo(f"results go to {directory}; nothing was computed (--dry-run)")
     return 0
 

@@ -20,6 +20,7 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.identity import sweep_point
 from rmpc_bench.config.model_facts import model_facts
+from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant_range import build_range, given_bounds
 from rmpc_bench.config.plausibility import warnings_of
 from rmpc_bench.config.sweep_point import SweepPoint
@@ -230,7 +231,7 @@ def _mean_start(draft: DraftConfig) -> Any:
         return None
 
 
-def build(drafts: Sequence[DraftConfig], *, smoke: bool) -> list[SweepPoint | None]:
+def build(drafts: Sequence[DraftConfig], own: OwnCode, *, smoke: bool) -> list[SweepPoint | None]:
     """Make every design of every point; None where one cannot be made, with the reasons in the problems of the draft.
 
     Points of a sweep share equal designs.
@@ -238,6 +239,7 @@ def build(drafts: Sequence[DraftConfig], *, smoke: bool) -> list[SweepPoint | No
     Parameters
     ----------
     drafts : the sections of every point
+    own : gets the files of the user that the points use
     smoke : whether windows of metrics are cut where a run is too short for them
     """
     cache = DesignCache()
@@ -245,7 +247,7 @@ def build(drafts: Sequence[DraftConfig], *, smoke: bool) -> list[SweepPoint | No
     with single_thread():
         for draft in drafts:
             experiment = _experiment(draft, cache, smoke=smoke)
-            points.append(None if experiment is None else sweep_point(draft, experiment))
+            points.append(None if experiment is None else sweep_point(draft, experiment, own))
     return points
 
 

@@ -19,10 +19,12 @@ from rmpc_bench.config.identity import (
     sum_data,
     uncertainty_data,
 )
+from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant_source import SECTIONS_OF_A_PLANT, has_source
+from rmpc_bench.config.relocation import as_of_configuration
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import plain, split
+from rmpc_bench.config.tree import Map, locate, split
 from rmpc_bench.simulation.scenario import Experiment
 
 
@@ -32,6 +34,7 @@ def canonicalise(
     draft: DraftConfig,
     points: Sequence[SweepPoint],
     claims: tuple[Claim, ...],
+    own: OwnCode,
     *,
     smoke: bool,
     overrides: tuple[str, ...] = (),
@@ -45,15 +48,18 @@ def canonicalise(
     draft : the sections of the first point
     points : the points, all designs made
     claims : the checked claims
+    own : the files of the user that the points use; gets those of plugins and figures
     smoke : whether the sizes are those of a smoke run
     overrides : options of the command line that change the experiment against its file
     """
     values, experiment = draft.values, points[0].experiment
     first_point = _first_point(draft, experiment, smoke=smoke)
+    _add_files(sweep.tree, draft, own)
     return ExperimentConfig(
         path=path,
         overrides=overrides,
-        warnings=tuple(draft.warnings),
+        warnings=(*draft.warnings, *own.warnings),
+        own=own,
         model_facts=draft.model_facts,
         name=values["name"],
         paper=values["paper"],
@@ -69,12 +75,21 @@ def canonicalise(
         },
         figures=tuple(figure for figure in draft.figures if figure is not None),
         claims=claims,
-        resolved=_with_sweep(first_point, sweep),
+        resolved=_with_sweep(first_point, sweep, own),
         first_point=first_point,
     )
 
 
-def _with_sweep(first_point: dict[str, Any], sweep: Sweep) -> dict[str, Any]:
+def _add_files(tree: Map, draft: DraftConfig, own: OwnCode) -> None:
+    """Add the files whose code computes no trial, but which are needed to load the configuration."""
+    for number, text in enumerate(tree.get("plugins") or ()):
+        reference = own.access.file(text, locate(tree, ["plugins", number]).file)
+        own.read(reference.file, reference.path)
+    for figure in draft.figures:
+        own.identity({"figure": figure})
+
+
+def _with_sweep(first_point: dict[str, Any], sweep: Sweep, own: OwnCode) -> dict[str, Any]:
     """Add the sweep; sections that it changes are left as given, since a swept path must still lead somewhere."""
     tree = sweep.tree
     if "sweep" not in tree:
@@ -86,8 +101,8 @@ def _with_sweep(first_point: dict[str, Any], sweep: Sweep) -> dict[str, Any]:
     resolved = first_point
     if roots & set(changed):
         resolved = {key: value for key, value in first_point.items() if key not in changed}
-        resolved |= {key: plain(tree[key]) for key in changed if key in tree}
-    return {**resolved, "sweep": plain(tree["sweep"])}
+        resolved |= {key: as_of_configuration(tree, key, own) for key in changed if key in tree}
+    return {**resolved, "sweep": as_of_configuration(tree, "sweep", own)}
 
 
 def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:

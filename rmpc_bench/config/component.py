@@ -26,6 +26,19 @@ from rmpc_bench.config.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.types import DesignError, Issue, Problem
 
+Writer = Callable[[CodeReference | DataReference], str]
+"""Returns what stands in plain data for something in a file of the user."""
+
+
+def as_given(reference: CodeReference | DataReference) -> str:
+    """Return a reference as the configuration writes it."""
+    return reference.text
+
+
+def without_path(reference: CodeReference | DataReference) -> str:
+    """Return what a reference names, but not where it lies: its content counts by its hash."""
+    return reference.name if isinstance(reference, CodeReference) else "data"
+
 
 @dataclass(frozen=True, eq=False)
 class Component:
@@ -121,24 +134,29 @@ class Component:
         shown_steps = [FILE] if steps == ["kind"] and self.code is not None else steps
         return Problem(*locate(self.tree, steps), join([*self.path, *shown_steps]), message)
 
-    def resolved(self) -> dict[str, Any]:
-        """Return the component as plain data with every default filled in."""
-        form = "kind" if self.code is None else "file"
-        return {form: self.kind, **{name.rstrip("_"): plain_data(value) for name, value in self.parameters.items()}}
+    def resolved(self, write: Writer = as_given) -> dict[str, Any]:
+        """Return the component as plain data with every default filled in.
+
+        Parameters
+        ----------
+        write : returns what stands for something in a file of the user
+        """
+        kind = {"kind": self.kind} if self.code is None else {"file": write(self.code)}
+        return {**kind, **{name.rstrip("_"): plain_data(value, write) for name, value in self.parameters.items()}}
 
 
-def plain_data(value: Any) -> Any:
+def plain_data(value: Any, write: Writer = as_given) -> Any:
     """Return dataclasses, tuples and expressions as plain YAML data; keys that are not set are left out."""
     if isinstance(value, Expression):
         return "".join(value.text.split())
     if isinstance(value, CodeReference | DataReference):
-        return value.text
+        return write(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-        return {name.rstrip("_"): plain_data(item) for name, item in fields.items() if item is not None}
+        return {name.rstrip("_"): plain_data(item, write) for name, item in fields.items() if item is not None}
     if isinstance(value, Mapping):
-        return {name: plain_data(item) for name, item in value.items() if item is not None}
-    return [plain_data(item) for item in value] if isinstance(value, list | tuple) else value
+        return {name: plain_data(item, write) for name, item in value.items() if item is not None}
+    return [plain_data(item, write) for item in value] if isinstance(value, list | tuple) else value
 
 
 def read_component(

@@ -43,6 +43,11 @@ class MethodComponents:
     controlled: bool = False
     """Whether a controller is given, valid or not."""
 
+    @property
+    def named(self) -> dict[str, Component | None]:
+        """The components by their keys."""
+        return {"model": self.model, "estimator": self.estimator, "controller": self.controller}
+
 
 class ModelFacts(NamedTuple):
     """Properties of a design model."""

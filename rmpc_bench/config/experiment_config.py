@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import ModelFacts
+from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.sections import Execution, Statistics
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
@@ -40,6 +41,7 @@ class ExperimentConfig:
     overrides : what changes the experiment against its file, as options of the command line, such as ``--smoke``
     warnings : what is valid but probably not meant, each with its place
     model_facts : properties of the design models at the first point of the sweep
+    own : the files of the user that the configuration uses
     """
 
     path: Path
@@ -60,6 +62,7 @@ class ExperimentConfig:
     overrides: tuple[str, ...] = ()
     warnings: tuple[Problem, ...] = ()
     model_facts: tuple[ModelFacts, ...] = ()
+    own: OwnCode = field(default_factory=OwnCode)
 
     @property
     def experiment(self) -> Experiment:
@@ -129,7 +132,10 @@ class ExperimentConfig:
     @property
     def full_hash(self) -> str:
         """Hash of everything that determines a trial, methods included."""
-        return digest({point.title: [point.experiment_hash, point.methods] for point in self.points})
+        # Without own code nothing is added, so that directories of overrides keep their names.
+        own = {point.title: point.own_code for point in self.points if any(point.own_code.values())}
+        methods = {point.title: [point.experiment_hash, point.methods] for point in self.points}
+        return digest([methods, own] if own else methods)
 
 
 def changes(before: Any, after: Any) -> Any:

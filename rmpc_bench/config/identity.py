@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.config.component import Component, plain_data
+from rmpc_bench.config.component import Component, Writer, as_given, plain_data, without_path
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, NoiseTerm
+from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.simulation.scenario import Experiment
 
@@ -27,25 +28,35 @@ ADDED_LATER: Mapping[tuple[str, str], Any] = {
 valid."""
 
 
-def sweep_point(draft: DraftConfig, experiment: Experiment) -> SweepPoint:
+def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> SweepPoint:
     """Return a point of the sweep with the data that identify its trials.
 
     Parameters
     ----------
     draft : the validated sections
     experiment : the designs made from them
+    own : the files of the user that have been read; gets those of this point
     """
     return SweepPoint(
         draft.coordinates,
         draft.title,
         experiment,
-        _shared(draft, experiment),
-        {name: method_data(draft, components) for name, components in draft.methods.items()},
-        _metrics(draft, experiment),
+        _shared(draft, experiment, own),
+        {name: _method(draft, experiment, name) for name in draft.methods},
+        _metrics(draft, experiment, own),
+        {name: own.identity(components.named) for name, components in draft.methods.items()},
+        _modules(draft, own),
     )
 
 
-def _shared(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
+def _modules(draft: DraftConfig, own: OwnCode) -> dict[str, tuple[str, ...]]:
+    """Return method -> names of the installed modules that the user's files import for its trials."""
+    laws = [term.law for channel in (*draft.noise.values(), draft.initial["laws"]) for term in channel]
+    common = own.modules([draft.plant, draft.reference, draft.input, *laws, *draft.metrics])
+    return {name: tuple(sorted(common | own.modules(each.named.values()))) for name, each in draft.methods.items()}
+
+
+def _shared(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[str, Any]:
     """What all methods share."""
     time = draft.values["time"]
     common = {
@@ -53,53 +64,73 @@ def _shared(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
         "time": {"step": time.step, "steps": time.n_steps},
         "uncertainty": uncertainty_data(draft),
         "plant": plant_data(draft, canonical=True),
-        "noise": noise_data(draft, experiment),
-        "x": {"mean": experiment.scenario.x0.tolist(), "law": sum_data(draft.initial["laws"])},
-        "reference": draft.reference.resolved() if draft.reference else None,
+        "noise": noise_data(draft, experiment, without_path),
+        "x": {"mean": experiment.scenario.x0.tolist(), "law": sum_data(draft.initial["laws"], without_path)},
+        "reference": draft.reference.resolved(without_path) if draft.reference else None,
     }
+    roles = {"plant": draft.plant, "reference": draft.reference, "input": draft.input}
     if draft.input is not None:
-        common["input"] = draft.input.resolved()
+        common["input"] = draft.input.resolved(without_path)
     plant = experiment.plant
     if plant.opponent is not None:
-        common["against"] = method_data(draft, draft.methods[plant.opponent[0]])
-    terms = [term for channel in (*draft.noise.values(), draft.initial["laws"]) for term in channel]
-    if draft.model is not None and any(term.same is not None for term in terms):
-        common["model"] = draft.model.resolved()
-    return common
+        opponent = draft.methods[plant.opponent[0]]
+        common["against"] = method_data(draft, opponent, without_path)
+        roles |= {f"against.{role}": component for role, component in opponent.named.items()}
+    terms = {f"noise.{channel}.{i}": term for channel, sum_ in draft.noise.items() for i, term in enumerate(sum_)}
+    terms |= {f"initial.{i}": term for i, term in enumerate(draft.initial["laws"])}
+    if draft.model is not None and any(term.same is not None for term in terms.values()):
+        common["model"] = draft.model.resolved(without_path)
+        roles["model"] = draft.model
+    code = own.identity({**roles, **{role: term.law for role, term in terms.items()}})
+    return {**common, "code": code} if code else common
 
 
-def _metrics(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
+def _metrics(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[str, Any]:
     """What identifies every metric, by its name; a window is given in samples, whatever the unit of time."""
     table = {}
     for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
-        keys = set_keys(component) if component is not None else {}
+        keys = set_keys(component, without_path) if component is not None else {}
         keys = {name: value for name, value in keys.items() if name not in ("from", "to", "at")}
+        code = own.identity({"metric": component})
+        keys |= {"code": code} if code else {}
         table[metric.name] = {**keys, "window": list(metric.window(experiment.metric_layout))}
     return table
 
 
-def method_data(draft: DraftConfig, components: MethodComponents) -> dict[str, Any]:
+def _method(draft: DraftConfig, experiment: Experiment, name: str) -> dict[str, Any]:
+    """What identifies a method; equal methods share trials, unless a component gives other numbers every time."""
+    data, method = method_data(draft, draft.methods[name], without_path), experiment.method(name)
+    designs = (experiment.plant, method.estimator, method.controller)
+    return data if all(design.deterministic for design in designs) else {**data, "method": name}
+
+
+def method_data(draft: DraftConfig, components: MethodComponents, write: Writer = as_given) -> dict[str, Any]:
     """What identifies a method: its components, and where its estimator starts."""
-    named = {"model": components.model, "estimator": components.estimator, "controller": components.controller}
-    resolved = {name: set_keys(component) for name, component in named.items() if component is not None}
-    nominal = nominal_plant(draft, components.model)
+    resolved = {name: set_keys(each, write) for name, each in components.named.items() if each is not None}
+    nominal = nominal_plant(draft, components.model, write)
     return {**resolved, **({} if nominal is None else {"nominal_plant": nominal}), **start_data(draft)}
 
 
-def nominal_plant(draft: DraftConfig, model: Component | None) -> dict[str, Any] | None:
+def nominal_plant(draft: DraftConfig, model: Component | None, write: Writer = as_given) -> dict[str, Any] | None:
     """Return the keys of the plant that determine a model made from it; None for a model that is not made from it.
 
     `perturb` and `set` are not among them: such a model has the nominal parameters.
     """
     if model is None or draft.plant is None or not model.takes("plant"):
         return None
-    return set_keys(draft.plant) | {key: value for key, value in draft.plant_range.items() if value is not None}
+    return set_keys(draft.plant, write) | {key: value for key, value in draft.plant_range.items() if value is not None}
 
 
-def set_keys(component: Component) -> dict[str, Any]:
-    """Return the keys of a component that are set, those of ADDED_LATER only where they differ from their default."""
+def set_keys(component: Component, write: Writer = as_given) -> dict[str, Any]:
+    """Return the keys of a component that are set, those of ADDED_LATER only where they differ from their default.
+
+    Parameters
+    ----------
+    component : a valid component
+    write : returns what stands for something in a file of the user
+    """
     later = {name: value for (group, name), value in ADDED_LATER.items() if group == component.group}
-    keys = component.resolved()
+    keys = component.resolved(write)
     return {name: value for name, value in keys.items() if value is not None and later.get(name) != value}
 
 
@@ -114,10 +145,11 @@ def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]
     Parameters
     ----------
     draft : with a valid plant
-    canonical : whether expressions are written in a form that does not depend on blanks and parentheses
+    canonical : whether expressions are written in a form that does not depend on blanks and parentheses, and files
+        without their paths
     """
     assert draft.plant is not None
-    plant = set_keys(draft.plant)
+    plant = set_keys(draft.plant, without_path if canonical else as_given)
     for key, relative in (("perturb", True), ("set", False)):
         expressions = {
             name: change.expression.canonical if canonical else change.expression.text
@@ -129,24 +161,25 @@ def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]
     return plant | {key: value for key, value in draft.plant_range.items() if value is not None}
 
 
-def noise_data(draft: DraftConfig, experiment: Experiment) -> Any:
+def noise_data(draft: DraftConfig, experiment: Experiment, write: Writer = as_given) -> Any:
     """Return the noise of the plant as plain data."""
-    noise: dict[str, Any] = {channel: sum_data(draft.noise.get(channel, ())) for channel in ("process", "measurement")}
+    channels = ("process", "measurement")
+    noise: dict[str, Any] = {channel: sum_data(draft.noise.get(channel, ()), write) for channel in channels}
     if experiment.scenario.cross is not None:
         noise["cross"] = draft.cross
     return noise
 
 
-def sum_data(terms: tuple[NoiseTerm, ...]) -> Any:
+def sum_data(terms: tuple[NoiseTerm, ...], write: Writer = as_given) -> Any:
     """Return the terms of a noise as a configuration writes them; a sum of one term is that term."""
-    laws = [_term_data(term) for term in terms]
+    laws = [_term_data(term, write) for term in terms]
     return {"sum": laws} if len(laws) > 1 else laws[0] if laws else "none"
 
 
-def _term_data(term: NoiseTerm) -> Any:
+def _term_data(term: NoiseTerm, write: Writer) -> Any:
     if term.law is None:
         return {"same": {"scale": term.same}}
-    keys = term.law.resolved()
+    keys = term.law.resolved(write)
     if term.law.code is not None:
         return {name: value for name, value in keys.items() if value is not None}
     return {keys.pop("kind"): {name: value for name, value in keys.items() if value is not None}}

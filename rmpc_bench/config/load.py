@@ -15,6 +15,7 @@ from rmpc_bench.config.first_calls import call_first
 from rmpc_bench.config.inheritance import inherit
 from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
+from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
 from rmpc_bench.config.source import read
 from rmpc_bench.config.sweep import expand
@@ -56,13 +57,15 @@ def load_config(
     sweep = expand(tree, source.overrides, access)
     drafts = validate_sections(sweep.points, runs=runs, smoke=smoke, access=access)
     join_findings(source.path, drafts[0])
-    points = build(drafts, smoke=smoke)
+    own = OwnCode(access)
+    points = build(drafts, own, smoke=smoke)
     call_first(drafts, points)
     # Figures and claims are written for the full size; a reduced or overridden one may be too short for them.
     claims = check(sweep, drafts, points, lenient=smoke or bool(overrides))
     built = [point for point in points if point is not None]
     problems = [*sweep.problems, *(problem for draft in drafts for problem in problems_at_origin(draft))]
+    problems += own.problems
     if problems or len(built) < len(points):
         raise ConfigError(problems)
     options = source.options(runs, smoke=smoke)
-    return canonicalise(source.path, sweep, drafts[0], built, claims, smoke=smoke, overrides=options)
+    return canonicalise(source.path, sweep, drafts[0], built, claims, own, smoke=smoke, overrides=options)

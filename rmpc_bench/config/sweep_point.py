@@ -42,6 +42,7 @@ class SweepPoint:
     methods : method name -> what identifies the method, as plain data
     metrics : metric name -> what identifies the metric, as plain data
     own_code : method name -> what identifies the code that is not built in, as plain data; nothing where there is none
+    modules : method name -> names of the installed modules that this code imports
     """
 
     coordinates: Mapping[str, str]
@@ -51,6 +52,7 @@ class SweepPoint:
     methods: Mapping[str, Any]
     metrics: Mapping[str, Any]
     own_code: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    modules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @cached_property
     def experiment_hash(self) -> str:
@@ -89,4 +91,6 @@ class SweepPoint:
         # Random bursts of the noise are uncertain quantities too; they begin and end on samples.
         if self.experiment.scenario.burst_names:
             own |= {"noise": self.shared["noise"], "step": self.shared["time"]["step"]}
+        # A plant or a noise from a file draws values itself.
+        own |= {"files": self.shared["code"]} if "code" in self.shared else {}
         return digest({key: self.shared[key] for key in ("seed", "uncertainty")} | own | {"code": code_version()})

@@ -16,9 +16,9 @@ from typing import Any
 import rmpc_bench
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.execution.libraries import OF_THE_BENCH, all_versions
 
 FILE = "manifest.json"
-_PACKAGES = ("numpy", "scipy", "numba", "joblib", "pandas")
 
 
 class Session:
@@ -41,8 +41,12 @@ class Session:
         """Note the start."""
         before = read(self._path.parent)
         versions = {"rmpc-bench": rmpc_bench.__version__, "python": platform.python_version()}
-        versions |= {name: version(name) for name in _PACKAGES}
+        versions |= {name: version(name) for name in OF_THE_BENCH}
+        libraries = all_versions(self._config)
         changed = {name: text for name, text in before.get("versions", {}).items() if versions.get(name) != text}
+        # A library that is not used any more has computed no trial of this configuration.
+        earlier = before.get("libraries", {})
+        changed |= {name: text for name, text in earlier.items() if libraries.get(name, text) != text}
         if changed:
             there = ", ".join(f"{name} {text}" for name, text in changed.items())
             self._say(f"some trials were computed with {there}; last digits may differ (--fresh computes all again)")
@@ -52,6 +56,7 @@ class Session:
             "seed": self._config.experiment.scenario.seed,
             "modified": self._modified,
             "versions": versions,
+            **({"libraries": libraries} if libraries else {}),
             **code_version(),
             "blas": _blas(),
             "git": _git(self._config.path.parent),

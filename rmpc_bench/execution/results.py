@@ -90,6 +90,7 @@ def run(
     jobs: int | None = None,
     only: Collection[str] | None = None,
     progress: Progress | None = None,
+    accept_versions: bool = False,
 ) -> Results:
     """Compute the runs that are missing in a directory; the same call continues an interrupted one.
 
@@ -100,6 +101,8 @@ def run(
     jobs : worker processes, 1 for none; the configuration's `execution.workers` unless given
     only : names of the methods to compute; all unless given
     progress : display; silent unless given
+    accept_versions : whether stored rows are used that another version of a library has computed, one that a Python
+        file of the user imports
 
     Returns
     -------
@@ -125,7 +128,15 @@ def run(
     from rmpc_bench.execution.runner import compute
 
     place = default_directory(config) if directory is None else Path(directory)
-    compute(config, place, workers=jobs, only=only, progress=progress, modified=config.overrides)
+    compute(
+        config,
+        place,
+        workers=jobs,
+        only=only,
+        progress=progress,
+        modified=config.overrides,
+        accept_versions=accept_versions,
+    )
     own = {number: figure for number, figure in enumerate(config.figures) if not figure.is_built_in}
     return replace(load_results(place), components=own)
 

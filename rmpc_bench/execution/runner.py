@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.relocation import in_directory
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
@@ -16,9 +17,11 @@ from rmpc_bench.execution.engines.processes import processes
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Done, Task
 from rmpc_bench.execution.layout import keep_layout
+from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.manifest import Session
 from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
+from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
@@ -70,6 +73,7 @@ def compute(
     only: Collection[str] | None = None,
     progress: Progress | None = None,
     modified: Collection[str] = (),
+    accept_versions: bool = False,
 ) -> None:
     """Compute and store what is missing; the same call continues an interrupted one.
 
@@ -81,11 +85,13 @@ def compute(
     only : names of the methods to compute; all unless given
     progress : display
     modified : what was changed against the file, noted for the report
+    accept_versions : whether rows that other versions of a library have computed are used
 
     Raises
     ------
     StoreError
-        If the directory holds another experiment or is being written to.
+        If the directory holds another experiment or is being written to, or other versions of a library that a file
+        of the user imports have computed rows of it.
     WriteError
         If a block cannot be written.
     """
@@ -93,24 +99,29 @@ def compute(
     names = [method.name for method in config.experiment.methods]
     methods = names if only is None else [name for name in names if name in only]
     with Store(directory) as store:
-        store.claim(config.hash, config.shared)
+        store.claim(config.hash, config.shared, config.own.names())
+        check_versions(config, store, methods, accept=accept_versions)
         _keep_configuration(config, directory)
         keep_layout(config, store, methods)
         tasks = pending(config, store, methods)
         with Session(directory, config, modified, progress.say):
-            if apart := rows_of_other_code(config, store, methods):
-                progress.say(f"{apart}; they are computed again")
+            apart = rows_of_other_code(config, store, methods)
+            for line in apart.said("; they are computed again", ": computing them again (old ones kept)"):
+                progress.say(line)
             if tasks:
                 store.register(stored_methods(config, methods))
+                note_versions(config, store, methods)
                 total = config.n_trials(methods)
                 left = sum(len(task.runs) for task in tasks)
                 _compute(config, store, tasks, workers or config.execution.workers, progress, (total, total - left))
 
 
 def _keep_configuration(config: ExperimentConfig, directory: Path) -> None:
-    """Keep the configuration file and its resolved form with the trials."""
+    """Keep the configuration file, its resolved form and copies of the user's files with the trials."""
     try:
-        (directory / RESOLVED).write_text(dump(plain(config.resolved)), encoding="utf-8")
+        keep_sources(config.own, directory)
+        resolved = in_directory(config.resolved, directory, config.own)
+        (directory / RESOLVED).write_text(dump(plain(resolved)), encoding="utf-8")
         (directory / "config.yaml").write_bytes(config.path.read_bytes())
     except OSError as error:
         raise WriteError(str(error)) from None

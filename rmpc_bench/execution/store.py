@@ -10,7 +10,7 @@ import json
 import math
 import sys
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from types import TracebackType
@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.execution.database import Database, StoreError
+from rmpc_bench.execution.differences import Names, differences
 from rmpc_bench.execution.durations import Durations
 from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failures
 from rmpc_bench.simulation.closed_loop import Block
@@ -41,6 +42,8 @@ class StoredMethod(NamedTuple):
     """Hash of its definition."""
     code: Mapping[str, Any]
     """What identifies the code that computes its trials."""
+    name: str = ""
+    """Its name, for messages."""
 
 
 class Store:
@@ -111,8 +114,23 @@ class Store:
         """Whether a run of a method is stored."""
         return bool(self._read("SELECT 1 FROM trials WHERE method = ? LIMIT 1", (method,)))
 
-    def claim(self, experiment: str, shared: Mapping[str, Any]) -> None:
+    def file_names(self, also: Names | None = None) -> dict[str, Mapping[str, str]]:
+        """Return hash of a source or a data file -> names of its files -> their hashes, for messages.
+
+        Parameters
+        ----------
+        also : the same of the configuration
+        """
+        return {**json.loads(self.meta("files") or "{}"), **(also or {})}
+
+    def claim(self, experiment: str, shared: Mapping[str, Any], files: Names | None = None) -> None:
         """Assign the directory to an experiment, or check that it already belongs to it.
+
+        Parameters
+        ----------
+        experiment : hash of what all methods share
+        shared : what all methods share
+        files : names of the user's files, noted for messages
 
         Raises
         ------
@@ -122,10 +140,12 @@ class Store:
         if self.meta("experiment") is None:
             self.set_meta("shared", json.dumps(shared))
             self.set_meta("experiment", experiment)
-        self.check(experiment, shared)
+        self.check(experiment, shared, files)
+        if (names := self.file_names(files)) != self.file_names():
+            self.set_meta("files", json.dumps(names))
 
-    def check(self, experiment: str, shared: Mapping[str, Any]) -> None:
-        """Check that the directory belongs to an experiment.
+    def check(self, experiment: str, shared: Mapping[str, Any], files: Names | None = None) -> None:
+        """Check that the directory belongs to an experiment; see `claim`.
 
         Raises
         ------
@@ -133,7 +153,8 @@ class Store:
             If it belongs to another one, with the differences.
         """
         if self.meta("experiment") != experiment:
-            lines = differences(json.loads(self.meta("shared") or "{}"), json.loads(json.dumps(shared)))
+            before, after = json.loads(self.meta("shared") or "{}"), json.loads(json.dumps(shared))
+            lines = differences(before, after, self.file_names(files))
             raise StoreError(f"{self.directory} holds another experiment:\n" + "\n".join(f"  {line}" for line in lines))
 
     def register(self, methods: Iterable[StoredMethod]) -> None:
@@ -141,13 +162,21 @@ class Store:
         rows = [(method.key, method.definition, json.dumps(method.code)) for method in methods]
         self._write([("INSERT OR IGNORE INTO methods VALUES (?, ?, ?)", rows)])
 
-    def of_other_code(self, method: StoredMethod, n_runs: int) -> dict[int, list[Any]]:
-        """Return the runs that other code has computed and this code has not, each with what identifies the others."""
-        query = """SELECT run, code FROM methods JOIN trials USING (method)
+    def of_other_code(self, method: StoredMethod, n_runs: int, current: Collection[str] = ()) -> dict[int, list[Any]]:
+        """Return the runs that other code has computed and this code has not, each with what identifies the others.
+
+        Parameters
+        ----------
+        method : what its trials are stored under
+        n_runs : number of runs of the experiment
+        current : keys of the methods of the configuration, whose trials are those of no other code
+        """
+        query = """SELECT run, code, method FROM methods JOIN trials USING (method)
             WHERE definition = ? AND method != ? AND run < ? AND run NOT IN (SELECT run FROM trials WHERE method = ?)"""
         found: dict[int, list[Any]] = {}
-        for run, code in self._read(query, (method.definition, method.key, n_runs, method.key)):
-            found.setdefault(run, []).append(json.loads(code))
+        for run, code, key in self._read(query, (method.definition, method.key, n_runs, method.key)):
+            if key not in current:
+                found.setdefault(run, []).append(json.loads(code))
         return found
 
     def finished(
@@ -304,15 +333,3 @@ def _bytes(array: Array) -> bytes:
 
 def _array(data: bytes) -> Array:
     return np.frombuffer(data, dtype="<f8")
-
-
-def differences(before: Any, after: Any, path: str = "") -> list[str]:
-    """Say where two trees of plain data differ, a line each."""
-    if isinstance(before, dict) and isinstance(after, dict):
-        keys = [*before, *(key for key in after if key not in before)]
-        return [
-            line
-            for key in keys
-            for line in differences(before.get(key), after.get(key), f"{path}.{key}" if path else str(key))
-        ]
-    return [] if before == after else [f"{path}: there {json.dumps(before)}, here {json.dumps(after)}"]

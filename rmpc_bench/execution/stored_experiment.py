@@ -172,7 +172,8 @@ class StoredExperiment:
     @property
     def stored_methods(self) -> tuple[StoredMethod, ...]:
         """What identifies the trials of all methods at all points of the sweep, each once."""
-        found = (method.stored for point in self.points for method in point.methods.values())
+        points = self.points
+        found = (each.stored._replace(name=name) for point in points for name, each in point.methods.items())
         return tuple({method.key: method for method in found}.values()) if self.has_runs else ()
 
 

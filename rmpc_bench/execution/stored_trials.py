@@ -125,7 +125,7 @@ def _frame(experiment: StoredExperiment, point: StoredPoint, store: Store, name:
 
 def other_code(experiment: StoredExperiment, store: Store) -> str:
     """Describe the stored rows of other code that are missing in the tables; empty where there are none."""
-    return rows_kept_apart(experiment.stored_methods, store, experiment.n_runs)
+    return str(rows_kept_apart(experiment.stored_methods, store, experiment.n_runs))
 
 
 def n_complete(experiment: StoredExperiment, store: Store) -> dict[str, int]:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from rmpc_bench.execution.database import FILE, StoreError, WriteError
-from rmpc_bench.execution.store import Store, differences
+from rmpc_bench.execution.differences import differences
+from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.types import Journal, Status
 
@@ -169,4 +170,4 @@ def test_a_full_disk(tmp_path):
 
 def test_differences_of_equal_trees():
     """There are none, however the keys are ordered."""
-    assert differences({"a": 1, "b": [1, 2]}, {"b": [1, 2], "a": 1}) == []
+    assert differences({"a": 1, "b": [1, 2]}, {"b": [1, 2], "a": 1}, {}) == []

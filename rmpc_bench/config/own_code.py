@@ -1,0 +1,149 @@
+"""What identifies the code and the data of a user, by component: hashes of Python files and of data files.
+
+The hashes of a method count for its trials, those of the plant, the noise and the reference for the experiment, and
+those of a metric for its values.  A path is never part of them.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench import registry
+from rmpc_bench.components.code import DataReference
+from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
+from rmpc_bench.components.loading import reference_of
+from rmpc_bench.components.object_source import registered_identity
+from rmpc_bench.components.private_modules import package_of
+from rmpc_bench.components.recipes import inside
+from rmpc_bench.components.source import Source, data_hash, read_source
+from rmpc_bench.config.component import Component
+from rmpc_bench.types import Problem
+
+
+@dataclass
+class OwnCode:
+    """The files of a user that a configuration uses; every file is read once.
+
+    Parameters
+    ----------
+    access : what the configuration may load
+    sources : Python file -> the file with all that it imports
+    data : data file -> its hash
+    files : Python file as the configuration names it -> the file
+    patterns : paths and patterns of data files as the configuration names them
+    """
+
+    access: CodeAccess = NO_ACCESS
+    sources: dict[Path, Source] = field(default_factory=dict)
+    data: dict[Path, str] = field(default_factory=dict)
+    files: dict[str, Path] = field(default_factory=dict)
+    patterns: set[str] = field(default_factory=set)
+
+    def identity(self, components: Mapping[str, Component | None]) -> dict[str, Any]:
+        """Return what identifies the code and the data of some components; empty where all of it is built in.
+
+        Parameters
+        ----------
+        components : role, such as ``estimator`` -> the component
+
+        Returns
+        -------
+        ``sources``, ``installed`` and ``data``: role -> hashes, or names and versions of distributions
+        """
+        found: dict[str, dict[str, list[str]]] = {"sources": {}, "installed": {}, "data": {}}
+        for role, component in components.items():
+            if component is not None:
+                found["sources"][role] = [source.sha for source in self.sources_of(component)]
+                found["installed"][role] = [each for each in _registered(component) if isinstance(each, str)]
+                found["data"][role] = [self._hash(path) for path in self._data_files(component)]
+        filled = {name: {role: value for role, value in roles.items() if value} for name, roles in found.items()}
+        return {name: roles for name, roles in filled.items() if roles}
+
+    def sources_of(self, component: Component) -> Iterator[Source]:
+        """Yield the Python files of a component, each with all that it imports."""
+        for reference in component.references():
+            yield self.read(reference.file, reference.path)
+        for each in _registered(component):
+            if isinstance(each, Source):
+                self.files.setdefault(each.path.name, each.path)
+                yield self.sources.setdefault(each.path, each)
+
+    def read(self, name: str, path: Path) -> Source:
+        """Return a Python file with all that it imports.
+
+        Parameters
+        ----------
+        name : as the configuration names it
+        path : absolute
+        """
+        self.files.setdefault(name, path)
+        if path not in self.sources:
+            self.sources[path] = _read(path)
+        return self.sources[path]
+
+    def modules(self, components: Iterable[Component | None]) -> set[str]:
+        """Return the names of the installed modules that the files of some components import."""
+        found = (source.modules for each in components if each is not None for source in self.sources_of(each))
+        return {name for names in found for name in names}
+
+    def names(self) -> dict[str, dict[str, str]]:
+        """Return hash of a source or a data file -> names of its files -> their hashes, for messages."""
+        found = {
+            self.sources[path].sha: {_shown(name, each.place): each.digest for each in self.sources[path].files}
+            for name, path in self.files.items()
+        }
+        return found | {digest: {path.name: digest} for path, digest in self.data.items()}
+
+    @property
+    def problems(self) -> list[Problem]:
+        """Errors of the Python files."""
+        return [self._placed(problem) for source in self.sources.values() for problem in source.problems]
+
+    @property
+    def warnings(self) -> list[Problem]:
+        """Places at which the syntax tree cannot show what the code depends on."""
+        return sorted({self._placed(warning) for source in self.sources.values() for warning in source.warnings})
+
+    def _placed(self, problem: Problem) -> Problem:
+        """Name a file as it is seen from the current directory, where that is shorter."""
+        relative = os.path.relpath(problem.file)
+        return replace(problem, file=relative) if len(relative) < len(problem.file) else problem
+
+    def _data_files(self, component: Component) -> tuple[Path, ...]:
+        named = inside(component.parameters)
+        self.patterns |= {each.text for each in named if isinstance(each, DataReference)}
+        return component.data_files()
+
+    def _hash(self, path: Path) -> str:
+        if path not in self.data:
+            self.data[path] = data_hash(path)
+        return self.data[path]
+
+
+def _read(path: Path) -> Source:
+    """Read a file with all that it imports: the texts that were imported, and from now on only these."""
+    package = package_of(path.parent)
+    source = read_source(path, lambda file: package.sources.get(str(file)) or file.read_bytes())
+    for file in source.files:
+        # A module that is imported inside a function is imported much later, in a worker.
+        if file.path.suffix == ".py" and file.path.is_relative_to(package.directory):
+            package.sources.setdefault(str(file.path), file.content)
+    return source
+
+
+def _registered(component: Component) -> Iterator[Source | str]:
+    """Yield what identifies a component that a program or an installed package has registered."""
+    group, kind = component.group, component.kind
+    if component.code is None and kind not in registry.BUILT_IN[group]:
+        if reference_of(inspect.unwrap(registry.get(group, kind))) is None:
+            yield registered_identity(group, kind)
+
+
+def _shown(name: str, place: str) -> str:
+    """Name a file relative to the configuration, as its first file is named."""
+    return name if place == os.path.basename(name) else os.path.normpath(os.path.join(os.path.dirname(name), place))
