@@ -126,6 +126,7 @@ def _describe_config(name: str, plot: Path | None, allow_code: Sequence[Path]) -
 
 
 def _config_lines(config: ExperimentConfig) -> list[str]:
+    from rmpc_bench.config.short_forms import kind_of
     from rmpc_bench.config.tree import plain
     from rmpc_bench.config.writer import dump
 
@@ -133,7 +134,7 @@ def _config_lines(config: ExperimentConfig) -> list[str]:
     lines = [str(config.path), config.title or config.name, ""]
     if config.paths:
         lines += [f"at the first of {len(config.points)} points, {config.points[0].title}", ""]
-    lines += [f"plant {resolved['plant']['kind']}"]
+    lines += [f"plant {kind_of(resolved['plant'])}"]
     known = plant.facts()
     known += _noises(config) if known else []
     lines += aligned([row for label, text in known for row in _rows(label, text)])

@@ -154,9 +154,13 @@ def _values(config: ExperimentConfig, path: str) -> str:
 
 
 def _plant_and_model(config: ExperimentConfig) -> list[tuple[str, str, str]]:
+    from rmpc_bench.config.short_forms import kind_of
+
     resolved = config.first_point
     plant, model = dict(resolved["plant"]), dict(next(iter(config.methods.values()))["model"])
-    rows = [("kind", str(plant.pop("kind")), str(model.pop("kind")))]
+    rows = [("kind", kind_of(plant), kind_of(model))]
+    for part in (plant, model):
+        part.pop("kind" if "kind" in part else "file")
     changed = {**plant.pop("perturb", {}), **plant.pop("set", {})}
     assumed = model.pop("noise", None)
     for name in dict.fromkeys([*plant, *model]):

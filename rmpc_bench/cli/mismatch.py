@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rmpc_bench.config.component import build_component
+from rmpc_bench.config.short_forms import kind_of
 from rmpc_bench.diagnostics.mismatch import STEADY, GainConvergence, MethodMismatch, Mismatch, model_mismatch
 from rmpc_bench.simulation.threads import single_thread
 
@@ -43,7 +44,7 @@ def mismatch_lines(config: ExperimentConfig) -> list[str]:
             found = model_mismatch(
                 point.experiment,
                 point.methods,
-                plant=point.shared["plant"]["kind"],
+                plant=kind_of(point.shared["plant"]),
                 baseline=config.baseline,
                 build=build_component,
                 known=known,

@@ -43,6 +43,17 @@ def with_kind(group: str, tree: Any) -> Any:
     return result
 
 
+def kind_of(data: Mapping[str, Any]) -> str:
+    """Return the kind, or the file and name, of a component as plain data.
+
+    Examples
+    --------
+    >>> kind_of({"file": "tanks.py:MHE", "Ne": 6})
+    'tanks.py:MHE'
+    """
+    return str(data[FILE] if FILE in data and "kind" not in data else data["kind"])
+
+
 def given_forms(group: str, tree: Map) -> list[str]:
     """Return the short forms that stand in a component."""
     return [form for form in (FILE, *SHORT_FORMS.get(group, ())) if form in tree]

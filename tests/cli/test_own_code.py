@@ -4,6 +4,8 @@ import pytest
 from own_files import ESTIMATOR, write
 from small_experiment import cli
 
+from rmpc_bench.components import consent
+
 PARTS = '''
 """Parts of a user."""
 from dataclasses import dataclass
@@ -133,6 +135,10 @@ def test_run_with_files_of_every_kind(here):
         metrics="[mse, {file: parts.py:MyMse, name: mine}]",
         figures="[boxplot, {file: parts.py:Dots, color: r}]",
     )
+    shown = cli("check", path, "--deep")
+    assert shown.exit_code == 0 and "kind     parts.py:design" in shown.stdout, shown.output
+    assert "plant parts.py:design" in cli("describe", path).stdout
+    consent._named.clear()
     result = cli("run", path, "-o", "out", "-j", 2, "--progress", "none")
     assert result.exit_code == 0, result.output
     assert result.stderr.count("code  ") == 1 and "parts.py (sha" in result.stderr and "own.py (sha" in result.stderr
