@@ -38,6 +38,15 @@ class Finding(NamedTuple):
     message: str
 
 
+class FirstAnswer(NamedTuple):
+    """What a first call has found."""
+
+    finding: Finding | None
+    """The first thing that is wrong; None where two samples give answers of the right form."""
+    estimate: Estimate | None
+    """The estimate at k = 0, without info; None where there is none."""
+
+
 class Sample(NamedTuple):
     """What a first call needs besides the components."""
 
@@ -66,15 +75,16 @@ class FirstCall:
         self.plant, self.method, self.sample, self.enter = plant, method, sample, enter
         self.runs: RunInfo = run_info(1)
         self.found: Finding | None = None
+        self.first: Estimate | None = None
 
-    def finding(self) -> Finding | None:
-        """Return the first thing that is wrong; None where two samples give answers of the right form."""
+    def answer(self) -> FirstAnswer:
+        """Simulate the two samples."""
         try:
             with np.errstate(all="ignore"):
                 self._samples()
         except _Stopped:
             pass
-        return self.found
+        return FirstAnswer(self.found, self.first)
 
     def _samples(self) -> None:
         plant, estimator, controller = self.plant, self.method.estimator, self.method.controller
@@ -95,6 +105,7 @@ class FirstCall:
                 e, answer = estimator.correct(k, e, y.copy())
                 estimate = as_estimate(answer)
                 self._expect_estimate(estimate)
+                self.first = self.first or estimate._replace(info={})
             if k == 1:
                 return
             u, c = self._input(k, c, y, estimate)

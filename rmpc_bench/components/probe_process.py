@@ -49,7 +49,7 @@ def handle(request: dict[str, Any], enter: Any) -> Any:
 
     Returns
     -------
-    Nothing for an import; a `Finding` or None for a first call.
+    Nothing for an import; a `FirstAnswer` for a first call.
     """
     if "imports" in request:
         try:
@@ -60,7 +60,7 @@ def handle(request: dict[str, Any], enter: Any) -> Any:
         return None
     enter("import")
     plant, method, sample = loads(request["first_call"])
-    return FirstCall(plant, method, sample, enter).finding()
+    return FirstCall(plant, method, sample, enter).answer()
 
 
 def _in_a_fork(message: dict[str, Any], requests: BinaryIO) -> Answer:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.components.user_class import HELD, UserClass
-from rmpc_bench.components.user_runs import Failed, UserRuns, failed_call, user_code
+from rmpc_bench.components.user_runs import Failed, UserRuns, failed_call, is_ctrl_c, user_code
 from rmpc_bench.types import RunInfo
 from rmpc_bench.types.run_info import Journal
 
@@ -97,7 +97,9 @@ class SingleDesign:
         with user_code(journal):
             try:
                 self._prepared = (self.user.constant("prepare", None)(**given),)
-            except (Exception, SystemExit) as error:
+            except BaseException as error:
+                if is_ctrl_c(error):
+                    raise
                 return failed_call(0, error)
         return None
 

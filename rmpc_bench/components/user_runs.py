@@ -6,6 +6,7 @@ sample, outside the loop over the runs.
 
 from __future__ import annotations
 
+import signal
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -161,7 +162,9 @@ class UserRuns:
                 start = perf_counter()
                 try:
                     answer = calls[row](*values)
-                except (Exception, SystemExit, GeneratorExit) as error:
+                except BaseException as error:
+                    if is_ctrl_c(error):
+                        raise
                     durations.append(perf_counter() - start)
                     failures.append(failed_call(row, error))
                     continue
@@ -214,6 +217,11 @@ class UserRuns:
         """Report the failures outside of an answer, after `init`, `start` or `output`."""
         news = (self.failed != OK) & (self.runs.failed == OK)
         self.runs.failed[news] = self.failed[news]
+
+
+def is_ctrl_c(error: BaseException) -> bool:
+    """Whether an exception is a Ctrl-C and not one that a user's code raises; a worker process gets no Ctrl-C."""
+    return isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
 
 
 def failed_call(row: int, error: BaseException) -> Failed:

@@ -18,6 +18,7 @@ from rmpc_bench.config.build_method import DesignCache, MethodBuilder
 from rmpc_bench.config.build_noise import NoiseLaws
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.first_calls import FirstCalls
 from rmpc_bench.config.identity import sweep_point
 from rmpc_bench.config.model_facts import model_facts
 from rmpc_bench.config.own_code import OwnCode
@@ -38,6 +39,7 @@ from rmpc_bench.simulation.scenario import (
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import (
     DesignError,
+    Estimate,
     Method,
     Metric,
     MetricLayout,
@@ -80,6 +82,7 @@ class _ExperimentBuilder:
         self.time = draft.values["time"]
         self.n_steps: int = self.time.n_steps
         self.methods = MethodBuilder(draft, cache)
+        self.first_estimates: Mapping[str, Estimate | None] = {}
 
     def plant(self) -> Plant | None:
         """Build the plant and check the names under `perturb` and `set`."""
@@ -155,6 +158,11 @@ class _ExperimentBuilder:
         laws.refuse_names(scenario)
         return laws.correlated(plant, scenario)
 
+    def call_first(self, plant: Plant, methods: Sequence[Method | None], scenario: Scenario, calls: FirstCalls) -> None:
+        """Call the methods that have components from files of the user for two samples, and keep their estimates."""
+        known = [method for method in methods if method is not None]
+        self.first_estimates = calls.estimates(self.draft, plant, known, scenario, self.n_steps)
+
     def metric(self, component: Component, layout: MetricLayout) -> Metric | None:
         """Build a metric and report every reason for which it cannot be computed."""
         metric: Metric | None = component.build(self.draft.problems)
@@ -167,7 +175,9 @@ class _ExperimentBuilder:
         invalid = any(problem.path.startswith("noise") for problem in self.draft.problems)
         bursts = None if scenario is None or invalid else has_bursts(scenario)
         units = plant.y_unit, plant.u_unit
-        layout = MetricLayout(self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts)
+        layout = MetricLayout(
+            self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates
+        )
         made = [self.metric(component, layout) for component in self.draft.metrics if component is not None]
         names: set[str] = set()
         for number, metric in enumerate(made):
@@ -242,16 +252,16 @@ def build(drafts: Sequence[DraftConfig], own: OwnCode, *, smoke: bool) -> list[S
     own : gets the files of the user that the points use
     smoke : whether windows of metrics are cut where a run is too short for them
     """
-    cache = DesignCache()
+    cache, calls = DesignCache(), FirstCalls()
     points: list[SweepPoint | None] = []
     with single_thread():
         for draft in drafts:
-            experiment = _experiment(draft, cache, smoke=smoke)
+            experiment = _experiment(draft, cache, calls, smoke=smoke)
             points.append(None if experiment is None else sweep_point(draft, experiment, own))
     return points
 
 
-def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Experiment | None:
+def _experiment(draft: DraftConfig, cache: DesignCache, calls: FirstCalls, *, smoke: bool) -> Experiment | None:
     """Make all designs of one point."""
     if draft.values["time"] is None:
         return None
@@ -262,6 +272,8 @@ def _experiment(draft: DraftConfig, cache: DesignCache, *, smoke: bool) -> Exper
         return None
     reference = draft.reference.build(draft.problems, ny=plant.ny, Ts=plant.Ts)
     scenario = builder.scenario(plant, reference) if reference is not None else None
+    if scenario is not None:
+        builder.call_first(plant, methods, scenario, calls)
     metrics = builder.metrics(plant, tuple(method for method in methods if method is not None), scenario)
     if reference is None:
         return None

@@ -10,32 +10,45 @@ from rmpc_bench.components.first_call import Sample
 from rmpc_bench.components.transport import dumps
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
-from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Method
+from rmpc_bench.simulation.scenario import Scenario
+from rmpc_bench.types import Estimate, Method, Plant
 
 
-def call_first(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None]) -> None:
-    """Simulate two samples of every method that has components from files; what is wrong is added to the drafts.
+class FirstCalls:
+    """The first calls of a configuration; points of a sweep with the same files share one."""
 
-    An error is a problem at the component.  A call that takes too long is a warning, since it may be only slow.
+    def __init__(self) -> None:
+        self._estimates: dict[Any, Estimate | None] = {}
 
-    Parameters
-    ----------
-    drafts : the sections of every point
-    points : what was built from them
-    """
-    seen: set[Any] = set()
-    for draft, point in zip(drafts, points, strict=True):
-        if point is None or draft.problems:
-            continue
-        for method in point.experiment.methods:
+    def estimates(
+        self, draft: DraftConfig, plant: Plant, methods: Sequence[Method], scenario: Scenario, n_steps: int
+    ) -> dict[str, Estimate | None]:
+        """Simulate two samples of every method with components from files; what is wrong is added to the draft.
+
+        An error is a problem at the component.  A call that takes too long is a warning, since it may be only slow.
+
+        Parameters
+        ----------
+        draft : the sections of a point
+        plant, methods, scenario, n_steps : what was made from them
+
+        Returns
+        -------
+        Name of each such method -> its estimate at k = 0; None where it gives none.
+        """
+        found: dict[str, Estimate | None] = {}
+        for method in methods:
             named = _components(draft, method.name)
             files = tuple(each.references() for each in named.values())
+            if not any(files):
+                continue
             # Points of a sweep with the same files differ in numbers only.
-            if any(files) and (method.name, files) not in seen:
-                seen.add((method.name, files))
-                _call(draft, point.experiment, method, named)
+            key = method.name, files
+            if key not in self._estimates:
+                r = scenario.reference.sample(method.controller.preview + 1)
+                self._estimates[key] = _called(draft, named, (plant, method, Sample(scenario.x0, r, n_steps)))
+            found[method.name] = self._estimates[key]
+        return found
 
 
 def _components(draft: DraftConfig, name: str) -> dict[str, Component]:
@@ -45,20 +58,19 @@ def _components(draft: DraftConfig, name: str) -> dict[str, Component]:
     return {role: each for role, each in named.items() if each is not None}
 
 
-def _call(draft: DraftConfig, experiment: Experiment, method: Method, named: dict[str, Component]) -> None:
-    r = experiment.scenario.reference.sample(method.controller.preview + 1)
-    sample = Sample(experiment.scenario.x0, r, experiment.n_steps)
-    answer = probe.ask({"first_call": dumps((experiment.plant, method, sample))})
+def _called(draft: DraftConfig, named: dict[str, Component], call: tuple[Plant, Method, Sample]) -> Estimate | None:
+    answer = probe.ask({"first_call": dumps(call)})
     if answer.outcome == "done":
-        if answer.value is not None and answer.value.role in named:
-            component = named[answer.value.role]
-            draft.problems.append(component.problem(answer.value.message))
-        return
+        if answer.value is None:
+            return None
+        finding, estimate = answer.value
+        if finding is not None and finding.role in named:
+            draft.problems.append(named[finding.role].problem(finding.message))
+        return estimate if estimate is None else Estimate(*estimate)
     component = named.get(answer.stage, next(each for each in named.values() if each.references()))
     if answer.outcome == "died":
         draft.problems.append(component.problem(f"its first call ends the process ({answer.reason})"))
-        return
-    text = (
-        f"its first call takes longer than {probe.LIMIT:g} s; `execution: {{timeout: {{step: 10 s}}}}` ends such runs"
-    )
+        return None
+    text = f"its first call takes longer than {probe.LIMIT:g} s; `execution.timeout` ends runs that take too long"
     draft.warnings.append(component.problem(text))
+    return None

@@ -11,7 +11,6 @@ from rmpc_bench.config.canonical import canonicalise
 from rmpc_bench.config.checks import check
 from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.first_calls import call_first
 from rmpc_bench.config.inheritance import inherit
 from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
@@ -59,7 +58,6 @@ def load_config(
     join_findings(source.path, drafts[0])
     own = OwnCode(access)
     points = build(drafts, own, smoke=smoke)
-    call_first(drafts, points)
     # Figures and claims are written for the full size; a reduced or overridden one may be too short for them.
     claims = check(sweep, drafts, points, lenient=smoke or bool(overrides))
     built = [point for point in points if point is not None]

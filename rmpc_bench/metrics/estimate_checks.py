@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, DesignError, Estimate, Issue, MetricLayout, Record
+from rmpc_bench.types import Array, DesignError, Estimate, Issue, MetricLayout, Record, as_estimate
 
 ReportedMatrix = Literal["P", "M"]
 DESCRIPTIONS: dict[ReportedMatrix, str] = {"P": "the covariance P", "M": "the set M"}
@@ -16,17 +16,21 @@ DESCRIPTIONS: dict[ReportedMatrix, str] = {"P": "the covariance P", "M": "the se
 
 
 def first_estimates(layout: MetricLayout) -> Iterator[tuple[str, Estimate]]:
-    """Yield the name of each method and its estimate at k = 0 of a run with y = 0, which has the sizes of all others.
+    """Yield the name of each method and an estimate at k = 0, which has the sizes of all others.
 
-    An estimator that knows the true parameters is left out: it needs a drawn plant first.
+    An estimator that knows the true parameters is left out: it needs a drawn plant first.  One from a file of the user
+    is not called here; what it returned in its first call is used.
     """
     if layout.plant is None:
         return
     y = np.zeros((1, layout.plant.ny))
     for method in layout.methods:
-        if not method.estimator.knows_uncertainty:
+        known = layout.first_estimates.get(method.name)
+        if known is not None:
+            yield method.name, known
+        elif not (method.estimator.knows_uncertainty or method.name in layout.first_estimates):
             with np.errstate(all="ignore"):
-                yield method.name, method.estimator.correct(0, method.estimator.init(1), y)[1]
+                yield method.name, as_estimate(method.estimator.correct(0, method.estimator.init(1), y)[1])
 
 
 def check_state_lengths(layout: MetricLayout, key: str = "") -> Iterator[Issue]:

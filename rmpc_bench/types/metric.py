@@ -17,6 +17,7 @@ from rmpc_bench.types.errors import DesignError
 from rmpc_bench.types.issue import Issue, issues_of
 from rmpc_bench.types.method import Method
 from rmpc_bench.types.plant import Plant
+from rmpc_bench.types.records import Estimate
 from rmpc_bench.types.run_info import RunInfo
 
 Bound: TypeAlias = NonNegative | Literal["N"] | None
@@ -72,6 +73,8 @@ class MetricLayout(NamedTuple):
     """Known methods; a metric checks each of them."""
     bursts: bool | None = None
     """Whether the measurement noise has bursts; None where it is not known."""
+    first_estimates: Mapping[str, Estimate | None] = {}
+    """Method with components of the user -> its estimate at k = 0 of a nominal run; None where there is none."""
 
     def sample(self, bound: float) -> int:
         """Return the sample nearest to a time in seconds or samples, as the experiment's `time` is given."""

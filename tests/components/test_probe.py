@@ -69,6 +69,12 @@ class Solver(Base):
         raise SolverError("infeasible at the start", infeasible=True)
 
 
+@single_run
+class WithP(Base):
+    def update(self, y):
+        return self.x, np.eye(2)
+
+
 class Batch(Estimator):
     """A batch class that divides by the number of runs at k = 1."""
 
@@ -185,3 +191,12 @@ def test_built_in_components_start_no_process(tmp_path):
     probe.close()
     load_config(write(tmp_path))
     assert not probe._process
+
+
+def test_metrics_know_what_an_own_estimator_reports(tmp_path):
+    """Oracle: `nees` needs P, which one class returns and the other does not."""
+    (tmp_path / "filters.py").write_text(FILTERS, encoding="utf-8")
+    keys = {**LINEAR, "metrics": "[nees]"}
+    load_config(write(tmp_path, **keys, methods="{M: {estimator: {file: filters.py:WithP}}}"))
+    with pytest.raises(ConfigError, match=r"metrics.0: needs the covariance P .* of .M. does not give"):
+        load_config(write(tmp_path, **keys, methods="{M: {estimator: {file: filters.py:Good}}}"))
