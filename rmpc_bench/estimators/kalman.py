@@ -57,7 +57,7 @@ class RelinearisedFilter(Estimator):
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:
         """The innovation."""
-        return {"e": (len(self.model.C),)}
+        return {"e": (self.model.ny,)}
 
     def warm_up(self) -> None:
         """Compile the kernel of the model."""
@@ -102,6 +102,11 @@ class TrajectoryState(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class TrajectoryFilter(RelinearisedFilter):
     """Extended Kalman filter: it predicts with the nonlinear model and linearises at every estimate."""
+
+    @property
+    def cost_per_step(self) -> float:
+        """Time of two linearisations and a prediction, run by run [s]."""
+        return 7e-4
 
     def init(self, n_runs: int) -> Any:
         """Start every run at ``x0``."""
