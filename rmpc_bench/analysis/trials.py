@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.run_groups import RunGroups
+from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.types import Array, MetricInfo, Status
 
 
@@ -69,6 +70,7 @@ class Trials:
     title : the point in words, such as ``controller.Hp=10, controller.Hu=8``; empty without a sweep
     keys : method -> what identifies its trials, the same at points that share them
     oracles : methods whose estimator is an oracle
+    notes : method -> failures, held steps and warnings of its runs
     groups : method -> moments over the runs by groups of runs, where they are not exact
     expected_failures : method -> check of its components that is meant to fail -> reason
     """
@@ -101,6 +103,7 @@ class Trials:
     with_verdicts: bool = True
     groups: Mapping[str, RunGroups] = field(default_factory=dict)
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    notes: Mapping[str, RunNotes] = field(default_factory=dict)
 
     @property
     def primary_info(self) -> MetricInfo | None:

@@ -92,6 +92,7 @@ class _Layout:
             seed=experiment.scenario.seed,
             Ts=0.0 if self._config.in_samples else float(plant.Ts),
             nx=int(plant.nx),
+            n_steps=experiment.n_steps,
             units={"y": plant.y_unit, "u": plant.u_unit, **plant.units},
             metrics=experiment.metric_infos,
             metric_keys=dict(point.metric_keys),
@@ -118,6 +119,7 @@ class _Layout:
             series_key=series_key,
             series=series,
             moments=moments,
+            holds=method.estimator.holds or method.controller.holds,
         )
 
     def _series_of(

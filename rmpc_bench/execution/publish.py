@@ -17,10 +17,11 @@ from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import judge, summarise
 from rmpc_bench.execution.figure_files import write_figures
-from rmpc_bench.execution.manifest import note_look
+from rmpc_bench.execution.manifest import note_look, read
 from rmpc_bench.execution.results import Results
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
+from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.summary import Summary, trials_csv, write_csv
 from rmpc_bench.types import Array
 
@@ -110,6 +111,7 @@ def publish(results: Results, *, to: str | Path | None = None) -> Publication:
         *_write_tables(results, tables, directory),
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory),
+        *_write_failures(results, directory / "failures"),
     ]
     if len(results.trials.runs) and results.trials.with_verdicts:
         note_look(results.directory, len(results.trials.runs))
@@ -121,11 +123,27 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
     trials_csv(results.trials, directory / "trials.csv")
     write_csv(results.uncertainty, directory / "uncertainty.csv")
     write_csv(results.series, directory / "series.csv")
+    write_csv(results.timings, directory / "timings.csv")
     write_csv(summary_table(tables.described), directory / "summary.csv")
     write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
     (directory / "tables" / "summary.md").write_text(tables.to_markdown(), encoding="utf-8")
     names = ("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
     return [directory / name for name in names]
+
+
+def _write_failures(results: Results, directory: Path) -> list[Path]:
+    """Write a file for each of the first failed runs of every method, and remove those of runs that did not fail."""
+    files = failure_files(
+        results.trials, results.directory, results.uncertainty, read(results.directory).get("versions", {})
+    )
+    for old in directory.glob("*-*.txt") if directory.is_dir() and not directory.is_symlink() else ():
+        if old.name not in files:
+            old.unlink()
+    if files:
+        directory.mkdir(exist_ok=True)
+    for name, text in files.items():
+        (directory / name).write_text(text, encoding="utf-8")
+    return [directory / name for name in files]
 
 
 def _write_traces(trials: Trials, path: Path) -> list[Path]:

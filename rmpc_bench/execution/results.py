@@ -15,7 +15,7 @@ from rmpc_bench.analysis.trials import Traces, Trials
 from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
-from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, uncertainty
+from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, timings, uncertainty
 
 if TYPE_CHECKING:
     from rmpc_bench.config.component import Component
@@ -34,6 +34,7 @@ class Results:
     trials : metrics and status of every run, series of the designs, recorded runs
     uncertainty : sweep columns, ``run`` and one column per named uncertain quantity
     n_complete : method -> number of runs that are stored with all metrics, at the point of the sweep with fewest
+    timings : sweep columns, method, component, and quantiles of the durations of its calls [s]
     other_code : stored rows of other code that are missing in the tables, in words; empty where there are none
     components : own figures by their index among the figures, loaded by `run`; stored results have none
     """
@@ -43,6 +44,7 @@ class Results:
     trials: Trials
     uncertainty: pd.DataFrame
     n_complete: Mapping[str, int]
+    timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     other_code: str = ""
     components: Mapping[int, Component] = field(default_factory=dict)
 
@@ -179,6 +181,7 @@ def load_results(directory: str | Path) -> Results:
             trials=stored_trials(experiment, store),
             uncertainty=uncertainty(experiment, store),
             n_complete=n_complete(experiment, store),
+            timings=timings(experiment, store),
             other_code=other_code(experiment, store),
         )
 

@@ -37,6 +37,7 @@ class PointMethod:
     series_key : what its series depend on; methods with equal keys have the same series
     series : series of its design -> name of the array, axis 0 = k; empty where nothing of the method is computed
     moments : names of the arrays of the exact mean and covariance of (x, x_hat); None where there are none
+    holds : whether a component of the method holds a failed step
     """
 
     definition: str
@@ -47,6 +48,7 @@ class PointMethod:
     series_key: str = ""
     series: Mapping[str, str] = field(default_factory=dict)
     moments: tuple[str, str] | None = None
+    holds: bool = False
 
     @property
     def stored(self) -> StoredMethod:
@@ -71,6 +73,7 @@ class StoredPoint:
     seed : seed of the random numbers
     Ts : sampling time [s]; 0 where time is counted in samples
     nx : number of states of the plant
+    n_steps : number of control periods of a run
     units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
     metrics : columns of the metrics
     metric_keys : metric -> hash under which its values are stored
@@ -87,6 +90,7 @@ class StoredPoint:
     seed: int
     Ts: float
     nx: int
+    n_steps: int
     units: Mapping[str, str]
     metrics: tuple[MetricInfo, ...]
     metric_keys: Mapping[str, str]

@@ -10,6 +10,7 @@ import pandas as pd
 
 from rmpc_bench.analysis.looks import number_of_look
 from rmpc_bench.analysis.run_groups import RunGroups
+from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.database import MissingError
@@ -97,7 +98,32 @@ def _table(experiment: StoredExperiment, point: StoredPoint, store: Store, serie
         groups={name: groups for name in methods if (groups := _groups(experiment, point, store, name)) is not None},
         with_verdicts=not experiment.is_smoke,
         expected_failures=experiment.expected_failures,
+        notes={name: _notes(experiment, point, store, name) for name in methods},
     )
+
+
+def _notes(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> RunNotes:
+    """Read what happened in the runs of a method besides their numbers."""
+    method, n_runs = point.methods[name], experiment.n_runs
+    failures = tuple(store.failures(method.key, n_runs))
+    held, warnings = store.held(method.key, n_runs), store.warnings(method.key, n_runs)
+    return RunNotes(point.n_steps, method.holds, failures, held, warnings)
+
+
+def timings(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
+    """Read how long the calls of components took: sweep columns, method, component, number of calls and quantiles.
+
+    The quantiles have a relative error of a histogram (`Durations`).  They differ from computation to computation.
+    """
+    rows = []
+    for point in experiment.points:
+        for name, method in point.methods.items():
+            for component, durations in store.durations(method.key, experiment.n_runs).items():
+                seconds = [durations.quantile(0.5), durations.quantile(0.95), durations.largest]
+                share = seconds[1] / point.Ts if point.Ts else float("nan")
+                rows.append([*point.coordinates.values(), name, component, durations.n, *seconds, share])
+    names = ("method", "component", "calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
+    return pd.DataFrame(rows, columns=[*experiment.paths, *names])
 
 
 def _groups(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> RunGroups | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.report.run_notes import screen_lines
 
 SMOKE_CLAIMS = "claims      not evaluated: a smoke run is too short, claims.md is for information only"
 
@@ -43,6 +44,7 @@ def end_screen(
         lines += _indented([SMOKE_CLAIMS])
     else:
         lines += _indented(_claim_lines(verdicts, overrides, incomplete))
+    lines += _indented(screen_lines(trials, directory))
     lines += _indented(f"{'open' if path is figures[0] else '':12}{path}" for path in figures)
     return "\n".join(lines)
 

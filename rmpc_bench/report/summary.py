@@ -33,13 +33,24 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
 def trials_csv(trials: Trials, path: Path) -> None:
     """Write the table of trials with the sweep columns, `method, run, status` and one column per metric.
 
+    Where a component may hold failed steps, `held_steps` follows the status.
+
     Parameters
     ----------
     trials : the table of trials
     path : the file, replaced
     """
     metrics = (info.name for info in trials.metrics)
-    write_csv(trials.frame[[*trials.paths, "method", "run", "status", *metrics]], path)
+    columns = [*trials.paths, "method", "run", "status"]
+    if not any(notes.holds for table in trials.each for notes in table.notes.values()):
+        write_csv(trials.frame[[*columns, *metrics]], path)
+        return
+    held = [
+        table.notes[method].held.get(run, 0) if method in table.notes else 0
+        for table in trials.each
+        for method, run in table.frame[["method", "run"]].itertuples(index=False)
+    ]
+    write_csv(trials.frame.assign(held_steps=held)[[*columns, "held_steps", *metrics]], path)
 
 
 MOST_PAGES = 50

@@ -9,6 +9,7 @@ import pandas as pd
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
+from rmpc_bench.report.run_notes import held_cells, notes_markdown
 from rmpc_bench.report.sentences import AVERAGES, explanation, margin_text, sentence
 from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo, Status
@@ -51,6 +52,8 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
         columns["won"] = ["won/lost/tied", *cells.counts(table)]
     if table.with_failed:
         columns["n"] = ["n/n_failed", *cells.sizes(table)]
+    if held := held_cells(trials, [line.method for line in table.lines]):
+        columns["held"] = ["held", *held]
     if table.with_failed and table.with_comparisons:
         columns["pairs"] = ["pairs", *cells.pairs(table)]
     if table.with_comparisons:
@@ -102,7 +105,7 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     parts += ["## Worst runs", markdown_table(worst)] if worst else []
     for head, lines in (("Failed runs", _statuses(trials)), ("Checks that are meant to fail", _declared(trials))):
         parts += [f"## {head}", "\n".join(lines)] if lines else []
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join([*parts, *notes_markdown(trials)]) + "\n"
 
 
 def _markdown_columns(table: MetricTable) -> dict[str, list[str]]:
@@ -124,6 +127,8 @@ def _markdown_columns(table: MetricTable) -> dict[str, list[str]]:
         words = cells.verdicts(table)
         columns |= {"verdict": [word or "-" for word in words]} if any(words) else {}
     columns["n/n_failed"] = cells.sizes(table)
+    if held := held_cells(trials, [line.method for line in table.lines]):
+        columns["held steps"] = held
     if table.with_failed and table.with_comparisons:
         columns["pairs"] = cells.pairs(table)
     return columns

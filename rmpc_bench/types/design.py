@@ -25,5 +25,10 @@ class Design:
         """Checks of `rmpc_bench.conformance` that the component is meant to fail -> reason; reports print them."""
         return {}
 
+    @attribute
+    def holds(self) -> bool:
+        """Whether a failed step of a run is held and counted, so that the run goes on."""
+        return False
+
     def warm_up(self) -> None:
         """Do costly work that workers share, such as compiling; doing it again costs nothing."""

@@ -1,0 +1,184 @@
+"""Failed runs, held steps and warnings as text: for the screen, tables/summary.md and failures/METHOD-RUN.txt."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.types import RunFailure, Status
+
+MOST_FILES = 20
+"""Failed runs of a method that have a file of their own."""
+MOST_ON_SCREEN = 3
+"""Failed runs that the screen names."""
+MOST_WARNINGS = 10
+"""Different warnings of a method that tables/summary.md shows."""
+
+
+def held_cells(trials: Trials, methods: list[str]) -> list[str]:
+    """Return the share of held steps of every method, for a column of a table; none where no component holds steps."""
+    if not any(trials.notes[method].holds for method in methods if method in trials.notes):
+        return []
+    n_runs = len(trials.runs)
+    shares = {method: 100.0 * notes.share_held(n_runs) for method, notes in trials.notes.items() if notes.holds}
+    return [f"{shares[method]:.2g} %" if method in shares else "-" for method in methods]
+
+
+def held_sentences(trials: Trials) -> list[str]:
+    """Say how many steps of which method were held."""
+    n_runs = len(trials.runs)
+    return [
+        f"{method}: {notes.n_held:,} of {notes.n_steps * n_runs:,} steps held in {len(notes.held)} "
+        f"run{'' if len(notes.held) == 1 else 's'}"
+        for method, notes in trials.notes.items()
+        if notes.held
+    ]
+
+
+def notes_markdown(trials: Trials) -> list[str]:
+    """Return the sections on held steps and warnings; none where there are neither."""
+    held = [f"- {text}" for text in held_sentences(trials)]
+    warned = [
+        f"- {method}, {n} time{'' if n == 1 else 's'}: {text}"
+        for method, notes in trials.notes.items()
+        for text, n in [*notes.warnings.items()][:MOST_WARNINGS]
+    ]
+    parts = ["## Held steps", "\n".join(held)] if held else []
+    return [*parts, *(["## Warnings of components", "\n".join(warned)] if warned else [])]
+
+
+def screen_lines(trials: Trials, directory: object) -> list[str]:
+    """Return the lines of the screen on failed runs, held steps and warnings.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    directory : where the results are
+    """
+    lines: list[str] = []
+    failed = [(table, method, run) for table in trials.each for method, run in _failed(table)]
+    for number, (table, method, run) in enumerate(failed[:MOST_ON_SCREEN]):
+        lines.append(f"{'failed' if number == 0 else '':12}{_of_run(table, method, run)}")
+        lines.append(f"{'':12}    {show_command(table, directory, method, run)}")
+    left = len(failed) - MOST_ON_SCREEN
+    lines += [f"{'':12}and {left} more: tables/summary.md and failures/"] if left > 0 else []
+    held = [text for table in trials.each for text in held_sentences(table)]
+    lines += [f"{'held' if number == 0 else '':12}{text}" for number, text in enumerate(held[:MOST_ON_SCREEN])]
+    kinds = {
+        (method, text) for table in trials.each for method, notes in table.notes.items() for text in notes.warnings
+    }
+    if kinds:
+        what = f"{len(kinds)} warning{'' if len(kinds) == 1 else 's'} of components: tables/summary.md"
+        lines.append(f"{'warnings':12}{what}")
+    return lines
+
+
+def failure_files(
+    trials: Trials, directory: object, uncertainty: pd.DataFrame, versions: Mapping[str, str]
+) -> dict[str, str]:
+    """Return the files on failed runs: name -> text, for the first runs of every method.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    directory : where the results are
+    uncertainty : sweep columns, ``run`` and one column per named uncertain quantity
+    versions : name of a package -> version that computed the trials
+    """
+    files: dict[str, str] = {}
+    for table in trials.each:
+        counts: dict[str, int] = {}
+        for method, run in _failed(table):
+            counts[method] = counts.get(method, 0) + 1
+            if counts[method] <= MOST_FILES:
+                point = f"{_word(table.title)}-" if table.title else ""
+                text = _failure_text(table, directory, method, run, _values_of(table, uncertainty, run), versions)
+                files[f"{point}{_word(method)}-{run}.txt"] = text
+    return files
+
+
+def show_command(trials: Trials, directory: object, method: str, run: int) -> str:
+    """Return the command that replays a run."""
+    failure = _failure(trials, method, run)
+    command = ["rmpc-bench", "show", str(directory), "--run", str(run), "--method", method]
+    command += [part for path, value in trials.point.items() for part in ("--at", f"{path}={value}")]
+    if failure is not None and failure.trace:
+        command += [*([] if failure.k is None else ["--until", str(failure.k)]), "--pdb"]
+    return shlex.join(command)
+
+
+def _failed(trials: Trials) -> list[tuple[str, int]]:
+    rows = trials.frame.loc[trials.frame["status"] != Status.OK.word, ["method", "run"]]
+    return [(str(method), int(run)) for method, run in rows.itertuples(index=False)]
+
+
+def _failure(trials: Trials, method: str, run: int) -> RunFailure | None:
+    notes = trials.notes.get(method)
+    return next((each for each in notes.failures if each.run == run), None) if notes else None
+
+
+def _of_run(trials: Trials, method: str, run: int) -> str:
+    """Say in one line what happened to a run."""
+    failure = _failure(trials, method, run)
+    where = f" at {trials.title}" if trials.title else ""
+    head = f"{method} run {run}{where}: {_status(trials, method, run)}"
+    if failure is None:
+        return head
+    return (
+        f"{head}{_at(trials, failure.k)} ({failure.message.splitlines()[0] if failure.message else failure.component})"
+    )
+
+
+def _status(trials: Trials, method: str, run: int) -> str:
+    rows = trials.frame
+    return str(rows.loc[(rows["method"] == method) & (rows["run"] == run), "status"].iloc[0])
+
+
+def _at(trials: Trials, k: int | None) -> str:
+    if k is None:
+        return ""
+    return f" at k = {k}" + (f", t = {k * trials.Ts:g} s" if trials.Ts else "")
+
+
+def _failure_text(
+    trials: Trials, directory: object, method: str, run: int, values: Mapping[str, Any], versions: Mapping[str, str]
+) -> str:
+    word, failure = _status(trials, method, run), _failure(trials, method, run)
+    status = Status.__members__[word.upper().replace("-", "_")]
+    lines = [f"{trials.name}: run {run} of {method}" + (f" at {trials.title}" if trials.title else "")]
+    lines += [f"status      {word}: {status.explanation}"]
+    if failure is not None:
+        lines += [f"where       {failure.component}{_at(trials, failure.k)}", f"reason      {failure.message}"]
+    lines += [f"replay      {show_command(trials, directory, method, run)}"]
+    if failure is not None and failure.trace:
+        lines += ["", failure.trace.rstrip()]
+    parts = [("values at the failure", {} if failure is None else failure.values), ("uncertain quantities", values)]
+    parts += [("warnings of all runs of the method", _warnings(trials, method)), ("versions", versions)]
+    for title, table in parts:
+        if table:
+            width = 2 + max(len(str(name)) for name in table)
+            lines += ["", title, *(f"  {name!s:{width}}{value}" for name, value in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _warnings(trials: Trials, method: str) -> dict[str, str]:
+    notes = trials.notes.get(method)
+    return {f"{n} x": text for text, n in notes.warnings.items()} if notes else {}
+
+
+def _values_of(trials: Trials, uncertainty: pd.DataFrame, run: int) -> dict[str, float]:
+    rows = uncertainty[uncertainty["run"] == run]
+    for path, value in trials.point.items():
+        rows = rows[rows[path] == value]
+    names = [name for name in rows.columns if name != "run" and name not in trials.point]
+    return {str(name): float(rows[name].iloc[0]) for name in names} if len(rows) else {}
+
+
+def _word(text: str) -> str:
+    """Write a name so that it can be that of a file on every system."""
+    return re.sub(r"[^\w.=,+-]+", "_", text)
