@@ -111,6 +111,7 @@ def publish(results: Results, *, to: str | Path | None = None) -> Publication:
         *_write_tables(results, tables, directory),
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory),
+        *_write_timings(results, directory / "timings.csv"),
         *_write_failures(results, directory / "failures"),
     ]
     if len(results.trials.runs) and results.trials.with_verdicts:
@@ -123,12 +124,20 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
     trials_csv(results.trials, directory / "trials.csv")
     write_csv(results.uncertainty, directory / "uncertainty.csv")
     write_csv(results.series, directory / "series.csv")
-    write_csv(results.timings, directory / "timings.csv")
     write_csv(summary_table(tables.described), directory / "summary.csv")
     write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
     (directory / "tables" / "summary.md").write_text(tables.to_markdown(), encoding="utf-8")
     names = ("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
     return [directory / name for name in names]
+
+
+def _write_timings(results: Results, path: Path) -> list[Path]:
+    """Write the durations of the calls of own components; built-in ones are not timed one by one."""
+    path.unlink(missing_ok=True)
+    if not len(results.timings):
+        return []
+    write_csv(results.timings, path)
+    return [path]
 
 
 def _write_failures(results: Results, directory: Path) -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -111,18 +112,21 @@ def _notes(experiment: StoredExperiment, point: StoredPoint, store: Store, name:
 
 
 def timings(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
-    """Read how long the calls of components took: sweep columns, method, component, number of calls and quantiles.
+    """Read how long the calls of components took: sweep columns, method, component, phase, calls and quantiles.
 
-    The quantiles have a relative error of a histogram (`Durations`).  They differ from computation to computation.
+    The phase is ``step``, ``first step`` (which may compile) or ``start``.  The quantiles have the relative error of a
+    histogram (`Durations`), 1 %.  They differ from computation to computation.
     """
     rows = []
     for point in experiment.points:
         for name, method in point.methods.items():
             for component, durations in store.durations(method.key, experiment.n_runs).items():
+                part, _, phase = component.partition(", ")
                 seconds = [durations.quantile(0.5), durations.quantile(0.95), durations.largest]
-                share = seconds[1] / point.Ts if point.Ts else float("nan")
-                rows.append([*point.coordinates.values(), name, component, durations.n, *seconds, share])
-    names = ("method", "component", "calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
+                share = seconds[1] / point.Ts if point.Ts else math.nan
+                numbers = [float(f"{value:.4g}") for value in (*seconds, share)]
+                rows.append([*point.coordinates.values(), name, part, phase or "step", durations.n, *numbers])
+    names = ("method", "component", "phase", "calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
     return pd.DataFrame(rows, columns=[*experiment.paths, *names])
 
 

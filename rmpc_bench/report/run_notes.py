@@ -69,11 +69,9 @@ def screen_lines(trials: Trials, directory: object) -> list[str]:
     lines += [f"{'':12}and {left} more: tables/summary.md and failures/"] if left > 0 else []
     held = [text for table in trials.each for text in held_sentences(table)]
     lines += [f"{'held' if number == 0 else '':12}{text}" for number, text in enumerate(held[:MOST_ON_SCREEN])]
-    kinds = {
-        (method, text) for table in trials.each for method, notes in table.notes.items() for text in notes.warnings
-    }
+    kinds = {text for table in trials.each for notes in table.notes.values() for text in notes.warnings}
     if kinds:
-        what = f"{len(kinds)} warning{'' if len(kinds) == 1 else 's'} of components: tables/summary.md"
+        what = f"{len(kinds)} different warning{'' if len(kinds) == 1 else 's'} of components: tables/summary.md"
         lines.append(f"{'warnings':12}{what}")
     return lines
 
@@ -129,9 +127,8 @@ def _of_run(trials: Trials, method: str, run: int) -> str:
     head = f"{method} run {run}{where}: {_status(trials, method, run)}"
     if failure is None:
         return head
-    return (
-        f"{head}{_at(trials, failure.k)} ({failure.message.splitlines()[0] if failure.message else failure.component})"
-    )
+    reason = (failure.message or failure.component).splitlines()[0]
+    return f"{head}{_at(trials, failure.k)} ({reason})"
 
 
 def _status(trials: Trials, method: str, run: int) -> str:
