@@ -62,6 +62,7 @@ class Trials:
     seed : seed of the experiment
     Ts : sampling time [s]; 0 where it is not known
     units : signal -> unit, such as y -> rad; of a component with a unit of its own y.2 -> rad
+    names : component of a signal, such as y.0 -> its name
     traces : method -> its recorded runs
     paths : the columns of a sweep, which come first in `frame` and `series`; empty without one
     points : the tables of a sweep's points; empty without one
@@ -87,6 +88,7 @@ class Trials:
     seed: int
     Ts: float = 0.0
     units: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
     traces: Mapping[str, Traces] = field(default_factory=dict)
     paths: tuple[str, ...] = ()
     points: tuple[Trials, ...] = ()

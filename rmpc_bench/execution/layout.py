@@ -102,6 +102,7 @@ class _Layout:
             reference=self._keep(experiment.scenario.reference.sample(experiment.n_steps + 1)) if is_recorded else None,
             uncertainty_key=point.uncertainty_key,
             uncertainty=tuple(experiment.scenario.uncertainty),
+            names=dict(plant.names),
         )
 
     def _method(self, point: SweepPoint, method: Method) -> PointMethod:

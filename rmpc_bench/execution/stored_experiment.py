@@ -83,6 +83,7 @@ class StoredPoint:
     reference : name of the array of r(k), (samples, ny); None where nothing is recorded
     uncertainty_key : hash under which the values of the uncertain quantities are stored
     uncertainty : names of these quantities, in the order of the configuration
+    names : component of a signal, such as y.0 -> its name
     """
 
     coordinates: Mapping[str, str]
@@ -100,6 +101,7 @@ class StoredPoint:
     reference: str | None
     uncertainty_key: str
     uncertainty: tuple[str, ...]
+    names: Mapping[str, str] = field(default_factory=dict)
 
     def recording(self, method: str) -> Recording:
         """Return what is kept of the runs of a method."""

@@ -19,7 +19,7 @@ from rmpc_bench.execution.other_code import rows_kept_apart
 from rmpc_bench.execution.series import SeriesReader, with_point
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
-from rmpc_bench.execution.traces import traces_of, units_of
+from rmpc_bench.execution.traces import traces_of, with_estimates
 
 
 def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
@@ -90,7 +90,8 @@ def _table(experiment: StoredExperiment, point: StoredPoint, store: Store, serie
         headline=experiment.headline,
         seed=point.seed,
         Ts=point.Ts,
-        units=units_of(point, traces.values()),
+        units=with_estimates(point, point.units, traces.values()),
+        names=with_estimates(point, point.names, traces.values()),
         traces=traces,
         point=point.coordinates,
         title=point.title,

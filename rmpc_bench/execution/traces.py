@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -30,16 +30,17 @@ def traces_of(point: StoredPoint, store: Store, name: str) -> Traces | None:
     return Traces(np.array(runs, dtype=np.int64), signals, r, method.shapes) if runs else None
 
 
-def units_of(point: StoredPoint, traces: Iterable[Traces]) -> dict[str, str]:
-    """Units of the signals, and of components that have their own; an estimate of the plant's states has theirs.
+def with_estimates(point: StoredPoint, texts: Mapping[str, str], traces: Iterable[Traces]) -> dict[str, str]:
+    """Return units or names of components; an estimate of the plant's states has those of the states.
 
     Parameters
     ----------
     point : the experiment at a point of the sweep
+    texts : component -> unit or name
     traces : of all methods
     """
-    units = dict(point.units)
+    found = dict(texts)
     widths = {trace.signals["x_hat"].shape[2] for trace in traces if "x_hat" in trace.signals}
     if widths == {point.nx}:
-        units |= {f"x_hat.{i}": units[f"x.{i}"] for i in range(point.nx) if f"x.{i}" in units}
-    return units
+        found |= {f"x_hat.{i}": found[f"x.{i}"] for i in range(point.nx) if f"x.{i}" in found}
+    return found

@@ -16,6 +16,8 @@ GREEK = {"theta": "theta", "lam": "lambda", "gamma": "gamma", "rho": "rho", "Lam
 ACCENTS = ("hat", "breve")
 DID_NOT_OCCUR = "did not occur"
 """Words for a metric value of inf, such as the settling time of a run that did not settle."""
+ESTIMATE = ", estimate"
+"""Behind the name of a state whose estimate is shown."""
 LINEAR = "\n(linear: some <= 0)"
 """Remark at an axis that cannot be logarithmic."""
 
@@ -33,6 +35,22 @@ def metric_label(info: MetricInfo) -> str:
 def unit_of(trials: Trials, component: str) -> str:
     """Return the unit of a component such as ``y.2``: its own, else that of the signal."""
     return trials.units.get(component, trials.units.get(component.partition(".")[0], ""))
+
+
+def component_label(trials: Trials, signal: str, component: int, place: str, *, prefix: str = "") -> str:
+    """Label an axis with a component of a signal and its unit: by its name, else ``$y$[0]``.
+
+    Parameters
+    ----------
+    trials : with names and units
+    signal : such as ``y`` or ``x_hat``
+    component : which one, counted from 0
+    place : how it is written in brackets; empty without brackets
+    prefix : words in front, such as ``mean``
+    """
+    key = f"{signal}.{component}"
+    name = f"{literal(trials.names[key])}{ESTIMATE * (signal == 'x_hat')}" if key in trials.names else ""
+    return with_unit(f"{prefix} {name or symbol(signal, place)}".lstrip(), unit_of(trials, key))
 
 
 def typeset(text: str) -> str:

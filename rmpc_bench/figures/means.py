@@ -19,7 +19,7 @@ from rmpc_bench.figures.ensemble_panels import (
     last_sample,
     lines_of,
 )
-from rmpc_bench.figures.labels import symbol, unit_of, with_unit
+from rmpc_bench.figures.labels import component_label
 from rmpc_bench.figures.samples import Curve, SeriesComponent, components
 from rmpc_bench.figures.sweep_points import point_at
 from rmpc_bench.figures.window import window_of
@@ -80,7 +80,7 @@ def mean_panels(point: Trials, methods: Sequence[str], component: int | None) ->
         lines = _true_states({name: found[str(i)] for name, found in x.items() if str(i) in found})
         for name in methods:
             lines += lines_of(name, x_hat[name][str(i)]) if str(i) in x_hat[name] else []
-        label = with_unit(f"mean {symbol('x', str(i) if n > 1 else '')}", unit_of(point, f"x.{i}"))
+        label = component_label(point, "x", i, str(i) if n > 1 else "", prefix="mean")
         panels.append(MomentPanel(label, tuple(lines)))
     return panels
 

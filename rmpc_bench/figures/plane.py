@@ -13,7 +13,7 @@ from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures import burst_bands
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
 from rmpc_bench.figures.direct_labels import Label, write
-from rmpc_bench.figures.labels import symbol, unit_of, with_unit
+from rmpc_bench.figures.labels import component_label, unit_of
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import legend_sample, line_styles
 from rmpc_bench.figures.recorded_runs import find_run, last_sample
@@ -219,7 +219,7 @@ def _draw(
 
 
 def _label(point: Trials, component: int) -> str:
-    return with_unit(symbol("y", str(component)), unit_of(point, f"y.{component}"))
+    return component_label(point, "y", component, str(component))
 
 
 def _draw_reference(

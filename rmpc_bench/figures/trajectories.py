@@ -13,7 +13,7 @@ from annotated_types import Ge, Le
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures import burst_bands
 from rmpc_bench.figures.axes import stacked_panels
-from rmpc_bench.figures.labels import symbol, unit_of, with_unit
+from rmpc_bench.figures.labels import component_label, symbol, unit_of, with_unit
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import LineStyle, are_rough, legend_sample, line_styles
 from rmpc_bench.figures.recorded_runs import (
@@ -138,8 +138,10 @@ def _components(point: Trials, layout: ResultLayout, text: str) -> list[PanelSig
     found = []
     for component in [int(index)] if dot else range(math.prod(shape)):
         place = ",".join(map(str, np.unravel_index(component, shape))) if math.prod(shape) > 1 else ""
-        unit = unit_of(point, f"{OUTPUT if name == ERROR else name}.{component}")
-        found.append(PanelSignal(name, component, with_unit(symbol(name, place), unit)))
+        label = component_label(point, name, component, place)
+        if name == ERROR:
+            label = with_unit(symbol(name, place), unit_of(point, f"{OUTPUT}.{component}"))
+        found.append(PanelSignal(name, component, label))
     return found
 
 

@@ -12,7 +12,7 @@ from annotated_types import Gt, Len, Lt
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
 from rmpc_bench.figures.ellipse_outline import Ellipse, outline
-from rmpc_bench.figures.labels import POINTS_PER_INCH, symbol, typeset, unit_of, with_unit, wrapped
+from rmpc_bench.figures.labels import POINTS_PER_INCH, component_label, typeset, wrapped
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles, paler
 from rmpc_bench.figures.recorded_runs import last_sample
@@ -145,7 +145,7 @@ def _draw(
     plane = keys.over == "plane"
     styles = line_styles(point.methods, list(tubes))
     n_states = point.traces[next(iter(tubes))].signals["x"].shape[2]
-    labels = [with_unit(symbol("x", str(i) if n_states > 1 else ""), unit_of(point, f"x.{i}")) for i in keys.components]
+    labels = [component_label(point, "x", i, str(i) if n_states > 1 else "") for i in keys.components]
     rows = [(name, None if plane else place) for place in range(keys.panels_per_method) for name in tubes]
     with style():
         figure = MplFigure(figsize=size, layout="constrained")

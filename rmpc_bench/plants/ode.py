@@ -113,6 +113,11 @@ class OdePlant(Plant):
         return _common(self.ode, self.ode.inputs)
 
     @property
+    def names(self) -> Mapping[str, str]:
+        """Names of single components."""
+        return {place: name for place, name in self.ode.places().items() if place != name}
+
+    @property
     def units(self) -> Mapping[str, str]:
         """Units of single components."""
         return {place: self.ode.units[name] for place, name in self.ode.places().items() if name in self.ode.units}

@@ -70,6 +70,11 @@ class Plant(Design):
         return {}
 
     @attribute
+    def names(self) -> Mapping[str, str]:
+        """Names of single components, such as ``{"y.0": "level"}``; those without one are left out."""
+        return {}
+
+    @attribute
     def nominal(self) -> Mapping[str, float]:
         """Parameters that `perturb` and `set` may name, with their nominal values."""
         return {}

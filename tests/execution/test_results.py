@@ -9,7 +9,7 @@ from small_experiment import ran, write
 from rmpc_bench import load_config, load_results, load_trials, run
 from rmpc_bench.analysis.trials import Traces
 from rmpc_bench.execution.database import MissingError, StoreError
-from rmpc_bench.execution.traces import units_of
+from rmpc_bench.execution.traces import with_estimates
 
 
 class Arm(NamedTuple):
@@ -134,4 +134,4 @@ def test_units_of_components(widths, known):
     expected = dict(Arm().units)
     if known:
         expected |= {"x_hat.0": "m", "x_hat.1": "m/s"}
-    assert units_of(Arm(), traces) == expected
+    assert with_estimates(Arm(), Arm().units, traces) == expected
