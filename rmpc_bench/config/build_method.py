@@ -61,7 +61,8 @@ class MethodBuilder:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
         nominal = nominal_plant(self.draft, component)
-        if nominal is not None and self.plant is None:
+        if component.takes("plant") and self.plant is None:
+            # The plant has an error, which is reported there.
             return None
         return self.cache.get(
             ["model", size, component.resolved(), nominal],

@@ -1,6 +1,7 @@
 """Configurations with a differential equation: names, units, bounds, and what the screen and the results say."""
 
 import csv
+import json
 import shutil
 from pathlib import Path
 
@@ -145,5 +146,6 @@ def test_a_run_that_leaves_its_bounds_has_a_reason(tmp_path):
     path = written(tmp_path, bounds="{h2: [0.0001, 0.1], pump: [0, 30]}")
     cli("run", str(path), "-o", str(tmp_path / "out"), "-j", "1")
     with sqlite3.connect(tmp_path / "out" / "trials.sqlite") as store:
-        messages = [row[0] for row in store.execute("SELECT message FROM failures")]
+        texts = [row[0] for row in store.execute("SELECT failure FROM failures")]
+    messages = [json.loads(each)["message"] for each in texts]
     assert messages and all(each.startswith("h2 left its bounds [0.0001, 0.1] m at ") for each in messages)
