@@ -36,6 +36,9 @@ def advanced(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Arra
 def _moved(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Array, Array]:
     if callable(getattr(model, "f", None)):
         return np.asarray(model.f(x_hat, u), dtype=float).reshape(x_hat.shape), P
+    if isinstance(model, StateDependentModel) and model.has_offsets:
+        A = model.around(k, x_hat[None], u[None]).A[0]
+        return model.advance(k, x_hat[None], u[None])[0], A @ P @ A.T + model.Q_w
     if isinstance(model, StateDependentModel):
         A, B = (matrix[0] for matrix in model.at_state(x_hat[None]))
         return A @ x_hat + B @ u, A @ P @ A.T + model.Q_w

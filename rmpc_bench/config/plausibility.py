@@ -1,8 +1,8 @@
 """Warnings about a valid configuration that probably does not say what its author means.
 
 They are found without any run: angles in degrees, factors that look like absolute values, a missing sampling
-time, windows between two samples, a filter without noise, and unstable modes of the design model that are
-unobservable or uncontrollable.
+time, windows between two samples, a filter without noise, estimates that start far from an operating point, and
+unstable modes of the design model that are unobservable or uncontrollable.
 """
 
 from __future__ import annotations
@@ -47,10 +47,24 @@ def warnings_of(draft: DraftConfig, experiment: Experiment, model: Callable[[Com
     model : returns the design model of a component
     """
     found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
+    found += _initial(draft, model)
     for path, component in _models(draft).items():
         for message in _of_model(component, model(component), draft, experiment):
             found.append(([*path], message))
     return [Problem(*locate(draft.tree, path), join(path), message) for path, message in found]
+
+
+def _initial(draft: DraftConfig, model: Callable[[Component | None], Any]) -> Iterator[Finding]:
+    """Find an operating point beside an initial estimate that is not given, which then is 0."""
+    if "x_hat" in draft.section("initial"):
+        return
+    for component in _models(draft).values():
+        x = model(component).x_op
+        if x.any():
+            numbers = ", ".join(f"{value:.6g}" for value in x)
+            message = f"has no `x_hat`, so that estimates start at 0; the operating point is x = {numbers}"
+            yield ["initial"], f"{message}; give `x_hat`, as a physical state"
+            return
 
 
 def _time(draft: DraftConfig) -> Iterator[Finding]:

@@ -130,6 +130,14 @@ def test_a_regulator_may_be_used_at_its_operating_point(load):
     np.testing.assert_allclose(config.experiment.methods[0].controller.regulates_to, 0.1, rtol=1e-9)
 
 
+def test_a_missing_initial_estimate_is_warned_of(load):
+    """Estimates would start at 0, which for a tank is empty."""
+    config = load((", x_hat: [0.065, 0.085]", ""))
+    assert [warning.path for warning in config.warnings] == ["initial"]
+    assert "x = 0.0647089, 0.0821864" in config.warnings[0].message
+    assert load().warnings == ()
+
+
 def test_a_nonlinear_model_with_an_operating_point_serves_linear_methods(load):
     """Oracle: the gains of `linearise`."""
     found = load(("linearise: plant", "nonlinear: plant")).experiment.methods[0]

@@ -13,7 +13,10 @@ from rmpc_bench.controllers.mpc import Limits, Scale
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linearised import LinearisedModel
+from rmpc_bench.plants.linear import design as linear_plant
 from rmpc_bench.simulation.closed_loop import simulate
+from rmpc_bench.simulation.moments import Laws, exact_moments
+from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Draws
 from rmpc_bench.types import Controller, DesignError, Method, Motion, OperatingPoint, Plant, Status
 
@@ -241,6 +244,21 @@ def test_a_regulator_needs_a_steady_state(model):
         with pytest.raises(DesignError, match="steady state; use lqr"):
             designed(drifting, ("kalman", {}), (kind, CONTROLLERS[kind][0]), point.x)
     assert_shifted(drifting, *loops(drifting, ("kalman", {}), ("mpc", CONTROLLERS["mpc"][1])))
+
+
+def test_exact_moments_use_the_offsets(model):
+    """Oracle: the loop without noise, from the mean of the initial state, with u = 0."""
+    A, B, C = (matrix.tolist() for matrix in (model.A, model.B, model.C))
+    plant, x0 = linear_plant(0.1, STEPS, A=A, B=B, C=C), np.array([1.0, -2.0, 0.5])
+    method = Method("m", kalman(model, STEPS, x0=model.x_op, P0=np.eye(3)), Rest(2))
+    schedule = method.estimator.gain_schedule
+    assert schedule is not None
+    laws = Laws(x0, np.zeros((3, 3)), np.zeros(5), np.zeros((5, 5)))
+    found = exact_moments(plant, schedule, laws, STEPS)
+    w, v = (np.zeros((1, STEPS + 1, n)) for n in (3, 2))
+    nothing = Draws(plant.draw({}, [np.random.default_rng(0)], STEPS), x0[None], w, v)
+    record, _ = simulate(plant, method, nothing, np.zeros((STEPS + 2, 2)), STEPS)
+    np.testing.assert_allclose(found.mean, np.hstack([record.x[0], record.x_hat[0]]), **SHIFTED)
 
 
 def test_the_operating_point_is_a_steady_state_of_the_model(model):

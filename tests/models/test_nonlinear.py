@@ -10,6 +10,7 @@ from plants import tanks
 from scipy.integrate import solve_ivp
 
 from rmpc_bench import registry
+from rmpc_bench.components.advance import advanced
 from rmpc_bench.controllers.gpc import design as gpc
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman
@@ -245,3 +246,16 @@ def test_mistakes_in_a_model_with_an_equation_of_its_own():
     plain = ode_model(TS, linear_plant(TS, 5, A=[0.5], B=[[1.0]], C=[[1.0]]), ode=lambda x, u, p: [u[0] - x[0]],
                       states=1, inputs=1, noise=NOISE)  # fmt: skip
     np.testing.assert_allclose(plain.f([1.0], [1.0]), 1.0, **ROUND)
+
+
+def test_a_held_step_moves_the_estimate_along_the_trajectory():
+    """Oracle: f, and its Jacobian for P."""
+    plant = two_tanks()
+    model, free = linearise(TS, plant, noise=NOISE, at="trajectory"), nonlinear(TS, plant, noise=NOISE)
+    x, P, u = np.array([0.2, 0.1]), 1e-4 * np.eye(2), np.array([8.0])
+    x_next, P_next = advanced(model, 0, x, P, u)
+    np.testing.assert_allclose(x_next, free.f(x, u), **ROUND)
+    A = free.F(x, u)
+    # The linearisation holds the Jacobian of the equation over the sample.
+    np.testing.assert_allclose(P_next, A @ P @ A.T + 1e-6 * np.eye(2), rtol=1e-2)
+    np.testing.assert_allclose(advanced(free, 0, x, P, u)[0], free.f(x, u), **EXACT)
