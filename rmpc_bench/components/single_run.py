@@ -20,6 +20,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
 
+from rmpc_bench.components.metric_class import metric_design
 from rmpc_bench.components.user_class import METHODS, UserClass, user_class
 from rmpc_bench.components.words import a_component
 from rmpc_bench.types import DesignError
@@ -83,7 +84,7 @@ def design_function(group: str, component: Any) -> Callable[..., Any]:
     if isinstance(component, type):
         if not issubclass(component, BASES[group]):
             raise DesignError(_not_marked(group, component), "kind")
-        return component
+        return metric_design(component) if group == "metrics" else component
     if callable(component):
         return cast("Callable[..., Any]", component)
     found = type(component).__name__

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from rmpc_bench.components.function_component import class_of
-from rmpc_bench.components.words import Arguments, a_component, arguments_of, design_words, words
+from rmpc_bench.components.words import Arguments, a_component, arguments_of, design_words, snake_case, words
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.issue import unknown
 
@@ -105,7 +105,7 @@ class UserClass:
                 inspect.Parameter("max_held", only, default=0.1, annotation=float),
             ]
         if self.group == "metrics" and "name" not in self.keys:
-            parameters.append(inspect.Parameter("name", only, default=_snake(self.cls.__name__), annotation=str))
+            parameters.append(inspect.Parameter("name", only, default=snake_case(self.cls.__name__), annotation=str))
         return inspect.Signature(parameters)
 
     def constant(self, name: str, default: Any) -> Any:
@@ -140,9 +140,3 @@ def _of_init(cls: type) -> Arguments:
     if arguments.takes_all:
         raise DesignError(f"{arguments.owner} takes **keys; name every key, since each is checked", "kind")
     return arguments
-
-
-def _snake(name: str) -> str:
-    """Write the name of a class as that of a column: ``PeakInput`` -> ``peak_input``."""
-    parts = [("_" if i and c.isupper() and not name[i - 1].isupper() else "") + c.lower() for i, c in enumerate(name)]
-    return "".join(parts)

@@ -75,6 +75,18 @@ def a_component(group: str) -> str:
     return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
 
 
+def snake_case(name: str) -> str:
+    """Write the name of a class as that of a column.
+
+    Examples
+    --------
+    >>> snake_case("PeakInput")
+    'peak_input'
+    """
+    parts = [("_" if i and c.isupper() and not name[i - 1].isupper() else "") + c.lower() for i, c in enumerate(name)]
+    return "".join(parts)
+
+
 def design_words(group: str) -> tuple[str, ...]:
     """Names of a group that are known before any run; they are no keys of the configuration."""
     return _DESIGN[group]

@@ -2,11 +2,13 @@
 
 import numpy as np
 from components.one_run import TS, Fixed, N, designed, experiment, simulated
-from conftest import ROUND
+from conftest import EXACT, ROUND
 
-from rmpc_bench.components.single_run import single_run
+from rmpc_bench import Metric
+from rmpc_bench.components.single_run import design_function, single_run
+from rmpc_bench.config.schema import keys_of
 from rmpc_bench.metrics.tracking import Mse
-from rmpc_bench.types import Status
+from rmpc_bench.types import Positive, Status
 
 
 @single_run
@@ -78,6 +80,26 @@ def test_a_metric_that_fails_costs_its_run_and_is_not_called_for_failed_runs():
         "ZeroDivisionError: division by zero",
     )
     assert np.isnan(metrics[:, 1:3]).all() and np.isfinite(metrics[:, [0, 3, 4, 5]]).all()
+
+
+class PeakOutput(Metric):
+    """A batch metric with a key, and nothing else."""
+
+    factor: Positive = 1.0
+
+    def evaluate(self, record):
+        """Return one value per run."""
+        return self.factor * record.y.max(axis=(1, 2))
+
+
+def test_a_class_derived_from_metric_needs_no_decorator():
+    """Oracle: the formula; the key is checked, the name is that of the class unless it is given."""
+    mine = designed("metrics", PeakOutput), designed("metrics", PeakOutput, name="twice", factor=2.0)
+    assert [each.name for each in mine] == ["peak_output", "twice"]
+    _, metrics, traces, _ = simulated(experiment(metrics=mine))
+    np.testing.assert_allclose(metrics[0], traces["y"].max(axis=(1, 2)), **EXACT)
+    np.testing.assert_allclose(metrics[1], 2.0 * metrics[0], **EXACT)
+    assert list(keys_of("metrics", "mine", design_function("metrics", PeakOutput)).model_fields) == ["name", "factor"]
 
 
 def test_an_answer_that_is_no_number_is_a_crash():
