@@ -66,6 +66,9 @@ class SingleRunController(SingleDesign, Controller):
         self, k: int, state: RunInputs, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
     ) -> tuple[RunInputs, Command]:
         """Call `control` of every run that has not failed."""
+        if self.point is not None:
+            estimate = estimate._replace(x_hat=estimate.x_hat - self.point.x)
+            y, r = y - self.point.y, r - self.point.y
         n_runs, answer = len(y), _Answer(self, state)
         reference = r[0] if self.preview == 1 else r
         seen: dict[str, Any] = {"x_hat": estimate.x_hat, "y": y, "u_previous": state.u if k > 0 else None}
@@ -85,7 +88,8 @@ class SingleRunController(SingleDesign, Controller):
                 failure = Failed(int(row), CRASHED, f"control returned u with NaN or inf{at(k)}", "")
                 state.objects.fail(failure, k, given, answer.settle)
         state.u = answer.u
-        return state, Command(answer.u.copy(), state.objects.failed.copy(), answer.info)
+        u = answer.u.copy() if self.point is None else answer.u + self.point.u
+        return state, Command(u, state.objects.failed.copy(), answer.info)
 
 
 def _info_of(info: Mapping[str, Array], row: int) -> dict[str, Array]:

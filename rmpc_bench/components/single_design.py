@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rmpc_bench.components.deviation import in_deviation
 from rmpc_bench.components.user_class import HELD, UserClass
 from rmpc_bench.components.user_runs import Failed, UserRuns, failed_call, is_ctrl_c, user_code
 from rmpc_bench.types import RunInfo
@@ -26,6 +27,7 @@ class SingleDesign:
 
     def __init__(self, user: UserClass, given: Mapping[str, Any]) -> None:
         self.user = user
+        given, self.point = in_deviation(user, given)
         names = set(user.provided)
         self.given = {name: value for name, value in given.items() if name in names}
         self.keys = {name: value for name, value in given.items() if name in user.keys}

@@ -75,7 +75,7 @@ class SingleRunEstimator(SingleDesign, Estimator):
 
     def correct(self, k: int, state: RunStates, y: Float[Array, "runs ny"]) -> tuple[RunStates, Estimate]:
         """Call `update`, or `predict` and `correct`, of every run that has not failed."""
-        answer = _Answer(self, state, k)
+        answer, y = _Answer(self, state, k), y if self.point is None else y - self.point.y
         seen = {"y": y, "u_previous": state.u_previous, "x_hat": state.x_hat}
         method = "update" if "update" in self.user.methods else "correct" if k == 0 else JOINED
         if method == JOINED:
@@ -84,11 +84,12 @@ class SingleRunEstimator(SingleDesign, Estimator):
         answer.check(method.removeprefix(BEFORE), seen)
         state.x_hat, state.P = answer.x_hat, answer.P
         P = np.where(state.gives_P[:, None, None], answer.P, np.nan) if state.gives_P.any() else None
-        return state, Estimate(answer.x_hat, P, None, state.objects.failed.copy(), answer.info)
+        x_hat = answer.x_hat if self.point is None else answer.x_hat + self.point.x
+        return state, Estimate(x_hat, P, None, state.objects.failed.copy(), answer.info)
 
     def predict(self, k: int, state: RunStates, u: Float[Array, "runs nu"]) -> RunStates:
         """Keep u(k): the user's object gets it with the next measurement."""
-        state.u_previous = u.copy()
+        state.u_previous = u.copy() if self.point is None else u - self.point.u
         return state
 
 

@@ -11,7 +11,8 @@ plant          ``step(u, w)``: return x(k+1); ``output(x)``: return y(k) without
 metric         ``evaluate(y, u, r)``: return one number; the arguments are trajectories with axis 0 = k.
 =============  ====================================================================================================
 
-`start` is called once before the first sample.  There is one object per run and method.
+`start` is called once before the first sample.  There is one object per run and method.  An estimator or a controller
+with ``deviation = True`` works in deviations from the operating point of the design model.
 """
 
 from __future__ import annotations
