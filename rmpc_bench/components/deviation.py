@@ -1,8 +1,8 @@
 """Components for one run that work in deviations from the operating point of the design model.
 
 A class with ``deviation = True`` gets `model.deviation` as its model, which has no constant parts in a steady state.
-Its
-signals are deviations: y - y_op, u(k-1) - u_op, r - y_op, x_hat - x_op, limits of u - u_op.  What it returns is moved back.
+Its signals are deviations: y - y_op, u(k-1) - u_op, r - y_op, x_hat - x_op, limits of u - u_op.  What it returns is
+moved back.
 """
 
 from __future__ import annotations
