@@ -68,8 +68,12 @@ def check(
             lines = _describe(path, config)
             if deep:
                 from rmpc_bench.cli.mismatch import mismatch_lines
+                from rmpc_bench.cli.own_components import own_component_lines
 
                 lines += mismatch_lines(config)
+                own, failed = own_component_lines(config)
+                lines += own
+                code = max(code, exits.FINDING_DIFFERS if failed else 0)
             click.echo("\n".join(lines))
         except ConfigError as error:
             # The other files are checked all the same.

@@ -62,7 +62,9 @@ def package_of(directory: Path) -> Package:
     """Return the package of a directory; a new one where a file has changed since it was imported."""
     package = _newest.get(directory)
     if package is None or not package.is_current():
-        package = add(Package(f"{PREFIX}{next(_numbers)}", directory))
+        # A worker process has packages of the process that started it, too.
+        name = next(name for number in _numbers if (name := f"{PREFIX}{number}") not in _packages)
+        package = add(Package(name, directory))
     return package
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.conformance.controllers import ControllerExample
-from rmpc_bench.conformance.honesty import CHANGE, fresh_process, function_of_data
+from rmpc_bench.conformance.honesty import CHANGE, FRESH, function_of_data
 from rmpc_bench.conformance.linear_system import LinearGaussian, LinearSystem
 from rmpc_bench.conformance.results import Answer, Check, NotApplicableError
 from rmpc_bench.conformance.surroundings import SEED, global_seed
@@ -176,7 +176,7 @@ def _preview(controller: Controller, example: ControllerHonestyExample) -> None:
 
 ControllerHonestyExample.checks = (
     Check("function-of-data", "u depends on x_hat, y, r and the model only, not on the plant", function_of_data),
-    Check("fresh-process", "the same bits in a fresh process, with another hash seed and directory", fresh_process),
+    FRESH,
     Check("causal", "u(k) does not depend on y and x_hat after k", _causal),
     Check("preview", "u(k) does not depend on r beyond the preview", _preview),
 )

@@ -14,9 +14,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from rmpc_bench.components.transport import dumps
 from rmpc_bench.conformance.results import Answer
-from rmpc_bench.conformance.subject import Subject
+from rmpc_bench.conformance.subject import Subject, packed
 
 SAME_SEED, OTHER_SEED = "0", "1"
 """PYTHONHASHSEED of the process of the checks, and of the one with other surroundings."""
@@ -112,7 +111,7 @@ class Elsewhere:
     def _asked(self, process: subprocess.Popen[bytes], data: Any) -> Answer:
         job = {"subject": self.subject, "provided": self.provided, "group": self.group, "data": data}
         # The search path first: what the job consists of is imported along it.
-        text = pickle.dumps(tuple(sys.path)) + dumps(job)
+        text = pickle.dumps(tuple(sys.path)) + packed(self.subject, job)
         try:
             out, _ = process.communicate(text, timeout=self.seconds)
         except subprocess.TimeoutExpired:

@@ -183,9 +183,10 @@ def _possible(estimator: Estimator, example: HonestyExample) -> str:
     return text
 
 
+FRESH = Check("fresh-process", "the same bits in a fresh process, with another hash seed and directory", fresh_process)
 HonestyExample.checks = (
     Check("function-of-data", "x_hat depends on y, u and the model only: the same without a plant", function_of_data),
-    Check("fresh-process", "the same bits in a fresh process, with another hash seed and directory", fresh_process),
+    FRESH,
     Check("causal", "x_hat(k) does not depend on y after k", _causal),
     Check("in-time", "x_hat(k) fits x(k) better than the state of any other sample", _in_time),
     Check("exact", "without noise and from the true x(0), x_hat is the state", _exact),

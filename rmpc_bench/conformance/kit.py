@@ -111,9 +111,7 @@ def parametrize_with_checks(components: Sequence[Any], group: str = "", **option
         kind = _group(component, group)
         outcome = cache(lambda component=component, kind=kind: check(component, kind, **options))
         name = component.rpartition(":")[2] if isinstance(component, str) else getattr(component, "__name__", number)
-        parameters += [
-            pytest.param(component, _Check(each.id, outcome), id=f"{name}-{each.id}") for each in CHECKS[kind]
-        ]
+        parameters += [pytest.param(_Check(each.id, outcome), id=f"{name}-{each.id}") for each in CHECKS[kind]]
     return pytest.mark.parametrize("check", parameters)
 
 

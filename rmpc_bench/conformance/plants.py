@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.conformance.results import FROZEN, Check, copies, require, require_same, require_unchanged
-from rmpc_bench.types import Array, Plant, Status
+from rmpc_bench.conformance.failures import WORDS, require_no_wrong_answer
+from rmpc_bench.conformance.outcome import REPETITION, Outcome, first_checks, refuse_objects
+from rmpc_bench.conformance.plant_memory import require_methods_apart
+from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
+from rmpc_bench.conformance.surroundings import SEED, global_seed
+from rmpc_bench.simulation.run_start import RunStart, RunState
+from rmpc_bench.types import Array, Journal, Plant, PlantInfo, Status, as_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +36,8 @@ class PlantExample:
     u: Float[Array, "runs steps nu"]
     w: Float[Array, "runs steps nw"]
     v: Float[Array, "runs steps nv"]
+    known: dict[int, tuple[Plant, Outcome]] = field(default_factory=dict, repr=False)
+    """Answers to the whole example by the plants that were asked before."""
     checks: ClassVar[tuple[Check, ...]]
 
     @classmethod
@@ -39,6 +45,8 @@ class PlantExample:
         cls, plant: Plant, *, n_runs: int = 9, n_steps: int = 10, scale: float = 1.0, seed: int = 13
     ) -> PlantExample:
         """Draw parameters within 10 % of the nominal ones and normal states, inputs and noises.
+
+        States and inputs with limits are drawn between the quarters of their ranges.
 
         Parameters
         ----------
@@ -51,37 +59,80 @@ class PlantExample:
         parameters = {name: value * rng.uniform(0.9, 1.1, n_runs) for name, value in plant.nominal.items()}
         shapes = ((n_runs, plant.nx), *((n_runs, n_steps, n) for n in (plant.nu, plant.nw, plant.nv)))
         x, u, w, v = (scale * rng.standard_normal(shape) for shape in shapes)
-        return cls(parameters, x, 20.0 * u, 0.1 * w, v)
+        limits = PlantInfo.of(plant).limits
+        x, u = _within(limits.x, x, rng), _within(limits.u, 20.0 * u, rng)
+        return cls(parameters, x, u, 0.1 * w, v)
 
     @property
     def n_runs(self) -> int:
         """Number of runs."""
         return len(self.x)
 
-    def drawn(self, plant: Plant, rows: Sequence[int]) -> tuple[Any, Array, Array]:
+    def drawn(
+        self, plant: Plant, rows: Sequence[int], journal: Journal | None = None, shared: RunState | None = None
+    ) -> tuple[Any, Array, Array]:
         """Uncertain parameters of some runs, and the noises that `step` and `output` receive."""
         parameters = {name: values[rows] for name, values in self.parameters.items()}
         rngs = [np.random.default_rng((99, int(row))) for row in rows]  # the same for a run in every block
         delta = plant.draw(parameters, rngs, self.u.shape[1] - 1)
+        start = RunStart(SEED, tuple(int(row) for row in rows), journal or Journal())
+        delta = start.plant(plant, delta, self.x[rows], shared or RunState.of(len(rows)))
         w, v = self.w[rows], self.v[rows]
         return (delta, *plant.mix(delta, w, v)) if plant.mixes_noise else (delta, w, v)
 
-    def simulated(self, plant: Plant, rows: Sequence[int] | None = None) -> tuple[Array, Array, Array]:
-        """States, outputs and last statuses of some runs: (rows, steps, nx), (rows, steps, ny), (rows,)."""
-        rows = range(self.n_runs) if rows is None else rows
-        rows = list(rows)
-        delta, w, v = self.drawn(plant, rows)
-        x, states, outputs = self.x[rows], [], []
-        for k in range(self.u.shape[1]):
-            outputs.append(plant.output(k, delta, x, v[:, k]))
-            x, status = plant.step(k, delta, x, self.u[rows, k], w[:, k])
-            states.append(x)
-        return np.stack(states, axis=1), np.stack(outputs, axis=1), status
+    def asked(self, component: Plant, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
+        """Simulate some runs; an exception of the plant ends them.
+
+        Parameters
+        ----------
+        component : what is checked
+        rows : indices of the runs; all of them unless given
+        seed : of the global random generators, which a plant must not use
+
+        Returns
+        -------
+        The numbers of a sample are x(k+1) and y(k), the answers are pairs of the two.
+        """
+        rows = list(range(self.n_runs) if rows is None else rows)
+        shared, journal, status = RunState.of(len(rows)), Journal(), np.zeros(len(rows), np.int8)
+        outcome, k = Outcome("(x, y)", [], status, journal, None, [], []), -1
+        with global_seed(seed), np.errstate(over="ignore", invalid="ignore"):
+            try:
+                delta, w, v = self.drawn(component, rows, journal, shared)
+                x = self.x[rows]
+                for k in range(self.u.shape[1]):
+                    y = np.array(component.output(k, delta, x, v[:, k]))
+                    motion = as_motion(component.step(k, delta, x.copy(), self.u[rows, k], w[:, k]))
+                    status[:] = np.where(status != Status.OK, status, shared.failed)
+                    status[:] = np.where(status != Status.OK, status, motion.status)
+                    np.equal(status, Status.OK, out=shared.alive)
+                    x = np.array(motion.x)
+                    outcome.answers.append((motion._replace(x=x), y))
+                    outcome.numbers.append(np.concatenate([x, y], axis=1))
+            except (Exception, SystemExit) as error:  # a plant under test may raise anything
+                error.add_note(f"k = {k}" if k >= 0 else "before the first sample")
+                return outcome._replace(error=error)
+        return outcome
+
+    def all(self, component: Plant) -> Outcome:
+        """Simulate the whole example; computed once per plant."""
+        if id(component) not in self.known:
+            self.known[id(component)] = component, self.asked(component)
+        return self.known[id(component)][1]
+
+    def answers(self, component: Plant) -> Array:
+        """States and outputs of all runs."""
+        return self.asked(component).values
 
 
-def _require_same(found: Sequence[Array], expected: Sequence[Array]) -> None:
-    for name, left, right in zip(("x", "y", "status"), found, expected, strict=True):
-        require_same(name, left, right)
+def _within(limits: tuple[Array, Array], values: Array, rng: np.random.Generator) -> Array:
+    """Replace the components that have limits."""
+    low, high = limits
+    bounded = np.isfinite(low) & np.isfinite(high)
+    if not bounded.any():
+        return values
+    low, high = (np.where(bounded, each, 0.0) for each in limits)
+    return np.where(bounded, low + (high - low) * rng.uniform(0.25, 0.75, values.shape), values)
 
 
 def _base_class(plant: Any, _: PlantExample) -> None:
@@ -90,19 +141,32 @@ def _base_class(plant: Any, _: PlantExample) -> None:
 
 
 def _shapes(plant: Plant, example: PlantExample) -> None:
-    x, y, status = example.simulated(plant)
-    n_runs, n_steps = example.u.shape[:2]
-    require(x.shape == (n_runs, n_steps, plant.nx), f"x has shape {x.shape[:1] + x.shape[2:]}")
-    require(y.shape == (n_runs, n_steps, plant.ny), f"y has shape {y.shape[:1] + y.shape[2:]}")
-    require(x.dtype == y.dtype == np.float64, f"x is {x.dtype}, y is {y.dtype}, not float64")
-    require(status.dtype == np.int8, f"status is {status.dtype}, not int8")
-    require_same("status", status, np.full(n_runs, Status.OK, dtype=np.int8))
+    outcome, n_runs = example.all(plant), example.n_runs
+    require_no_wrong_answer(outcome.journal, "shape")
+    for k, (motion, y) in enumerate(outcome.answers):
+        require(motion.x.shape == (n_runs, plant.nx), f"x has shape {motion.x.shape} at k = {k}; nx = {plant.nx}")
+        require(y.shape == (n_runs, plant.ny), f"y has shape {y.shape} at k = {k}; ny = {plant.ny}")
+        require(motion.x.dtype == y.dtype == np.float64, f"x is {motion.x.dtype}, y is {y.dtype}, not float64")
+        require(motion.status.dtype == np.int8, f"status is {motion.status.dtype}, not int8")
+        require(motion.status.shape == (n_runs,), f"status has shape {motion.status.shape} for {n_runs} runs")
+
+
+def _finite(plant: Plant, example: PlantExample) -> str:
+    outcome = example.all(plant)
+    require_no_wrong_answer(outcome.journal, "finite")
+    good = ~outcome.status.astype(bool)
+    for k, numbers in enumerate(outcome.numbers):
+        wrong = np.asarray(~np.isfinite(numbers[good]).all(axis=1))
+        require(not wrong.any(), f"x or y of {wrong.sum()} of {len(good)} runs is not finite at k = {k}")
+    words = sorted({WORDS[int(status)] for status in outcome.status[~good]})
+    return f"{(~good).sum()} of {len(good)} runs end with {', '.join(words)}" if words else ""
 
 
 def _arguments(plant: Plant, example: PlantExample) -> None:
     given = [*example.parameters.values(), example.x, example.u, example.w, example.v]
     before = copies(given)
     delta, w, v = example.drawn(plant, range(example.n_runs))
+    refuse_objects(plant, delta)
     received = [*delta, w, v]
     kept = copies(received)
     plant.step(0, delta, example.x, example.u[:, 0], w[:, 0])
@@ -113,60 +177,67 @@ def _arguments(plant: Plant, example: PlantExample) -> None:
 
 def _purity(plant: Plant, example: PlantExample) -> None:
     delta, w, _ = example.drawn(plant, range(example.n_runs))
-    first, second = (plant.step(0, delta, example.x, example.u[:, 0], w[:, 0]) for _ in range(2))
+    refuse_objects(plant, delta)
+    first, second = (as_motion(plant.step(0, delta, example.x, example.u[:, 0], w[:, 0])) for _ in range(2))
     require_same("x(1)", second.x, first.x)
     require_same("status", second.status, first.status)
-    _require_same(example.simulated(plant), example.simulated(plant))
-
-
-def _alone(plant: Plant, example: PlantExample) -> None:
-    together = example.simulated(plant)
-    for run in range(example.n_runs):
-        _require_same(example.simulated(plant, [run]), [part[run : run + 1] for part in together])
-
-
-def _order(plant: Plant, example: PlantExample) -> None:
-    order = np.random.default_rng(5).permutation(example.n_runs).tolist()
-    _require_same(example.simulated(plant, order), [part[order] for part in example.simulated(plant)])
-
-
-def _pickle(plant: Plant, example: PlantExample) -> None:
-    _require_same(example.simulated(pickle.loads(pickle.dumps(plant))), example.simulated(plant))
 
 
 def _missing(plant: Plant, example: PlantExample) -> None:
-    expected, run = example.simulated(plant), example.n_runs // 2
+    expected, run = example.all(plant), example.n_runs // 2
     for name in ("x", "u", "w", "v"):
         broken = getattr(example, name).copy()
         if not broken.size:
             continue
         place = (run, 0) if name == "x" else (run, 3)
         broken[place] = np.nan
-        found = replace(example, **{name: broken}).simulated(plant)
-        others = [[np.delete(part, run, axis=0) for part in parts] for parts in (found, expected)]
-        _require_same(*others)
+        found = replace(example, **{name: broken}, known={}).asked(plant)
+        others = (np.delete(each.values, run, axis=0) for each in (found, expected))
+        require_same(f"(x, y) beside a missing {name}", *others)
         if name in ("x", "u"):
-            require(bool(np.isnan(found[0][run]).any()), f"the state hides a missing {name}")
+            states = found.values[run, :, : plant.nx]
+            failed = bool(found.status[run]) or bool(np.isnan(states).any())
+            require(failed, f"the state hides a missing {name}")
 
 
-def _nominal(plant: Plant, _: PlantExample) -> None:
+def _nominal(plant: Plant, example: PlantExample) -> None:
     wrong = [name for name, value in plant.nominal.items() if not np.isfinite(value)]
     require(not wrong, f"nominal values that are not finite: {', '.join(wrong)}")
     parameters = {name: np.array([value]) for name, value in plant.nominal.items()}
-    x, u, w, v = (np.zeros(shape) for shape in ((1, plant.nx), (1, 2, plant.nu), (1, 2, plant.nw), (1, 2, plant.nv)))
-    status = PlantExample(parameters, x, u, w, v).simulated(plant)[-1]
-    require_same("status", status, np.full(1, Status.OK, dtype=np.int8))
+    w, v = np.zeros((1, 2, plant.nw)), np.zeros((1, 2, plant.nv))
+    limits = PlantInfo.of(plant).limits
+    # Without limits the origin; with limits their middle.
+    x, u = (_middle(*each) for each in (limits.x, limits.u))
+    nominal = PlantExample(parameters, x[None], np.tile(u, (1, 2, 1)), w, v)
+    require_same("status", nominal.asked(plant).status, np.full(1, Status.OK, dtype=np.int8))
 
 
+def _middle(low: Array, high: Array) -> Array:
+    bounded = np.isfinite(low) & np.isfinite(high)
+    low, high = (np.where(bounded, each, 0.0) for each in (low, high))
+    return 0.5 * (low + high)
+
+
+def _methods_apart(plant: Plant, example: PlantExample) -> None:
+    require_methods_apart(plant, example.x[0], example.u)
+
+
+FIRST = tuple(
+    check._replace(run=_finite, says="every number of a run that has not failed is finite")
+    if check.id == "finite"
+    else check
+    for check in first_checks(
+        Check("base-class", "the plant is a subclass of Plant with a sampling time", _base_class, is_first=True),
+        _shapes,
+        "axis 0 is the run; states and outputs have the declared sizes; status is int8",
+    )
+)
 PlantExample.checks = (
-    Check("base-class", "the plant is a subclass of Plant with a positive sampling time", _base_class, is_first=True),
-    FROZEN,
-    Check("shapes", "axis 0 is the run; states and outputs have the declared sizes; status is int8", _shapes),
+    *FIRST,
     Check("arguments", "step and output leave their arguments and the uncertain parameters unchanged", _arguments),
-    Check("purity", "the plant has no memory: the same call twice gives the same bits", _purity),
-    Check("batch-independence", "a run gives the same bits alone and inside any block", _alone),
-    Check("order", "permuting the runs permutes the trajectories, bit for bit", _order),
-    Check("pickle", "a copy made by pickle gives the same bits", _pickle, "information"),
+    Check("purity", "the same call twice gives the same bits", _purity),
+    *REPETITION,
     Check("missing-number", "a missing state, input or noise of one run changes no other run", _missing),
     Check("nominal", "the nominal parameters are finite and admissible", _nominal),
+    Check("methods-apart", "two equal methods of a block have the same trajectories, bit for bit", _methods_apart),
 )

@@ -7,8 +7,8 @@ import pickle
 import sys
 from typing import Any
 
-from rmpc_bench.components.transport import loads
 from rmpc_bench.conformance.results import raised
+from rmpc_bench.conformance.subject import unpacked
 
 
 def main() -> None:
@@ -20,7 +20,7 @@ def main() -> None:
         sys.path[:] = [path for path in pickle.load(stream) if path]
         job = stream.read()
     try:
-        answer = answered(loads(job)), ""
+        answer = answered(unpacked(job)), ""
     except (Exception, SystemExit) as error:  # the component may raise anything
         answer = None, raised(error)
     pickle.dump(answer, out)

@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
 
 from rmpc_bench.conformance.controller_honesty import ControllerHonestyExample
 from rmpc_bench.conformance.controllers import FIRST as CONTROLLER_FIRST
 from rmpc_bench.conformance.controllers import ControllerExample
 from rmpc_bench.conformance.elsewhere import Elsewhere
 from rmpc_bench.conformance.estimators import FIRST
+from rmpc_bench.conformance.example_results import example_record, example_results
+from rmpc_bench.conformance.figures import FigureExample
 from rmpc_bench.conformance.filtering import EstimatorExample
-from rmpc_bench.conformance.honesty import HonestyExample
+from rmpc_bench.conformance.honesty import FRESH, HonestyExample
 from rmpc_bench.conformance.linear_system import LinearSystem
-from rmpc_bench.conformance.results import Check, NotApplicableError
+from rmpc_bench.conformance.metrics import MetricExample
+from rmpc_bench.conformance.noises import NoiseExample
+from rmpc_bench.conformance.plants import FIRST as PLANT_FIRST
+from rmpc_bench.conformance.plants import PlantExample
+from rmpc_bench.conformance.references import ReferenceExample
+from rmpc_bench.conformance.results import Answer, Check, NotApplicableError
 from rmpc_bench.conformance.subject import Subject
-from rmpc_bench.types import Controller, Estimator, PlantInfo
+from rmpc_bench.types import Array, Controller, Estimator, Plant, PlantInfo
 
 SHORT = 12
 """Steps of the random examples."""
+NOISES = 2
+"""Dimension of a noise."""
 
 
 class Stage(NamedTuple):
@@ -53,9 +62,9 @@ class Setting:
         """Make the design for a number of steps."""
         return self.subject.made(self.group, self.provided(n_steps))
 
-    def elsewhere(self) -> Elsewhere:
-        """Return the component in another process."""
-        return Elsewhere(self.subject, self.provided(self.system.n_steps), self.group)
+    def elsewhere(self, n_steps: int | None = None) -> Elsewhere:
+        """Return the component in another process, made for a number of steps (default: those of the system)."""
+        return Elsewhere(self.subject, self.provided(n_steps or self.system.n_steps), self.group)
 
 
 def provided(group: str, system: LinearSystem, n_steps: int) -> Mapping[str, Any]:
@@ -76,7 +85,7 @@ def provided(group: str, system: LinearSystem, n_steps: int) -> Mapping[str, Any
         "plants": {"Ts": 0.1, "n_steps": n_steps},
         "models": {"Ts": 0.1, "n_steps": n_steps},
         "references": {"ny": model.ny, "Ts": 0.1},
-        "noises": {"n": 2, "Ts": 0.1},
+        "noises": {"n": NOISES, "Ts": 0.1},
     }
     return given.get(group, {})
 
@@ -120,6 +129,49 @@ def _controller_stages(setting: Setting) -> Iterator[Stage]:
         elsewhere.close()
 
 
+@dataclass(frozen=True, eq=False)
+class PlantProcess:
+    """A plant in this process and in another one."""
+
+    example: PlantExample
+    elsewhere: Elsewhere
+    noun: ClassVar[str] = "(x, y)"
+
+    def in_loop(self, plant: Plant) -> Array:
+        """States and outputs in this process."""
+        return self.example.all(plant).values
+
+    def away(self, *, same: bool) -> Answer:
+        """States and outputs in another process."""
+        return self.elsewhere(replace(self.example, known={}), same)
+
+
+def _plant_stages(setting: Setting) -> Iterator[Stage]:
+    design: Plant = setting.made(SHORT)
+    elsewhere = setting.elsewhere(SHORT)
+    try:
+        elsewhere.prepare()
+        yield Stage((MADE,))
+        yield Stage(PLANT_FIRST[:1], design)
+        example = PlantExample.random(design, n_steps=SHORT)
+        yield Stage(_without(PlantExample.checks, PLANT_FIRST[:1]), design, example)
+        yield Stage((FRESH,), design, PlantProcess(example, elsewhere))
+    finally:
+        elsewhere.close()
+
+
+def _simple_stages(example: Callable[[Setting], Any]) -> Callable[[Setting], Iterator[Stage]]:
+    """Return the stages of a kind whose checks all have one example."""
+
+    def stages(setting: Setting) -> Iterator[Stage]:
+        design = setting.made(SHORT)
+        yield Stage((MADE,))
+        data = example(setting)
+        yield Stage(data.checks, design, data)
+
+    return stages
+
+
 def _without(checks: tuple[Check, ...], others: tuple[Check, ...]) -> tuple[Check, ...]:
     return tuple(check for check in checks if check not in others)
 
@@ -127,10 +179,20 @@ def _without(checks: tuple[Check, ...], others: tuple[Check, ...]) -> tuple[Chec
 STAGES: Mapping[str, Callable[[Setting], Iterator[Stage]]] = {
     "estimators": _estimator_stages,
     "controllers": _controller_stages,
+    "plants": _plant_stages,
+    "references": _simple_stages(lambda setting: ReferenceExample(setting.system.model.ny)),
+    "noises": _simple_stages(lambda setting: NoiseExample(NOISES)),
+    "metrics": _simple_stages(lambda setting: MetricExample(example_record())),
+    "figures": _simple_stages(lambda setting: FigureExample(example_results())),
 }
 CHECKS: Mapping[str, tuple[Check, ...]] = {
     "estimators": (MADE, *EstimatorExample.checks, *HonestyExample.checks),
     "controllers": (MADE, *ControllerExample.checks, *ControllerHonestyExample.checks),
+    "plants": (MADE, *PlantExample.checks, FRESH),
+    "references": (MADE, *ReferenceExample.checks),
+    "noises": (MADE, *NoiseExample.checks),
+    "metrics": (MADE, *MetricExample.checks),
+    "figures": (MADE, *FigureExample.checks),
 }
 """Every check, by group of components."""
 

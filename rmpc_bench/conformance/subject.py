@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import pickle
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +14,9 @@ from typing import Any
 from rmpc_bench import registry
 from rmpc_bench.components.code import CodeReference, split_reference
 from rmpc_bench.components.loading import load
+from rmpc_bench.components.recipes import loaded
 from rmpc_bench.components.single_run import design_function
+from rmpc_bench.components.transport import dumps, loads
 from rmpc_bench.types import DesignError, Problem
 from rmpc_bench.types.contract import BASES
 from rmpc_bench.types.issue import unknown
@@ -32,6 +35,7 @@ class Subject:
     keys : keywords of its design function
     written : whether the keys are those of a configuration, which are validated as such
     value : the class or function itself, where it stands neither in a file nor in a module
+    provided : what an experiment provides in place of what the checks provide
     """
 
     text: str
@@ -42,6 +46,7 @@ class Subject:
     keys: Mapping[str, Any] = field(default_factory=dict)
     written: bool = False
     value: Any = None
+    provided: Mapping[str, Any] = field(default_factory=dict)
 
     def loaded(self) -> Any:
         """Import what it names: a class or a function.
@@ -75,10 +80,10 @@ class Subject:
         DesignError
             If a key is missing or unknown, or the result is no component of the group.
         """
-        design = design_function(group, self.loaded())
+        design, provided = design_function(group, self.loaded()), {**provided, **self.provided}
         parameters = inspect.signature(design).parameters
         given = {name: provided[name] for name in parameters if name in provided and wanted(parameters[name], name)}
-        keys = self._validated(group, design) if self.written else dict(self.keys)
+        keys = self._validated(group, design) if self.written else loaded(self.keys)
         wrong = [name for name in keys if name not in parameters]
         if wrong and not any(each.kind is each.VAR_KEYWORD for each in parameters.values()):
             known = [name for name in parameters if name not in given]
@@ -101,7 +106,6 @@ class Subject:
             With all errors.
         """
         # Validation needs pydantic, which a component without keys need not wait for.
-        from rmpc_bench.components.recipes import loaded
         from rmpc_bench.config.schema import keys_of, validate
 
         problems: list[Problem] = []
@@ -109,6 +113,26 @@ class Subject:
         if problems:
             raise DesignError("; ".join(f"{each.path}: {each.message}" for each in problems))
         return {name: loaded(getattr(checked, name)) for name in type(checked).model_fields}
+
+
+def packed(subject: Subject, job: Any) -> bytes:
+    """Pickle a job for another process.
+
+    What stands in a file is loaded there from the file, as it is now; a class of a notebook is sent by value.
+
+    Parameters
+    ----------
+    subject : decides how
+    job : what is sent; contains the subject
+    """
+    content = pickle.dumps(job) if subject.value is None else dumps(job)
+    return pickle.dumps((subject.value is not None, content))
+
+
+def unpacked(data: bytes) -> Any:
+    """Return the job that `packed` has made."""
+    by_value, content = pickle.loads(data)
+    return loads(content) if by_value else pickle.loads(content)
 
 
 _COLLECTING = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)

@@ -13,13 +13,12 @@ import threading
 from pathlib import Path
 from typing import IO, Any
 
-from rmpc_bench.components.transport import dumps
 from rmpc_bench.conformance.elsewhere import SAME_SEED, started
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.report import Report
 from rmpc_bench.conformance.results import PACKAGE, CheckResult, with_expected
 from rmpc_bench.conformance.stages import CHECKS, MADE
-from rmpc_bench.conformance.subject import Subject
+from rmpc_bench.conformance.subject import Subject, packed
 
 MODULE = "rmpc_bench.conformance.checking"
 SECONDS = 30.0
@@ -40,12 +39,13 @@ class _Process:
 
     def __init__(self, job: tuple[Subject, LinearSystem | None, frozenset[str]], seconds: float) -> None:
         self.seconds = seconds
-        self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `end`
+        self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `close`
         self.process = started(MODULE, SAME_SEED, errors=self.errors, session=True)
         self.said: queue.Queue[tuple[str, Any] | None] = queue.Queue()
-        threading.Thread(target=self._listen, daemon=True).start()
+        self.listener = threading.Thread(target=self._listen, daemon=True)
+        self.listener.start()
         assert self.process.stdin is not None
-        self.process.stdin.write(pickle.dumps((tuple(sys.path), seconds)) + dumps(job))
+        self.process.stdin.write(pickle.dumps((tuple(sys.path), seconds)) + packed(job[0], job))
         self.process.stdin.close()
 
     def _listen(self) -> None:
@@ -76,6 +76,14 @@ class _Process:
                 pass
         self.process.kill()
         self.process.wait()
+        self.listener.join()
+
+    def close(self) -> None:
+        """End the process and close its files."""
+        self.end()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        self.errors.close()
 
     def last_frame(self) -> str:
         """Return the place at which the component was when its time was over; empty where it is not known."""
@@ -107,7 +115,7 @@ def check_subject(subject: Subject, *, system: LinearSystem | None = None, secon
         try:
             stopped_at, reason = _followed(process, results, known)
         finally:
-            process.end()
+            process.close()
         if not stopped_at:
             break
         check = next((each for each in CHECKS.get(known["group"], (MADE,)) if each.id == stopped_at), MADE)

@@ -62,6 +62,11 @@ class DisturbanceFilter(Estimator):
     estimates_mean = True
 
     @property
+    def expected_failures(self) -> dict[str, str]:
+        """P is larger than the error where the process noise has no mean."""
+        return {"consistent": "P contains the uncertainty of a mean of the process noise, which is 0 in the check"}
+
+    @property
     def nx(self) -> int:
         """Number of states without the mean."""
         return len(self.full.x0) // 2
