@@ -5,7 +5,7 @@ The numbers are plausible: the nominal parameters of the plant, the true initial
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -45,6 +45,8 @@ class FirstAnswer(NamedTuple):
     """The first thing that is wrong; None where two samples give answers of the right form."""
     estimate: Estimate | None
     """The estimate at k = 0, without info; None where there is none."""
+    seconds: Mapping[str, float]
+    """Role of a component written for one run -> duration of its last step [s]."""
 
 
 class Sample(NamedTuple):
@@ -84,7 +86,10 @@ class FirstCall:
                 self._samples()
         except _Stopped:
             pass
-        return FirstAnswer(self.found, self.first)
+        # The durations of the first step are kept apart: it may compile.
+        kept = self.runs.journal.seconds
+        seconds = {role: kept[role][-1] for role in ("plant", "estimator", "controller") if kept.get(role)}
+        return FirstAnswer(self.found, self.first, seconds)
 
     def _samples(self) -> None:
         plant, estimator, controller = self.plant, self.method.estimator, self.method.controller
@@ -106,7 +111,7 @@ class FirstCall:
                 estimate = as_estimate(answer)
                 self._expect_estimate(estimate)
                 self.first = self.first or estimate._replace(info={})
-            if k == 1:
+            if k == self.sample.n_steps:
                 return
             u, c = self._input(k, c, y, estimate)
             with self._role("plant"):

@@ -58,9 +58,7 @@ class SingleRunController(SingleDesign, Controller):
         """Make the objects."""
         objects = self.user_runs(n_runs, runs, {})
         objects.report()
-        u_op = getattr(self.given["model"], "u_op", None)
-        u = np.zeros(self.nu) if u_op is None else np.asarray(u_op, dtype=float)
-        return RunInputs(objects, np.tile(u, (n_runs, 1)))
+        return RunInputs(objects, np.tile(self.given["model"].u_op, (n_runs, 1)))
 
     def control(
         self, k: int, state: RunInputs, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]

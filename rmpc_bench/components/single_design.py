@@ -13,6 +13,9 @@ from rmpc_bench.components.user_runs import Failed, UserRuns, failed_call, is_ct
 from rmpc_bench.types import RunInfo
 from rmpc_bench.types.run_info import Journal
 
+TYPICAL_COST = 3e-5
+"""Time of a step with a few small NumPy operations [s]."""
+
 
 class SingleDesign:
     """A design that makes one object of the user per run.
@@ -33,7 +36,14 @@ class SingleDesign:
         self.keys = {name: value for name, value in given.items() if name in user.keys}
         self.on_failure: str = given.get("on_failure", "stop")
         self.max_held: float = given.get("max_held", 0.1)
+        self.seconds_per_step = TYPICAL_COST
+        """Time of a step of one run [s], once it has been measured."""
         self._prepared: tuple[Any] | None = None
+
+    @property
+    def cost_per_step(self) -> float:
+        """As the user's class declares, or as measured in its first call."""
+        return float(self.user.constant("cost_per_step", self.seconds_per_step))
 
     @property
     def starts_runs(self) -> bool:

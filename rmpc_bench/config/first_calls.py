@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rmpc_bench.components import probe
 from rmpc_bench.components.first_call import Sample
+from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.components.transport import dumps
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
@@ -45,7 +46,7 @@ class FirstCalls:
             # Points of a sweep with the same files differ in numbers only.
             key = method.name, files
             if key not in self._estimates:
-                r = scenario.reference.sample(method.controller.preview + 1)
+                r = scenario.reference.sample(method.controller.preview + 2)
                 self._estimates[key] = _called(draft, named, (plant, method, Sample(scenario.x0, r, n_steps)))
             found[method.name] = self._estimates[key]
         return found
@@ -63,7 +64,8 @@ def _called(draft: DraftConfig, named: dict[str, Component], call: tuple[Plant, 
     if answer.outcome == "done":
         if answer.value is None:
             return None
-        finding, estimate = answer.value
+        finding, estimate, seconds = answer.value
+        _keep_durations(call, seconds)
         if finding is not None and finding.role in named:
             draft.problems.append(named[finding.role].problem(finding.message))
         return estimate if estimate is None else Estimate(*estimate)
@@ -74,3 +76,13 @@ def _called(draft: DraftConfig, named: dict[str, Component], call: tuple[Plant, 
     text = f"its first call takes longer than {probe.LIMIT:g} s; `execution.timeout` ends runs that take too long"
     draft.warnings.append(component.problem(text))
     return None
+
+
+def _keep_durations(call: tuple[Plant, Method, Sample], seconds: Mapping[str, float]) -> None:
+    """Note the measured cost of components written for one run, for the estimate of the computing time."""
+    plant, method, _ = call
+    designs = {"plant": plant, "estimator": method.estimator, "controller": method.controller}
+    for role, value in seconds.items():
+        design = designs[role]
+        if isinstance(design, SingleDesign):
+            design.seconds_per_step = value

@@ -71,7 +71,8 @@ class Solver(Base):
 
 @single_run
 class WithP(Base):
-    def update(self, y):
+    def update(self, y, k):
+        time.sleep(0.02 if k else 1.0)
         return self.x, np.eye(2)
 
 
@@ -153,6 +154,7 @@ def test_an_endless_first_call_is_a_warning(tmp_path, monkeypatch):
     config = load_config(path)
     # Half a minute is far below an endless loop, and far above the time of a busy machine.
     assert time.monotonic() - start < 30.0
+    assert config.experiment.methods[0].estimator.cost_per_step == 3e-5
     (warning,) = [each for each in config.warnings if "first call" in each.message]
     assert warning.path == "methods.M.estimator"
     assert warning.message.startswith("its first call takes longer than 1.5 s")
@@ -193,10 +195,12 @@ def test_built_in_components_start_no_process(tmp_path):
     assert not probe._process
 
 
-def test_metrics_know_what_an_own_estimator_reports(tmp_path):
+def test_metrics_and_times_use_the_first_call(tmp_path):
     """Oracle: `nees` needs P, which one class returns and the other does not."""
     (tmp_path / "filters.py").write_text(FILTERS, encoding="utf-8")
     keys = {**LINEAR, "metrics": "[nees]"}
-    load_config(write(tmp_path, **keys, methods="{M: {estimator: {file: filters.py:WithP}}}"))
+    config = load_config(write(tmp_path, **keys, methods="{M: {estimator: {file: filters.py:WithP}}}"))
+    # Its step sleeps for 20 ms, and the first one for a second.
+    assert 0.02 <= config.experiment.methods[0].estimator.cost_per_step < 1.0
     with pytest.raises(ConfigError, match=r"metrics.0: needs the covariance P .* of .M. does not give"):
         load_config(write(tmp_path, **keys, methods="{M: {estimator: {file: filters.py:Good}}}"))
