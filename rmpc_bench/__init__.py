@@ -40,10 +40,10 @@ _PUBLIC: dict[str, str] = {
     "Metric": "rmpc_bench.types",
     "Figure": "rmpc_bench.types",
     "register": "rmpc_bench.registry",
-    "plant": "rmpc_bench.registry",
-    "model": "rmpc_bench.registry",
-    "estimator": "rmpc_bench.registry",
-    "controller": "rmpc_bench.registry",
+    "plant": "rmpc_bench.components.by_kind",
+    "model": "rmpc_bench.components.by_kind",
+    "estimator": "rmpc_bench.components.by_kind",
+    "controller": "rmpc_bench.components.by_kind",
 }
 
 

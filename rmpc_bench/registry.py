@@ -15,7 +15,6 @@ from rmpc_bench import notices
 
 if TYPE_CHECKING:
     from rmpc_bench.installed import InstalledComponent
-    from rmpc_bench.types import Controller, Estimator, Model, Plant
 
 DesignFunction = Callable[..., Any]
 
@@ -209,30 +208,6 @@ def checked(group: str, kind: str, made: Any, provided: Mapping[str, Any]) -> An
     from rmpc_bench.types import contract
 
     return contract.checked(group, kind, made, provided)
-
-
-def plant(kind: str, *args: Any, **parameters: Any) -> Plant:
-    """Design a plant by its name."""
-    made: Plant = checked("plants", kind, get("plants", kind)(*args, **parameters), {})
-    return made
-
-
-def model(kind: str, *args: Any, **parameters: Any) -> Model:
-    """Design a model by its name: ``model("linear", n_steps=100, A=A, B=B, C=C, P_w=0.25, M_w=M_w)``."""
-    made: Model = checked("models", kind, get("models", kind)(*args, **parameters), {})
-    return made
-
-
-def estimator(kind: str, *args: Any, **parameters: Any) -> Estimator:
-    """Design an estimator by its name: ``estimator("kalman", model, n_steps=200, x0=x0, P0=P0)``."""
-    made: Estimator = checked("estimators", kind, get("estimators", kind)(*args, **parameters), {})
-    return made
-
-
-def controller(kind: str, *args: Any, **parameters: Any) -> Controller:
-    """Design a controller by its name."""
-    made: Controller = checked("controllers", kind, get("controllers", kind)(*args, **parameters), {})
-    return made
 
 
 @cache

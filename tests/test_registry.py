@@ -2,11 +2,14 @@
 
 import inspect
 
+import numpy as np
 import pytest
 
-from rmpc_bench import registry
+from rmpc_bench import Estimator, registry, single_run
+from rmpc_bench.components import by_kind
 from rmpc_bench.config.schema import PROVIDED, model_of
 from rmpc_bench.installed import InstalledComponent
+from rmpc_bench.models.servo import ServoNoise
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
 
@@ -52,7 +55,7 @@ def test_kinds_follow_the_spelling_rule(group, name):
 
 def test_group_of_parts_built_by_name():
     """`plant`, `estimator` and `controller` call the design with what they are given."""
-    plant = registry.plant("servo-linear", 0.1, J_l=20.0)
+    plant = by_kind.plant("servo-linear", 0.1, J_l=20.0)
     assert (plant.Ts, plant.nominal["J_l"]) == (0.1, 20.0)
 
 
@@ -131,3 +134,16 @@ def test_parts_of_installed_packages(monkeypatch):
     assert "half" in registry.names("estimators") and "half" not in registry.names("plants")
     assert Point.loaded == 0
     assert registry.get("estimators", "half") is design
+
+
+def test_a_registered_single_run_class_by_its_kind(clean):
+    """The public functions make the design of the bench from the user's class."""
+
+    @single_run
+    class Hold:
+        def update(self, y):
+            return y
+
+    registry.register("estimator", "hold", Hold)
+    model = by_kind.model("servo-linear", 0.1, noise=ServoNoise(process=1.0, measurement=1.0))
+    assert isinstance(by_kind.estimator("hold", model, n_steps=3, Ts=0.1, x0=np.zeros(4), P0=np.eye(4)), Estimator)

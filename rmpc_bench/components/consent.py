@@ -7,8 +7,8 @@ The user who names a configuration agrees to the Python files in its directory a
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from glob import glob, has_magic
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,8 @@ class CodeAccess:
 
     directory: Path | None
     allowed: tuple[Path, ...] = ()
+    _loaded: dict[tuple[str, CodeReference], Any] = field(default_factory=dict, compare=False, repr=False)
+    """Group and reference -> what was loaded, or the error."""
 
     @classmethod
     def of(cls, config: str | Path, allow_code: Sequence[str | Path] = ()) -> CodeAccess:
@@ -96,10 +98,7 @@ class CodeAccess:
         CodeError
             If the file may not be loaded or cannot be, or has no such name.
         """
-        self.check(reference)
-        name_files([reference])
-        check_import(reference, _short_hash(reference.path))
-        return load(reference)
+        return self._once("", reference, lambda: load(reference))
 
     def design(self, group: str, reference: CodeReference) -> DesignFunction:
         """Return the design function that a reference names, after naming its file on stderr.
@@ -114,10 +113,24 @@ class CodeAccess:
         CodeError
             If the file may not be loaded or cannot be, has no such name, or the name is no component.
         """
-        self.check(reference)
-        name_files([reference])
-        check_import(reference, _short_hash(reference.path))
-        return loaded_design(group, reference)
+        design: DesignFunction = self._once(group, reference, lambda: loaded_design(group, reference))
+        return design
+
+    def _once(self, group: str, reference: CodeReference, make: Callable[[], Any]) -> Any:
+        """Load something, or raise its error; the points of a sweep ask for the same thing many times."""
+        key = group, reference
+        if key not in self._loaded:
+            try:
+                self.check(reference)
+                name_files([reference])
+                check_import(reference, _short_hash(reference.path))
+                self._loaded[key] = make()
+            except CodeError as error:
+                self._loaded[key] = error
+        found = self._loaded[key]
+        if isinstance(found, CodeError):
+            raise found
+        return found
 
     def check(self, reference: CodeReference) -> None:
         """Refuse a file that is not there or that may not be loaded.

@@ -271,3 +271,17 @@ def test_forms_that_are_none(tmp_path, estimator, message):
     """With the form to write."""
     (found,) = problems(write(tmp_path, methods=METHODS % estimator))
     assert message in found
+
+
+def test_points_of_a_sweep_read_a_file_once(tmp_path, monkeypatch):
+    """The same component at many points costs one look at its file, not one per point."""
+    from rmpc_bench.components import consent
+
+    looked = []
+    check = consent.check_import
+    monkeypatch.setattr(consent, "check_import", lambda *given: looked.append(given) or check(*given))
+    sweep = "{grid: {estimator.gain: [0.1, 0.2, 0.3], seed: [1, 2]}}"
+    path = write(tmp_path, methods="{A: {}, B: {estimator: {gain: 0.5}}}", sweep=sweep)
+    path.write_text(path.read_text().replace("methods:", "estimator: {file: own.py:Own}\nmethods:"))
+    assert len(load_config(path).points) == 6
+    assert len(looked) == 1

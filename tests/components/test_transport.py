@@ -149,3 +149,14 @@ def test_results_of_a_program_with_own_classes(tmp_path, registered):
     config = load_config(write(tmp_path, estimator="{kind: registered}"))
     results = run(config, directory=tmp_path / "out", jobs=2)
     assert set(results.trials.frame["status"]) == {"ok"}
+
+
+def test_a_plugin_in_worker_processes(tmp_path, monkeypatch):
+    """Its class is one of a private module, which every worker loads from the texts it has received."""
+    monkeypatch.setattr(registry, "_REGISTERED", {group: {} for group in registry.BUILT_IN})
+    text = ESTIMATOR + "\nfrom rmpc_bench import register\nregister('estimator', 'from-plugin', Own)\n"
+    path = write(tmp_path, {"plug.py": text}, estimator="{kind: from-plugin}", plugins="[plug.py]")
+    config = load_config(path)
+    assert config.resolved["plugins"]
+    results = run(config, directory=tmp_path / "out", jobs=2)
+    assert set(results.trials.frame["status"]) == {"ok"}

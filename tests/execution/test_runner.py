@@ -8,6 +8,7 @@ from small_experiment import cli, ran, spied, write
 from threadpoolctl import threadpool_info
 
 from rmpc_bench import load_config, registry
+from rmpc_bench.components import by_kind
 from rmpc_bench.execution.engines import tasks
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.runner import pending
@@ -208,7 +209,7 @@ def test_blas_runs_on_one_thread(tmp_path, monkeypatch):
 
     def watching(model, n_steps, *, x0, P0):
         note("design")
-        return registry.estimator("kalman", model, n_steps, x0=x0, P0=P0)
+        return by_kind.estimator("kalman", model, n_steps, x0=x0, P0=P0)
 
     registry.register("estimator", "watching", watching)
     config = load_config(write(tmp_path, methods="{a: {estimator: {kind: watching}}}"))
