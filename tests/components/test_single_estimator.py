@@ -6,6 +6,7 @@ from components.one_run import MODEL, Fixed, N, Textbook, designed, experiment, 
 from conftest import EXACT, ROUND
 
 from rmpc_bench import SolverError
+from rmpc_bench.components import by_kind
 from rmpc_bench.components.single_run import single_run
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.estimation import EstimationMse

@@ -7,7 +7,7 @@ import pytest
 from small_experiment import cli, ran
 from uncertain_experiment import INITIAL, METHODS, MODEL, PLANT, write_estimation, write_taking
 
-from rmpc_bench import load_config, load_trials
+from rmpc_bench import load_config, load_trials, registry
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.types import ConfigError
@@ -329,7 +329,7 @@ def test_a_mistake_in_an_override(here):
 def test_a_model_of_a_plant_that_is_no_model(here):
     """The kinds of models are offered."""
     (line,) = problems(write_estimation(here, plant="{kind: servo}", time="{step: 0.1, steps: 5}"))
-    known = "linear, moving-slide, servo-linear, uncertain-linear"
+    known = ", ".join(registry.names("models"))
     assert f"model.from: there is no model of kind 'servo'; give one of {known}" in line
 
 
