@@ -81,9 +81,10 @@ def _explain(error: BaseException) -> int:
         return _say("terminated; finished blocks are stored, the same command continues", TERMINATED)
     # Only now: an import that was interrupted must not be begun again.
     from rmpc_bench.execution.database import MissingError, StoreError, WriteError
+    from rmpc_bench.execution.worker_error import WorkerError
     from rmpc_bench.types import ConfigError
 
-    if isinstance(error, ConfigError | MissingError):
+    if isinstance(error, ConfigError | MissingError | WorkerError):
         return _say(error, USAGE)
     if isinstance(error, StoreError):
         return _say(error, OCCUPIED)

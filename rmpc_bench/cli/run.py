@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -57,6 +57,7 @@ class Request:
     dry_run: bool
     progress: str
     allow_code: tuple[Path, ...]
+    engine: Literal["joblib", "serial"] | None
 
     def changes(self) -> list[str]:
         """Options that change what is computed."""
@@ -89,6 +90,11 @@ class Request:
 @click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
 @click.option("--accept-versions", is_flag=True, help="Use rows that other versions of a library have computed.")
 @click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
+@click.option(
+    "--engine",
+    type=click.Choice(["joblib", "serial"]),
+    help="Worker processes, or none: a component that ends its process then ends the experiment.",
+)
 @click.option("--progress", type=click.Choice(["auto", "bar", "plain", "none"]), default="auto", show_default=True)
 @own_code.allow_code_option
 @own_code.import_option
@@ -129,6 +135,7 @@ def run(**options: Any) -> int:
             only=request.only or None,
             accept_versions=request.accept_versions,
             progress=choose(request.progress),
+            engine=request.engine,
         )
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)

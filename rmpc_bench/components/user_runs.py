@@ -19,7 +19,7 @@ import numpy as np
 
 from rmpc_bench.components.trace import one_line, user_trace
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.types import Journal, RunFailure, RunInfo, SolverError, Status
+from rmpc_bench.types import NO_WATCH, Journal, RunFailure, RunInfo, SolverError, Status, TimeLimit
 
 OK = int(Status.OK)
 CRASHED = int(Status.CRASHED)
@@ -61,6 +61,8 @@ class UserRuns:
         self.failed = np.zeros(n_runs, dtype=np.int8)
         """First failure of every run in this component; 0 is OK."""
         self.held = np.zeros(n_runs, dtype=int)
+        self.used = [0.0] * n_runs
+        """Time that the calls for every run have taken [s]."""
         self.bound: dict[str, list[Any]] = {}
         self.names: dict[str, tuple[str, ...]] = {}
         self.everyone = list(range(n_runs))
@@ -157,18 +159,23 @@ class UserRuns:
         arguments: Any = zip(*columns, strict=False) if names else repeat(())
         failures: list[Failed] = []
         durations: list[float] = []
+        watch, index = self.runs.watch, self.runs.index
         with user_code(self.runs.journal):
             for row, values in zip(rows, arguments, strict=False):
+                if watch is not NO_WATCH:
+                    watch.call(index[row], k, self.used[row])
                 start = perf_counter()
                 try:
                     answer = calls[row](*values)
                 except BaseException as error:
-                    if is_ctrl_c(error):
+                    # The other runs of the block may have used the memory: this run is repeated alone.
+                    if is_ctrl_c(error) or isinstance(error, MemoryError):
                         raise
                     durations.append(perf_counter() - start)
                     failures.append(failed_call(row, error))
                     continue
                 durations.append(perf_counter() - start)
+                self.used[row] += durations[-1]
                 try:
                     keep(row, answer)
                 except WrongAnswer as error:
@@ -228,6 +235,8 @@ def failed_call(row: int, error: BaseException) -> Failed:
     """Return the failure that follows from an exception."""
     if isinstance(error, SolverError):
         status = Status.INFEASIBLE if error.infeasible else Status.NOT_CONVERGED
+    elif isinstance(error, TimeLimit):
+        return Failed(row, int(Status.TIMEOUT), str(error), user_trace(error))
     else:
         status = Status.CRASHED
     return Failed(row, int(status), one_line(error), user_trace(error))

@@ -11,6 +11,7 @@ from pydantic import Field
 from rmpc_bench.claims.claim import CLOSE, FINDINGS, MAX_QUOTED_WORDS
 from rmpc_bench.claims.exact import printed_number
 from rmpc_bench.expressions.quantity import number
+from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.types import Count, NonNegative, Positive
 
 MAX_STEPS = 1_000_000
@@ -82,12 +83,46 @@ class Statistics:
 
 
 @dataclass(frozen=True)
+class Timeout:
+    """Longest time of a run and of one of its steps, as numbers of seconds or texts such as ``200 ms``.
+
+    A run that takes longer has the status `timeout`.  The first step may take ten times as long, since it may compile.
+    """
+
+    step: Positive | Text | None = None
+    run: Positive | Text | None = None
+
+    def __post_init__(self) -> None:
+        """Convert to seconds."""
+        for name in ("step", "run"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, None if value is None else seconds(value))
+
+
+@dataclass(frozen=True)
 class Execution:
-    """Settings of the computation; none of them changes a result."""
+    """Settings of the computation; none of them changes the numbers of a run that ends well.
+
+    With the engine `joblib` the runs are computed in worker processes; `serial` computes them in this process.  Unless
+    it is given, one worker is this process where all components are built in.  `memory` is the largest memory of a
+    worker process, such as ``2 GB``; a run that needs more has the status `crashed`.
+    """
 
     workers: Count = 2
     block: Annotated[int, Ge(1), Le(MAX_RUNS)] = 50
     max_failures: Annotated[int, Ge(0)] = 0
+    engine: Literal["joblib", "serial"] | None = None
+    timeout: Timeout | None = None
+    memory: Text | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a size without a known unit."""
+        _ = self.memory_limit
+
+    @property
+    def memory_limit(self) -> int | None:
+        """Largest memory of a worker process [bytes]; None without a limit."""
+        return None if self.memory is None else n_bytes(self.memory)
 
 
 Evaluation = Literal["runs", "ensemble", "moments"]

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import pandas as pd
 
@@ -93,6 +93,7 @@ def run(
     only: Collection[str] | None = None,
     progress: Progress | None = None,
     accept_versions: bool = False,
+    engine: Literal["joblib", "serial"] | None = None,
 ) -> Results:
     """Compute the runs that are missing in a directory; the same call continues an interrupted one.
 
@@ -100,11 +101,13 @@ def run(
     ----------
     config : from `load_config`
     directory : where trials.sqlite lies or will lie; ``results/<paper>/<name>`` unless given
-    jobs : worker processes, 1 for none; the configuration's `execution.workers` unless given
+    jobs : worker processes; the configuration's `execution.workers` unless given
     only : names of the methods to compute; all unless given
     progress : display; silent unless given
     accept_versions : whether stored rows are used that another version of a library has computed, one that a Python
         file of the user imports
+    engine : ``joblib`` for worker processes, ``serial`` for none: a component that ends its process then ends this one;
+        unless given, one worker is this process where no component comes from a file or an installed package
 
     Returns
     -------
@@ -138,6 +141,7 @@ def run(
         progress=progress,
         modified=config.overrides,
         accept_versions=accept_versions,
+        engine=engine,
     )
     own = {number: figure for number, figure in enumerate(config.figures) if not figure.is_built_in}
     return replace(load_results(place), components=own)

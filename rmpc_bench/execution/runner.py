@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.relocation import in_directory
@@ -13,8 +12,7 @@ from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution.database import WriteError
-from rmpc_bench.execution.engines.processes import processes
-from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.choice import Engine, choose_engine
 from rmpc_bench.execution.engines.tasks import Done, Task
 from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.libraries import check_versions, note_versions
@@ -23,6 +21,7 @@ from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
+from rmpc_bench.simulation.checked_calls import is_own
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -74,6 +73,7 @@ def compute(
     progress: Progress | None = None,
     modified: Collection[str] = (),
     accept_versions: bool = False,
+    engine: str | None = None,
 ) -> None:
     """Compute and store what is missing; the same call continues an interrupted one.
 
@@ -81,11 +81,12 @@ def compute(
     ----------
     config : the experiment
     directory : where its trials.sqlite lies or will lie
-    workers : worker processes, 1 for none; the configuration's `execution.workers` unless given
+    workers : worker processes; the configuration's `execution.workers` unless given
     only : names of the methods to compute; all unless given
     progress : display
     modified : what was changed against the file, noted for the report
     accept_versions : whether rows that other versions of a library have computed are used
+    engine : ``joblib`` for worker processes, ``serial`` for none; chosen by `choose_engine` unless given
 
     Raises
     ------
@@ -113,7 +114,8 @@ def compute(
                 note_versions(config, store, methods)
                 total = config.n_trials(methods)
                 left = sum(len(task.runs) for task in tasks)
-                _compute(config, store, tasks, workers or config.execution.workers, progress, (total, total - left))
+                chosen = choose_engine(config, tasks, workers, engine, directory, progress.say)
+                _compute(config, store, tasks, chosen, progress, (total, total - left))
 
 
 def _keep_configuration(config: ExperimentConfig, directory: Path) -> None:
@@ -131,7 +133,7 @@ def _compute(
     config: ExperimentConfig,
     store: Store,
     tasks: list[Task],
-    workers: int,
+    engine: Engine,
     progress: Progress,
     counts: tuple[int, int],
 ) -> None:
@@ -139,7 +141,7 @@ def _compute(
     _warm_up(experiments, tasks, progress)
     progress.start(config.name, *counts)
     try:
-        with closing(_engine(experiments, tasks, workers)) as results:
+        with closing(engine(experiments, tasks)) as results:
             for done in results:
                 _store(store, config.points[done.task.point], done)
                 progress.advance(len(done.task.runs))
@@ -147,19 +149,15 @@ def _compute(
         progress.stop()
 
 
-def _engine(experiments: Sequence[Experiment], tasks: list[Task], workers: int) -> Any:
-    workers = min(workers, len(tasks))
-    return serial(experiments, tasks) if workers == 1 else processes(experiments, tasks, workers)
-
-
 def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
     """Compile, and finish the designs of the methods, once in this process and before any worker starts."""
-    for plant in {type(experiment.plant): experiment.plant for experiment in experiments}.values():
+    plants = {type(experiment.plant): experiment.plant for experiment in experiments if not is_own(experiment.plant)}
+    for plant in plants.values():
         with said_if_slow(progress, "Compiling (first run only) ..."):
             plant.warm_up()
     wanted = {(task.point, task.method) for task in tasks}
     methods = [experiments[point].method(name) for point, name in sorted(wanted)]
-    designs = [design for method in methods for design in (method.estimator, method.controller)]
+    designs = [design for method in methods for design in (method.estimator, method.controller) if not is_own(design)]
     text = "Preparing estimators and control laws (compiling on the first run only) ..."
     with said_if_slow(progress, text), single_thread():
         for design in {id(design): design for design in designs}.values():

@@ -15,6 +15,7 @@ from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
 from rmpc_bench.types import (
+    NO_WATCH,
     Array,
     Journal,
     Method,
@@ -22,6 +23,7 @@ from rmpc_bench.types import (
     Record,
     RunInfo,
     Statuses,
+    Watch,
     as_command,
     as_estimate,
     as_motion,
@@ -48,7 +50,9 @@ class Block(NamedTuple):
     """Failures, held steps, durations and warnings of the components."""
 
 
-def simulate_block(experiment: Experiment, method: Method, runs: range, draws: Draws | None = None) -> Block:
+def simulate_block(
+    experiment: Experiment, method: Method, runs: range, draws: Draws | None = None, watch: Watch = NO_WATCH
+) -> Block:
     """Simulate a block of runs with one method and reduce it to its metrics.
 
     Parameters
@@ -57,6 +61,7 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     method : the estimator-controller pair
     runs : indices of the runs
     draws : their random inputs, where they have been drawn already
+    watch : notes every control period, for time limits
     """
     plant, n_steps, recording = experiment.plant, experiment.n_steps, experiment.recording
     if draws is None:
@@ -66,7 +71,7 @@ def simulate_block(experiment: Experiment, method: Method, runs: range, draws: D
     info = {name for metric in experiment.metrics for name in metric.needs_info}
     n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
     info |= set(recording.signals) - set(SIGNALS) if n_recorded else set()
-    start = RunStart(experiment.scenario.seed, tuple(runs), Journal())
+    start = RunStart(experiment.scenario.seed, tuple(runs), Journal(), watch)
     record, status = simulate(
         plant, method, draws, r, n_steps, with_P=P, with_M=M, info=info, state_range=experiment.state_range, start=start
     )
@@ -134,6 +139,7 @@ def simulate(
         status = limits.of_state(nothing, failed, x)
         np.equal(status, OK, out=alive)
         for k in range(n_steps + 1):
+            start.watch.step(k)
             y_true = np.array(moving.output(k, draws.delta, x, no_noise))
             outputs.at(k, x=x, y=y_true)
             y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k]))

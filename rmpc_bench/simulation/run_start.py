@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.simulation.scenario import stream
-from rmpc_bench.types import Array, Controller, Estimator, Journal, Plant, RunInfo, Statuses
+from rmpc_bench.types import NO_WATCH, Array, Controller, Estimator, Journal, Plant, RunInfo, Statuses, Watch
 
 
 class RunState(NamedTuple):
@@ -36,6 +36,7 @@ class RunStart(NamedTuple):
     seed: int
     runs: tuple[int, ...]
     journal: Journal
+    watch: Watch = NO_WATCH
 
     def plant(self, plant: Plant, delta: Any, x0: Float[Array, "runs nx"], shared: RunState) -> Any:
         """Return the record of the plant for one method."""
@@ -54,4 +55,4 @@ class RunStart(NamedTuple):
 
     def _runs(self, role: str, shared: RunState) -> RunInfo:
         rngs = tuple(stream(self.seed, run, f"own/{role}") for run in self.runs)
-        return RunInfo(self.runs, rngs, shared.alive, self.journal, shared.failed)
+        return RunInfo(self.runs, rngs, shared.alive, self.journal, shared.failed, self.watch)

@@ -27,6 +27,7 @@ from rmpc_bench.types.errors import (
     DesignError,
     Problem,
     SolverError,
+    TimeLimit,
 )
 from rmpc_bench.types.estimator import Estimator
 from rmpc_bench.types.figure import Figure, OnePointFigure, SweepFigure
@@ -65,13 +66,14 @@ from rmpc_bench.types.records import (
 )
 from rmpc_bench.types.reference import Reference
 from rmpc_bench.types.result_layout import ResultLayout
-from rmpc_bench.types.run_info import Journal, RunFailure, RunInfo
+from rmpc_bench.types.run_info import NO_WATCH, Journal, RunFailure, RunInfo, Watch
 from rmpc_bench.types.status import (
     Status,
     Statuses,
 )
 
 __all__ = [
+    "NO_WATCH",
     "Array",
     "Bound",
     "Channel",
@@ -129,7 +131,9 @@ __all__ = [
     "Status",
     "Statuses",
     "SystemMatrix",
+    "TimeLimit",
     "UserFunction",
+    "Watch",
     "WindowMetric",
     "as_command",
     "as_estimate",

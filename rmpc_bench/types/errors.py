@@ -68,3 +68,10 @@ class SolverError(Exception):
     def __init__(self, message: str = "", *, infeasible: bool = False) -> None:
         self.infeasible = infeasible
         super().__init__(message)
+
+
+class TimeLimit(BaseException):
+    """A step or a run has taken longer than `execution.timeout`; raised by the bench within the call of a component.
+
+    It is no `Exception`, so that a component which catches all of its own errors does not go on.
+    """

@@ -53,6 +53,32 @@ class Journal:
         self.failures.setdefault(failure.run, failure)
 
 
+class Watch:
+    """Notes what a process is computing, for the time limits; this one notes nothing."""
+
+    def start(self, n_runs: int) -> None:
+        """Note that the simulation of a block of runs begins."""
+
+    def step(self, k: int) -> None:
+        """Note that the control period k of a block begins."""
+
+    def call(self, run: int, k: int | None, used: float) -> None:
+        """Note that a call for one run begins.
+
+        Parameters
+        ----------
+        run : index of the run
+        k : sample; None before the first one
+        used : time that earlier calls for this run have taken [s]
+        """
+
+    def end(self) -> None:
+        """Note that the simulation of the block has ended."""
+
+
+NO_WATCH = Watch()
+
+
 @dataclass(frozen=True)
 class RunInfo:
     """The runs of a block, for a component with the capability `starts_runs`."""
@@ -70,6 +96,8 @@ class RunInfo:
 
     The component writes into it, and the simulation reads it after every call.
     """
+    watch: Watch = NO_WATCH
+    """Where a component that works run by run notes the begin of every call."""
 
     def __post_init__(self) -> None:
         if not len(self.failed):

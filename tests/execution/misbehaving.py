@@ -1,5 +1,10 @@
 """Components that misbehave in some runs, on the toy plant; the other runs are those of the toy estimator."""
 
+import ctypes
+import itertools
+import os
+import signal
+import time
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -132,3 +137,42 @@ def tasks_of(made, block):
     """Return the tasks of an experiment in blocks."""
     starts = range(0, made.n_runs, block)
     return [Task(method.name, first, min(first + block, made.n_runs)) for first in starts for method in made.methods]
+
+
+def exit_at_once(estimate, index):
+    """End the process without clean-up."""
+    os._exit(3)
+
+
+def kill_itself(estimate, index):
+    """End the process as the system does when memory runs out."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def fault(estimate, index):
+    """Read from address 0."""
+    ctypes.string_at(0)
+
+
+def sleep(estimate, index):
+    """Wait for a signal that never arrives."""
+    time.sleep(1000.0)
+
+
+def loop(estimate, index):
+    """Compute without end in Python, and catch every error."""
+    while True:
+        try:
+            sum(range(1000))
+        except Exception:  # noqa: S110
+            pass
+
+
+def loop_in_compiled_code(estimate, index):
+    """Compute without end where no signal is seen: one call that holds the interpreter."""
+    return sum(itertools.repeat(1))
+
+
+def fill_memory(estimate, index):
+    """Allocate and write 4 GB."""
+    return np.ones(500_000_000)

@@ -7,10 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from rmpc_bench.execution.engines.failures import failed, failure_of
 from rmpc_bench.execution.engines.tasks import Done, Task, work
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import NO_WATCH, Watch
 
 
 def contained(
-    experiments: Sequence[Experiment], task: Task, is_fatal: Callable[[BaseException], bool]
+    experiments: Sequence[Experiment],
+    task: Task,
+    is_fatal: Callable[[BaseException], bool],
+    watch: Watch = NO_WATCH,
 ) -> Iterator[Done]:
     """Do one task, in parts if a component raises: halves are repeated until the run that raises is alone.
 
@@ -21,14 +25,16 @@ def contained(
     experiments : one per point of the sweep
     task : what to do
     is_fatal : whether an exception ends this process, such as a real Ctrl-C; every other one is of a component
+    watch : notes the progress of the simulation, for time limits
 
     Yields
     ------
     the finished parts, in the order of the runs
     """
     try:
-        done = work(experiments, task)
+        done = work(experiments, task, watch)
     except BaseException as error:
+        watch.end()
         if is_fatal(error):
             raise
         parts = _halves(task)
@@ -40,7 +46,7 @@ def contained(
     if failure is not None:
         yield failed(experiments, task, failure)
     for part in parts:
-        yield from contained(experiments, part, is_fatal)
+        yield from contained(experiments, part, is_fatal, watch)
 
 
 def _halves(task: Task) -> list[Task]:

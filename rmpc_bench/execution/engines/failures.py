@@ -15,7 +15,7 @@ from rmpc_bench.simulation.checked_calls import CheckedController, CheckedEstima
 from rmpc_bench.simulation.closed_loop import Block, simulate
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Controller, Estimator, Journal, Metric, Plant, RunFailure, Status
+from rmpc_bench.types import Controller, Estimator, Journal, Metric, Plant, RunFailure, Status, TimeLimit
 
 _ROLES: dict[str, tuple[type, ...]] = {
     "estimator": (Estimator, CheckedEstimator),
@@ -64,10 +64,10 @@ def failure_of(error: BaseException, experiment: Experiment, run: int) -> RunFai
     known = {name: value for name, value in values.items() if value is not None}
     return RunFailure(
         run,
-        int(Status.CRASHED),
+        int(Status.TIMEOUT if isinstance(error, TimeLimit) else Status.CRASHED),
         _role(frames),
         loop.get("k"),
-        str(error) if isinstance(error, WrongAnswer) else one_line(error),
+        str(error) if isinstance(error, WrongAnswer | TimeLimit) else one_line(error),
         _trace(error),
         {**known, "parameters": named_values(experiment, run)},
     )

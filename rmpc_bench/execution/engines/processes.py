@@ -1,77 +1,157 @@
-"""The engine with worker processes of joblib."""
+"""The engine with worker processes: a component that ends its process or never returns costs its own runs only.
+
+The parent knows which tasks each worker has.  When a worker dies, or is killed because it takes too long, the rest of
+its task is repeated run by run in a new worker.  A run with which a worker dies twice alone is `crashed`.
+"""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
-import time
-import warnings
-from collections.abc import Generator, Sequence
-from multiprocessing import resource_tracker as multiprocessing_tracker
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from multiprocessing.connection import wait
+from pathlib import Path
 
-from rmpc_bench.components.transport import dumps, loads
-from rmpc_bench.execution.engines.contained import contained
+from rmpc_bench.components.transport import dumps
+from rmpc_bench.execution.engines.failures import failed
 from rmpc_bench.execution.engines.tasks import Done, Task
+from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.execution.engines.worker_process import End, Job, WorkerProcess
 from rmpc_bench.execution.interrupts import held
+from rmpc_bench.execution.worker_error import WorkerError
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.types import RunFailure, Status
+
+MAX_DEATHS = 2
+"""How often a worker dies with a run alone before the run has crashed."""
+MAX_STARTS = 3
+"""How many workers may die one after the other before they have loaded the experiment."""
+WAITING = 2
+"""Tasks in a worker: one that it does, and one that it finds when it has done that."""
 
 
-def processes(experiments: Sequence[Experiment], tasks: Sequence[Task], workers: int) -> Generator[Done]:
-    """Do the tasks in worker processes; closing the generator ends them."""
-    from joblib import Parallel, delayed
-    from joblib.externals.loky import get_reusable_executor
-    from joblib.externals.loky.backend import resource_tracker
+def processes(
+    experiments: Sequence[Experiment],
+    tasks: Sequence[Task],
+    workers: int,
+    limits: Limits = Limits(),  # noqa: B008 - immutable
+    logs: Path | None = None,
+) -> Generator[Done]:
+    """Do the tasks in worker processes; closing the generator ends them.
 
-    for tracker in (resource_tracker, multiprocessing_tracker):
-        # A tracker unblocks signals when it starts, so it must not start while they are held back below.
-        tracker.ensure_running()
-    parallel = Parallel(
-        n_jobs=workers,
-        backend="loky",
-        return_as="generator_unordered",
-        batch_size=1,
-        inner_max_num_threads=1,
-        initializer=_start_worker,
-        initargs=(dumps(experiments),),
-    )
-    results = None
+    Parameters
+    ----------
+    experiments : one per point of the sweep
+    tasks : what to do
+    workers : how many processes
+    limits : of time and memory
+    logs : directory that gets the output of components; None to let it pass to the screen
+
+    Raises
+    ------
+    WorkerError
+        If the workers cannot load the experiment.
+    """
+    pool = _Pool(experiments, tasks, limits, logs)
     try:
-        # A pool that is interrupted while it starts cannot be shut down.
-        with held():
-            results = parallel(delayed(_work_here)(task) for task in tasks)
-        for done in results:
-            yield from done
+        for number in range(workers):
+            pool.start(number)
+        yield from pool.results()
     finally:
-        with held(), warnings.catch_warnings():
-            # joblib warns of finished tasks that were not used, which is normal after an interruption.
-            warnings.simplefilter("ignore")
-            if results is not None:
-                results.close()
-            get_reusable_executor(reuse=True).shutdown(wait=True, kill_workers=True)
+        with held():
+            pool.close()
 
 
-_here: list[Experiment] = []
-"""The experiments of this worker process, sent once when it started."""
+class _Pool:
+    """Worker processes and the jobs that are left."""
 
+    def __init__(
+        self, experiments: Sequence[Experiment], tasks: Sequence[Task], limits: Limits, logs: Path | None
+    ) -> None:
+        self._experiments, self._limits, self._logs = experiments, limits, logs
+        self._data = dumps(experiments)
+        self._left = deque(Job(task) for task in tasks)
+        self._workers: dict[int, WorkerProcess] = {}
+        self._failed_starts = 0
 
-def _start_worker(experiments: bytes) -> None:
-    # Ctrl-C in a terminal reaches every process of the group; only the parent handles it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
-    threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
-    # The returned context is not entered, so that the limit stays for the life of the worker.
-    single_thread()
-    _here[:] = loads(experiments)
+    def start(self, number: int) -> None:
+        """Start a worker in place of an earlier one with this number."""
+        log = None if self._logs is None else self._logs / f"worker-{number + 1}.txt"
+        self._workers[number] = WorkerProcess(self._data, self._limits, log)
 
+    def close(self) -> None:
+        """End all workers."""
+        for worker in self._workers.values():
+            worker.close()
 
-def _follow(parent: int) -> None:
-    """End this worker when its parent has been killed; loky alone would keep it waiting for minutes."""
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os._exit(1)
+    def results(self) -> Iterator[Done]:
+        """Yield finished parts of tasks until nothing is left."""
+        while self._left or any(worker.jobs for worker in self._workers.values()):
+            self._feed()
+            ready = wait([worker.connection for worker in self._workers.values()], self._pause())
+            for number, worker in [*self._workers.items()]:
+                if worker.connection in ready:
+                    try:
+                        message = worker.receive()
+                    except EOFError:
+                        yield from self._replace(number)
+                    else:
+                        yield from self._handle(worker, message)
+                elif self._limits.timed:
+                    worker.check_time()
 
+    def _pause(self) -> float | None:
+        """Return how long to wait for a message before the times are checked [s]."""
+        if not self._limits.timed:
+            return None
+        shortest = min(limit for limit in (self._limits.step, self._limits.run) if limit is not None)
+        return min(max(shortest / 4.0, 0.01), 0.25)
 
-def _work_here(task: Task) -> list[Done]:
-    return list(contained(_here, task, lambda error: False))
+    def _feed(self) -> None:
+        for n_waiting in range(1, WAITING + 1):
+            for worker in self._workers.values():
+                if self._left and len(worker.jobs) < n_waiting:
+                    worker.give(self._left.popleft())
+
+    def _handle(self, worker: WorkerProcess, message: Done | str | None) -> Iterator[Done]:
+        """Take a result, or the end of a task, or the report of a worker that it has loaded the experiment or not."""
+        if isinstance(message, str):
+            raise WorkerError(f"worker processes cannot load the experiment: {message}")
+        if isinstance(message, Done):
+            job = worker.jobs[0]
+            worker.jobs[0] = Job(job.task._replace(first=message.task.stop), job.alone)
+            yield message
+        elif worker.loaded:
+            worker.jobs.popleft()
+        else:
+            worker.loaded, self._failed_starts = True, 0
+
+    def _replace(self, number: int) -> Iterator[Done]:
+        """Start a new worker in place of a dead one, and repeat what that one was doing."""
+        dead = self._workers[number]
+        end, jobs = dead.end(), dead.jobs
+        if not dead.loaded:
+            self._failed_starts += 1
+            if self._failed_starts == MAX_STARTS:
+                raise WorkerError(f"worker processes cannot load the experiment: {end.message}")
+            self._left.extendleft(reversed(jobs))
+            jobs.clear()
+        self.start(number)
+        if jobs:
+            job = jobs.popleft()
+            self._left.extendleft(reversed(jobs))
+            yield from self._repeat(self._workers[number], job, end)
+
+    def _repeat(self, worker: WorkerProcess, job: Job, end: End) -> Iterator[Done]:
+        """Give the rest of a task to a fresh worker, run by run, without a run that has failed."""
+        task, deaths = job.task, job.deaths
+        if not task.runs:
+            return
+        if job.alone or len(task.runs) == 1:
+            deaths += 1
+            if end.timed_out or deaths == MAX_DEATHS:
+                status = Status.TIMEOUT if end.timed_out else Status.CRASHED
+                failure = RunFailure(task.first, int(status), "", end.k, end.message, end.trace)
+                yield failed(self._experiments, task._replace(stop=task.first + 1), failure)
+                task, deaths = task._replace(first=task.first + 1), 0
+        if task.runs:
+            worker.give(Job(task, True, deaths))

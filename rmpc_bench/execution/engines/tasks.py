@@ -7,13 +7,14 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import PurePath
-from typing import NamedTuple, TextIO
+from typing import Any, NamedTuple, TextIO
 
+from rmpc_bench.components.recipes import recipe_of
 from rmpc_bench.simulation.checked_calls import is_own
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
 from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.scenario import Draws, Experiment
-from rmpc_bench.types import Method
+from rmpc_bench.types import NO_WATCH, Method, Watch
 
 
 class Task(NamedTuple):
@@ -38,31 +39,41 @@ class Done(NamedTuple):
     uncertainty: list[dict[str, float]]
 
 
-def work(experiments: Sequence[Experiment], task: Task) -> Done:
+def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH) -> Done:
     """Do one task.
 
     Parameters
     ----------
     experiments : one per point of the sweep
     task : what to do
+    watch : notes the progress of the simulation, for time limits
     """
     experiment = experiments[task.point]
     method = experiment.method(task.method)
     counts = Counter[str]()
+    watch.start(len(task.runs))
     with _counted_warnings(counts) if has_own_code(experiment, method) else nullcontext():
         draws = _drawn(experiment, task.runs)
         # The plant may write into its record, and a component into its arguments, so every method gets copies.
         own = own_draws(experiment.scenario, experiment.plant, task.runs, experiment.n_steps, draws)
-        block = simulate_block(experiment, method, task.runs, own)
+        block = simulate_block(experiment, method, task.runs, own, watch)
+        values = _uncertain_values(experiment, task.runs, draws)
+    watch.end()
     block.journal.warnings.update(counts)
-    return Done(task, block, _uncertain_values(experiment, task.runs, draws))
+    return Done(task, block, values)
 
 
 def has_own_code(experiment: Experiment, method: Method) -> bool:
-    """Whether a component that takes part in the runs of a method has a class that is not one of the bench."""
+    """Whether a component that takes part in the runs of a method is not built in."""
+    return any(is_own(part) or recipe_of(part) is not None for part in components_of(experiment, method))
+
+
+def components_of(experiment: Experiment, *methods: Method) -> list[Any]:
+    """Return everything whose code runs when methods are simulated."""
     scenario = experiment.scenario
     noises = (*scenario.x0_noise, *scenario.process, *scenario.measurement)
-    return any(map(is_own, (experiment.plant, *method[1:], scenario.reference, *noises, *experiment.metrics)))
+    pairs = [part for method in methods for part in (method.estimator, method.controller)]
+    return [experiment.plant, *pairs, scenario.reference, *noises, *experiment.metrics]
 
 
 @contextmanager

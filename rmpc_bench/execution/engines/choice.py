@@ -1,0 +1,77 @@
+"""Choice of the engine of an experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from rmpc_bench.components.installed import distribution_of
+from rmpc_bench.components.private_modules import is_private
+from rmpc_bench.components.recipes import inside, recipe_of
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.sections import Execution
+from rmpc_bench.execution.engines.processes import processes
+from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.tasks import Done, Task, components_of, has_own_code
+from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.simulation.scenario import Experiment
+
+Engine: TypeAlias = Callable[[Sequence[Experiment], Sequence[Task]], Generator[Done]]
+"""Computes tasks of experiments."""
+
+
+def choose_engine(
+    config: ExperimentConfig,
+    tasks: Sequence[Task],
+    workers: int | None,
+    name: str | None,
+    directory: Path,
+    say: Callable[[str], None],
+) -> Engine:
+    """Return the engine for tasks of an experiment.
+
+    Without a name, worker processes are used where there are several, where a component comes from a file or an
+    installed package, or where there is a limit of time or memory.  Otherwise one worker is this process.
+
+    Parameters
+    ----------
+    config : the experiment
+    tasks : what is to be computed
+    workers : how many processes; those of the configuration unless given
+    name : ``joblib``, ``serial`` or None
+    directory : results directory, for the output of components
+    say : shows a line to the user
+    """
+    name, n = name or config.execution.engine, min(workers or config.execution.workers, len(tasks))
+    experiments = [point.experiment for point in config.points]
+    own = any(has_own_code(experiment, method) for experiment in experiments for method in experiment.methods)
+    parts = [part for experiment in experiments for part in components_of(experiment, *experiment.methods)]
+    limits = limits_of(config.execution)
+    if name == "serial" and (own or limits != Limits()):
+        what = "a component that ends its process or never returns ends the experiment; "
+        say(f"engine serial: {what if own else ''}execution.timeout and execution.memory are not enforced")
+    isolated = n > 1 or limits != Limits() or any(map(_is_imported, parts))
+    if name == "serial" or (name is None and not isolated):
+        return serial
+    return partial(processes, workers=n, limits=limits, logs=directory / "logs" if own else None)
+
+
+def limits_of(execution: Execution) -> Limits:
+    """Return the limits of worker processes that a configuration asks for."""
+    timeout = execution.timeout
+    step, run = (None, None) if timeout is None else (timeout.step, timeout.run)
+    assert not isinstance(step, str) and not isinstance(run, str)
+    return Limits(step, run, execution.memory_limit, execution.memory or "")
+
+
+def _is_imported(part: Any) -> bool:
+    """Whether a component comes from a file of the user or an installed package, not from the calling program."""
+    recipe = recipe_of(part)
+    if recipe is None:
+        return False
+    if recipe.code is not None or any(True for _ in inside(recipe.parameters)):
+        return True
+    module = getattr(recipe.design, "__module__", None) or ""
+    return is_private(module) or distribution_of(module.partition(".")[0]) is not None

@@ -1,0 +1,159 @@
+"""A worker process: it loads the experiments once, then does tasks until its parent closes the connection."""
+
+from __future__ import annotations
+
+import faulthandler
+import io
+import os
+import resource
+import signal
+import stat
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from multiprocessing.connection import Connection
+from types import FrameType
+from typing import Any
+
+from rmpc_bench.components.trace import one_line, user_trace
+from rmpc_bench.components.transport import loads
+from rmpc_bench.execution.engines.contained import contained
+from rmpc_bench.execution.engines.tasks import Done, Task
+from rmpc_bench.execution.engines.watch import Limits, SharedWatch
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.types import TimeLimit
+
+STOP_STEP, DUMP_TRACE = signal.SIGUSR1, signal.SIGUSR2
+"""Signals of the parent: end what takes too long; write the frames of the Python code, also inside compiled code."""
+OUT_OF_MEMORY = 86
+"""Exit code after a MemoryError that a fresh process might not have."""
+LOG_PER_RUN = 100_000
+"""Output of components that is kept, on average of the runs of a task [bytes]."""
+_KILL_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG of Linux."""
+
+
+def main(given: Mapping[str, Any]) -> None:
+    """Work until the parent closes the connection; nothing after this returns to the caller's clean-up.
+
+    Parameters
+    ----------
+    given : numbers of the inherited descriptors and of the parent process
+    """
+    # Ctrl-C in a terminal reaches every process of the group; only the parent handles it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
+    _end_with(given["parent"])
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)
+    with os.fdopen(given["watch"], "r+b", buffering=0) as file:
+        watch = SharedWatch(file)
+    faulthandler.enable(given["trace"], all_threads=False)
+    faulthandler.register(DUMP_TRACE, given["trace"], all_threads=False)
+    connection = Connection(given["connection"])
+    try:
+        data, limits = connection.recv()
+        # The returned context is not entered, so that the limit stays for the life of the worker.
+        single_thread()
+        experiments = _loaded(connection, data)
+        if experiments is not None:
+            _limit_memory(limits)
+            signal.signal(STOP_STEP, _stopper(watch, limits))
+            connection.send(None)
+            _serve(connection, experiments, watch, limits)
+    except (EOFError, ConnectionError):
+        pass
+    # Threads and exit handlers of components must not keep the process.
+    os._exit(0)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has been killed, also while compiled code runs where the system can do that."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(_KILL_WITH_PARENT, signal.SIGKILL)
+    threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+
+
+def _follow(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def _loaded(connection: Connection, data: bytes) -> Sequence[Experiment] | None:
+    """Make the experiments; report an exception of the user's code and return None."""
+    try:
+        experiments: Sequence[Experiment] = loads(data)
+    except BaseException as error:
+        connection.send(f"{one_line(error)}\n{user_trace(error)}")
+        return None
+    return experiments
+
+
+def _limit_memory(limits: Limits) -> None:
+    """Let an allocation beyond the limit raise a MemoryError."""
+    if limits.memory is None:
+        return
+    if sys.platform == "linux":
+        # Not RLIMIT_AS: libraries reserve address space that they never use.
+        resource.setrlimit(resource.RLIMIT_DATA, (limits.memory, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+    else:
+        threading.Thread(target=_follow_memory, args=(limits.memory,), daemon=True).start()
+
+
+def _follow_memory(limit: int) -> None:
+    """End this process when it has used too much memory, on systems that do not limit allocations."""
+    while resource.getrusage(resource.RUSAGE_SELF).ru_maxrss <= limit:
+        time.sleep(0.1)
+    os._exit(OUT_OF_MEMORY)
+
+
+def _stopper(watch: SharedWatch, limits: Limits) -> Any:
+    def stop(number: int, frame: FrameType | None) -> None:
+        # The call may have ended since the parent has sent the signal.
+        text = watch.overdue(limits)
+        if text:
+            watch.begin_again()
+            raise TimeLimit(text)
+
+    return stop
+
+
+def _serve(connection: Connection, experiments: Sequence[Experiment], watch: SharedWatch, limits: Limits) -> None:
+    is_fresh = True
+    while True:
+        task, alone = connection.recv()
+        before = _log_size()
+        parts = [task._replace(first=run, stop=run + 1) for run in task.runs] if alone else [task]
+        for part in parts:
+            may_be_full = limits.memory is not None and not (is_fresh and len(part.runs) == 1)
+            for done in _done(experiments, part, watch, may_be_full=may_be_full):
+                connection.send(done)
+            is_fresh = False
+        _cut_log(before, LOG_PER_RUN * len(task.runs))
+        connection.send(None)
+
+
+def _done(experiments: Sequence[Experiment], task: Task, watch: SharedWatch, *, may_be_full: bool) -> Iterator[Done]:
+    """Do a task; memory that runs out because of earlier runs ends the process."""
+    try:
+        yield from contained(experiments, task, lambda error: may_be_full and isinstance(error, MemoryError), watch)
+    except MemoryError:
+        os._exit(OUT_OF_MEMORY)
+
+
+def _log_size() -> int | None:
+    """Return the size of the file that gets the output of components; None where it goes to the screen."""
+    sys.stdout.flush()
+    found = os.fstat(1)
+    return found.st_size if stat.S_ISREG(found.st_mode) else None
+
+
+def _cut_log(before: int | None, largest: int) -> None:
+    size = _log_size()
+    if before is not None and size is not None and size > before + largest:
+        os.ftruncate(1, before + largest)

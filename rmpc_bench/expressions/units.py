@@ -1,0 +1,59 @@
+"""Durations and sizes with their unit: ``1 s``, ``200 ms``, ``2 min``, ``2 GB``."""
+
+from __future__ import annotations
+
+import re
+
+_SECONDS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+_BYTES = {"kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KiB": 2.0**10, "MiB": 2.0**20, "GiB": 2.0**30, "TiB": 2.0**40}
+_NUMBER_WITH_UNIT = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([A-Za-z]+)\s*")
+
+
+def seconds(value: float | str) -> float:
+    """Return a duration in seconds.
+
+    Parameters
+    ----------
+    value : a number of seconds, or a text with a unit
+
+    Raises
+    ------
+    ValueError
+        If it is no duration, or not longer than 0.
+
+    Examples
+    --------
+    >>> seconds("200 ms"), seconds(3)
+    (0.2, 3.0)
+    """
+    number = _converted(value, _SECONDS, "a duration such as '1 s' or '200 ms'") if isinstance(value, str) else value
+    if not 0.0 < number < float("inf"):
+        raise ValueError(f"must be longer than 0 s (got {value})")
+    return float(number)
+
+
+def n_bytes(text: str) -> int:
+    """Return a size in bytes.
+
+    Parameters
+    ----------
+    text : such as ``2 GB`` (2e9 bytes) or ``2 GiB``
+
+    Raises
+    ------
+    ValueError
+        If it is no size.
+
+    Examples
+    --------
+    >>> n_bytes("1.5 kB")
+    1500
+    """
+    return int(_converted(text, _BYTES, "a size such as '2 GB' or '500 MB'"))
+
+
+def _converted(text: str, units: dict[str, float], right: str) -> float:
+    match = _NUMBER_WITH_UNIT.fullmatch(text)
+    if match is None or match[2] not in units:
+        raise ValueError(f"must be {right}; the units are {', '.join(units)} (got {text!r})")
+    return float(match[1]) * units[match[2]]
