@@ -13,7 +13,7 @@ from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution.database import WriteError
 from rmpc_bench.execution.engines.choice import Engine, choose_engine
-from rmpc_bench.execution.engines.tasks import Done, Task
+from rmpc_bench.execution.engines.tasks import Done, Task, is_built_in
 from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.manifest import Session
@@ -21,7 +21,6 @@ from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
-from rmpc_bench.simulation.checked_calls import is_own
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -151,13 +150,13 @@ def _compute(
 
 def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
     """Compile, and finish the designs of the methods, once in this process and before any worker starts."""
-    plants = {type(experiment.plant): experiment.plant for experiment in experiments if not is_own(experiment.plant)}
+    plants = {type(plant): plant for plant in (experiment.plant for experiment in experiments) if is_built_in(plant)}
     for plant in plants.values():
         with said_if_slow(progress, "Compiling (first run only) ..."):
             plant.warm_up()
     wanted = {(task.point, task.method) for task in tasks}
     methods = [experiments[point].method(name) for point, name in sorted(wanted)]
-    designs = [design for method in methods for design in (method.estimator, method.controller) if not is_own(design)]
+    designs = [design for method in methods for design in (method.estimator, method.controller) if is_built_in(design)]
     text = "Preparing estimators and control laws (compiling on the first run only) ..."
     with said_if_slow(progress, text), single_thread():
         for design in {id(design): design for design in designs}.values():

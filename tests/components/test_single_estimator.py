@@ -247,7 +247,6 @@ def test_a_wrong_answer_is_a_crash_of_its_run_with_a_sentence(value, message):
         (SolverError("no solution", infeasible=True), Status.INFEASIBLE),
         (OSError("no disk"), Status.CRASHED),
         (SystemExit(3), Status.CRASHED),
-        (MemoryError(), Status.CRASHED),
         (RecursionError(), Status.CRASHED),
         (StopIteration(), Status.CRASHED),
         (GeneratorExit(), Status.CRASHED),

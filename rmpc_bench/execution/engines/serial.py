@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 
 from rmpc_bench.execution.engines.contained import contained
-from rmpc_bench.execution.engines.tasks import Done, Task, forget_draws
+from rmpc_bench.execution.engines.tasks import Done, Task, forget_draws, warm_up_own
 from rmpc_bench.execution.interrupts import noted
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -21,6 +21,7 @@ def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generato
     """
     try:
         with single_thread(), noted() as signals:
+            warm_up_own(experiments)
             for task in tasks:
                 yield from contained(experiments, task, lambda error: bool(signals))
     finally:

@@ -15,6 +15,7 @@ from rmpc_bench.simulation.closed_loop import Block, simulate_block
 from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.types import NO_WATCH, Method, Watch
+from rmpc_bench.types.design import Design
 
 
 class Task(NamedTuple):
@@ -65,7 +66,12 @@ def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH)
 
 def has_own_code(experiment: Experiment, method: Method) -> bool:
     """Whether a component that takes part in the runs of a method is not built in."""
-    return any(is_own(part) or recipe_of(part) is not None for part in components_of(experiment, method))
+    return not all(map(is_built_in, components_of(experiment, method)))
+
+
+def is_built_in(part: Any) -> bool:
+    """Whether a component runs no code but that of the bench."""
+    return not is_own(part) and recipe_of(part) is None
 
 
 def components_of(experiment: Experiment, *methods: Method) -> list[Any]:
@@ -74,6 +80,14 @@ def components_of(experiment: Experiment, *methods: Method) -> list[Any]:
     noises = (*scenario.x0_noise, *scenario.process, *scenario.measurement)
     pairs = [part for method in methods for part in (method.estimator, method.controller)]
     return [experiment.plant, *pairs, scenario.reference, *noises, *experiment.metrics]
+
+
+def warm_up_own(experiments: Sequence[Experiment]) -> None:
+    """Let components that are not built in prepare themselves, once in every process that simulates them."""
+    parts = [part for experiment in experiments for part in components_of(experiment, *experiment.methods)]
+    for part in {id(part): part for part in parts}.values():
+        if isinstance(part, Design) and not is_built_in(part):
+            part.warm_up()
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import faulthandler
-import io
 import os
 import resource
 import signal
@@ -16,10 +15,10 @@ from multiprocessing.connection import Connection
 from types import FrameType
 from typing import Any
 
-from rmpc_bench.components.trace import one_line, user_trace
+from rmpc_bench.components.loading import described, place_of
 from rmpc_bench.components.transport import loads
 from rmpc_bench.execution.engines.contained import contained
-from rmpc_bench.execution.engines.tasks import Done, Task
+from rmpc_bench.execution.engines.tasks import Done, Task, warm_up_own
 from rmpc_bench.execution.engines.watch import Limits, SharedWatch
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -46,8 +45,6 @@ def main(given: Mapping[str, Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     _end_with(given["parent"])
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(line_buffering=True)
     with os.fdopen(given["watch"], "r+b", buffering=0) as file:
         watch = SharedWatch(file)
     faulthandler.enable(given["trace"], all_threads=False)
@@ -85,11 +82,13 @@ def _follow(parent: int) -> None:
 
 
 def _loaded(connection: Connection, data: bytes) -> Sequence[Experiment] | None:
-    """Make the experiments; report an exception of the user's code and return None."""
+    """Make and prepare the experiments; report an exception of the user's code and return None."""
     try:
         experiments: Sequence[Experiment] = loads(data)
+        warm_up_own(experiments)
     except BaseException as error:
-        connection.send(f"{one_line(error)}\n{user_trace(error)}")
+        place = place_of(error)
+        connection.send(described(error) if place is None else f"{place.file}:{place.line}: {described(error)}")
         return None
     return experiments
 
@@ -148,7 +147,6 @@ def _done(experiments: Sequence[Experiment], task: Task, watch: SharedWatch, *, 
 
 def _log_size() -> int | None:
     """Return the size of the file that gets the output of components; None where it goes to the screen."""
-    sys.stdout.flush()
     found = os.fstat(1)
     return found.st_size if stat.S_ISREG(found.st_mode) else None
 

@@ -28,9 +28,13 @@ sys.path[:] = given["path"]
 from rmpc_bench.execution.engines.worker import main
 main(given)
 """
-_ONE_THREAD = dict.fromkeys(
+_ENVIRONMENT = dict.fromkeys(
     (f"{name}_NUM_THREADS" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMEXPR", "NUMBA")), "1"
-) | {"VECLIB_MAXIMUM_THREADS": "1"}
+) | {
+    "VECLIB_MAXIMUM_THREADS": "1",
+    # What a component prints shortly before it ends the process is wanted most.
+    "PYTHONUNBUFFERED": "1",
+}
 GRACE = 1.0
 """Time in which Python code ends after it was asked to [s]; compiled code is killed then."""
 _PACKAGE = f"{Path(__file__).parents[2]}{os.sep}"
@@ -164,7 +168,7 @@ def _started(child: Connection, watch: int, trace: int, log: Path | None) -> sub
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=output,
-            env={**os.environ, **_ONE_THREAD},
+            env={**os.environ, **_ENVIRONMENT},
         )
     finally:
         if output is not None:
