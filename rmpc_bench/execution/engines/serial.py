@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Generator, Sequence
 
 from rmpc_bench.execution.engines.contained import contained
@@ -23,6 +24,10 @@ def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generato
         with single_thread(), noted() as signals:
             warm_up_own(experiments)
             for task in tasks:
-                yield from contained(experiments, task, lambda error: bool(signals))
+                for done in contained(experiments, task, lambda error: bool(signals)):
+                    if signals:
+                        # A component has caught the interruption.
+                        signal.raise_signal(signals[0])
+                    yield done
     finally:
         forget_draws()
