@@ -128,11 +128,11 @@ def test_a_mistake_has_a_place_and_a_way_out(tmp_path, keys, path, message):
 
 
 def test_any_block_gives_the_same_bytes(tmp_path, finished):
-    """Oracle: the table of the run with the default block; a rhs that is called run by run, too."""
+    """Oracle: the table of the run in one process with the default block."""
     folder, _ = finished
     path = written(tmp_path)
-    arguments = ("run", str(path), "-j", "1")
-    assert cli(*arguments, "-o", str(tmp_path / "out"), "-s", "execution.block=1").exit_code == 0
+    arguments = ("run", str(path), "-j", "2", "-o", str(tmp_path / "out"), "-s", "execution.block=1")
+    assert cli(*arguments).exit_code == 0
     first, second = ((each / "out" / "trials.csv").read_bytes() for each in (folder, tmp_path))
     assert first == second
     with (folder / "out" / "trials.csv").open(encoding="utf-8") as file:

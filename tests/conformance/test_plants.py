@@ -7,6 +7,7 @@ import pytest
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import PlantExample, check_component
+from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.plants.uncertainty import Uncertainty
 
 KINDS = registry.names("plants")
@@ -17,9 +18,14 @@ def pendulum(x, u, p):
     return [x[1], -np.sin(x[0]) - p.d * x[1] + 0.1 * u[0], np.tanh(x[0]) - x[2] + 0.1 * u[1]]
 
 
+def one_output(x, p):
+    """An output of one run at a time."""
+    return [max(x[0], x[1])]
+
+
 def swing(t, x, u, p):
     """Time derivatives that a block cannot have: of one run at a time."""
-    return [math.cos(t) - p.d * x[0] if x[0] > 0 else 0.1 * u[0]]
+    return [(math.cos(t) - p.d * x[0] if x[0] > 0 else 1.0) + 0.1 * u[0]]
 
 
 STEPS = 10
@@ -46,6 +52,17 @@ PARAMETERS = {
     "moving-slide": [{}, {"substeps": 1, "mass": 2.0}],
     "ode": [
         {"n_steps": STEPS, "ode": pendulum, "states": 3, "inputs": 2, "parameters": {"d": 0.3}},
+        {"n_steps": STEPS, "ode": swing, "states": 1, "inputs": 1, "parameters": {"d": 0.3}},
+        {
+            "n_steps": STEPS,
+            "ode": pendulum,
+            "states": 3,
+            "inputs": 2,
+            "parameters": {"d": 0.3},
+            "output": one_output,
+            "outputs": 1,
+            "solver": Solver("LSODA"),
+        },
     ],
     "servo": [{}, {"alpha_l0": 0.0, "alpha_l1": 0.0}],
     "servo-linear": [{}],
