@@ -258,9 +258,10 @@ def _unknown(name: str) -> str:
 
 EVERY_PLANT = """Every plant also has the keys
     perturb, set : factors on nominal values of parameters, or new values, as functions of the uncertain quantities
-    bounds : [low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is `out-of-range`
-    diverged : magnitude of a state, one number or one per state, beyond which a run is `diverged` (default: 1e6 times
-        the largest of 1, its initial value and the reference)"""
+    bounds : [low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is `out-of-range`; a
+        plant with names takes these, and limits its inputs: {level: [0 m, 0.6 m], pump: [0, 30 ml/s]}
+    diverged : magnitude of a state, one number, one per state or by name, beyond which a run is `diverged` (default:
+        1e6 times the largest of 1, its initial value and the reference)"""
 
 
 def _show_own(group: str, reference: CodeReference) -> None:
