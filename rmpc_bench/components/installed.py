@@ -9,6 +9,8 @@ from pathlib import Path
 
 _OWN = "rmpc_bench"
 _INSTALLED = ("site-packages", "dist-packages")
+_found_installed: set[str] = set()
+"""Modules that this process has found to be installed."""
 
 
 def is_standard(module: str) -> bool:
@@ -30,7 +32,7 @@ def local_directory(module: str) -> Path | None:
     -------
     None for a module of the standard library, an installed one, one of the bench itself, and one that is not there
     """
-    if is_standard(module):
+    if is_standard(module) or module in _found_installed:
         return None
     for finder in sys.meta_path:
         # A module of this name that another file has loaded must not be found, so that `sys.modules` is not asked.
@@ -45,7 +47,11 @@ def local_directory(module: str) -> Path | None:
         return None
     # A package lies one level deeper than its directory; one without __init__.py has no file.
     place = Path(inside[0]).parent if inside else Path(str(spec.origin)).parent
-    return None if _is_installed(place) else place.absolute()
+    if not _is_installed(place):
+        return place.absolute()
+    # An installed module stays where it is; a local one may be added at any time.
+    _found_installed.add(module)
+    return None
 
 
 def _is_installed(directory: Path) -> bool:

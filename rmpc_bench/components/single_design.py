@@ -51,6 +51,11 @@ class SingleDesign:
         return True
 
     @property
+    def deterministic(self) -> bool:
+        """As the user's class declares."""
+        return bool(getattr(self.user.component, "deterministic", True))
+
+    @property
     def expected_failures(self) -> Mapping[str, str]:
         """As the user's class declares."""
         return getattr(self.user.component, "expected_failures", {})

@@ -47,6 +47,7 @@ class Source:
     modules : names of the imported modules that are neither local nor of the standard library
     problems : errors of the files: syntax, a file under `depends_on` that is not there
     warnings : places where the syntax tree cannot show what the code depends on
+    readings : places where a file is read whose name is no literal; it may be a data file that a key names
     """
 
     path: Path
@@ -54,6 +55,7 @@ class Source:
     modules: tuple[str, ...] = ()
     problems: tuple[Problem, ...] = ()
     warnings: tuple[Problem, ...] = ()
+    readings: tuple[Problem, ...] = ()
 
     @cached_property
     def sha(self) -> str:
@@ -73,6 +75,11 @@ class Source:
     def copy(self) -> str:
         """Path of the first file in a directory of copies."""
         return next(iter(self.copies))
+
+    @property
+    def folder(self) -> str:
+        """Name of the directory of its copies."""
+        return folder_of(self.sha)
 
     @property
     def short(self) -> str:
@@ -106,6 +113,11 @@ def read_source(path: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> 
     search = _Search(path.resolve(), read)
     search.follow()
     return search.source()
+
+
+def folder_of(sha: str) -> str:
+    """Return the name of the directory of the copies of a source."""
+    return sha[:16]
 
 
 def data_hash(path: Path) -> str:
@@ -158,13 +170,14 @@ class _Search:
     modules: set[str] = field(default_factory=set)
     problems: list[Problem] = field(default_factory=list)
     warnings: set[Problem] = field(default_factory=set)
+    readings: set[Problem] = field(default_factory=set)
 
     def source(self) -> Source:
         """Return what was found."""
         first = self.files.pop(self.top)
         others = sorted(self.files.values(), key=lambda file: (file.place, file.digest))
-        modules, warnings = tuple(sorted(self.modules)), tuple(sorted(self.warnings))
-        return Source(self.top, (first, *others), modules, tuple(self.problems), warnings)
+        problems, warnings, readings = (tuple(sorted(each)) for each in (self.problems, self.warnings, self.readings))
+        return Source(self.top, (first, *others), tuple(sorted(self.modules)), problems, warnings, readings)
 
     def follow(self) -> None:
         """Read the file and all that it imports."""
@@ -215,7 +228,8 @@ class _Search:
             what = "the file that it reads" if reads else "what comes from there"
             way_out = "name the files in depends_on = [...]"
             text = f"{place.text}: results stay stored when {what} changes; {way_out}"
-            self.warnings.add(_problem(path, place, text))
+            noted = self.readings if reads and argument is None else self.warnings
+            noted.add(_problem(path, place, text))
 
     def _imported(self, found: _Found, each: Import) -> Iterator[_Found]:
         """Yield the local files that an import statement executes."""

@@ -43,6 +43,8 @@ class OwnCode:
     data: dict[Path, str] = field(default_factory=dict)
     files: dict[str, Path] = field(default_factory=dict)
     patterns: set[str] = field(default_factory=set)
+    _with_data: set[Path] = field(default_factory=set)
+    """Python files of components of which keys name data files."""
 
     def identity(self, components: Mapping[str, Component | None]) -> dict[str, Any]:
         """Return what identifies the code and the data of some components; empty where all of it is built in.
@@ -107,7 +109,11 @@ class OwnCode:
     @property
     def warnings(self) -> list[Problem]:
         """Places at which the syntax tree cannot show what the code depends on."""
-        return sorted({self._placed(warning) for source in self.sources.values() for warning in source.warnings})
+        found = {warning for source in self.sources.values() for warning in source.warnings}
+        for path, source in self.sources.items():
+            # A file that a key names is hashed.
+            found |= set(source.readings) if path not in self._with_data else set()
+        return sorted(map(self._placed, found))
 
     def _placed(self, problem: Problem) -> Problem:
         """Name a file as it is seen from the current directory, where that is shorter."""
@@ -117,7 +123,10 @@ class OwnCode:
     def _data_files(self, component: Component) -> tuple[Path, ...]:
         named = inside(component.parameters)
         self.patterns |= {each.text for each in named if isinstance(each, DataReference)}
-        return component.data_files()
+        files = component.data_files()
+        if files:
+            self._with_data |= {reference.path for reference in component.references()}
+        return files
 
     def _hash(self, path: Path) -> str:
         if path not in self.data:

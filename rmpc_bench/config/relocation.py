@@ -55,7 +55,7 @@ def in_directory(resolved: Mapping[str, Any], directory: Path, own: OwnCode) -> 
         file, name = split_reference(text) or (text, "")
         if file in own.files:
             source = own.sources[own.files[file]]
-            return f"{COPIES}/{source.sha}/{source.copy}" + (f":{name}" if name else "")
+            return f"{COPIES}/{source.folder}/{source.copy}" + (f":{name}" if name else "")
         if text in own.patterns:
             return Path(os.path.relpath(own.access.base("") / text, directory.absolute())).as_posix()
         return text

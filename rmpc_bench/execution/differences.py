@@ -6,6 +6,9 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from rmpc_bench.components.source import folder_of
+from rmpc_bench.config.relocation import COPIES
+
 Code = Mapping[str, Any]
 """What identifies the code of some components; see `config.own_code`."""
 Names = Mapping[str, Mapping[str, str]]
@@ -61,7 +64,13 @@ def differences(before: Any, after: Any, names: Names, path: str = "") -> list[s
     """
     if path.rpartition(".")[2] == "code":
         found = changes(before or {}, after or {}, names)
-        return [f"{role}: {text} since its trials were stored" for role, text in found.items()]
+        stored = (before or {}).get("sources", {})
+        copies = {role: ", ".join(f"{COPIES}/{folder_of(sha)}" for sha in hashes) for role, hashes in stored.items()}
+        return [
+            f"{role}: {text} since the trials were stored"
+            + (f" (earlier files: {copies[role]})" if role in copies else "")
+            for role, text in found.items()
+        ]
     if isinstance(before, dict) and isinstance(after, dict):
         keys = [*before, *(key for key in after if key not in before)]
         return [

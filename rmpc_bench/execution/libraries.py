@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable
 from rmpc_bench.components.installed import distribution_of
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.database import StoreError
+from rmpc_bench.execution.other_code import stored_methods
 from rmpc_bench.execution.store import Store
 
 OF_THE_BENCH = ("numpy", "scipy", "numba", "joblib", "pandas")
@@ -68,11 +69,11 @@ def note_versions(config: ExperimentConfig, store: Store, methods: Collection[st
 
 def _here(config: ExperimentConfig, methods: Collection[str]) -> dict[str, tuple[str, dict[str, str]]]:
     """Return key of the trials -> name of the method, and the versions of the libraries that it uses."""
+    modules = {key: point.modules.get(name, ()) for point in config.points for name, key in point.method_keys.items()}
     return {
-        key: (name, {each: text for each, text in versions(modules).items() if each not in OF_THE_BENCH})
-        for point in config.points
-        for name, key in point.method_keys.items()
-        if name in methods and (modules := point.modules.get(name, ()))
+        method.key: (method.name, {name: text for name, text in found.items() if name not in OF_THE_BENCH})
+        for method in stored_methods(config, methods)
+        if (found := versions(modules[method.key]))
     }
 
 

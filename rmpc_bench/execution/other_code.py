@@ -10,7 +10,7 @@ from typing import Any
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.differences import Names, changes
-from rmpc_bench.execution.store import Store, StoredMethod
+from rmpc_bench.execution.store import Store, StoredMethod, each_once
 
 
 @dataclass(frozen=True)
@@ -96,10 +96,10 @@ def _changes(codes: Iterable[Any], method: StoredMethod, names: Names) -> str:
 
 def stored_methods(config: ExperimentConfig, methods: Collection[str]) -> list[StoredMethod]:
     """Return what identifies the trials of some methods at all points of the sweep, each once."""
-    found = {
-        key: StoredMethod(key, point.definitions[name], point.code[name], name)
+    found = (
+        StoredMethod(key, point.definitions[name], point.code[name], name)
         for point in config.points
         for name, key in point.method_keys.items()
         if name in methods
-    }
-    return list(found.values()) if "runs" in config.evaluate else []
+    )
+    return each_once(found) if "runs" in config.evaluate else []

@@ -25,7 +25,7 @@ def keep_sources(own: OwnCode, directory: Path) -> None:
     """
     for source in own.sources.values():
         for place, file in source.copies.items():
-            path = directory / COPIES / source.sha / place
+            path = directory / COPIES / source.folder / place
             if not path.exists():
                 path.parent.mkdir(parents=True, exist_ok=True)
                 partial = path.with_name(f"{path.name}.part")

@@ -46,6 +46,17 @@ class StoredMethod(NamedTuple):
     """Its name, for messages."""
 
 
+def each_once(methods: Iterable[StoredMethod]) -> list[StoredMethod]:
+    """Return methods that share trials as one, with all their names."""
+    found: dict[str, StoredMethod] = {}
+    for method in methods:
+        names = dict.fromkeys(
+            [*found[method.key].name.split(", "), method.name] if method.key in found else [method.name]
+        )
+        found[method.key] = method._replace(name=", ".join(names))
+    return list(found.values())
+
+
 class Store:
     """An open trials.sqlite; use it as a context manager.
 

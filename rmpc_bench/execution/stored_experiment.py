@@ -15,7 +15,7 @@ from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.sweep_point import key_of_trials
 from rmpc_bench.execution.database import MissingError
-from rmpc_bench.execution.store import Store, StoredMethod
+from rmpc_bench.execution.store import Store, StoredMethod, each_once
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import MetricInfo
 
@@ -180,7 +180,7 @@ class StoredExperiment:
         """What identifies the trials of all methods at all points of the sweep, each once."""
         points = self.points
         found = (each.stored._replace(name=name) for point in points for name, each in point.methods.items())
-        return tuple({method.key: method for method in found}.values()) if self.has_runs else ()
+        return tuple(each_once(found)) if self.has_runs else ()
 
 
 def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping[str, Any]) -> None:

@@ -117,7 +117,8 @@ path.read_text("utf-8")
     path = tmp_path / "hidden.py"
     path.write_text(text)
     (tmp_path / "table.npz").write_text("numbers")
-    found = {(warning.line, warning.message.partition(":")[0]) for warning in read_source(path).warnings}
+    source = read_source(path)
+    found = {(warning.line, warning.message.partition(":")[0]) for warning in (*source.warnings, *source.readings)}
     assert found == {
         (1, "import importlib"),
         (2, "import ctypes"),

@@ -64,6 +64,14 @@ METHODS = """{Kalman: {estimator: {kind: kalman}},
   Limited: {estimator: {kind: kalman}, controller: {file: law.py:Limited}}}"""
 
 
+@pytest.fixture(scope="module", autouse=True)
+def no_first_calls():
+    """Leave out the trial calls of `check` in processes of their own, which take most of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rmpc_bench.config.load.call_first", lambda *_: None)
+        yield
+
+
 @pytest.fixture
 def own(tmp_path):
     """Return a configuration with methods of two files and their neighbours."""
