@@ -1,6 +1,7 @@
 """Every registered controller keeps the rules of rmpc_bench.conformance."""
 
 import inspect
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,9 @@ from conftest import random_model
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import ControllerExample, check_component
+from rmpc_bench.conformance.controller_honesty import ControllerHonestyExample
+from rmpc_bench.conformance.linear_system import LinearSystem
+from rmpc_bench.conformance.results import run_checks
 from rmpc_bench.controllers.mpc import Limits, Scale
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman
@@ -84,3 +88,16 @@ def test_conformance(case):
     design, example, nu = case
     assert [str(result) for result in check_component(design, example) if result.status == "failed"] == []
     assert example.u(design).shape == (RUNS, STEPS, nu)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_honesty(kind):
+    """Every controller uses the data up to k and the reference of its preview only."""
+    system = replace(LinearSystem.shipped(), n_runs=6, n_steps=100)
+    make, given = registry.get("controllers", kind), {"n_steps": system.n_steps, "estimator": system.kalman}
+    provided = {name: value for name, value in given.items() if name in inspect.signature(make).parameters}
+    design = make(system.model, **provided, **PARAMETERS[kind][0])
+    example = ControllerHonestyExample(system, design.preview, None, design.regulates)
+    results = run_checks(ControllerHonestyExample.checks, design, example)
+    assert [str(each) for each in results if each.status == "failed"] == []
+    assert "passed" in {each.status for each in results}

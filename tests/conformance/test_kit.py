@@ -1,6 +1,7 @@
 """The kit names what is wrong with a component, whatever the component does."""
 
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import misbehaving
 import numpy as np
 import pytest
 from conftest import ROUND
-from small_experiment import cli
+from small_experiment import cli, write
 
 from rmpc_bench.conformance import CHECKS, check, check_estimator, parametrize_with_checks
 from rmpc_bench.conformance.elsewhere import Elsewhere
@@ -215,6 +216,19 @@ def test_command_line(tmp_path, monkeypatch):
     assert "must be a YAML mapping" in cli("check", "--component", f"{FILE}:Follower", "--keys", "[1]").output
     monkeypatch.setenv("RMPC_BENCH_NO_CODE", "1")
     assert "refuses all Python files" in cli("check", "--component", f"{FILE}:Follower").output
+
+
+def test_own_components_of_an_experiment(tmp_path):
+    """`check --deep` checks them on the system of their design model; methods with equal ones share the check."""
+    shutil.copy(FILE, tmp_path / "own.py")
+    methods = (
+        "{A: {estimator: {file: own.py:Late}}, B: {estimator: {file: own.py:Late}}, C: {estimator: {kind: kalman}}}"
+    )
+    result = cli("check", "--deep", write(tmp_path, methods=methods))
+    assert result.exit_code == 1, result.output
+    own = result.stdout.partition("own components")[2]
+    assert own.count("own.py:Late") == 1 and "error exact: " in own and "it returns x(k-1), 1 sample late" in own
+    assert "own components" not in cli("check", "--deep", write(tmp_path)).stdout
 
 
 def test_a_file_that_cannot_be_imported(tmp_path):
