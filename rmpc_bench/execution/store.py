@@ -11,7 +11,6 @@ import math
 import sys
 import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from itertools import groupby
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -21,9 +20,10 @@ import numpy as np
 from rmpc_bench.execution.database import Database, StoreError
 from rmpc_bench.execution.differences import Names, differences
 from rmpc_bench.execution.durations import Durations
+from rmpc_bench.execution.ensemble_table import as_array, as_bytes, read_groups, with_stored_runs
 from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failures
 from rmpc_bench.simulation.closed_loop import Block
-from rmpc_bench.simulation.ensemble import SIZE, Group, gathered, start_of_group
+from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import Array, RunFailure, Status
 
@@ -107,7 +107,7 @@ class Store:
         """
         if self.meta(key) == text:
             return
-        rows = [(name, json.dumps(array.shape), zlib.compress(_bytes(array))) for name, array in arrays.items()]
+        rows = [(name, json.dumps(array.shape), zlib.compress(as_bytes(array))) for name, array in arrays.items()]
         self._write(
             [
                 ("DELETE FROM arrays", [()]),
@@ -119,7 +119,7 @@ class Store:
     def array(self, name: str) -> Array:
         """Read an array that was set with `set_layout`."""
         [(shape, data)] = self._read("SELECT shape, data FROM arrays WHERE name = ?", (name,))
-        return _array(zlib.decompress(data)).reshape(json.loads(shape))
+        return as_array(zlib.decompress(data)).reshape(json.loads(shape))
 
     def has_trials(self, method: str) -> bool:
         """Whether a run of a method is stored."""
@@ -240,14 +240,14 @@ class Store:
             for run, value in zip(runs, column.tolist(), strict=True)
         ]
         traces = [
-            (method, signal, run, trace.shape[1], _bytes(trace))
+            (method, signal, run, trace.shape[1], as_bytes(trace))
             for signal, recorded in block.traces.items()
             for run, trace in zip(runs, recorded, strict=False)  # the first ones of the block
         ]
         named = [
             (draw, run, name, value) for run, row in zip(runs, uncertainty, strict=True) for name, value in row.items()
         ]
-        groups = self._with_stored_runs(method, block.ensemble)
+        groups = with_stored_runs(self._read, method, block.ensemble)
         reduced = [(method, group.first, group.stop) for group in groups if not group.is_single]
         self._write(
             [
@@ -255,7 +255,7 @@ class Store:
                 ("DELETE FROM ensemble_groups WHERE method = ? AND first >= ? AND stop <= ?", reduced),
                 (
                     "INSERT OR REPLACE INTO ensemble_groups VALUES (?, ?, ?, ?, ?, ?, ?)",
-                    [(method, *group[:3], group.mean.shape[1], *map(_bytes, group[3:])) for group in groups],
+                    [(method, *group[:3], group.mean.shape[1], *map(as_bytes, group[3:])) for group in groups],
                 ),
                 ("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", trials),
                 ("INSERT OR REPLACE INTO metrics VALUES (?, ?, ?, ?)", values),
@@ -298,7 +298,7 @@ class Store:
         """Recorded runs of a method and their trajectories, (recorded, samples, components)."""
         query = "SELECT run, width, data FROM traces WHERE method = ? AND signal = ? AND run < ? ORDER BY run"
         rows = self._read(query, (method, signal, n_runs))
-        recorded = [_array(data).reshape(-1, width) for _, width, data in rows]
+        recorded = [as_array(data).reshape(-1, width) for _, width, data in rows]
         return [run for run, *_ in rows], np.array(recorded) if rows else np.zeros((0, 0, 0))
 
     def ensemble(self, method: str, n_runs: int) -> list[Group]:
@@ -306,41 +306,9 @@ class Store:
 
         A group that reaches beyond n_runs is left out.
         """
-        query = "SELECT * FROM ensemble_groups WHERE method = ? AND stop <= ? ORDER BY first"
-        parts = self._groups(query, (method, n_runs))
-        whole = {part.first for part in parts if not part.is_single}
-        return [part for part in parts if not part.is_single or start_of_group(part.first) not in whole]
-
-    def _with_stored_runs(self, method: str, parts: Sequence[Group]) -> list[Group]:
-        """Reduce the groups of which all runs are there now: those of a block with those that are stored."""
-        found = [part for part in parts if not part.is_single]
-        singles = (part for part in parts if part.is_single)
-        where = "FROM ensemble_groups WHERE method = ? AND first >= ? AND stop <= ? AND stop = first + 1"
-        for start, members in groupby(singles, key=lambda single: start_of_group(single.first)):
-            new, span = {single.first: single for single in members}, (method, start, start + SIZE)
-            stored = {first for (first,) in self._read(f"SELECT first {where}", span)}
-            if len(stored | new.keys()) == SIZE:
-                before = {single.first: single for single in self._groups(f"SELECT * {where}", span)}
-                found.append(gathered([single for _, single in sorted((before | new).items())]))
-            else:
-                found += new.values()
-        return found
-
-    def _groups(self, query: str, parameters: tuple[Any, ...]) -> list[Group]:
-        return [
-            Group(first, stop, n, _array(mean).reshape(-1, width), _array(second).reshape(-1, width, width))
-            for _, first, stop, n, width, mean, second in self._read(query, parameters)
-        ]
+        return read_groups(self._read, method, n_runs)
 
     def uncertainty(self, draw: str, n_runs: int) -> list[tuple[int, str, float]]:
         """All (run, name, value) of the named uncertain quantities, sorted."""
         query = "SELECT run, name, value FROM uncertainty WHERE draw = ? AND run < ? ORDER BY run, name"
         return self._read(query, (draw, n_runs))
-
-
-def _bytes(array: Array) -> bytes:
-    return np.ascontiguousarray(array, dtype="<f8").tobytes()
-
-
-def _array(data: bytes) -> Array:
-    return np.frombuffer(data, dtype="<f8")
