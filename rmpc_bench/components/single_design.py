@@ -9,7 +9,7 @@ import numpy as np
 
 from rmpc_bench.components.deviation import in_deviation
 from rmpc_bench.components.user_class import HELD, UserClass
-from rmpc_bench.components.user_runs import Failed, UserRuns, failed_call, is_ctrl_c, user_code
+from rmpc_bench.components.user_runs import Failed, UserRuns, failed_call, is_ctrl_c
 from rmpc_bench.types import RunInfo
 from rmpc_bench.types.run_info import Journal
 
@@ -111,7 +111,7 @@ class SingleDesign:
         given = {name: known[name] for name in arguments.names}
         if arguments.takes_all:
             given = {**self.keys, **given}
-        with user_code(journal):
+        with journal.user_code():
             try:
                 self._prepared = (self.user.constant("prepare", None)(**given),)
             except BaseException as error:

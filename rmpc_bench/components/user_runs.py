@@ -7,11 +7,8 @@ sample, outside the loop over the runs.
 from __future__ import annotations
 
 import signal
-import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from itertools import repeat
-from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -19,7 +16,7 @@ import numpy as np
 
 from rmpc_bench.components.trace import one_line, user_trace
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.types import NO_WATCH, Journal, RunFailure, RunInfo, SolverError, Status, TimeLimit
+from rmpc_bench.types import NO_WATCH, RunFailure, RunInfo, SolverError, Status, TimeLimit
 
 OK = int(Status.OK)
 CRASHED = int(Status.CRASHED)
@@ -160,7 +157,7 @@ class UserRuns:
         failures: list[Failed] = []
         durations: list[float] = []
         watch, index = self.runs.watch, self.runs.index
-        with user_code(self.runs.journal):
+        with self.runs.journal.user_code():
             for row, values in zip(rows, arguments, strict=False):
                 if watch is not NO_WATCH:
                     watch.call(index[row], k, self.used[row])
@@ -245,21 +242,6 @@ def failed_call(row: int, error: BaseException) -> Failed:
 def at(k: int | None) -> str:
     """Return the time index for the end of a sentence."""
     return "" if k is None else f" (k = {k})"
-
-
-@contextmanager
-def user_code(journal: Journal | None) -> Iterator[None]:
-    """Run a user's code with NumPy's own settings, and count its warnings instead of printing them."""
-    with (
-        np.errstate(divide="warn", over="warn", under="ignore", invalid="warn"),
-        warnings.catch_warnings(record=True) as caught,
-    ):
-        warnings.simplefilter("always")
-        yield
-    if journal is not None:
-        for each in caught:
-            place = f"{Path(each.filename).name}:{each.lineno}"
-            journal.warnings[f"{each.category.__name__}: {each.message} ({place})"] += 1
 
 
 def _copied(keys: Mapping[str, Any]) -> dict[str, Any]:

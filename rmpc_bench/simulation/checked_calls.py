@@ -7,6 +7,7 @@ the block has failed: a component goes on with the rows of failed runs, whose nu
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from rmpc_bench.types import (
     Controller,
     Estimate,
     Estimator,
+    Journal,
     Method,
     Metric,
     Motion,
@@ -42,19 +44,20 @@ def is_own(design: Any) -> bool:
     return type(design).__module__.partition(".")[0] != "rmpc_bench"
 
 
-def checked_calls(plant: Plant, method: Method, alive: Bool[Array, " runs"]) -> tuple[Any, Any, Any]:
+def checked_calls(plant: Plant, method: Method, alive: Bool[Array, " runs"], journal: Journal) -> tuple[Any, Any, Any]:
     """Return plant, estimator and controller for the loop: built-in ones as they are, others with checked answers.
 
     Parameters
     ----------
     plant, method : the components
     alive : whether a run has not failed, updated in place
+    journal : gets the warnings of components that are not built in
     """
     _, estimator, controller = method
     return (
-        CheckedPlant(plant, alive) if is_own(plant) else plant,
-        CheckedEstimator(estimator, alive) if is_own(estimator) else estimator,
-        CheckedController(controller, alive, plant.nu) if is_own(controller) else controller,
+        CheckedPlant(plant, alive, journal) if is_own(plant) else plant,
+        CheckedEstimator(estimator, alive, journal) if is_own(estimator) else estimator,
+        CheckedController(controller, alive, journal, plant.nu) if is_own(controller) else controller,
     )
 
 
@@ -75,11 +78,11 @@ def metric_values(metric: Metric, record: Record) -> Array:
 class _Checked:
     """What the checked calls of all components share."""
 
-    def __init__(self, alive: Bool[Array, " runs"]) -> None:
-        self._alive, self._n = alive, len(alive)
+    def __init__(self, alive: Bool[Array, " runs"], journal: Journal) -> None:
+        self._alive, self._n, self._journal = alive, len(alive), journal
 
-    def _floating(self) -> np.errstate:
-        return np.errstate(all="warn" if self._alive.all() else "ignore")
+    def _user_code(self) -> AbstractContextManager[None]:
+        return self._journal.user_code(floating=bool(self._alive.all()))
 
 
 class CheckedPlant(_Checked):
@@ -89,22 +92,23 @@ class CheckedPlant(_Checked):
     ----------
     plant : what is called
     alive : whether a run of the block has not failed, updated in place
+    journal : gets the warnings
     """
 
-    def __init__(self, plant: Plant, alive: Bool[Array, " runs"]) -> None:
-        super().__init__(alive)
+    def __init__(self, plant: Plant, alive: Bool[Array, " runs"], journal: Journal) -> None:
+        super().__init__(alive, journal)
         self._plant = plant
 
     def output(self, k: int, delta: Any, x: Array, v: Array) -> Array:
         """Return the checked output."""
-        with self._floating():
+        with self._user_code():
             y = self._plant.output(k, delta, x, v)
         _check_array(y, "output", "y", (self._n, self._plant.ny))
         return y
 
     def step(self, k: int, delta: Any, x: Array, u: Array, w: Array) -> Motion:
         """Return the checked motion."""
-        with self._floating():
+        with self._user_code():
             answer = self._plant.step(k, delta, x, u, w)
         _check_answer(answer, "step", Motion, "x or Motion(x, status)")
         motion = as_motion(answer)
@@ -120,15 +124,16 @@ class CheckedEstimator(_Checked):
     ----------
     estimator : what is called
     alive : whether a run of the block has not failed, updated in place
+    journal : gets the warnings
     """
 
-    def __init__(self, estimator: Estimator, alive: Bool[Array, " runs"]) -> None:
-        super().__init__(alive)
+    def __init__(self, estimator: Estimator, alive: Bool[Array, " runs"], journal: Journal) -> None:
+        super().__init__(alive, journal)
         self._estimator, self._nx = estimator, -1
 
     def correct(self, k: int, state: Any, y: Array) -> tuple[Any, Estimate]:
         """Return the checked estimate."""
-        with self._floating():
+        with self._user_code():
             answer = self._estimator.correct(k, state, y)
         state, second = _pair(answer, "correct", "(state, x_hat) or (state, Estimate)")
         _check_answer(second, "correct", Estimate, "(state, x_hat) or (state, Estimate)")
@@ -145,7 +150,7 @@ class CheckedEstimator(_Checked):
 
     def predict(self, k: int, state: Any, u: Array) -> Any:
         """Return the state at k+1, which only the estimator itself can read."""
-        with self._floating():
+        with self._user_code():
             return self._estimator.predict(k, state, u)
 
 
@@ -156,16 +161,17 @@ class CheckedController(_Checked):
     ----------
     controller : what is called
     alive : whether a run of the block has not failed, updated in place
+    journal : gets the warnings
     nu : number of inputs of the plant
     """
 
-    def __init__(self, controller: Controller, alive: Bool[Array, " runs"], nu: int) -> None:
-        super().__init__(alive)
+    def __init__(self, controller: Controller, alive: Bool[Array, " runs"], journal: Journal, nu: int) -> None:
+        super().__init__(alive, journal)
         self._controller, self._nu = controller, nu
 
     def control(self, k: int, state: Any, y: Array, estimate: Estimate, r: Array) -> tuple[Any, Command]:
         """Return the checked input."""
-        with self._floating():
+        with self._user_code():
             answer = self._controller.control(k, state, y, estimate, r)
         state, second = _pair(answer, "control", "(state, u) or (state, Command)")
         _check_answer(second, "control", Command, "(state, u) or (state, Command)")

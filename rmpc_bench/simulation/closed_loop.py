@@ -129,7 +129,7 @@ def simulate(
     mixes, preview = plant.mixes_noise, controller.preview
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
-    moving, estimating, controlling = checked_calls(plant, method, alive)
+    moving, estimating, controlling = checked_calls(plant, method, alive, start.journal)
     known = r[: n_steps + 1].copy()
     limits, nothing = RunLimits(state_range, x, known), np.full(n_runs, OK)
     outputs, inputs = Recorder(n_steps + 1), Recorder(n_steps)

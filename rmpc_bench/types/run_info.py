@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from jaxtyping import Bool, Int8
@@ -51,6 +53,26 @@ class Journal:
     def fail(self, failure: RunFailure) -> None:
         """Note a failure; the first one of a run counts."""
         self.failures.setdefault(failure.run, failure)
+
+    @contextmanager
+    def user_code(self, *, floating: bool = True) -> Iterator[None]:
+        """Run a user's code with NumPy's own settings, and count its warnings instead of printing them.
+
+        Parameters
+        ----------
+        floating : whether floating-point warnings are given; otherwise they are off, as in the simulation itself
+        """
+        on: Literal["warn", "ignore"] = "warn" if floating else "ignore"
+        with (
+            np.errstate(divide=on, over=on, under="ignore", invalid=on),
+            catch_warnings(record=True) as caught,
+        ):
+            simplefilter("always")
+            yield
+        for each in caught:
+            # Not `pathlib`: below `config` nothing touches files.
+            place = f"{each.filename.replace(chr(92), '/').rpartition('/')[2]}:{each.lineno}"
+            self.warnings[f"{each.category.__name__}: {each.message} ({place})"] += 1
 
 
 class Watch:

@@ -229,3 +229,22 @@ def test_the_base_classes_are_public():
     from rmpc_bench import types
 
     assert (Estimator, Controller, Metric) == (types.Estimator, types.Controller, types.Metric)
+
+
+class Warns(Batch):
+    """A batch class with a floating-point warning and a small number."""
+
+    def correct(self, k, state, y):
+        """Warn; an underflow is no warning."""
+        np.sqrt(np.full(len(y), -1.0))
+        np.exp(np.full(len(y), -800.0))
+        return super().correct(k, state, y)
+
+
+def test_warnings_of_batch_classes_are_counted():
+    """Oracle: one text, once per sample."""
+    from components.one_run import N, experiment, simulated
+
+    (journal,) = simulated(experiment(Warns()))[3]
+    ((text, count),) = journal.warnings.items()
+    assert text.startswith("RuntimeWarning: invalid value encountered in sqrt (test_single_run.py:") and count == N + 1
