@@ -27,6 +27,9 @@ NO_CODE = "RMPC_BENCH_NO_CODE"
 _OVERRIDE = "-s "
 """Start of the file name in the place of a value that was given on the command line."""
 
+_CODE = (".py", ".so", ".pyd")
+"""Endings of modules."""
+
 _named: set[tuple[Path, str]] = set()
 """Files that this process has named on stderr, with their hashes."""
 
@@ -145,14 +148,25 @@ class CodeAccess:
             raise CodeError(f"{file}: Python files are not loaded, because {NO_CODE}=1 is set")
         if self.directory is None and not self.allowed:
             raise CodeError(f"{file}: a configuration that is no file in a directory may load no Python file")
+        self._refuse_outside(path, file)
+        if not path.is_file():
+            raise CodeError(_missing(file, path, "*.py"))
+        try:
+            imported = [each for each in read_source(path).files if each.beside and each.path.suffix in _CODE]
+        except OSError:
+            # Reported when the file is loaded.
+            return
+        for each in imported:
+            self._refuse_outside(each.path.resolve(), f"{each.place}, which {file} imports,")
+
+    def _refuse_outside(self, path: Path, file: str) -> None:
+        """Refuse a file that nobody has agreed to; symbolic links are resolved."""
         roots = [*self.allowed, *([] if self.directory is None else [self.directory.resolve()])]
         if not any(path.is_relative_to(root) for root in roots):
             raise CodeError(
                 f"{file} is outside the directory of the configuration; its code runs only if you allow it: "
                 f"--allow-code {_quoted(path)}"
             )
-        if not path.is_file():
-            raise CodeError(_missing(file, path, "*.py"))
 
     def data(self, text: str, written_in: str) -> DataReference:
         """Return the data files that a path or a pattern names.

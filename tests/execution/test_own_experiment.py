@@ -9,6 +9,7 @@ from small_experiment import cli
 from rmpc_bench import load_config, load_trials
 from rmpc_bench.config.reader import load
 from rmpc_bench.execution import libraries
+from rmpc_bench.types import ConfigError
 
 TANK = """
 def rhs(x, u, p):
@@ -86,9 +87,10 @@ def run(path, out, *options):
 
 @pytest.fixture(scope="module", autouse=True)
 def no_first_calls():
-    """Leave out the trial calls of `check` in processes of their own, which take most of the time."""
+    """Leave out trial imports and calls in processes of their own, which take most of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rmpc_bench.config.load.call_first", lambda *_: None)
+        patch.setattr("rmpc_bench.config.build._ExperimentBuilder.call_first", lambda *_: None)
+        patch.setattr("rmpc_bench.components.consent.check_import", lambda *_: None)
         yield
 
 
@@ -160,6 +162,17 @@ def test_the_resolved_configuration_loads_from_the_copies(copied, monkeypatch, t
     assert named["methods"]["Two"]["estimator"]["table"] == "../data/g*.csv"
     assert run(moved / "config.resolved.yaml", moved, "-n").stdout.startswith("tank: 0 of 4 trials")
     assert len(load_trials(moved).runs) == 2
+
+
+def test_a_neighbour_outside_the_directory_needs_consent(tmp_path):
+    """A symbolic link beside the file leads out of the directory."""
+    path = written(tmp_path / "here")
+    (tmp_path / "gains.py").write_text("K = 1")
+    (tmp_path / "here" / "gains.py").symlink_to(tmp_path / "gains.py")
+    edit(tmp_path / "here" / "observer.py", "import filterpy", "import gains")
+    with pytest.raises(ConfigError, match=r"gains.py, which observer.py imports, is outside .* --allow-code"):
+        load_config(path)
+    assert load_config(path, allow_code=[tmp_path / "gains.py"])
 
 
 def test_another_version_of_a_library(copied, monkeypatch):
