@@ -120,7 +120,7 @@ def _single_run_design(group: str, component: Any) -> Callable[..., Any]:
         return _made(user, bound.arguments)
 
     design.__signature__ = signature  # type: ignore[attr-defined]
-    design.__doc__ = inspect.getdoc(component)
+    design.__doc__ = _documented(inspect.getdoc(component) or "", user)
     design.__name__, design.__qualname__ = component.__name__, component.__qualname__
     design.__module__ = component.__module__
     init = getattr(component, "__init__", None) if isinstance(component, type) else component
@@ -128,6 +128,16 @@ def _single_run_design(group: str, component: Any) -> Callable[..., Any]:
         # Annotations written as text are evaluated in the module of the function that has them.
         design.__wrapped__ = init  # type: ignore[attr-defined]
     return design
+
+
+def _documented(text: str, user: UserClass) -> str:
+    """Add the common keys to the parameters of a docstring."""
+    heading = "Parameters\n----------\n"
+    entries = "".join(f"{name} : {meaning}\n" for name, meaning in user.common_keys.items())
+    if not entries:
+        return text
+    before, found, after = text.partition(heading)
+    return f"{before}{found}{entries}{after}" if found else f"{text}\n\n{heading}{entries}"
 
 
 def _made(user: UserClass, given: Mapping[str, Any]) -> Any:

@@ -29,6 +29,11 @@ ALWAYS: Mapping[str, tuple[str, ...]] = {
 """What the bench needs itself of what is known before any run."""
 HELD = ("estimators", "controllers")
 """Groups whose components have the keys `on_failure` and `max_held`."""
+COMMON_KEYS: Mapping[str, str] = {
+    "on_failure": "what follows a failed step: `stop` ends the run, `hold` goes on with the last input, or with the "
+    "last estimate moved by the model",
+    "max_held": "share of the steps of a run that may be held",
+}
 Failing = Literal["stop", "hold"]
 
 
@@ -76,7 +81,7 @@ class UserClass:
         """Parameters of `__init__` that are keys of the configuration."""
         given = {*words(self.group, "__init__")}
         keys = {name: each for name, each in self.of_init.parameters.items() if name not in given}
-        taken = {"on_failure", "max_held"} & set(keys)
+        taken = set(COMMON_KEYS) & set(keys)
         if taken and self.group in HELD:
             raise DesignError(f"{sorted(taken)[0]!r} is a key of every single-run component; choose another", "kind")
         return keys
@@ -107,6 +112,11 @@ class UserClass:
         if self.group == "metrics" and "name" not in self.keys:
             parameters.append(inspect.Parameter("name", only, default=snake_case(self.cls.__name__), annotation=str))
         return inspect.Signature(parameters)
+
+    @property
+    def common_keys(self) -> Mapping[str, str]:
+        """Keys that all single-run components of the group have, with their meanings."""
+        return COMMON_KEYS if self.group in HELD else {}
 
     def constant(self, name: str, default: Any) -> Any:
         """Return an attribute of the class, or a default."""

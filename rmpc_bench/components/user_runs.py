@@ -19,7 +19,7 @@ from rmpc_bench.components.user_class import UserClass
 from rmpc_bench.types import NO_WATCH, RunFailure, RunInfo, SolverError, Status, TimeLimit
 
 OK = int(Status.OK)
-CRASHED = int(Status.CRASHED)
+CRASHED, TIMEOUT = int(Status.CRASHED), int(Status.TIMEOUT)
 BEFORE = "before "
 """Begin of the name of a signal of the sample before."""
 JOINED = f"{BEFORE}correct"
@@ -206,7 +206,8 @@ class UserRuns:
     ) -> None:
         """Hold the step of a failed call, or end its run."""
         row, journal = failure.row, self.runs.journal
-        if settle is not None and settle(failure):
+        # A step that took too long is not held: the numbers of a run do not depend on the speed of the machine.
+        if settle is not None and failure.status != TIMEOUT and settle(failure):
             self.held[row] += 1
             journal.held[self.runs.index[row]] += 1
             journal.warnings[f"{self.role}: a step was held: {failure.message.removesuffix(at(k))}"] += 1

@@ -11,7 +11,7 @@ from rmpc_bench.components.single_run import single_run
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.estimation import EstimationMse
 from rmpc_bench.simulation.closed_loop import simulate_block
-from rmpc_bench.types import Status
+from rmpc_bench.types import Status, TimeLimit
 
 METRICS = (Nees(), EstimationMse())
 LQR = {"Q_x": 1.0, "R_u": 1.0, "horizon": 5}
@@ -268,6 +268,13 @@ def test_a_held_step_is_the_last_estimate_moved_by_the_model(value):
     np.testing.assert_allclose(traces["x_hat"][:, 4], x_hat @ MODEL.A.T + u @ MODEL.B.T, **ROUND)
     (reason,) = journal.warnings
     assert reason.startswith("estimator: a step was held: ") and "k = " not in reason
+
+
+def test_a_step_that_takes_too_long_is_not_held():
+    """Oracle: the status of the run; otherwise its numbers would depend on the speed of the machine."""
+    held = designed("estimators", answers(TimeLimit("too long")), on_failure="hold")
+    status, _, _, (journal,) = simulated(experiment(held, n_runs=1))
+    assert status.tolist() == [Status.TIMEOUT] and not journal.held
 
 
 @single_run

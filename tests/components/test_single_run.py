@@ -141,7 +141,8 @@ def test_parameters_of_init_are_keys(registered):
         problems.clear()
         assert validate(kind, Map(tree, mark=mark), ["e"], problems) is None
         assert message in problems[0].message
-    assert inspect.getdoc(design_function("estimators", Tuned)).startswith("A filter with keys.")
+    text = inspect.getdoc(design_function("estimators", Tuned))
+    assert text.startswith("A filter with keys.") and "gain : how much" in text and "max_held : share" in text
 
 
 def test_the_marked_class_stays_usable():
