@@ -18,6 +18,7 @@ Used by the stages:
 
 - YAML: reader.py (text to tree), tree.py (trees with places), writer.py (plain data to text);
 - keys: sections.py (top level), schema.py and unions.py (keys of a component from its signature), component.py;
+- errors in keys: key_errors.py; files of the user: short_forms.py, user_files.py, plugins.py;
 - stage 2 and 3: plant_source.py (what comes with a plant or a model), sweep_section.py (reads and checks the sweep);
 - stage 4: draft.py (the sections of a point), noise_section.py (uncertainty, noise, initial state);
 - stage 5: build_method.py (model, estimator, controller), build_noise.py, identity.py (what is hashed), sweep_point.py

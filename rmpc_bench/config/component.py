@@ -19,7 +19,8 @@ from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.designs import is_built_in, registered_design
 from rmpc_bench.components.loading import reference_of, user_code
 from rmpc_bench.components.recipes import Recipe, inside
-from rmpc_bench.config.schema import keys_of, keys_with_files, shown, validate
+from rmpc_bench.config.key_errors import shown
+from rmpc_bench.config.schema import keys_of, keys_with_files, validate
 from rmpc_bench.config.short_forms import FILE, given_forms, with_kind
 from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key
 from rmpc_bench.config.user_files import placed

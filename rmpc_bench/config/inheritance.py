@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.plant_source import FILE, PATH, SECTIONS_OF_A_PLANT, lay_over_source, open_section
 from rmpc_bench.config.reader import Override, load
-from rmpc_bench.config.schema import shown
 from rmpc_bench.config.source import GivenConfig
 from rmpc_bench.config.tree import Items, Map, Mark, assign, locate, split
 from rmpc_bench.types import ConfigError, Problem

@@ -10,7 +10,8 @@ from rmpc_bench import registry
 from rmpc_bench.components.code import is_reference
 from rmpc_bench.config.component import read_component
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm
-from rmpc_bench.config.schema import shown, validate
+from rmpc_bench.config.key_errors import shown
+from rmpc_bench.config.schema import validate
 from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.config.tree import Items, Map, locate
 from rmpc_bench.expressions import quantity

@@ -22,20 +22,18 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    Tag,
     TypeAdapter,
     ValidationError,
     create_model,
 )
 
-from rmpc_bench import registry
-from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.designs import is_built_in, registered_design
-from rmpc_bench.config.tree import Items, Map, Mark, join, locate, locate_key
+from rmpc_bench.config.key_errors import key_problem
+from rmpc_bench.config.tree import Mark
 from rmpc_bench.config.unions import union
 from rmpc_bench.config.user_files import names_files, read_data, read_function
 from rmpc_bench.expressions import quantity
-from rmpc_bench.types import FromCode, FromData, OverTime, Problem, row_by_row
+from rmpc_bench.types import FromCode, FromData, OverTime, Problem
 
 PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps", "x0", "bounds"}),
@@ -224,7 +222,7 @@ def validate(
     try:
         return adapter.validate_python(tree)
     except ValidationError as error:
-        problems += [_problem(entry, tree, path, kind, mark) for entry in error.errors()]
+        problems += [key_problem(entry, tree, path, kind, mark) for entry in error.errors()]
         return None
 
 
@@ -239,94 +237,3 @@ def _adapter(kind: Any) -> tuple[Any, TypeAdapter[Any]]:
         checked = with_quantities(kind)
         _ADAPTERS[id(kind)] = kind, checked, TypeAdapter(checked)
     return _ADAPTERS[id(kind)][1:]
-
-
-def _problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:
-    steps, node = [], tree
-    error = entry.get("ctx", {}).get("error")
-    if isinstance(error, CodeError) and error.place is not None:
-        return Problem(*error.place, "", str(error))
-    # The paths of pydantic contain the members of unions, too.
-    for step in entry["loc"]:
-        if isinstance(node, dict) and step in node or isinstance(node, list) and step in range(len(node)):
-            steps.append(step)
-            node = node[step]
-    if entry["type"] == "extra_forbidden":
-        mark = locate_key(tree, steps)
-    elif entry["type"] == "missing" and isinstance(tree, Map | Items):
-        mark = locate(tree, steps)
-        what = f"{entry['loc'][-1]!r} is missing" if isinstance(entry["loc"][-1], str) else "has too few entries"
-        return Problem(*mark, join([*path, *steps]), what)
-    elif isinstance(tree, Map | Items):
-        mark = locate(tree, steps)
-    return Problem(*(mark or Mark("", 1, 1)), join([*path, *steps]), _message(entry, kind, steps))
-
-
-_WORDS: dict[str, str] = {
-    "greater_than": "must be > {gt}",
-    "greater_than_equal": "must be >= {ge}",
-    "less_than": "must be < {lt}",
-    "less_than_equal": "must be <= {le}",
-    "int_type": "must be a whole number",
-    "int_from_float": "must be a whole number",
-    "string_type": "must be text",
-    "string_too_short": "must not be empty",
-    "string_pattern_mismatch": "must consist of letters, digits, '_', '-' and '.', and begin with a letter or digit",
-    "bool_type": "must be true or false",
-    "bool_parsing": "must be true or false",
-    "dict_type": "must be a mapping",
-    "model_type": "must be a mapping",
-    "model_attributes_type": "must be a mapping",
-    "list_type": "must be a list",
-    "tuple_type": "must be a list",
-    "too_long": "has too many entries",
-    "too_short": "has too few entries",
-    "shape": "{message}",
-    "literal_error": "must be {expected}",
-    "value_error": "{error}",
-}
-
-
-def _message(entry: Any, kind: Any, steps: Sequence[str | int]) -> str:
-    context = {**entry.get("ctx", {}), "message": entry["msg"]}
-    if entry["type"] == "extra_forbidden":
-        known = _keys_at(kind, entry["loc"][:-1])
-        return registry.unknown(str(steps[-1]), known, "key")
-    text = _WORDS.get(entry["type"], entry["msg"]).format(**context)
-    if entry["type"] == "shape" and _is_flat(entry["input"]) and text.endswith("a matrix"):
-        return f"{text} (got {shown(entry['input'])}); {row_by_row(entry['input'])}"
-    if entry["type"] == "value_error" and _is_flat(entry["input"]) and steps:
-        return f"must be one value (got {entry['input']}); several values are compared by `sweep`"
-    return text if entry["type"] == "value_error" else f"{text} (got {shown(entry['input'])})"
-
-
-def _is_flat(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and not any(isinstance(entry, list | dict) for entry in value)
-
-
-def shown(value: Any) -> str:
-    """Return the text of a value in a message."""
-    if isinstance(value, dict):
-        return "a mapping"
-    if isinstance(value, list | tuple):
-        return f"a list of {len(value)}"
-    return "nothing" if value is None else repr(value)
-
-
-def _keys_at(kind: Any, steps: Sequence[str | int]) -> list[str]:
-    """Return the keys of a model at a path of pydantic, which contains the tags of unions."""
-    if get_origin(kind) is Annotated:
-        return _keys_at(get_args(kind)[0], steps)
-    if get_origin(kind) in (Union, UnionType):
-        tagged = {mark.tag: member for member in get_args(kind) for mark in get_args(member) if isinstance(mark, Tag)}
-        return _keys_at(tagged[str(steps[0])], steps[1:])
-    if get_origin(kind) in (list, tuple) and steps:
-        entries = get_args(kind)
-        each = len(entries) == 1 or entries[1] is ...
-        return _keys_at(entries[0] if each else entries[int(steps[0])], steps[1:])
-    if get_origin(kind) is dict and steps:
-        return _keys_at(get_args(kind)[1], steps[1:])
-    if not (inspect.isclass(kind) and issubclass(kind, BaseModel)):
-        return []
-    fields = {field.alias or name: field.annotation for name, field in kind.model_fields.items()}
-    return _keys_at(fields.get(str(steps[0])), steps[1:]) if steps else list(fields)

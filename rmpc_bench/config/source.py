@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.reader import Override, load, parse_override
-from rmpc_bench.config.schema import shown
 from rmpc_bench.config.tree import Map
 from rmpc_bench.types import ConfigError, Problem
 

@@ -14,8 +14,8 @@ from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config import plant_range
 from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ParameterChange
+from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty
-from rmpc_bench.config.schema import shown
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
 from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.sweep import SweptTree
