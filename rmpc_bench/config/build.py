@@ -256,13 +256,15 @@ def build(drafts: Sequence[DraftConfig], own: OwnCode, *, smoke: bool) -> list[S
     points: list[SweepPoint | None] = []
     with single_thread():
         for draft in drafts:
-            experiment = _experiment(draft, cache, calls, smoke=smoke)
+            experiment = _experiment(draft, cache, calls, smoke=smoke, first=draft is drafts[0])
             points.append(None if experiment is None else sweep_point(draft, experiment, own))
     return points
 
 
-def _experiment(draft: DraftConfig, cache: DesignCache, calls: FirstCalls, *, smoke: bool) -> Experiment | None:
-    """Make all designs of one point."""
+def _experiment(
+    draft: DraftConfig, cache: DesignCache, calls: FirstCalls, *, smoke: bool, first: bool
+) -> Experiment | None:
+    """Make all designs of one point; the first point of a sweep describes its models."""
     if draft.values["time"] is None:
         return None
     builder = _ExperimentBuilder(draft, cache, smoke=smoke)
@@ -298,5 +300,6 @@ def _experiment(draft: DraftConfig, cache: DesignCache, calls: FirstCalls, *, sm
         state_range=state_range,
     )
     draft.warnings += warnings_of(draft, experiment, builder.methods.model)
-    draft.model_facts = model_facts(draft, builder.methods.model)
+    if first:
+        draft.model_facts = model_facts(draft, builder.methods.model)
     return experiment
