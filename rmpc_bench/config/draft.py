@@ -85,6 +85,8 @@ class DraftConfig:
     """Limits of the true state, the keys `bounds` and `diverged` of the plant."""
     bound_units: dict[str, set[str]] = field(default_factory=dict)
     """Name under `bounds` -> units that stand behind its numbers."""
+    start_units: list[str] = field(default_factory=list)
+    """Units that stand behind the numbers of the initial state; empty where there is none."""
     model: Component | None = None
     reference: Component | None = None
     input: Component | None = None

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
 
 from rmpc_bench import registry
 from rmpc_bench.components.code import is_reference
@@ -168,7 +170,8 @@ def _same(draft: DraftConfig, law: Map, path: list[str | int]) -> NoiseTerm | No
 
 
 _Vector = float | list[float]
-_INITIAL: Mapping[str, Any] = {"x": _Vector, "x_hat": _Vector, "P": Matrix, "M": Matrix}
+_Start: Any = float | list[Annotated[Any, BeforeValidator(quantity.with_unit)]]
+_INITIAL: Mapping[str, Any] = {"x": _Start, "x_hat": _Vector, "P": Matrix, "M": Matrix}
 
 
 def read_initial(draft: DraftConfig) -> None:
@@ -183,3 +186,6 @@ def read_initial(draft: DraftConfig) -> None:
             draft.initial["laws"] = _laws(draft, value, path)
         elif name != "P" or value != "process":
             draft.initial[name] = draft.checked(_INITIAL[name], path)
+    if isinstance(draft.initial["x"], list):
+        draft.start_units = [unit for _, unit in draft.initial["x"]]
+        draft.initial["x"] = [number for number, _ in draft.initial["x"]]

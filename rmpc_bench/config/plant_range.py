@@ -78,6 +78,7 @@ def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRang
     """
     bounds, found = draft.plant_range.get("bounds") or {}, len(draft.problems)
     low, high = np.full(plant.nx, -np.inf), np.full(plant.nx, np.inf)
+    _check_start_units(draft, plant)
     for name, pair in bounds.items():
         lower, upper = _pair(*pair)
         if not lower < upper:
@@ -152,6 +153,13 @@ def _check_unit(draft: DraftConfig, plant: Plant, name: str) -> None:
     """Report a unit other than that of the state or the input."""
     for message in _wrong_units(plant, name, draft.bound_units.get(name, set())):
         draft.note(["plant", "bounds", name], message)
+
+
+def _check_start_units(draft: DraftConfig, plant: Plant) -> None:
+    """Report units of the initial state other than those of the states."""
+    for i, (name, unit) in enumerate(zip(state_names(plant), draft.start_units, strict=False)):
+        for message in _wrong_units(plant, name, {unit} - {""}):
+            draft.note(["initial", "x", i], message)
 
 
 def _wrong_units(plant: Plant, name: str, given: set[str]) -> Iterator[str]:

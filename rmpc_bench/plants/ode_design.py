@@ -101,7 +101,7 @@ def stepping_of(
         stepping = Stepping(solver, substeps, found)
         cost = _seconds(ode, Ts, stepping, start)
     if reasons or solver.method != "rk4":
-        remarks.append(f"a step takes about {1e6 * cost:.2g} us per run")
+        remarks.append(f"a step takes about {float(f'{1e6 * cost:.2g}'):g} us per run")
     return stepping, tuple(remarks), cost
 
 

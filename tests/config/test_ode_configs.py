@@ -41,7 +41,7 @@ record: {{runs: 2, signals: [y, u, x]}}
 """
 USUAL = {
     "plant": PLANT, "bounds": "{h1: [0.0001 m, 0.6 m], pump: [0, 30 ml/s]}", "diverged": "{h2: 4}",
-    "x": "[0.0647, 0.0822]", "r": 0.15,
+    "x": "[0.0647 m, 0.0822]", "r": 0.15,
 }  # fmt: skip
 
 
@@ -112,6 +112,8 @@ def test_bounds_and_limits_have_names(tmp_path):
         ({"bounds": "{h1: [0 mm, 1 m]}"}, "plant.bounds.h1", "h1 is in m (got mm)"),
         ({"bounds": "{pump: [30, 0]}"}, "plant.bounds.pump", "the lower bound 30 must be below the upper bound 0"),
         ({"bounds": "{h1: [0, one]}"}, "plant.bounds.h1", "unknown name 'one'"),
+        ({"x": "[0.1, 0.1 mm]"}, "initial.x.1", "h2 is in m (got mm); units are compared by name"),
+        ({"x": "[0.1, blue]"}, "initial.x.1", "unknown name 'blue'"),
         ({"x": "[0.7, 0.1]"}, "initial.x", "h1 starts at 0.7, outside its plant.bounds [0.0001, 0.6]"),
         ({"plant": PLANT.replace("a1: 7.1e-6, ", "")}, "plant.ode", "'a1' is not a known parameter"),
         ({"plant": PLANT + "  solver: {substeps: 4, rtol: 1e-3}\n"}, "plant.solver", "'rk4' has no rtol"),
