@@ -1,5 +1,7 @@
 """Estimators written for one run: equal to those of the bench, block after block, and their own failures."""
 
+import signal
+
 import numpy as np
 import pytest
 from components.one_run import MODEL, Fixed, N, Textbook, designed, experiment, kalman, simulated
@@ -256,6 +258,19 @@ def test_an_exception_gives_the_status_of_the_run(error, status):
     """Oracle: the table; nothing is raised out of the simulation."""
     found, _, _, (journal,) = simulated(experiment(designed("estimators", answers(error)), n_runs=2))
     assert found.tolist() == [status, status] and journal.failures[0].status == status
+
+
+def test_a_keyboard_interrupt_of_the_user_is_a_crash_where_there_is_no_ctrl_c():
+    """Oracle: a worker process ignores SIGINT, so that the exception is the user's; elsewhere it ends the program."""
+    made = experiment(designed("estimators", answers(KeyboardInterrupt())), n_runs=1)
+    with pytest.raises(KeyboardInterrupt):
+        simulated(made)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        status, _, _, (journal,) = simulated(made)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert status.tolist() == [Status.CRASHED] and journal.failures[0].message == "KeyboardInterrupt"
 
 
 @pytest.mark.parametrize("value", [ValueError("no"), SolverError("no"), np.full(2, np.nan), np.zeros(3)])

@@ -126,6 +126,7 @@ def test_a_failure_of_the_plant_is_a_crash_of_its_run(name):
     assert status.tolist() == [Status.CRASHED] * 2
     failure = journal.failures[1]
     assert (failure.component, failure.k, failure.message) == ("plant", k, message)
+    assert failure.values["p"] == {"gain": 1.0}
     assert np.isfinite(traces["x"]).all()
 
 
