@@ -27,6 +27,7 @@ _PUBLIC: dict[str, str] = {
     "load_results": "rmpc_bench.execution.results",
     "load_trials": "rmpc_bench.execution.results",
     "Results": "rmpc_bench.execution.results",
+    "replay": "rmpc_bench.execution.replay",
     "summarise": "rmpc_bench.execution.evaluation",
     "compare": "rmpc_bench.execution.evaluation",
     "judge": "rmpc_bench.execution.evaluation",

@@ -17,6 +17,7 @@ _VERBS: dict[str, tuple[str, str]] = {
         "rmpc_bench.cli.catalogue:describe",
         "Show a component or a configured system, and its keys.",
     ),
+    "show": ("rmpc_bench.cli.show:show", "Replay one run bit for bit, with its full trace."),
     "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
     "schema": ("rmpc_bench.cli.schema:schema", "Print the JSON Schema of a configuration, for editors."),
 }

@@ -6,6 +6,7 @@ import os
 import re
 import traceback
 from pathlib import Path
+from types import TracebackType
 
 _BENCH = f"{Path(__file__).resolve().parents[1]}{os.sep}"
 _FOLDED = "  (frames of rmpc_bench left out)\n"
@@ -38,6 +39,16 @@ def last_user_frame(error: BaseException) -> str:
     """Return file name and line of the last frame outside the bench, such as ``tanks.py:12``; empty without one."""
     frames = [each for each in traceback.extract_tb(error.__traceback__) if not each.filename.startswith(_BENCH)]
     return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
+
+
+def user_entry(error: BaseException) -> TracebackType | None:
+    """Return the entry of a traceback at the innermost frame outside the bench; that of the error without one."""
+    found, entry = error.__traceback__, error.__traceback__
+    while entry is not None:
+        if not entry.tb_frame.f_code.co_filename.startswith(_BENCH):
+            found = entry
+        entry = entry.tb_next
+    return found
 
 
 def place_in(trace: str) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from rmpc_bench.components.trace import one_line, user_trace
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.types import NO_WATCH, RunFailure, RunInfo, SolverError, Status, TimeLimit
+from rmpc_bench.types import NO_WATCH, PassedOn, RunFailure, RunInfo, SolverError, Status, TimeLimit
 
 OK = int(Status.OK)
 CRASHED, TIMEOUT = int(Status.CRASHED), int(Status.TIMEOUT)
@@ -154,6 +154,8 @@ class UserRuns:
         if rows is not self.everyone:
             columns = [column if isinstance(column, repeat) else [column[row] for row in rows] for column in columns]
         arguments: Any = zip(*columns, strict=False) if names else repeat(())
+        if self.runs.journal.call is not None:
+            calls = [None if each is None else self._handed_over(each, k) for each in calls]
         failures: list[Failed] = []
         durations: list[float] = []
         watch, index = self.runs.watch, self.runs.index
@@ -166,7 +168,7 @@ class UserRuns:
                     answer = calls[row](*values)
                 except BaseException as error:
                     # The other runs of the block may have used the memory: this run is repeated alone.
-                    if is_ctrl_c(error) or isinstance(error, MemoryError):
+                    if is_ctrl_c(error) or isinstance(error, MemoryError | PassedOn):
                         raise
                     durations.append(perf_counter() - start)
                     failures.append(failed_call(row, error))
@@ -182,6 +184,12 @@ class UserRuns:
         self.runs.journal.seconds.setdefault(name, []).extend(durations)
         for failure in failures:
             self.fail(failure, k, signals, settle)
+
+    def _handed_over(self, function: Callable[..., Any], k: int | None) -> Callable[..., Any]:
+        """Return a call that `Journal.call` makes."""
+        call = self.runs.journal.call
+        assert call is not None
+        return lambda *values: call(self.role, k, function, values)
 
     def _column(self, name: str, k: int | None, signals: Mapping[str, Any]) -> Any:
         """Return the values of an argument for every run, each its own copy."""

@@ -66,7 +66,7 @@ from rmpc_bench.types.records import (
 )
 from rmpc_bench.types.reference import Reference
 from rmpc_bench.types.result_layout import ResultLayout
-from rmpc_bench.types.run_info import NO_WATCH, Journal, RunFailure, RunInfo, Watch
+from rmpc_bench.types.run_info import NO_WATCH, Journal, PassedOn, RunFailure, RunInfo, Watch
 from rmpc_bench.types.status import (
     Status,
     Statuses,
@@ -114,6 +114,7 @@ __all__ = [
     "OperatingPoint",
     "OverTime",
     "Panel",
+    "PassedOn",
     "Parameters",
     "Period",
     "Plant",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -33,6 +33,14 @@ class RunFailure(NamedTuple):
     """Name -> numbers in nested lists: y, u_previous, x_hat, parameters of the run."""
 
 
+class PassedOn(BaseException):
+    """An exception of a component that `Journal.call` raises to end the simulation, in place of a failed run."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+        super().__init__(str(error))
+
+
 @dataclass
 class Journal:
     """What happened in the runs of a block besides their numbers.
@@ -43,12 +51,14 @@ class Journal:
     held : run -> number of held steps
     seconds : component and phase, such as ``estimator`` or ``estimator, first step`` -> durations of its calls [s]
     warnings : text of a warning of a component -> how often it was given
+    call : calls the methods of components written for one run in place of the bench, for a debugger
     """
 
     failures: dict[int, RunFailure] = field(default_factory=dict)
     held: Counter[int] = field(default_factory=Counter)
     seconds: dict[str, list[float]] = field(default_factory=dict)
     warnings: Counter[str] = field(default_factory=Counter)
+    call: Callable[..., Any] | None = None
 
     def fail(self, failure: RunFailure) -> None:
         """Note a failure; the first one of a run counts."""

@@ -1,0 +1,194 @@
+"""rmpc-bench show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rmpc_bench.cli import exits
+
+if TYPE_CHECKING:
+    from rmpc_bench.execution.replay import Replay
+
+SHOWN = 10
+"""Samples of a trace on the screen, the last ones."""
+EXPORTS = (".csv", ".npz", ".mat")
+PICTURES = (".svg", ".png", ".pdf")
+
+
+def _ending(endings: tuple[str, ...]) -> Callable[[click.Context, click.Parameter, Path | None], Path | None]:
+    def check(context: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+        if value is not None and value.suffix.lower() not in endings:
+            raise click.BadParameter(f"{value}: the ending must be one of {', '.join(endings)}")
+        return value
+
+    return check
+
+
+@click.command()
+@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--run", required=True, type=click.IntRange(min=0), help="Index of the run, from 0.")
+@click.option("--method", required=True, help="Name of the method.")
+@click.option("--at", multiple=True, metavar="PATH=VALUE", help="Point of a sweep; may be repeated.")
+@click.option("--until", type=click.IntRange(min=0), metavar="K", help="Stop after this sample.")
+@click.option("--pdb", "debug", is_flag=True, help="Open the debugger in your code: at an exception, or at --until K.")
+@click.option("--plot", type=click.Path(path_type=Path), callback=_ending(PICTURES), help="Draw the trace into a file.")
+@click.option(
+    "--export", type=click.Path(path_type=Path), callback=_ending(EXPORTS), help="Write the trace: .csv, .npz, .mat."
+)
+@exits.guarded
+def show(
+    directory: Path,
+    run: int,
+    method: str,
+    at: tuple[str, ...],
+    until: int | None,
+    debug: bool,
+    plot: Path | None,
+    export: Path | None,
+) -> int:
+    """Replay one run bit for bit, alone and with its full trace, from what lies in DIRECTORY.
+
+    It uses the configuration and the copies of your Python files that lie beside the results.  The exit code is 1 if
+    the replay differs from what is stored.
+    """
+    from rmpc_bench.execution.replay import replay
+    from rmpc_bench.types import DesignError
+
+    point = dict(_pair(text) for text in at)
+    try:
+        found = replay(directory, run, method, until=until, at=point, call=_debugger(until) if debug else None)
+    except DesignError as error:
+        raise click.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
+    if debug and found.error is not None and not _post_mortem(found.error):
+        return 0
+    click.echo("\n".join(_lines(found, until)))
+    if export is not None:
+        _export(found, export)
+    if plot is not None:
+        _plot(found, plot)
+    return exits.FINDING_DIFFERS if _differs(found, until) else 0
+
+
+def _pair(text: str) -> tuple[str, str]:
+    path, equals, value = text.partition("=")
+    if not equals:
+        raise click.BadParameter(f"{text!r}: expected PATH=VALUE", param_hint="--at")
+    return path.strip(), value.strip()
+
+
+def _debugger(until: int | None) -> Any:
+    """Return what calls the methods of a component: an exception goes to the debugger, and it stops at a sample."""
+    import pdb
+    from bdb import BdbQuit
+
+    from rmpc_bench.types import PassedOn
+
+    stopped: list[int] = []
+
+    class Debugger(pdb.Pdb):
+        def set_quit(self) -> None:
+            # The debugger itself would return nothing in place of the answer.
+            raise PassedOn(BdbQuit())
+
+    def call(role: str, k: int | None, function: Callable[..., Any], values: Sequence[Any]) -> Any:
+        try:
+            return function(*values)
+        except Exception as error:
+            raise PassedOn(error) from error
+
+    def stopping(role: str, k: int | None, function: Callable[..., Any], values: Sequence[Any]) -> Any:
+        if k != until or stopped:
+            return call(role, k, function, values)
+        stopped.append(1)
+        return Debugger(nosigint=True).runcall(function, *values)
+
+    return call if until is None else stopping
+
+
+def _post_mortem(error: BaseException) -> bool:
+    """Open the debugger in the innermost frame of the user's code; False if the user has left it before."""
+    import pdb
+    from bdb import BdbQuit
+
+    from rmpc_bench.components.trace import user_entry
+
+    if isinstance(error, BdbQuit):
+        return False
+    pdb.post_mortem(user_entry(error))
+    return True
+
+
+def _differs(found: Replay, until: int | None) -> bool:
+    return until is None and bool(found.stored_status) and bool(found.differing or found.status != found.stored_status)
+
+
+def _lines(found: Replay, until: int | None) -> list[str]:
+    where = f" at {found.point}" if found.point else ""
+    lines = [f"run {found.run} of {found.method}{where}: {found.status}"]
+    if found.failure is not None:
+        at = "" if found.failure.k is None else f" at k = {found.failure.k}, t = {found.Ts * found.failure.k:g} s"
+        lines += [f"{found.failure.component}{at}: {found.failure.message}"]
+        lines += [found.failure.trace.rstrip()] if found.failure.trace else []
+    if found.uncertainty:
+        lines += ["uncertain quantities  " + ", ".join(f"{n} = {v:.6g}" for n, v in found.uncertainty.items())]
+    if len(found.signals["x"]):
+        frame = found.to_frame()
+        names = [name for name in frame if name.split(".")[0] in ("k", "t", "r", "y", "u", "x", "x_hat")]
+        table = frame[names].tail(SHOWN).to_string(index=False, float_format="{:.6g}".format, na_rep="")
+        left = len(frame) - SHOWN
+        lines += ["", table, *([f"({left} earlier samples: --export FILE.csv)"] if left > 0 else [])]
+    return [*lines, "", *_comparison(found, until)]
+
+
+def _comparison(found: Replay, until: int | None) -> list[str]:
+    """Say whether the replay is what is stored."""
+    if until is not None:
+        return [f"up to k = {until}; without --until the metrics are compared with the stored ones"]
+    if not found.stored_status:
+        return ["this run is not stored; there is nothing to compare with"]
+    if found.status != found.stored_status:
+        return [f"differs: the stored status is {found.stored_status}"]
+    if found.differing:
+        pairs = found.differing.items()
+        return [f"differs: {name} is {here!r} here and {there!r} stored" for name, (here, there) in pairs]
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in found.metrics.items())
+    return [f"bit for bit as stored: {values}" if values else f"as stored: {found.stored_status}"]
+
+
+def _export(found: Replay, file: Path) -> None:
+    frame = found.to_frame()
+    if file.suffix.lower() == ".csv":
+        from rmpc_bench.report.summary import write_csv
+
+        write_csv(frame, file)
+    else:
+        arrays = {"k": frame["k"].to_numpy(), "t": frame["t"].to_numpy(), "r": found.r, **found.signals}
+        if file.suffix.lower() == ".npz":
+            import numpy as np
+
+            np.savez_compressed(file, **arrays)
+        else:
+            from scipy.io import savemat
+
+            savemat(file, arrays, oned_as="column")
+    click.echo(f"written {file}", err=True)
+
+
+def _plot(found: Replay, file: Path) -> None:
+    from rmpc_bench.figures.component_plot import draw_component
+    from rmpc_bench.figures.files import save_as
+    from rmpc_bench.types import Line, Panel
+
+    frame = found.to_frame()
+    panels = []
+    for signals in (("y", "r"), ("u",), ("x", "x_hat")):
+        names = [name for name in frame if name.split(".")[0] in signals]
+        lines = tuple(Line(str(name), frame["t"].to_numpy(), frame[name].to_numpy(dtype=float)) for name in names)
+        unit = found.units.get(signals[0], "")
+        panels.append(Panel("", "time [s]", f"{', '.join(signals)}" + (f" [{unit}]" if unit else ""), lines))
+    save_as(draw_component(panels), file)
+    click.echo(f"written {file}", err=True)

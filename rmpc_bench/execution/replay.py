@@ -1,0 +1,219 @@
+"""One run again, alone and with its full trace; its numbers are those of the experiment, bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.config.load import load_config
+from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.execution.database import FILE, MissingError
+from rmpc_bench.execution.engines.failures import failure_of
+from rmpc_bench.execution.engines.tasks import named_values
+from rmpc_bench.execution.runner import RESOLVED
+from rmpc_bench.execution.store import Store
+from rmpc_bench.registry import unknown
+from rmpc_bench.simulation.checked_calls import metric_values
+from rmpc_bench.simulation.closed_loop import SIGNALS, simulate
+from rmpc_bench.simulation.run_start import RunStart
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.types import Array, DesignError, Journal, Method, PassedOn, RunFailure, RunInfo, Status
+
+OK = np.int8(Status.OK)
+_WORDS = {int(status): status.word for status in Status}
+Call = Callable[[str, int | None, Callable[..., Any], Sequence[Any]], Any]
+"""Calls a method of a component written for one run: role, sample (None before the first), function, arguments."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A run of one method.
+
+    Parameters
+    ----------
+    run, method, point : index of the run, name of the method, point of the sweep in words
+    status : word of its status
+    failure : why it has failed; None where it has not, or where there is no description
+    Ts : sampling time [s]
+    signals : signal -> (samples, components), up to the last sample or the failure; u and what the controller reports
+        have one sample less where the run reached its end
+    r : (samples, ny) reference
+    units : signal -> unit, and of single components, such as ``y.2``
+    uncertainty : named uncertain quantity -> value in this run
+    metrics : metric -> value; empty for a part of a run and for a failed one
+    stored : metric -> value in the trial store; empty where the run is not stored
+    stored_status : word of the stored status; empty where the run is not stored
+    error : the exception of a component, for a debugger; None where there is none
+    """
+
+    run: int
+    method: str
+    point: str
+    status: str
+    failure: RunFailure | None
+    Ts: float
+    signals: Mapping[str, Array]
+    r: Array
+    units: Mapping[str, str]
+    uncertainty: Mapping[str, float]
+    metrics: Mapping[str, float]
+    stored: Mapping[str, float]
+    stored_status: str
+    error: BaseException | None = None
+
+    @property
+    def differing(self) -> dict[str, tuple[float, float]]:
+        """Metric -> value here and in the store, where they are not the same number."""
+        both = {name: (value, self.stored[name]) for name, value in self.metrics.items() if name in self.stored}
+        return {name: pair for name, pair in both.items() if not np.array_equal(*pair, equal_nan=True)}
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the trace as a table: k, t and a column per component of a signal; empty where there is no value."""
+        n = len(self.signals["x"])
+        columns: dict[str, Array] = {"k": np.arange(n), "t": np.round(self.Ts * np.arange(n), 12)}
+        for name, values in {"r": self.r[:n], **self.signals}.items():
+            padded = np.full((n, values.shape[1]), np.nan)
+            padded[: len(values)] = values
+            columns |= {f"{name}.{i}" if values.shape[1] > 1 else name: padded[:, i] for i in range(values.shape[1])}
+        return pd.DataFrame(columns)
+
+
+def replay(
+    directory: str | Path,
+    run: int,
+    method: str,
+    *,
+    until: int | None = None,
+    at: Mapping[str, str] | None = None,
+    call: Call | None = None,
+) -> Replay:
+    """Simulate one stored run again, from the configuration and the code that lie beside the trials.
+
+    Parameters
+    ----------
+    directory : where `run` or the command line has stored trials
+    run : index of the run
+    method : name of the method
+    until : last sample; the whole run unless given
+    at : path of the sweep -> value, for one of its points; the first point unless given
+    call : calls the methods of components written for one run, for a debugger
+
+    Returns
+    -------
+    the run with its trace; its metrics are compared with the stored ones
+
+    Raises
+    ------
+    MissingError
+        If there is no experiment in the directory.
+    ConfigError
+        If the configuration there cannot be built.
+    DesignError
+        If there is no such run, method, sample or point.
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> again = rmpc_bench.replay(directory, 2, "R-MPC")
+    >>> again.status, again.differing
+    ('ok', {})
+    """
+    place = Path(directory)
+    if not (place / FILE).exists() or not (place / RESOLVED).exists():
+        raise MissingError(f"{place}: there is no experiment; fill the directory with `rmpc-bench run`")
+    config = load_config(place / RESOLVED)
+    point = _point(config.points, at or {})
+    experiment = point.experiment
+    if method not in config.methods:
+        raise DesignError(unknown(method, config.methods, "method"), "method")
+    if not 0 <= run < experiment.n_runs:
+        raise DesignError(f"there is no run {run}; they count from 0 to {experiment.n_runs - 1}", "run")
+    if until is not None and not 0 <= until <= experiment.n_steps:
+        raise DesignError(f"there is no sample {until}; they count from 0 to {experiment.n_steps}", "until")
+    with single_thread():
+        found = _simulated(experiment, experiment.method(method), run, until, call)
+    status, stored = _stored(place, point, method, run)
+    return Replay(run, method, point.title, **found, stored=stored, stored_status=status)
+
+
+def _point(points: Sequence[SweepPoint], at: Mapping[str, str]) -> SweepPoint:
+    for path in at:
+        if path not in points[0].coordinates:
+            raise DesignError(unknown(path, points[0].coordinates, "path of the sweep"), "at")
+    found = [point for point in points if all(point.coordinates[path] == value for path, value in at.items())]
+    if not found:
+        titles = "; ".join(point.title for point in points[:5])
+        raise DesignError(f"there is no such point of the sweep; the first ones are {titles}", "at")
+    return found[0]
+
+
+def _simulated(
+    experiment: Experiment, method: Method, run: int, until: int | None, call: Call | None
+) -> dict[str, Any]:
+    """Simulate a run; return the fields of a `Replay`."""
+    plant, n_steps = experiment.plant, experiment.n_steps if until is None else until
+    for design in (plant, method.estimator, method.controller):
+        design.warm_up()
+    draws = experiment.scenario.draw(plant, range(run, run + 1), experiment.n_steps)
+    r = experiment.scenario.reference.sample(experiment.n_steps + 1 + method.controller.preview)
+    journal = Journal(call=call)
+    info = {*method.reports, *(name for metric in experiment.metrics for name in metric.needs_info)}
+    common = {
+        "Ts": plant.Ts,
+        "r": r[: n_steps + 1],
+        "units": {"y": plant.y_unit, "u": plant.u_unit, **plant.units},
+        "uncertainty": named_values(experiment, run),
+    }
+    start = RunStart(experiment.scenario.seed, (run,), journal)
+    limits, error = experiment.state_range, None
+    try:
+        record, status = simulate(
+            plant, method, draws, r, n_steps, with_P=True, with_M=True, info=info, state_range=limits, start=start
+        )
+    except (PassedOn, Exception) as caught:
+        error = caught.error if isinstance(caught, PassedOn) else caught
+        ended = failure_of(error, experiment, run)
+        empty = {name: np.zeros((0, 1)) for name in SIGNALS}
+        return {
+            **common,
+            "status": _WORDS[ended.status],
+            "failure": ended,
+            "signals": empty,
+            "metrics": {},
+            "error": error,
+        }
+    metrics: dict[str, float] = {}
+    if until is None:
+        evaluated = RunInfo((run,), (), status == OK, journal)
+        record = record._replace(experiment=experiment.metric_layout, runs=evaluated)
+        with np.errstate(over="ignore", invalid="ignore"):
+            metrics = {metric.name: float(metric_values(metric, record)[0]) for metric in experiment.metrics}
+        status = np.where(status == OK, evaluated.failed, status)
+        metrics = metrics if status[0] == OK else {}
+    failure = journal.failures.get(run)
+    last = n_steps if failure is None or failure.k is None else failure.k
+    named = {name: getattr(record, name) for name in SIGNALS} | dict(record.info)
+    signals = {name: values[0, : last + 1] for name, values in named.items()}
+    found = {"status": _WORDS[int(status[0])], "failure": failure, "signals": signals, "metrics": metrics}
+    return {**common, **found}
+
+
+def _stored(directory: Path, point: SweepPoint, method: str, run: int) -> tuple[str, dict[str, float]]:
+    """Return the stored status of a run, and its metrics; both empty where it is not stored."""
+    key = point.method_keys[method]
+    with Store(directory, writable=False) as store:
+        runs, words = store.column(key, run + 1)
+        if run not in runs:
+            return "", {}
+        word = words[runs.index(run)]
+        values = {name: float(store.values(key, each, [run])[0]) for name, each in point.metric_keys.items()}
+    return word, values if word == Status.OK.word else {}
