@@ -24,7 +24,7 @@ def test_public_names_are_the_documented_ones():
     """Data, verbs, extension; `model` is there because noise sets cannot be given from Python without it."""
     assert set(rmpc_bench._PUBLIC) == {
         *("LinearModel", "Scenario", "Experiment", "Method", "Status", "Trials", "Results"),
-        *("simulate", "run", "load_config", "load_results", "load_trials"),
+        *("simulate", "run", "replay", "load_config", "load_results", "load_trials"),
         *("summarise", "compare", "judge", "figure", "publish"),
         *("register", "plant", "model", "estimator", "controller"),
         *("single_run", "SolverError", "Estimator", "Controller", "Plant", "Metric", "Figure"),

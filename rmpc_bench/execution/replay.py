@@ -17,13 +17,13 @@ from rmpc_bench.execution.engines.failures import failure_of
 from rmpc_bench.execution.engines.tasks import named_values
 from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.store import Store
-from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.checked_calls import metric_values
 from rmpc_bench.simulation.closed_loop import SIGNALS, simulate
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import Array, DesignError, Journal, Method, PassedOn, RunFailure, RunInfo, Status
+from rmpc_bench.types.issue import unknown
 
 OK = np.int8(Status.OK)
 _WORDS = {int(status): status.word for status in Status}
