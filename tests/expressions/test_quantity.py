@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from rmpc_bench.expressions.quantity import QuantityError, number, parse, spread
+from rmpc_bench.expressions.quantity import QuantityError, number, parse, spread, with_unit
 
 NAMES = {"k": 3.0, "eps_min": -0.25}
 SCOPE = {"__builtins__": {}, "pi": math.pi, "sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, **NAMES}
@@ -234,3 +234,19 @@ def test_import_is_light():
     """The module needs the standard library only."""
     code = "import sys, rmpc_bench.expressions.quantity; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "unit"),
+    [("8 ml/s", 8.0, "ml/s"), ("0.5 N m", 0.5, "N m"), ("-1e-3 m^2", -1e-3, "m^2"), ("10 %", 0.1, ""), (3, 3.0, "")],
+)
+def test_a_unit_may_stand_behind_a_number(text, value, unit):
+    """Oracle: the number and the name of the unit, which is not converted."""
+    assert with_unit(text) == (value, unit)
+
+
+@pytest.mark.parametrize("text", ["ml/s", "8ml", "eps m", "8 +", True, None])
+def test_a_unit_needs_a_number_and_a_blank(text):
+    """Oracle: the error of the number."""
+    with pytest.raises(QuantityError):
+        with_unit(text)
