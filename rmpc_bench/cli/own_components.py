@@ -33,7 +33,8 @@ def own_component_lines(config: ExperimentConfig) -> tuple[list[str], bool]:
             lines.append(f"    {each.method}: {each.text}: not checked: {each.reason}")
             continue
         failed |= not each.report.passed
-        lines.append(f"    {each.method}: {each.text}: {each.report.summary()}")
+        where = f" ({each.reason})" if each.reason else ""
+        lines.append(f"    {each.method}: {each.text}: {each.report.summary()}{where}")
         for result in each.report.results:
             if result.status in ("failed", "expected"):
                 word = result.severity if result.status == "failed" else "expected"

@@ -6,13 +6,17 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from rmpc_bench.components.recipes import Recipe, recipe_of
+from rmpc_bench.conformance.experiment_example import ExperimentSystem
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.report import Report
 from rmpc_bench.conformance.subject import Subject
 from rmpc_bench.conformance.supervisor import check_subject
 from rmpc_bench.simulation.scenario import Experiment
 
-NOT_LINEAR = "its design model is not linear, so that the best estimate is not known"
+NOT_LINEAR = "the design model is not linear"
+
+
+PARTLY = "in the experiment itself, because its design model is not linear"
 
 
 class OwnComponent(NamedTuple):
@@ -24,7 +28,7 @@ class OwnComponent(NamedTuple):
     report: Report | None
     """None where it cannot be checked."""
     reason: str = ""
-    """Why it cannot be checked."""
+    """Why it cannot be checked, or not on a linear system."""
 
 
 def check_own_components(experiment: Experiment) -> Iterator[OwnComponent]:
@@ -53,11 +57,16 @@ def _checked(method: str, recipe: Recipe, experiment: Experiment) -> OwnComponen
     model = recipe.provided.get("model")
     if model is None:
         model = next((each for each in _models(experiment)), None)
+    value = recipe.design if recipe.code is None else None
     if model is None or not model.is_linear_model:
-        return OwnComponent(method, text, None, NOT_LINEAR)
+        if recipe.group != "estimators":
+            return OwnComponent(method, text, None, NOT_LINEAR)
+        subject = Subject(
+            text, recipe.group, recipe.code, keys=recipe.parameters, value=value, provided=recipe.provided
+        )
+        return OwnComponent(method, text, check_subject(subject, system=ExperimentSystem(experiment, method)), PARTLY)
     system = LinearSystem.of(model.at(0), experiment.plant.Ts)
     kept = {name: recipe.provided[name] for name in ("plant_info", "model") if name in recipe.provided}
-    value = recipe.design if recipe.code is None else None
     subject = Subject(text, recipe.group, recipe.code, keys=recipe.parameters, value=value, provided=kept)
     return OwnComponent(method, text, check_subject(subject, system=system))
 

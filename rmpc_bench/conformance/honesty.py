@@ -28,6 +28,8 @@ from rmpc_bench.types import Array, Estimator
 
 CHANGE = 81
 """Sample from which on another y is given to a causal estimator."""
+AHEAD = 20
+"""Samples after the change; a component that looks further ahead is not found."""
 MOST_ERRORS = 4.0
 """Standard errors beyond which a paired difference counts."""
 
@@ -130,21 +132,39 @@ def fresh_process(component: Any, example: Any) -> None:
 
 
 def _causal(estimator: Estimator, example: HonestyExample) -> None:
-    y, rows = example.recorded.y[:5], range(5)
+    require_causal(estimator, example.data)
+
+
+def require_causal(estimator: Estimator, data: EstimatorExample, change: int = CHANGE) -> None:
+    """Fail if estimates depend on later measurements.
+
+    Parameters
+    ----------
+    estimator : what is checked
+    data : measurements and inputs
+    change : sample from which on other measurements are given
+
+    Raises
+    ------
+    AssertionError
+        With the number of samples ahead.
+    """
+    y, rows = data.y[:5, : change + AHEAD], range(min(5, data.n_runs))
     changed = y.copy()
-    spread = 3.0 * y.std(axis=(0, 1))
-    changed[:, CHANGE:] += spread * np.random.default_rng(17).standard_normal(changed[:, CHANGE:].shape)
+    # The size of noise: measurements of another size may be impossible for the model.
+    spread = 0.5 * np.diff(y, axis=1).std(axis=(0, 1)) + 1e-6 * np.abs(y).max()
+    changed[:, change:] += spread * np.random.default_rng(17).standard_normal(changed[:, change:].shape)
     # Several times each: an estimator may remember the data of an earlier method and use them as the future.
-    before, after = ([example.data.x_hat(estimator, rows, each) for _ in range(3)] for each in (y, changed))
-    if not np.array_equal(before[1][:, :CHANGE], before[2][:, :CHANGE], equal_nan=True):
+    before, after = ([data.x_hat(estimator, rows, each) for _ in range(3)] for each in (y, changed))
+    if not np.array_equal(before[1][:, :change], before[2][:, :change], equal_nan=True):
         raise NotApplicableError("the same data give other numbers, see `repeated`")
     for other in after:
-        found, expected = other[:, :CHANGE], before[1][:, :CHANGE]
+        found, expected = other[:, :change], before[2][:, :change]
         differs = (found != expected) & ~((found != found) & (expected != expected))
         if differs.any():
-            ahead = CHANGE - int(np.flatnonzero(differs.any(axis=(0, 2)))[0])
+            ahead = change - int(np.flatnonzero(differs.any(axis=(0, 2)))[0])
             samples = f"{ahead} sample{'s' if ahead > 1 else ''}"
-            raise AssertionError(f"uses the future: with another y from k = {CHANGE} on x_hat changes {samples} ahead")
+            raise AssertionError(f"uses the future: with another y from k = {change} on x_hat changes {samples} ahead")
 
 
 def _in_time(estimator: Estimator, example: HonestyExample) -> str:
@@ -183,9 +203,12 @@ def _possible(estimator: Estimator, example: HonestyExample) -> str:
     return text
 
 
+FUNCTION = Check(
+    "function-of-data", "x_hat depends on y, u and the model only: the same without a plant", function_of_data
+)
 FRESH = Check("fresh-process", "the same bits in a fresh process, with another hash seed and directory", fresh_process)
 HonestyExample.checks = (
-    Check("function-of-data", "x_hat depends on y, u and the model only: the same without a plant", function_of_data),
+    FUNCTION,
     FRESH,
     Check("causal", "x_hat(k) does not depend on y after k", _causal),
     Check("in-time", "x_hat(k) fits x(k) better than the state of any other sample", _in_time),

@@ -12,6 +12,7 @@ from rmpc_bench.conformance.controllers import ControllerExample
 from rmpc_bench.conformance.elsewhere import Elsewhere
 from rmpc_bench.conformance.estimators import FIRST
 from rmpc_bench.conformance.example_results import example_record, example_results
+from rmpc_bench.conformance.experiment_example import ExperimentExample, ExperimentSystem, System
 from rmpc_bench.conformance.figures import FigureExample
 from rmpc_bench.conformance.filtering import EstimatorExample
 from rmpc_bench.conformance.honesty import FRESH, HonestyExample
@@ -47,16 +48,22 @@ class Setting:
     ----------
     subject : the component
     group : group of the registry
-    system : the linear Gaussian system
+    system : the linear Gaussian system, or that of an experiment
     """
 
     subject: Subject
     group: str
-    system: LinearSystem
+    system: System
 
     def provided(self, n_steps: int) -> Mapping[str, Any]:
         """Return what a design function of the group may ask for."""
         return provided(self.group, self.system, n_steps)
+
+    @property
+    def linear(self) -> LinearSystem:
+        """The linear Gaussian system."""
+        assert isinstance(self.system, LinearSystem)
+        return self.system
 
     def made(self, n_steps: int) -> Any:
         """Make the design for a number of steps."""
@@ -67,7 +74,7 @@ class Setting:
         return Elsewhere(self.subject, self.provided(n_steps or self.system.n_steps), self.group)
 
 
-def provided(group: str, system: LinearSystem, n_steps: int) -> Mapping[str, Any]:
+def provided(group: str, system: System, n_steps: int) -> Mapping[str, Any]:
     """Return what a design function may ask for.
 
     Parameters
@@ -76,6 +83,9 @@ def provided(group: str, system: LinearSystem, n_steps: int) -> Mapping[str, Any
     system : the linear Gaussian system
     n_steps : number of control periods
     """
+    if isinstance(system, ExperimentSystem):
+        # The recipe of the component has what the experiment provides.
+        return {}
     model = system.model
     start = {"x0": system.x0, "P0": system.P0, "M0": system.P0}
     common = {"Ts": system.plant.Ts, "n_steps": n_steps, "plant_info": PlantInfo.of(system.plant)}
@@ -95,17 +105,18 @@ MADE = Check("signature", "the design can be made", lambda component, example: N
 
 
 def _estimator_stages(setting: Setting) -> Iterator[Stage]:
-    design: Estimator = setting.made(setting.system.n_steps)
+    system = setting.linear
+    design: Estimator = setting.made(system.n_steps)
     elsewhere = setting.elsewhere()
     try:
         elsewhere.prepare()
-        example = HonestyExample(setting.system, elsewhere)
+        example = HonestyExample(system, elsewhere)
         yield Stage((MADE,))
         if design.knows_uncertainty:
             yield Stage(FIRST[:1], design, example.data)
             return
         yield Stage(FIRST, design, example.data)
-        model = setting.system.model
+        model = system.model
         data = EstimatorExample.random(model.nu, model.ny, n_steps=SHORT)
         yield Stage(_without(EstimatorExample.checks, FIRST), setting.made(SHORT), data)
         yield Stage(HonestyExample.checks, design, example)
@@ -114,7 +125,7 @@ def _estimator_stages(setting: Setting) -> Iterator[Stage]:
 
 
 def _controller_stages(setting: Setting) -> Iterator[Stage]:
-    system, elsewhere = setting.system, setting.elsewhere()
+    system, elsewhere = setting.linear, setting.elsewhere()
     design: Controller = setting.made(system.n_steps)
     try:
         elsewhere.prepare()
@@ -180,7 +191,7 @@ STAGES: Mapping[str, Callable[[Setting], Iterator[Stage]]] = {
     "estimators": _estimator_stages,
     "controllers": _controller_stages,
     "plants": _plant_stages,
-    "references": _simple_stages(lambda setting: ReferenceExample(setting.system.model.ny)),
+    "references": _simple_stages(lambda setting: ReferenceExample(setting.linear.model.ny)),
     "noises": _simple_stages(lambda setting: NoiseExample(NOISES)),
     "metrics": _simple_stages(lambda setting: MetricExample(example_record())),
     "figures": _simple_stages(lambda setting: FigureExample(example_results())),
@@ -197,6 +208,16 @@ CHECKS: Mapping[str, tuple[Check, ...]] = {
 """Every check, by group of components."""
 
 
+def _experiment_stages(setting: Setting, system: ExperimentSystem) -> Iterator[Stage]:
+    design, elsewhere = setting.made(system.n_steps), setting.elsewhere()
+    try:
+        elsewhere.prepare()
+        yield Stage((MADE,))
+        yield Stage(ExperimentExample.checks, design, ExperimentExample(system, design, elsewhere))
+    finally:
+        elsewhere.close()
+
+
 def stages(setting: Setting) -> Iterator[Stage]:
     """Return the checks of a component with what they are run on, in their order.
 
@@ -204,6 +225,9 @@ def stages(setting: Setting) -> Iterator[Stage]:
     ----------
     setting : the component and what the bench provides
     """
+    if isinstance(setting.system, ExperimentSystem):
+        yield from _experiment_stages(setting, setting.system)
+        return
     if setting.group not in STAGES:
         raise NotApplicableError(f"there are no checks of {setting.group}")
     yield from STAGES[setting.group](setting)

@@ -125,8 +125,9 @@ def packed(subject: Subject, job: Any) -> bytes:
     subject : decides how
     job : what is sent; contains the subject
     """
-    content = pickle.dumps(job) if subject.value is None else dumps(job)
-    return pickle.dumps((subject.value is not None, content))
+    # What an experiment provides may contain functions of the user's files.
+    by_value = subject.value is not None or bool(subject.provided)
+    return pickle.dumps((by_value, dumps(job) if by_value else pickle.dumps(job)))
 
 
 def unpacked(data: bytes) -> Any:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from rmpc_bench.conformance.elsewhere import SAME_SEED, started
-from rmpc_bench.conformance.linear_system import LinearSystem
+from rmpc_bench.conformance.experiment_example import System
 from rmpc_bench.conformance.report import Report
 from rmpc_bench.conformance.results import PACKAGE, CheckResult, with_expected
 from rmpc_bench.conformance.stages import CHECKS, MADE
@@ -37,7 +37,7 @@ class _Process:
     seconds : time limit of a check
     """
 
-    def __init__(self, job: tuple[Subject, LinearSystem | None, frozenset[str]], seconds: float) -> None:
+    def __init__(self, job: tuple[Subject, System | None, frozenset[str]], seconds: float) -> None:
         self.seconds = seconds
         self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `close`
         self.process = started(MODULE, SAME_SEED, errors=self.errors, session=True)
@@ -95,13 +95,13 @@ class _Process:
         return ""
 
 
-def check_subject(subject: Subject, *, system: LinearSystem | None = None, seconds: float = SECONDS) -> Report:
+def check_subject(subject: Subject, *, system: System | None = None, seconds: float = SECONDS) -> Report:
     """Run all checks of a component.
 
     Parameters
     ----------
     subject : the component
-    system : linear Gaussian system that it is designed for; the shipped one unless given
+    system : what it is checked on: a linear Gaussian system, the shipped one unless given, or that of an experiment
     seconds : time limit of one check
 
     Returns

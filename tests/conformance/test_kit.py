@@ -11,8 +11,10 @@ import pytest
 from conftest import ROUND
 from small_experiment import cli, write
 
+from rmpc_bench import load_config
 from rmpc_bench.conformance import CHECKS, check, check_estimator, parametrize_with_checks
 from rmpc_bench.conformance.elsewhere import Elsewhere
+from rmpc_bench.conformance.experiment_example import ExperimentExample, ExperimentSystem
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.report import Report
 from rmpc_bench.conformance.results import run_checks, with_expected
@@ -229,6 +231,19 @@ def test_own_components_of_an_experiment(tmp_path):
     own = result.stdout.partition("own components")[2]
     assert own.count("own.py:Late") == 1 and "error exact: " in own and "it returns x(k-1), 1 sample late" in own
     assert "own components" not in cli("check", "--deep", write(tmp_path)).stdout
+
+
+def test_an_estimator_in_the_experiment_itself(tmp_path):
+    """Where the design model is not linear, the plant of the experiment stands in for the linear system."""
+    shutil.copy(FILE, tmp_path / "own.py")
+    methods = "{A: {estimator: {file: own.py:Foreseeing}}, B: {estimator: {file: own.py:Textbook}}}"
+    experiment = load_config(write(tmp_path, methods=methods)).experiment
+    found = {}
+    for method in experiment.methods:
+        example = ExperimentExample(ExperimentSystem(experiment, method.name), method.estimator)
+        found[method.name] = run_checks(ExperimentExample.checks, method.estimator, example)
+    failed = {name: [each.id for each in results if each.status == "failed"] for name, results in found.items()}
+    assert failed == {"A": ["causal"], "B": []}
 
 
 def test_a_file_that_cannot_be_imported(tmp_path):
