@@ -46,7 +46,9 @@ def compiled_step(ode: Ode, Ts: float, substeps: int) -> Step:
         step(0, np.ones(ode.nx), np.ones(ode.nu))
     # Numba raises errors of many kinds, and the function is the user's.
     except Exception as error:
-        reason = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
+        lines = [line.strip(" :") for line in str(error).splitlines() if line.strip()]
+        # The first line of numba's errors names only the stage of the compiler.
+        reason = next((line for line in lines if not line.startswith("Failed in")), "no reason given")
         raise DesignError(
             f"rhs cannot be compiled ({type(error).__name__}: {reason}); compiled code reads parameters as p.name and "
             "uses numbers, arrays and functions of math and NumPy only",

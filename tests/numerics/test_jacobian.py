@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import sympy
 from plants import tanks
 
 from rmpc_bench.numerics.jacobian import derivative, jacobian
@@ -71,7 +72,6 @@ def test_two_tanks_have_ten_digits():
 
 def test_a_pendulum_agrees_with_symbolic_derivatives(rng):
     """Oracle: sympy."""
-    sympy = pytest.importorskip("sympy")
     s = sympy.symbols("s v a w f")
     M, m, length, g = 0.5, 0.2, 0.3, 9.81
     sin, cos = sympy.sin(s[2]), sympy.cos(s[2])
