@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,8 @@ class SingleDesign:
         """
         runs = run_info(n_runs) if runs is None else runs
         fixed = dict(self.given)
+        if "model" in fixed:
+            fixed["model"] = read_only(fixed["model"])
         if "plant_info" in fixed:
             fixed["limits"] = fixed["plant_info"].limits
         made = UserRuns(self.role, self.user, runs, fixed, self.given["Ts"])
@@ -119,6 +122,23 @@ class SingleDesign:
                     raise
                 return failed_call(0, error)
         return None
+
+
+def read_only(model: Any) -> Any:
+    """Return a model whose matrices cannot be changed in place, which would change them for all runs and methods.
+
+    Parameters
+    ----------
+    model : a design model; it stays as it is, since compiled code takes its arrays
+    """
+    copied = copy(model)
+    for name, value in vars(copied).items() if hasattr(copied, "__dict__") else ():
+        if isinstance(value, np.ndarray):
+            locked = value.view()
+            locked.setflags(write=False)
+            # A frozen dataclass refuses an assignment.
+            object.__setattr__(copied, name, locked)
+    return copied
 
 
 def run_info(n_runs: int) -> RunInfo:

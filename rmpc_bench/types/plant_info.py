@@ -47,11 +47,19 @@ class PlantInfo(NamedTuple):
         states, inputs, outputs = names
         nominal = {name: float(value) for name, value in plant.nominal.items()}
         sizes = plant.nx, plant.nu, plant.ny, float(plant.Ts)
-        return cls(*sizes, states, inputs, outputs, units, nominal, SignalLimits(u, x))
+        return cls(*sizes, states, inputs, outputs, units, nominal, SignalLimits(_locked(u), _locked(x)))
 
 
 def _numbered(plant: Plant, signal: str) -> tuple[str, ...]:
     return tuple(f"{signal}.{i}" for i in range(int(getattr(plant, f"n{signal}"))))
+
+
+def _locked(limits: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return limits that cannot be changed: all runs have the same."""
+    low, high = (np.array(each) for each in limits)
+    for each in (low, high):
+        each.setflags(write=False)
+    return low, high
 
 
 def _free(n: int) -> tuple[Array, Array]:

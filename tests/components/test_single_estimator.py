@@ -113,6 +113,24 @@ def test_arguments_are_the_users_own():
 
 
 @single_run
+class ChangesModel(Textbook):
+    """A filter that changes a matrix of the model in place."""
+
+    def __init__(self, model):
+        super().__init__(model)
+        self.m.A[0, 0] *= 2.0
+
+
+def test_the_model_of_all_runs_cannot_be_changed():
+    """Oracle: the run crashes in its own line, and the model of the bench has its matrix."""
+    before = MODEL.A.copy()
+    status, _, _, (journal,) = simulated(experiment(designed("estimators", ChangesModel), n_runs=2))
+    assert (status == Status.CRASHED).all() and "read-only" in journal.failures[0].message
+    np.testing.assert_array_equal(MODEL.A, before)
+    assert MODEL.A.flags.writeable
+
+
+@single_run
 class Particles:
     """A particle filter of 40 particles with its own random numbers."""
 
