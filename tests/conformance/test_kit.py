@@ -9,10 +9,12 @@ import misbehaving
 import numpy as np
 import pytest
 from conftest import ROUND
+from scipy.stats import chi2, norm
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
 from rmpc_bench.conformance import CHECKS, check, check_estimator, parametrize_with_checks
+from rmpc_bench.conformance.consistency import band
 from rmpc_bench.conformance.elsewhere import Elsewhere
 from rmpc_bench.conformance.experiment_example import ExperimentExample, ExperimentSystem
 from rmpc_bench.conformance.linear_system import LinearSystem
@@ -129,6 +131,13 @@ def test_a_plant_with_memory_is_named(monkeypatch):
     assert results["repeated"].counts
     for fine in (misbehaving.Walk, misbehaving.SharedObjects):
         assert results_here(fine, "plants", monkeypatch)["methods-apart"].status == "passed"
+
+
+@pytest.mark.parametrize("degrees", [100, 1000])
+def test_the_band_is_that_of_chi_square(degrees):
+    """Oracle: the quantiles of scipy; the approximation of Wilson and Hilferty is off by 2e-3 at most."""
+    expected = chi2.ppf(norm.cdf([-4.0, 4.0]), degrees) / degrees
+    np.testing.assert_allclose(band(degrees), expected, atol=2e-3)
 
 
 # -- in processes of their own -----------------------------------------------------------------------------------------
