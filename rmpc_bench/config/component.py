@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -121,13 +122,22 @@ class Component:
     def references(self) -> tuple[CodeReference, ...]:
         """Return what the component uses in Python files of the user: its own file, and those that its keys name."""
         own = self.code or reference_of(self.design)
-        named = [each for each in inside(self.parameters) if isinstance(each, CodeReference)]
+        named = [each for each in self._named if isinstance(each, CodeReference)]
         return tuple(dict.fromkeys([*([] if own is None else [own]), *named]))
 
     def data_files(self) -> tuple[Path, ...]:
         """Return the data files that its keys name, absolute and sorted."""
-        found = [each for each in inside(self.parameters) if isinstance(each, DataReference)]
-        return tuple(sorted({path for each in found for path in each.paths}))
+        return tuple(sorted({path for each in self.data() for path in each.paths}))
+
+    def data(self) -> tuple[DataReference, ...]:
+        """Return the paths and patterns of data files that its keys name."""
+        return tuple(each for each in self._named if isinstance(each, DataReference))
+
+    @cached_property
+    def _named(self) -> tuple[CodeReference | DataReference, ...]:
+        """What its keys name in files of the user."""
+        # Found once, since keys may hold large matrices.
+        return tuple(inside(self.parameters))
 
     def problem(self, message: str, parameter: str = "") -> Problem:
         """Return a problem of this component, at the parameter to blame."""

@@ -14,12 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from rmpc_bench import registry
-from rmpc_bench.components.code import DataReference
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.loading import reference_of
 from rmpc_bench.components.object_source import registered_identity
 from rmpc_bench.components.private_modules import package_of
-from rmpc_bench.components.recipes import inside
 from rmpc_bench.components.source import Source, data_hash, read_source
 from rmpc_bench.config.component import Component
 from rmpc_bench.types import Problem
@@ -59,7 +57,7 @@ class OwnCode:
         """
         found: dict[str, dict[str, list[str]]] = {"sources": {}, "installed": {}, "data": {}}
         for role, component in components.items():
-            if component is not None:
+            if component is not None and not (component.is_built_in and not component.data()):
                 found["sources"][role] = [source.sha for source in self.sources_of(component)]
                 found["installed"][role] = [each for each in _registered(component) if isinstance(each, str)]
                 found["data"][role] = [self._hash(path) for path in self._data_files(component)]
@@ -90,7 +88,12 @@ class OwnCode:
 
     def modules(self, components: Iterable[Component | None]) -> set[str]:
         """Return the names of the installed modules that the files of some components import."""
-        found = (source.modules for each in components if each is not None for source in self.sources_of(each))
+        found = (
+            source.modules
+            for each in components
+            if each is not None and not each.is_built_in
+            for source in self.sources_of(each)
+        )
         return {name for names in found for name in names}
 
     def names(self) -> dict[str, dict[str, str]]:
@@ -121,8 +124,7 @@ class OwnCode:
         return replace(problem, file=relative) if len(relative) < len(problem.file) else problem
 
     def _data_files(self, component: Component) -> tuple[Path, ...]:
-        named = inside(component.parameters)
-        self.patterns |= {each.text for each in named if isinstance(each, DataReference)}
+        self.patterns |= {each.text for each in component.data()}
         files = component.data_files()
         if files:
             self._with_data |= {reference.path for reference in component.references()}
