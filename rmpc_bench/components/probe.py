@@ -10,12 +10,14 @@ import atexit
 import os
 import pickle
 import struct
-import subprocess
 import sys
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rmpc_bench.components.code import CodeError, CodeReference
+
+if TYPE_CHECKING:
+    import subprocess
 
 LIMIT = 10.0
 """Longest time of a request [s]."""
@@ -116,6 +118,9 @@ def close() -> None:
 
 def _started() -> subprocess.Popen[bytes]:
     if not _process:
+        # Imported here: a configuration without files of the user starts no process.
+        import subprocess
+
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(each for each in sys.path if each)}
         process = subprocess.Popen(
             [sys.executable, "-c", _CHILD],

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rmpc_bench.components import probe
-from rmpc_bench.components.first_call import Sample
-from rmpc_bench.components.single_design import SingleDesign
-from rmpc_bench.components.transport import dumps
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Estimate, Method, Plant
+
+if TYPE_CHECKING:
+    from rmpc_bench.components.first_call import Sample
 
 
 class FirstCalls:
@@ -46,6 +45,9 @@ class FirstCalls:
             # Points of a sweep with the same files differ in numbers only.
             key = method.name, files
             if key not in self._estimates:
+                # Imported here: a configuration without files of the user needs none of it.
+                from rmpc_bench.components.first_call import Sample
+
                 r = scenario.reference.sample(method.controller.preview + 2)
                 self._estimates[key] = _called(draft, named, (plant, method, Sample(scenario.x0, r, n_steps)))
             found[method.name] = self._estimates[key]
@@ -60,6 +62,9 @@ def _components(draft: DraftConfig, name: str) -> dict[str, Component]:
 
 
 def _called(draft: DraftConfig, named: dict[str, Component], call: tuple[Plant, Method, Sample]) -> Estimate | None:
+    from rmpc_bench.components import probe
+    from rmpc_bench.components.transport import dumps
+
     answer = probe.ask({"first_call": dumps(call)})
     if answer.outcome == "done":
         if answer.value is None:
@@ -80,6 +85,8 @@ def _called(draft: DraftConfig, named: dict[str, Component], call: tuple[Plant, 
 
 def _keep_durations(call: tuple[Plant, Method, Sample], seconds: Mapping[str, float]) -> None:
     """Note the measured cost of components written for one run, for the estimate of the computing time."""
+    from rmpc_bench.components.single_design import SingleDesign
+
     plant, method, _ = call
     designs = {"plant": plant, "estimator": method.estimator, "controller": method.controller}
     for role, value in seconds.items():
