@@ -178,6 +178,13 @@ def test_an_experiment_that_a_worker_cannot_load():
         list(processes([made], tasks_of(made, 4), 1))
 
 
+def test_a_limit_of_memory_that_leaves_nothing():
+    """It is refused, with the least one that would do."""
+    made = experiment([do_nothing], 4)
+    with pytest.raises(WorkerError, match=r"execution.memory is 20 MB; a worker process needs \d+ MB at least"):
+        list(processes([made], tasks_of(made, 4), 1, Limits(memory=20_000_000, memory_text="20 MB")))
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)])
 def test_an_interruption_while_a_worker_hangs(tmp_path, number, code):
     """It ends at once, and no process stays."""

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing.connection import Connection
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -30,6 +31,8 @@ OUT_OF_MEMORY = 86
 """Exit code after a MemoryError that a fresh process might not have."""
 LOG_PER_RUN = 100_000
 """Output of components that is kept, on average of the runs of a task [bytes]."""
+LEAST_FREE = 50_000_000
+"""Memory that a limit must leave beyond what a worker has before its first run [bytes]."""
 _KILL_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of Linux."""
 
@@ -55,8 +58,10 @@ def main(given: Mapping[str, Any]) -> None:
         # The returned context is not entered, so that the limit stays for the life of the worker.
         single_thread()
         experiments = _loaded(connection, data)
-        if experiments is not None:
-            _limit_memory(limits)
+        too_small = _limit_memory(limits)
+        if too_small:
+            connection.send(too_small)
+        elif experiments is not None:
             signal.signal(STOP_STEP, _stopper(watch, limits))
             connection.send(None)
             _serve(connection, experiments, watch, limits)
@@ -93,15 +98,26 @@ def _loaded(connection: Connection, data: bytes) -> Sequence[Experiment] | None:
     return experiments
 
 
-def _limit_memory(limits: Limits) -> None:
-    """Let an allocation beyond the limit raise a MemoryError."""
+def _limit_memory(limits: Limits) -> str:
+    """Let an allocation beyond the limit raise a MemoryError; say if the limit leaves nothing for the runs."""
     if limits.memory is None:
-        return
+        return ""
     if sys.platform == "linux":
+        used = _data_size()
+        if used + LEAST_FREE > limits.memory:
+            least = (used + LEAST_FREE) / 1e6
+            return f"execution.memory is {limits.memory_text}; a worker process needs {least:.0f} MB at least"
         # Not RLIMIT_AS: libraries reserve address space that they never use.
         resource.setrlimit(resource.RLIMIT_DATA, (limits.memory, resource.getrlimit(resource.RLIMIT_DATA)[1]))
     else:
         threading.Thread(target=_follow_memory, args=(limits.memory,), daemon=True).start()
+    return ""
+
+
+def _data_size() -> int:
+    """Return the size of the memory of this process that its limit counts [bytes]."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmData:"))
 
 
 def _follow_memory(limit: int) -> None:
