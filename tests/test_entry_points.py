@@ -115,6 +115,14 @@ def test_a_key_is_validated_as_that_of_a_built_in_one(call, installed):
     assert any("methods.NAMED.estimator.share: must be > 0 (got -1)" in line for line in lines)
 
 
+@pytest.mark.parametrize(
+    "name", ["exponential", "saturated-gain", "double-integrator", "overshoot", "last-values", "broken"]
+)
+def test_the_checks_of_built_in_components_are_those_of_the_package(call, name):
+    done = call("check", "--component", name, code=1 if name == "broken" else 0)
+    assert ("No module named" if name == "broken" else " passed") in " ".join(done.stdout.split())
+
+
 def test_two_packages_with_one_name_are_told_apart(call, installed, tmp_path):
     """A second package with the same entry point, made by hand: its metadata is all that counts."""
     place, work = installed
