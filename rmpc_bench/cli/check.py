@@ -165,11 +165,13 @@ def _plant_and_model(config: ExperimentConfig) -> list[tuple[str, str, str]]:
     rows = [("kind", kind_of(plant), kind_of(model))]
     for part in (plant, model):
         part.pop("kind" if "kind" in part else "file")
-    changed = {**plant.pop("perturb", {}), **plant.pop("set", {})}
-    assumed = model.pop("noise", None)
-    for name in dict.fromkeys([*plant, *model]):
-        true = _short(plant.get(name, "-"))
-        rows.append((name, f"{true} x ({changed[name]})" if name in changed else true, _short(model.get(name, "-"))))
+    perturbed, replaced = plant.pop("perturb", {}), plant.pop("set", {})
+    assumed, nominal = model.pop("noise", None), config.experiment.plant.nominal
+    # Parameters of a differential equation have no keys of their own.
+    for name in dict.fromkeys([*plant, *model, *perturbed, *replaced]):
+        true = _short(plant[name] if name in plant else nominal.get(name, "-"))
+        true = f"{true} x ({perturbed[name]})" if name in perturbed else str(replaced.get(name, true))
+        rows.append((name, true if name in {**plant, **perturbed, **replaced} else "-", _short(model.get(name, "-"))))
     initial = resolved["initial"]
     given = {key: initial[key] for key in ("x_hat", "P", "M") if key in initial}
     start = ", ".join(f"{key} = {_short(each) if isinstance(each, list) else each}" for key, each in given.items())

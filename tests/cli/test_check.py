@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from small_experiment import KEYS, cli, text, write
+from uncertain_experiment import write_estimation
 
 from rmpc_bench.controllers.mpc import Mpc
 from rmpc_bench.plants.servo import ServoLinear
@@ -180,3 +181,16 @@ def test_only_deep_imports_what_it_needs(tmp_path):
 def test_lines_of_the_small_experiment():
     """The places above count on one line per key."""
     assert text().splitlines()[12].startswith("methods:") and len(KEYS) == 15
+
+
+def test_perturbed_parameters_of_a_differential_equation_are_shown(tmp_path):
+    """They stand inside `parameters`; a value that is set is shown as it is, and not as a factor."""
+    (tmp_path / "lag.py").write_text("def rhs(x, u, p):\n    return [(u[0] - x[0]) / p.T * p.K]\n", encoding="utf-8")
+    sizes = "states: [level], inputs: [flow], parameters: {T: 2, K: 3}"
+    plant = f"{{ode: lag.py:rhs, {sizes}, perturb: {{T: 1 + eps}}, set: {{K: 4 + eps}}}}"
+    model = "{kind: linear, A: 0.9, B: [[0.1]], C: [[1]], P_w: 1, P_v: 1}"
+    keys = {"uncertainty": "{eps: +-10%}", "plant": plant, "model": model, "noise": "none", "initial": None}
+    path = write_estimation(tmp_path, **keys, methods="{KF: {estimator: {kind: kalman}}}")
+    lines = [" ".join(line.split()) for line in cli("check", path).stdout.splitlines()]
+    assert "T 2 x (1 + eps) -" in lines
+    assert "K 4 + eps -" in lines
