@@ -193,6 +193,18 @@ def test_compiled_code_calls_nothing_from_another_file():
     assert not {file: list(own_imports(TREES[file])) for file in compiled if list(own_imports(TREES[file]))}
 
 
+def test_processes_import_no_file_of_the_current_directory():
+    """With -P a file `random.py` of the current directory does not run in place of the standard module."""
+    starts = [
+        [ast.unparse(each) for each in node.elts]
+        for tree in TREES.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.List) and node.elts and ast.unparse(node.elts[0]) == "sys.executable"
+    ]
+    assert len(starts) >= 3
+    assert all(start[1] == "'-P'" for start in starts)
+
+
 def test_only_cli_and_progress_print():
     """Outside the command line, progress.py and notices.py alone print, and to stderr."""
     for file, tree in TREES.items():

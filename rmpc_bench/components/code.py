@@ -38,7 +38,7 @@ class DataReference:
     Parameters
     ----------
     text : path or pattern, relative to the directory of the configuration
-    paths : the files, absolute and sorted
+    paths : the files, absolute, links resolved, in the order of their names before that
     """
 
     text: str

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from glob import glob, has_magic
+from glob import escape, glob, has_magic
 from pathlib import Path
 from typing import Any
 
@@ -176,15 +176,18 @@ class CodeAccess:
         CodeError
             If there are none.
         """
-        pattern = self.base(written_in) / text
-        if has_magic(text):
-            found = [Path(each) for each in glob(str(pattern), recursive=True)]
+        base = self.base(written_in)
+        pattern = base / text
+        if has_magic(text) and not pattern.exists():
+            # Brackets in the name of the directory itself are no pattern.
+            found = [Path(each) for each in glob(os.path.join(escape(str(base)), text), recursive=True)]
         else:
-            found = [pattern] if pattern.exists() else []
-        files = sorted({path.resolve() for path in found if path.is_file()})
+            found = [pattern]
+        # In the order of their names here, also where these are links to files with other names.
+        files = tuple(path.resolve() for path in sorted({*found}) if path.is_file())
         if not files:
             raise CodeError(_missing(text, pattern, "*"))
-        return DataReference(self._relative(pattern, text), tuple(files))
+        return DataReference(self._relative(pattern, text), files)
 
     def _relative(self, path: Path, text: str) -> str:
         """Write a path relative to the directory of the configuration; without one the text stays as it is."""

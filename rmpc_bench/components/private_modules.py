@@ -146,14 +146,15 @@ def _spec(package: Package, fullname: str, directory: Path) -> ModuleSpec | None
     stem = directory / _stem(fullname.rpartition(".")[2])
     file, inside = stem / "__init__.py", [str(stem)]
     if not _exists(package, file):
+        # In the order of Python, which is also that of the hash: a compiled module comes before its source.
+        for suffix in EXTENSION_SUFFIXES:
+            compiled = stem.with_name(f"{stem.name}{suffix}")
+            if compiled.is_file():
+                return spec_from_file_location(fullname, compiled, loader=ExtensionFileLoader(fullname, str(compiled)))
         file, inside = stem.with_name(f"{stem.name}.py"), []
     if _exists(package, file):
         loader = _Loader(fullname, str(file), package)
         return spec_from_file_location(fullname, file, loader=loader, submodule_search_locations=inside or None)
-    for suffix in EXTENSION_SUFFIXES:
-        compiled = stem.with_name(f"{stem.name}{suffix}")
-        if compiled.is_file():
-            return spec_from_file_location(fullname, compiled, loader=ExtensionFileLoader(fullname, str(compiled)))
     return _directory_spec(fullname, stem) if stem.is_dir() else None
 
 

@@ -11,6 +11,7 @@ import os
 import pickle
 import struct
 import sys
+import threading
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -45,6 +46,8 @@ _imported: set[tuple[str, str]] = set()
 """Files whose import has ended well, with their hashes."""
 _process: list[subprocess.Popen[bytes]] = []
 """The process of this program, once it has been started."""
+_in_use = threading.Lock()
+"""Threads of a program share the process; one request at a time."""
 
 
 def ask(request: Mapping[str, Any], limit: float | None = None) -> Answer:
@@ -59,21 +62,27 @@ def ask(request: Mapping[str, Any], limit: float | None = None) -> Answer:
     modules = [name for name in sys.modules if name.startswith(_PRELOADED)]
     surroundings = {"path": list(sys.path), "directory": os.getcwd(), "limit": limit, "modules": modules}
     message = pickle.dumps({**surroundings, "request": pickle.dumps(dict(request))})
-    for attempt in range(2):
-        process = _started()
-        assert process.stdin is not None and process.stdout is not None
+    with _in_use:
         try:
-            process.stdin.write(LENGTH.pack(len(message)) + message)
-            process.stdin.flush()
-            (length,) = LENGTH.unpack(process.stdout.read(LENGTH.size))
-            answer: Answer = pickle.loads(process.stdout.read(length))
-            return answer
-        except (BrokenPipeError, struct.error):
+            return _answer(message)
+        except (BrokenPipeError, EOFError, struct.error):
             # The process was ended from outside; it is started again once.
-            close()
-            if attempt:
-                raise
-    raise AssertionError("unreachable")
+            return _answer(message)
+
+
+def _answer(message: bytes) -> Answer:
+    process = _started()
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        process.stdin.write(LENGTH.pack(len(message)) + message)
+        process.stdin.flush()
+        (length,) = LENGTH.unpack(process.stdout.read(LENGTH.size))
+        answer: Answer = pickle.loads(process.stdout.read(length))
+    except BaseException:
+        # After Ctrl-C the answer is still to come; the next request would take it for its own.
+        close()
+        raise
+    return answer
 
 
 def check_import(reference: CodeReference, version: str) -> None:
@@ -123,7 +132,8 @@ def _started() -> subprocess.Popen[bytes]:
 
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(each for each in sys.path if each)}
         process = subprocess.Popen(
-            [sys.executable, "-c", _CHILD],
+            # -P: a file of the current directory with the name of a standard module is not imported in its place.
+            [sys.executable, "-P", "-c", _CHILD],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -57,7 +57,8 @@ def in_directory(resolved: Mapping[str, Any], directory: Path, own: OwnCode) -> 
             source = own.sources[own.files[file]]
             return f"{COPIES}/{source.folder}/{source.copy}" + (f":{name}" if name else "")
         if text in own.patterns:
-            return Path(os.path.relpath(own.access.base("") / text, directory.absolute())).as_posix()
+            # The system follows a link before it goes up with `..`, in the directory of results, too.
+            return Path(os.path.relpath(own.access.base("").resolve() / text, directory.resolve())).as_posix()
         return text
 
     changed: dict[str, Any] = _replaced(dict(resolved), written, "")

@@ -46,7 +46,8 @@ def started(
     code = f"from {module} import main; main()"
     # Code of the user may print; what it writes must not get between the results.
     return subprocess.Popen(
-        [sys.executable, "-c", code],
+        # -P: a file of the current directory with the name of a standard module is not imported in its place.
+        [sys.executable, "-P", "-c", code],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=errors or subprocess.DEVNULL,

@@ -9,6 +9,7 @@ from own_files import ESTIMATOR, own_estimator, write
 from small_experiment import cli
 
 from rmpc_bench import load_config
+from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.types import ConfigError
 
 
@@ -55,6 +56,19 @@ def test_a_file_outside_the_directory_needs_consent(tmp_path, monkeypatch):
     assert "--allow-code" in message(path, allow_code=["here", "lib/own.p"])
     absolute = write(tmp_path / "here", estimator=f"{{file: {tmp_path}/lib/own.py:Own}}")
     assert "--allow-code lib/own.py" in message(absolute)
+
+
+def test_data_files_have_the_order_of_their_names(tmp_path):
+    """Run i gets file i.  Traps: the order of what links point to, and a directory with the letters of a pattern."""
+    home = tmp_path / "a [b]"
+    home.mkdir()
+    for name, target in (("1.csv", "z.txt"), ("2.csv", "a.txt"), ("3.csv", "z.txt")):
+        (tmp_path / target).write_text(target)
+        (home / name).symlink_to(tmp_path / target)
+    (home / "[x].csv").write_text("x")
+    access = CodeAccess(home)
+    assert [path.name for path in access.data("*[123].csv", "").paths] == ["z.txt", "a.txt", "z.txt"]
+    assert [path.name for path in access.data("[x].csv", "").paths] == ["[x].csv"]
 
 
 def test_symbolic_links_are_resolved_first(tmp_path):

@@ -1,12 +1,14 @@
 """Files of a user as modules: neighbours, equal names in two directories, edits, and what Python files may contain."""
 
 import sys
+from importlib.machinery import EXTENSION_SUFFIXES
 
 import pytest
 from own_files import ESTIMATOR, own_estimator, write
 
-from rmpc_bench.components.code import CodeReference
+from rmpc_bench.components.code import CodeError, CodeReference
 from rmpc_bench.components.loading import load, module_of
+from rmpc_bench.components.source import read_source
 
 
 def loaded(directory, name, **files):
@@ -17,6 +19,15 @@ def loaded(directory, name, **files):
         path.write_text(text)
     first = (directory / f"{next(iter(files))}.py").resolve()
     return load(CodeReference(first, name, f"{first.name}:{name}"))
+
+
+def test_a_compiled_neighbour_comes_before_its_source(tmp_path):
+    """As in Python, and as in the hash.  Trap: one file is hashed and the other one is loaded."""
+    compiled = tmp_path / f"gains{EXTENSION_SUFFIXES[0]}"
+    compiled.write_bytes(b"no library")
+    with pytest.raises(CodeError, match="ImportError"):
+        loaded(tmp_path, "K", top="from gains import K", gains="K = 1")
+    assert [each.path for each in read_source(tmp_path / "top.py").files[1:]] == [compiled]
 
 
 def test_neighbours_by_plain_name_and_with_a_point(tmp_path):

@@ -1,5 +1,6 @@
 """First calls of own components before any run: in a process of their own, with a limit of time."""
 
+import signal
 import time
 
 import pytest
@@ -185,6 +186,31 @@ def test_the_process_is_started_again_where_it_was_ended():
     probe.close()
     assert probe.ask({"imports": __file__}).outcome == "done"
     probe._process[0].kill()
+    assert probe.ask({"imports": __file__}).outcome == "done"
+
+
+def test_an_interrupted_request_leaves_no_answer_behind(tmp_path, monkeypatch):
+    """Trap: after Ctrl-C in a notebook the next request takes the answer of the one before for its own."""
+    slow, ends = tmp_path / "slow.py", tmp_path / "ends.py"
+    slow.write_text("import time\ntime.sleep(1.0)\n", encoding="utf-8")
+    ends.write_text("import os; os._exit(4)\n", encoding="utf-8")
+    assert probe.ask({"imports": __file__}).outcome == "done"
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        with pytest.raises(KeyboardInterrupt):
+            probe.ask({"imports": str(slow)})
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert probe.ask({"imports": str(ends)}).outcome == "died"
+
+
+def test_files_of_the_current_directory_replace_no_standard_modules(tmp_path, monkeypatch):
+    """Trap: Python looks for `select` in the current directory first, which nobody has agreed to."""
+    for name in ("select", "struct", "random"):
+        (tmp_path / f"{name}.py").write_text("raise RuntimeError('not this one')", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    probe.close()
     assert probe.ask({"imports": __file__}).outcome == "done"
 
 

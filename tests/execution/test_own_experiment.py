@@ -8,6 +8,7 @@ from small_experiment import cli
 
 from rmpc_bench import load_config, load_trials
 from rmpc_bench.config.reader import load
+from rmpc_bench.config.relocation import in_directory
 from rmpc_bench.execution import libraries
 from rmpc_bench.types import ConfigError
 
@@ -162,6 +163,16 @@ def test_the_resolved_configuration_loads_from_the_copies(copied, monkeypatch, t
     assert named["methods"]["Two"]["estimator"]["table"] == "../data/g*.csv"
     assert run(moved / "config.resolved.yaml", moved, "-n").stdout.startswith("tank: 0 of 4 trials")
     assert len(load_trials(moved).runs) == 2
+
+
+def test_data_files_are_found_from_results_behind_a_link(stored, tmp_path):
+    """Trap: the system goes up with `..` from what the link points to, not from the link."""
+    (tmp_path / "disk" / "deep").mkdir(parents=True)
+    link = tmp_path / "results"
+    link.symlink_to(tmp_path / "disk" / "deep")
+    config = load_config(stored[0])
+    table = in_directory(config.resolved, link, config.own)["methods"]["One"]["estimator"]["table"]
+    assert (link / table).read_text() == FILES["data/gain.csv"]
 
 
 def test_a_neighbour_outside_the_directory_needs_consent(tmp_path):

@@ -163,7 +163,8 @@ def _started(child: Connection, watch: int, trace: int, log: Path | None) -> sub
         output = log.open("ab")
     try:
         return subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM, json.dumps(given)],
+            # -P: a file of the current directory with the name of a standard module is not imported in its place.
+            [sys.executable, "-P", "-c", _PROGRAM, json.dumps(given)],
             pass_fds=(connection, watch, trace),
             stdin=subprocess.DEVNULL,
             stdout=output,
