@@ -20,6 +20,7 @@ DesignFunction = Callable[..., Any]
 
 BUILT_IN: dict[str, dict[str, str]] = {
     "plants": {
+        "data": "rmpc_bench.plants.data:design",
         "linear": "rmpc_bench.plants.linear:design",
         "moving-slide": "rmpc_bench.plants.moving_slide:design",
         "ode": "rmpc_bench.plants.ode:design",
@@ -64,6 +65,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "square": "rmpc_bench.simulation.reference:square",
     },
     "inputs": {
+        "file": "rmpc_bench.recordings.recorded_input:design",
         "prbs": "rmpc_bench.simulation.input_signals:prbs",
         "sine": "rmpc_bench.simulation.input_signals:sine",
         "steps": "rmpc_bench.simulation.input_signals:steps",

@@ -16,7 +16,10 @@ MAY_IMPORT = {
     "numerics": {"types"},
     "models": {"numerics", "types"},
     "noise": {"numerics", "types"},
-    "plants": DESIGNS,
+    # A plant may be a recorded one.
+    "plants": DESIGNS | {"recordings"},
+    # The files of users that a component reads itself.
+    "recordings": {"types"},
     "estimators": DESIGNS,
     "controllers": DESIGNS,
     "metrics": {"numerics", "types"},
@@ -65,7 +68,7 @@ MAY_IMPORT = {
 }
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
 MAY_IMPORT["__main__"] = {"cli"}
-SHARED_SIBLINGS = {"gain_schedule", "noise_tuning", "prediction", "state_feedback"}
+SHARED_SIBLINGS = {"bridging", "gain_schedule", "noise_tuning", "prediction", "state_feedback"}
 ONLY_IN = {  # a package of others -> where it may be imported
     "matplotlib": "figures/",
     "joblib": "execution/engines/",

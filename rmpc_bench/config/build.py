@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -22,8 +22,9 @@ from rmpc_bench.config.first_calls import FirstCalls
 from rmpc_bench.config.identity import sweep_point
 from rmpc_bench.config.model_facts import model_facts
 from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.plant_range import build_range, given_bounds
+from rmpc_bench.config.plant_range import build_range, given_bounds, mean_start
 from rmpc_bench.config.plausibility import warnings_of
+from rmpc_bench.config.recorded_data import metric_problem, refuse_runs
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.expressions.quantity import Expression, QuantityError
 from rmpc_bench.registry import unknown
@@ -90,11 +91,12 @@ class _ExperimentBuilder:
         if component is None:
             return None
         size = {"Ts": self.time.step, "n_steps": self.n_steps}
-        range_of = {"x0": _mean_start(self.draft), "bounds": given_bounds(self.draft)}
+        range_of = {"x0": mean_start(self.draft), "bounds": given_bounds(self.draft)}
         size |= {name: value for name, value in range_of.items() if component.takes(name)}
         description = ["plant", size, component.resolved()]
         plant: Plant | None = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
         if plant is not None:
+            refuse_runs(self.draft, plant)
             for name, change in self.draft.parameter_changes.items():
                 if name not in plant.nominal:
                     message = unknown(name, plant.nominal, f"parameter of {component.kind}")
@@ -166,6 +168,10 @@ class _ExperimentBuilder:
     def metric(self, component: Component, layout: MetricLayout) -> Metric | None:
         """Build a metric and report every reason for which it cannot be computed."""
         metric: Metric | None = component.build(self.draft.problems)
+        reason = "" if metric is None or layout.plant is None else metric_problem(component, metric, layout.plant)
+        if reason:
+            self.draft.problems.append(component.problem(reason))
+            return None
         issues = [] if metric is None else component.check(lambda: metric.check(layout))
         self.draft.problems += issues
         return None if issues else metric
@@ -225,20 +231,12 @@ class _ExperimentBuilder:
         keys, n_runs = self.draft.values["record"], self.draft.values["runs"]
         first = {"none": 0, "all": n_runs}.get(keys.runs, keys.runs)
         ensemble = not {"moments", "ensemble"}.isdisjoint(self.draft.values["evaluate"])
-        asked = Recording(tuple(dict.fromkeys(keys.signals)), min(int(first), n_runs), ensemble)
+        plant = self.methods.plant
+        # Recorded runs may have no state.
+        without = [name for name in ("x", "u") if plant is not None and getattr(plant, f"n{name}") == 0]
+        signals = dict.fromkeys(name for name in keys.signals if name not in without)
+        asked = Recording(tuple(signals), min(int(first), n_runs), ensemble)
         return with_bursts(asked, bursts=has_bursts(scenario))
-
-
-def _mean_start(draft: DraftConfig) -> Any:
-    """Mean of the initial state as plain data, as far as its laws say it; None where it has an error."""
-    x = draft.initial["x"]
-    try:
-        for term in draft.initial["laws"]:
-            keys = {} if term.law is None else term.law.parameters
-            x = np.add(x, keys.get("mean", keys.get("center", 0.0)))
-        return np.asarray(x, dtype=float).tolist()
-    except (TypeError, ValueError):
-        return None
 
 
 def build(drafts: Sequence[DraftConfig], own: OwnCode, *, smoke: bool) -> list[SweepPoint | None]:

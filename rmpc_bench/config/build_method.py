@@ -9,6 +9,7 @@ from typing import Any, cast
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
 from rmpc_bench.config.identity import nominal_plant
+from rmpc_bench.config.recorded_data import refuse_other_sizes, refuse_runs_of_input
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import initial_covariance, initial_state
@@ -99,6 +100,8 @@ class MethodBuilder:
         named = {"model": components.model, "estimator": components.estimator, "controller": components.controller}
         described = {key: component.resolved() for key, component in named.items() if component is not None}
         applied = None if self.draft.input is None else self.draft.input.resolved()
+        if plant is not None and plant.recorded is not None and self.draft.plant is not None:
+            applied = self.draft.plant.resolved()
         nominal = nominal_plant(self.draft, components.model)
         description = ["method", name, self.size(), described, self._disclosed(components), applied, nominal]
         return cast("Method | None", self.cache.get(description, lambda: self._method(name, components, plant)))
@@ -117,7 +120,7 @@ class MethodBuilder:
         if components.controller is None and components.controlled:
             return None
         if components.controller is None:
-            controller: Any = self._open_loop(model.nu)
+            controller: Any = self._open_loop(name, model, plant)
             if controller is None:
                 return None
         elif estimator is None and components.controller.takes("estimator"):
@@ -128,15 +131,21 @@ class MethodBuilder:
             controller = components.controller.build(problems, **common, estimator=estimator)
         return None if estimator is None or controller is None else Method(name, estimator, controller)
 
-    def _open_loop(self, nu: int) -> Any:
+    def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
         """Return what stands for a controller where there is none; None where the input is invalid."""
         component = self.draft.input
+        if self.draft.plant is not None and (plant is None or plant.recorded is not None):
+            fits = plant is not None and not refuse_other_sizes(self.draft, name, model, plant)
+            return OpenLoop(plant.recorded.input, self.n_steps) if fits and plant and plant.recorded else None
         if component is None:
-            return None if "input" in self.draft.tree else Rest(nu)
-        size = {"nu": nu, "Ts": self.time.step}
+            return None if "input" in self.draft.tree else Rest(model.nu)
+        size = {"nu": model.nu, "Ts": self.time.step, "n_steps": self.n_steps}
         description = ["input", size, component.resolved()]
         signal = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
-        return None if signal is None else OpenLoop(signal, self.n_steps)
+        if signal is None:
+            return None
+        refuse_runs_of_input(self.draft, signal)
+        return OpenLoop(signal, self.n_steps)
 
     def _estimator(self, components: MethodComponents, provided: Mapping[str, Any]) -> Any:
         """Build an estimator; methods and points with equal estimators share one."""

@@ -67,6 +67,18 @@ def given_bounds(draft: DraftConfig) -> dict[str, tuple[float, float]]:
     return {name: pair for name, pair in pairs.items() if pair[0] < pair[1]}
 
 
+def mean_start(draft: DraftConfig) -> Any:
+    """Mean of the initial state as plain data, as far as its laws say it; None where it has an error."""
+    x = draft.initial["x"]
+    try:
+        for term in draft.initial["laws"]:
+            keys = {} if term.law is None else term.law.parameters
+            x = np.add(x, keys.get("mean", keys.get("center", 0.0)))
+        return np.asarray(x, dtype=float).tolist()
+    except (TypeError, ValueError):
+        return None
+
+
 def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRange:
     """Expand the keys to the states of a plant; errors are added to the problems of the draft.
 
@@ -94,7 +106,8 @@ def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRang
     largest = _largest(draft, plant)
     if x0 is not None and x0.shape == low.shape and len(draft.problems) == found:
         _check_start(draft, plant, x0, StateRange(low, high, largest))
-    return StateRange(low, high, largest) if bounds else StateRange(largest=largest)
+    scale = 1.0 if plant.recorded is None else plant.recorded.scale
+    return StateRange(low, high, largest, scale) if bounds else StateRange(largest=largest, least_scale=scale)
 
 
 def _pair(lower: float | None, upper: float | None) -> tuple[float, float]:
@@ -173,7 +186,7 @@ def _wrong_units(plant: Plant, name: str, given: set[str]) -> Iterator[str]:
 
 def _check_start(draft: DraftConfig, plant: Plant, x0: Array, limits: StateRange) -> None:
     """Report an initial state with which every run fails at once."""
-    low, high, largest = limits
+    low, high, largest, _ = limits
     assert low is not None and high is not None
     path: list[str | int] = ["initial", "x"] if "x" in draft.tree.get("initial", {}) else ["plant"]
     names = state_names(plant)

@@ -15,6 +15,7 @@ import numpy as np
 
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.recorded_data import gap_warnings
 from rmpc_bench.config.tree import Map, join, locate
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Model, Noise, Problem
@@ -47,7 +48,7 @@ def warnings_of(draft: DraftConfig, experiment: Experiment, model: Callable[[Com
     model : returns the design model of a component
     """
     found = [*_time(draft), *_windows(draft, experiment), *_angles(experiment), *_factors(draft, experiment)]
-    found += _initial(draft, model)
+    found += [*_initial(draft, model), *gap_warnings(draft, experiment)]
     for path, component in _models(draft).items():
         for message in _of_model(component, model(component), draft, experiment):
             found.append(([*path], message))

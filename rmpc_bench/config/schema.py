@@ -41,7 +41,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "estimators": frozenset({"model", "n_steps", "x0", "P0", "M0", "plant", "Ts", "plant_info"}),
     "controllers": frozenset({"model", "n_steps", "estimator", "Ts", "plant_info"}),
     "references": frozenset({"ny", "Ts"}),
-    "inputs": frozenset({"nu", "Ts"}),
+    "inputs": frozenset({"nu", "Ts", "n_steps"}),
     "noises": frozenset({"n", "Ts"}),
     "metrics": frozenset(),
     "figures": frozenset(),

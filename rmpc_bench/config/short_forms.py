@@ -35,12 +35,23 @@ def with_kind(group: str, tree: Any) -> Any:
     if len(forms) != 1:
         return tree
     form, result = forms[0], tree.copy()
-    if form == FILE:
+    if form == FILE and not (group == "inputs" and names_data(tree[FILE])):
         kind = result.pop(FILE)
         result.put("kind", kind, locate_key(tree, [FILE]), locate(tree, [FILE]))
     else:
         result.put("kind", form, locate_key(tree, [form]), locate_key(tree, [form]))
     return result
+
+
+def names_data(text: Any) -> bool:
+    """Whether a text names files of data and not of code.
+
+    Examples
+    --------
+    >>> names_data("u.csv"), names_data("signals.py:Chirp")
+    (True, False)
+    """
+    return isinstance(text, str) and ".py" not in text
 
 
 def kind_of(data: Mapping[str, Any]) -> str:

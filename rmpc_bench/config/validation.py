@@ -16,6 +16,7 @@ from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ParameterChange
 from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty
+from rmpc_bench.config.recorded_data import refuse_sections
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
 from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.sweep import SweptTree
@@ -64,6 +65,7 @@ def _sections(point: SweptTree, access: CodeAccess, *, first: bool) -> DraftConf
     read_noise(draft)
     read_initial(draft)
     _methods(draft)
+    refuse_sections(draft)
     draft.metrics = _named_components(draft, "metrics")
     # The default figure, a boxplot, needs runs.
     if "figures" in tree or "runs" in draft.values["evaluate"]:

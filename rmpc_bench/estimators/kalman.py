@@ -8,6 +8,7 @@ Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k),  w ~ N(0, Q_w), 
 Source  zenere2018, (5)-(8).
 Limit   The other filters are tested against this one.  With a state-dependent model whose A and B do not change it is
         the filter of the linear model.
+        A missing measurement (NaN) is left out of the correction; not with a state-dependent model.
 Cost    As every gain schedule; a Riccati step per run and step with a state-dependent model.
 Fails   Design error: C P_pred C' + R_v is singular, or R_v for a state-dependent model.  With a state-dependent model a
         run gets status `diverged` if its estimate exceeds the model's limit.
@@ -21,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.estimators.bridging import BridgingFilter
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.noise_sets import NoiseKind, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
@@ -173,7 +175,8 @@ def design(
     if isinstance(model, StateDependentModel):
         return _relinearised(model, n_steps, x0, P0, form, noise, use_y0)
     design_model, P0 = with_noise_kind(model, P0, M0, noise)
-    return riccati_schedule(design_model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)
+    schedule = riccati_schedule(design_model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), form, use_y0)
+    return BridgingFilter.of(schedule, [design_model.at(k) for k in range(n_steps + 1)], use_y0=use_y0)
 
 
 def _relinearised(

@@ -23,6 +23,7 @@ class InnovationMetric(WindowMetric):
     """A metric of the innovation over the samples k = 0..N unless `to` is given."""
 
     to_the_end: ClassVar[bool] = True
+    of_innovation: ClassVar[bool] = True
     bounds: ClassVar[tuple[float, float]] = (0.0, np.inf)
     needs_info: ClassVar[tuple[str, ...]] = (INNOVATION,)
 

@@ -127,12 +127,14 @@ def simulate(
     alive, failed = runs
     draws = draws._replace(delta=start.plant(plant, draws.delta, x, runs))
     mixes, preview = plant.mixes_noise, controller.preview
+    x = plant.first_state(draws.delta, x)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
     moving, estimating, controlling = checked_calls(plant, method, alive, start.journal)
     known = r[: n_steps + 1].copy()
     limits, nothing = RunLimits(state_range, x, known), np.full(n_runs, OK)
-    outputs, inputs = Recorder(n_steps + 1), Recorder(n_steps)
+    own_matrices = n_runs if plant.recorded is not None and plant.recorded.gaps else None
+    outputs, inputs = Recorder(n_steps + 1, own_matrices), Recorder(n_steps)
     no_noise = np.zeros_like(v[:, 0])
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):

@@ -17,10 +17,11 @@ class Recorder:
     Parameters
     ----------
     n_samples : number of samples that are recorded
+    matrices_of : number of runs, to keep a matrix for every run also while they have a common one; None otherwise
     """
 
-    def __init__(self, n_samples: int) -> None:
-        self.n_samples = n_samples
+    def __init__(self, n_samples: int, matrices_of: int | None = None) -> None:
+        self.n_samples, self.matrices_of = n_samples, matrices_of
         self.signals, self.matrices = dict[str, Array](), dict[str, Array | None]()
 
     def at(self, k: int, **values: Array) -> None:
@@ -32,11 +33,17 @@ class Recorder:
 
     def matrix_at(self, k: int, name: str, value: Array | None) -> None:
         """Copy a matrix at k, (nx, nx) or (runs, nx, nx); where it is None at any k, there is no series."""
+        if self.matrices_of is not None and value is not None and value.ndim == 2:
+            value = np.broadcast_to(value, (self.matrices_of, *value.shape))
         if k == 0 and value is not None:
             self.matrices[name] = np.empty((self.n_samples, *value.shape))
         series = self.matrices.get(name)
         if value is None or series is None:
             self.matrices[name] = None
+        elif value.ndim > series[k].ndim:
+            # Runs get matrices of their own once a measurement is missing.
+            self.matrices[name] = series = np.repeat(series[:, None], len(value), axis=1)
+            series[k] = value
         else:
             series[k] = value
 

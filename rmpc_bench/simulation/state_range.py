@@ -31,6 +31,9 @@ class StateRange(NamedTuple):
     high: Float[Array, " nx"] | None = None
     largest: Float[Array, " nx"] | None = None
     """Magnitudes beyond which a run has diverged; None for the default, NaN for that of a single state."""
+    least_scale: float = 1.0
+    """Magnitude of the signals of the plant, as far as it is known beforehand: the default limits are not below 1e6
+    times it."""
 
 
 DEFAULT_RANGE = StateRange()
@@ -48,13 +51,14 @@ class RunLimits:
     """
 
     def __init__(self, state_range: StateRange, x0: Float[Array, "runs nx"], r: Float[Array, "samples ny"]) -> None:
-        self.low, self.high, largest = state_range
-        scale = max(1.0, float(np.abs(r).max(initial=0.0)))
+        self.low, self.high, largest, least_scale = state_range
+        scale = max(least_scale, float(np.abs(r).max(initial=0.0)))
         # An initial state that is not a number fails its own run only.
         self.of_x = GROWTH * np.fmax(np.abs(x0), scale)
         if largest is not None:
             self.of_x = np.where(np.isnan(largest), self.of_x, largest)
-        self._of_x_hat = self.of_x.max(axis=1, initial=0.0)[:, None]
+        # Recorded runs may have no state, and their estimates have a limit all the same.
+        self._of_x_hat = self.of_x.max(axis=1, initial=0.0 if x0.shape[1] else GROWTH * scale)[:, None]
 
     def of_state(self, status: Statuses, reported: Statuses, x: Float[Array, "runs nx"]) -> Statuses:
         """Return the first failure of every run after the plant has moved to x."""

@@ -50,6 +50,7 @@ from rmpc_bench.types.ode import Ode, Parameters
 from rmpc_bench.types.plant import Plant
 from rmpc_bench.types.plant_info import PlantInfo, SignalLimits
 from rmpc_bench.types.plot_records import Line, Panel
+from rmpc_bench.types.recorded_runs import RecordedRuns
 from rmpc_bench.types.records import (
     Channel,
     Command,
@@ -122,6 +123,7 @@ __all__ = [
     "Positive",
     "Problem",
     "Record",
+    "RecordedRuns",
     "Reference",
     "ResultLayout",
     "RunFailure",

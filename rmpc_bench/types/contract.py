@@ -89,7 +89,9 @@ def _defined(kind: type, name: str) -> Any:
 
 
 def _plant(plant: Plant, provided: Mapping[str, Any]) -> Iterator[str]:
-    for name, least in (("nx", 1), ("nu", 0), ("ny", 1), ("nw", 0), ("nv", 0)):
+    # Recorded runs may have no state.
+    least_nx = 1 if plant.recorded is None else 0
+    for name, least in (("nx", least_nx), ("nu", 0), ("ny", 1), ("nw", 0), ("nv", 0)):
         yield from _count(name, getattr(plant, name), least)
     if not (isinstance(plant.Ts, float | int) and plant.Ts > 0.0):
         yield f"Ts must be a positive number of seconds (got {plant.Ts!r})"
@@ -149,7 +151,8 @@ def _reference(reference: Reference, provided: Mapping[str, Any]) -> Iterator[st
 
 def _input(signal: InputSignal, provided: Mapping[str, Any]) -> Iterator[str]:
     if "nu" in provided:
-        yield from _shape("sample([0, 1], 2)", signal.sample([0, 1], 2), (2, 2, provided["nu"]))
+        n = min(2, provided.get("n_steps", 2))
+        yield from _shape(f"sample([0, 1], {n})", signal.sample([0, 1], n), (2, n, provided["nu"]))
 
 
 def _noise(noise: Noise, provided: Mapping[str, Any]) -> Iterator[str]:

@@ -169,6 +169,11 @@ class Metric:
         return "lower"
 
     @attribute
+    def of_innovation(self) -> bool:
+        """Whether it needs the innovation of the estimator only, and neither a state nor a reference."""
+        return False
+
+    @attribute
     def needs_P(self) -> bool:
         """Whether it reads `Record.P`, which is not kept for other metrics."""
         return False

@@ -13,6 +13,7 @@ from rmpc_bench.types.basics import Array
 from rmpc_bench.types.design import Design
 from rmpc_bench.types.ode import Ode
 from rmpc_bench.types.plot_records import Panel
+from rmpc_bench.types.recorded_runs import RecordedRuns
 from rmpc_bench.types.records import LinearPlant, Motion, Period
 from rmpc_bench.types.run_info import RunInfo
 
@@ -115,6 +116,11 @@ class Plant(Design):
         return None
 
     @attribute
+    def recorded(self) -> RecordedRuns | None:
+        """The runs of a plant that replays recorded ones; None for a plant that is simulated."""
+        return None
+
+    @attribute
     def ode(self) -> Ode | None:
         """The differential equation of the plant with its nominal parameters; None where it has none."""
         return None
@@ -139,6 +145,10 @@ class Plant(Design):
     def start(self, delta: Any, x0: Float[Array, "runs nx"], runs: RunInfo) -> Any:
         """Return the record ``delta`` of one method, with what the plant keeps of every run; see `starts_runs`."""
         return delta
+
+    def first_state(self, delta: Any, x0: Float[Array, "runs nx"]) -> Float[Array, "runs nx"]:
+        """Return x(0): the one of the section `initial` unless a recorded run has its own."""
+        return x0
 
     def step(
         self, k: int, delta: Any, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"], w: Float[Array, "runs nw"]
