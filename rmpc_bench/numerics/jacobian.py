@@ -5,7 +5,8 @@ Method  D(h) = (f(x + h) - f(x - h)) / (2 h) for every coordinate, and one Richa
         abs, norms, interpolation tables, `float` and branches are differentiated as they are; a complex step gives
         wrong derivatives of these without a word.
 Kinks   One-sided differences of second order, from the left and from the right, are compared.  They differ where the
-        function has a kink or a jump.
+        function has a kink or a jump.  Where they agree, but not with D, the second derivative has a jump, as that of
+        x |x| at 0, or a kink is near: their mean is the derivative where this changes little in the function.
 Fails   The Jacobian is NaN where the function is not finite within the steps.
 """
 
@@ -28,7 +29,13 @@ ONE_SIDED = 1e-5
 DIFFERS = 1e-4
 """Relative difference of the one-sided derivatives that counts as a kink."""
 NEGLIGIBLE = 1e-8
-"""Coordinates smaller than this, relative to the largest one and to 1, have no size of their own."""
+"""Coordinates smaller than this have no size of their own."""
+ROUNDING = 1e-14
+"""So have coordinates smaller than this relative to the largest one.  It is no larger than what rounding leaves of a
+coordinate that is 0: states have different units, such as a pressure of 1e5 Pa and a flow of 1e-4 m^3/s."""
+BEND = 1e-2
+"""Difference of the central and the one-sided derivatives, relative to the terms of the function, up to which the
+one-sided ones are taken."""
 NOISE = 100.0
 """Rounding error of a function, in units of the rounding of its largest term."""
 
@@ -44,7 +51,7 @@ class Derivative(NamedTuple):
 def sizes_of_coordinates(x: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return |x_i|, to which steps are proportional; 1 for a coordinate of about 0."""
     size = np.abs(x)
-    negligible = size <= NEGLIGIBLE * max(1.0, float(size.max(initial=0.0)))
+    negligible = size <= max(NEGLIGIBLE, ROUNDING * float(size.max(initial=0.0)))
     return np.where(negligible, 1.0, size)
 
 
@@ -85,12 +92,14 @@ def derivative(function: Function, x: Float[Array, " n"]) -> Derivative:
     for i in range(len(x)):
         h = ONE_SIDED * size[i]
         right, left = _one_sided(function, x, f, i, h), _one_sided(function, x, f, i, -h)
-        noise = NOISE * np.finfo(float).eps * terms / h
-        largest = np.maximum(np.abs(left), np.abs(right))
+        mean = 0.5 * (left + right)
+        same = DIFFERS * np.maximum(np.abs(left), np.abs(right)) + NOISE * np.finfo(float).eps * terms / h
         # The central difference has wider steps, so that it also meets a kink that is near.
-        apart = np.maximum(np.abs(right - left), np.abs(J[:, i] - 0.5 * (left + right)))
-        if (apart > DIFFERS * largest + noise).any():
+        bent, off = np.abs(right - left) > same, np.abs(J[:, i] - mean)
+        if (bent | ((off > same) & (off * size[i] > BEND * terms))).any():
             kinks.append(i)
+        else:
+            J[:, i] = np.where(off > same, mean, J[:, i])
     return Derivative(J, tuple(kinks))
 
 

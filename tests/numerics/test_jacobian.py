@@ -47,6 +47,10 @@ CASES = {
     "small": (lambda x: np.sqrt(x), [1e-6], [[500.0]]),
     "large": (lambda x: x**3, [1e6], [[3e12]]),
     "zero": (lambda x: np.sin(x), [0.0], [[1.0]]),
+    # A pressure and a flow: the steps of one must not have the size of the other.
+    "units": (lambda x: np.array([x[0] - 1e13 * x[1] * abs(x[1]), 0.0]), [1e5, 1e-4], [[1.0, -2e9], [0.0, 0.0]]),
+    # Quadratic friction at rest has a derivative, although its second derivative has a jump.
+    "at rest": (lambda x: np.array([x[1] - 0.8 * x[0] * abs(x[0])]), [0.0, 0.0], [[0.0, 1.0]]),
 }
 
 
@@ -97,6 +101,11 @@ def test_a_kink_of_a_table_is_named():
     f = lambda z: np.array([np.interp(z[0], *TABLE)])  # noqa: E731
     assert derivative(f, np.array([1.0])).kinks == (0,)
     assert derivative(f, np.array([1.01])).kinks == ()
+
+
+def test_a_near_kink_is_named():
+    """The wide steps of the central difference meet it, those of the one-sided differences do not."""
+    assert derivative(lambda z: np.abs(z - 1.0003), np.array([1.0])).kinks == (0,)
 
 
 def test_no_coordinates_and_undefined_points():
