@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rmpc_bench.models.nonlinear import NonlinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.types import Array
 
@@ -22,7 +23,8 @@ def advanced(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Arra
 
     Returns
     -------
-    Those of the model; P only where the model is linear, otherwise the same as before, as both where it has no step.
+    Those of the model; P is that of its linearisation.  What the model does not have, or not in finite numbers, is the
+    same as before.
     """
     try:
         with np.errstate(all="ignore"):
@@ -30,10 +32,15 @@ def advanced(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Arra
     # A design model may be the user's; one that fails leaves the last estimate.
     except Exception:
         return x_hat, P
-    return (x_next, P_next) if np.isfinite(x_next).all() and np.isfinite(P_next).all() else (x_hat, P)
+    if not np.isfinite(x_next).all():
+        return x_hat, P
+    return x_next, P_next if np.isfinite(P_next).all() else P
 
 
 def _moved(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Array, Array]:
+    if isinstance(model, NonlinearModel):
+        F = model.F(x_hat, u, k)
+        return model.f(x_hat, u, k), F @ P @ F.T + model.Q_w
     if callable(getattr(model, "f", None)):
         return np.asarray(model.f(x_hat, u), dtype=float).reshape(x_hat.shape), P
     if isinstance(model, StateDependentModel) and model.has_offsets:

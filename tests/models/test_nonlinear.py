@@ -258,4 +258,18 @@ def test_a_held_step_moves_the_estimate_along_the_trajectory():
     A = free.F(x, u)
     # The linearisation holds the Jacobian of the equation over the sample.
     np.testing.assert_allclose(P_next, A @ P @ A.T + 1e-6 * np.eye(2), rtol=1e-2)
-    np.testing.assert_allclose(advanced(free, 0, x, P, u)[0], free.f(x, u), **EXACT)
+    x_next, P_next = advanced(free, 0, x, P, u)
+    np.testing.assert_allclose(x_next, free.f(x, u), **EXACT)
+    np.testing.assert_allclose(P_next, A @ P @ A.T + 1e-6 * np.eye(2), **EXACT)
+
+
+def test_a_held_step_of_an_equation_that_depends_on_time_uses_the_sample():
+    """Oracle: the solution of x' = 0.02 t x over [k Ts, (k+1) Ts]."""
+    plain = linear_plant(TS, 5, A=[0.5], B=[[1.0]], C=[[1.0]])
+    keys = {"ode": lambda t, x, u, p: [0.02 * t * x[0]], "states": 1, "inputs": 1, "noise": NOISE, "substeps": 100}
+    model = ode_model(TS, plain, **keys)
+    growth = np.exp(0.01 * TS**2 * (3**2 - 2**2))
+    x_next, P_next = advanced(model, 2, np.array([1.0]), np.eye(1), np.zeros(1))
+    # Fourth order in a step of TS / 100.
+    np.testing.assert_allclose(x_next, growth, rtol=1e-6)
+    np.testing.assert_allclose(P_next[0], growth**2 + model.Q_w[0], rtol=1e-6)
