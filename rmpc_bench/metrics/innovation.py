@@ -116,10 +116,11 @@ class Nis(InnovationMetric):
 class Whiteness(InnovationMetric):
     """Portmanteau statistic of the innovation, per degree of freedom: about 1 if it is white; lower is better.
 
-    n sum over j = 1..lags of trace(C_j' C_0^-1 C_j C_0^-1) / (lags ny^2), with the n samples of the window and the
-    autocovariances C_j = mean of e(k) e(k-j)'.  For a consistent filter and many samples, n times the sum has a
-    chi-square distribution with lags ny^2 degrees of freedom.  A large value shows that the innovations are correlated
-    over time: the model or its noises are wrong.  Samples without a measurement are left out before lags are counted.
+    n^2 sum over j = 1..lags of trace(C_j' C_0^-1 C_j C_0^-1) / (n - j) / (lags ny^2), with the n samples of the window
+    and the autocovariances C_j = sum of e(k) e(k-j)' / n of the innovation minus its mean over the window (Hosking,
+    1980).  Times lags ny^2, it has about a chi-square distribution with that many degrees of freedom for a consistent
+    filter.  A large value shows that the innovations are correlated over time: the model or its noises are wrong.  A
+    constant bias has no effect; `nis` shows it.  Samples without a measurement are left out before lags are counted.
 
     Parameters
     ----------
@@ -156,5 +157,6 @@ class Whiteness(InnovationMetric):
         total = 0.0
         for lag in range(1, lags + 1):
             C = e[lag:].T.dot(e[:-lag]) / n
-            total += float(np.trace(C.T.dot(inverse).dot(C).dot(inverse)))
-        return float(n * total / (lags * ny**2)) if lags else np.nan
+            # The divisor makes the mean 1 for few samples, too.
+            total += float(np.trace(C.T.dot(inverse).dot(C).dot(inverse))) / (n - lag)
+        return float(n**2 * total / (lags * ny**2)) if lags else np.nan
