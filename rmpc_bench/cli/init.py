@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.example_data import recorded_runs
 
 ESTIMATORS = {"mhe": "MHE", "plain": "Observer"}
 """Choice of `--estimator` -> class in its template."""
@@ -18,7 +19,9 @@ CONTROLLERS = {"plain": "PI"}
 
 @click.command()
 @click.argument("name", default="tanks")
-@click.option("--plant", type=click.Choice(["ode"]), default="ode", show_default=True, help="Form of the plant.")
+@click.option(
+    "--plant", type=click.Choice(["ode", "data"]), default="ode", show_default=True, help="Form of the plant."
+)
 @click.option(
     "--estimator",
     type=click.Choice([*ESTIMATORS]),
@@ -32,7 +35,8 @@ def init(name: str, plant: str, estimator: str, controller: str) -> int:
     """Write an experiment with components of your own into the current directory.
 
     NAME.yaml compares an estimator written for one run with built-in ones on a plant that is a differential equation;
-    NAME.py has the components, and test_NAME.py tests them.  Existing files are never changed.
+    NAME.py has the components, and test_NAME.py tests them.  With `--plant data` it
+    compares estimators on recorded runs, of which it writes a few.  Existing files are never changed.
     """
     if not re.fullmatch(r"[A-Za-z_]\w*", name):
         raise click.BadParameter(f"{name!r} is no name of a Python module: letters, digits and _", param_hint="NAME")
@@ -43,6 +47,7 @@ def init(name: str, plant: str, estimator: str, controller: str) -> int:
         return exits.USAGE
     for file, text in texts.items():
         if not Path(file).exists():
+            Path(file).parent.mkdir(exist_ok=True)
             Path(file).write_text(text, encoding="utf-8")
             click.echo(f"written {file}", err=True)
     click.echo(f"next    rmpc-bench check --component {name}.py:{ESTIMATORS[estimator]}")
@@ -58,9 +63,13 @@ def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str,
     name : of the experiment and of its module
     plant, estimator, controller : choices of the command line
     """
-    parts = [f"plant_{plant}", "noise", f"controller_{controller}", f"estimator_{estimator}"]
+    # Recorded data need neither a plant, a noise nor a controller.
+    own = [f"plant_{plant}", "noise", f"controller_{controller}"] if plant == "ode" else []
+    parts = [*own, f"estimator_{estimator}"]
     module = _template("header") + "\n" + "\n\n".join(_template(part) for part in parts)
     types = [word for word in ("Count", "Noise", "Positive") if f": {word} " in module or f"({word})" in module]
+    if not types:
+        module = module.replace("from rmpc_bench.types import IMPORTS\n", "")
     words = {
         "IMPORTS": ", ".join(types),
         "ESTIMATOR": ESTIMATORS[estimator],
@@ -70,12 +79,12 @@ def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str,
     texts = {
         f"{name}.yaml": _template(f"config_{plant}"),
         f"{name}.py": module,
-        f"test_{name}.py": _template("test"),
+        f"test_{name}.py": _template("test" if plant == "ode" else "test_data"),
         ".gitignore": _template("gitignore"),
     }
     for word, value in words.items():
         texts = {file: text.replace(word, value) for file, text in texts.items()}
-    return texts
+    return texts if plant == "ode" else texts | recorded_runs(name)
 
 
 def _template(name: str) -> str:

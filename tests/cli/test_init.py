@@ -112,3 +112,15 @@ def test_the_share_and_the_size_of_outliers_are_those_asked_for(tmp_path):
     expected = 2.0 * np.sqrt(0.9 + 0.1 * 25.0)
     assert abs(values.std() / expected - 1.0) < 0.02  # five standard errors of the spread of this mixture
     assert abs(values.mean()) < 5.0 * expected / np.sqrt(200_000)
+
+
+@pytest.mark.parametrize("estimator", ["mhe", "plain"])
+def test_recorded_data_come_with_a_configuration_that_fits_them(tmp_path, estimator):
+    from rmpc_bench import load_config
+
+    done = init(tmp_path, "mine", "--plant", "data", "--estimator", estimator)
+    assert done.exit_code == 0
+    assert len([*(tmp_path / "mine_data").glob("run-*.csv")]) == 8
+    text = "".join(path.read_text(encoding="utf-8") for path in tmp_path.glob("*mine.*"))
+    assert not any(word in text for word in ("NAME", "ESTIMATOR", "CONTROLLER", "IMPORTS"))
+    assert len(load_config(tmp_path / "mine.yaml").points[0].experiment.methods) == 3
