@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.conformance.failures import require_no_wrong_answer
+from rmpc_bench.conformance.failures import require_valid_return_values
+from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.conformance.outcome import REPETITION, Outcome, first_checks, refuse_objects
 from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
-from rmpc_bench.conformance.surroundings import SEED, global_seed
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.types import Array, Command, Controller, Estimate, Journal, Status, as_command
 
@@ -37,7 +37,7 @@ class ControllerExample:
     r: Float[Array, "samples ny"]
     nu: int | None = None
     known: dict[int, tuple[Controller, Outcome]] = field(default_factory=dict, repr=False)
-    """Answers to the whole example by the controllers that were asked before."""
+    """Outcome of the whole example by component, computed once for each of the controllers."""
     checks: ClassVar[tuple[Check, ...]]
 
     @classmethod
@@ -74,7 +74,7 @@ class ControllerExample:
         """State of some runs before the first sample."""
         return RunStart(SEED, tuple(int(row) for row in rows), journal).controller(controller, len(rows), shared)
 
-    def asked(self, component: Controller, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
+    def evaluate(self, component: Controller, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
         """Control some runs; an exception of the controller ends them.
 
         Parameters
@@ -96,7 +96,7 @@ class ControllerExample:
                     state, command = self.step(component, k, state, rows)
                     command = command._replace(u=np.array(command.u))
                     outcome.states.append(state)
-                    outcome.answers.append(command)
+                    outcome.returned.append(command)
                     outcome.numbers.append(command.u)
                     status[:] = np.where(status != Status.OK, status, command.status)
                     np.equal(status, Status.OK, out=shared.alive)
@@ -108,7 +108,7 @@ class ControllerExample:
     def all(self, component: Controller) -> Outcome:
         """Control the whole example; computed once per controller."""
         if id(component) not in self.known:
-            self.known[id(component)] = component, self.asked(component)
+            self.known[id(component)] = component, self.evaluate(component)
         return self.known[id(component)][1]
 
     def step(
@@ -123,7 +123,7 @@ class ControllerExample:
 
     def u(self, controller: Controller) -> Float[Array, "runs steps nu"]:
         """Inputs of all runs over time."""
-        return self.asked(controller).values
+        return self.evaluate(controller).values
 
 
 def _base_class(controller: Any, _: ControllerExample) -> None:
@@ -133,12 +133,12 @@ def _base_class(controller: Any, _: ControllerExample) -> None:
 
 def _shapes(controller: Controller, example: ControllerExample) -> None:
     outcome, n_runs = example.all(controller), example.n_runs
-    require_no_wrong_answer(outcome.journal, "shape")
+    require_valid_return_values(outcome.journal, "shape")
     if not controller.starts_runs:
         state = controller.init(n_runs)
         require(state is None or all(len(array) == n_runs for array in state), "axis 0 of the state is not the run")
-    nu = outcome.answers[0].u.shape[-1] if example.nu is None else example.nu
-    for k, command in enumerate(outcome.answers):
+    nu = outcome.returned[0].u.shape[-1] if example.nu is None else example.nu
+    for k, command in enumerate(outcome.returned):
         require(command.u.shape == (n_runs, nu), f"u has shape {command.u.shape} at k = {k} instead of {(n_runs, nu)}")
         require(command.u.dtype == np.float64, f"u is {command.u.dtype}, not float64")
         require(command.status.dtype == np.int8, f"status is {command.status.dtype}, not int8")
@@ -178,11 +178,13 @@ def _missing(controller: Controller, example: ControllerExample) -> None:
     run, k = example.n_runs // 2, 3
     x_hat, y = example.x_hat.copy(), example.y.copy()
     x_hat[run, k], y[run, k] = np.nan, np.nan
-    outcome = ControllerExample(x_hat, y, example.r).asked(controller)
+    outcome = ControllerExample(x_hat, y, example.r).evaluate(controller)
     found, expected = outcome.values, example.u(controller)
     require_same("u of the other runs", np.delete(found, run, axis=0), np.delete(expected, run, axis=0))
     require_same("u before the missing sample", found[run, :k], expected[run, :k])
-    require(bool(outcome.status[run]) or bool(np.isnan(found[run, k]).all()), "u hides a missing estimate")
+    require(
+        bool(outcome.status[run]) or bool(np.isnan(found[run, k]).all()), "u is finite although the estimate is missing"
+    )
 
 
 FIRST = first_checks(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.conformance.failures import require_no_wrong_answer
+from rmpc_bench.conformance.failures import require_valid_return_values
 from rmpc_bench.conformance.filtering import EstimatorExample
 from rmpc_bench.conformance.outcome import REPETITION, first_checks, refuse_objects
 from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
@@ -19,13 +19,13 @@ def _base_class(estimator: Any, _: EstimatorExample) -> None:
 
 def _shapes(estimator: Estimator, example: EstimatorExample) -> None:
     outcome = example.all(estimator)
-    require_no_wrong_answer(outcome.journal, "shape")
-    n_runs, nx = outcome.answers[0].x_hat.shape
+    require_valid_return_values(outcome.journal, "shape")
+    n_runs, nx = outcome.returned[0].x_hat.shape
     require(n_runs == example.n_runs, f"x_hat has {n_runs} rows for {example.n_runs} runs")
     require(example.nx in (None, nx), f"x_hat has {nx} numbers; the model has {example.nx} states")
     for state in outcome.states if not estimator.starts_runs else []:
         require(all(len(array) == n_runs for array in state), "axis 0 of a state's array is not the run")
-    for k, estimate in enumerate(outcome.answers):
+    for k, estimate in enumerate(outcome.returned):
         require(estimate.x_hat.shape == (n_runs, nx), f"x_hat has shape {estimate.x_hat.shape} at k = {k}")
         require(estimate.x_hat.dtype == np.float64, f"x_hat is {estimate.x_hat.dtype}, not float64")
         for name, matrix in (("P", estimate.P), ("M", estimate.M)):
@@ -68,8 +68,8 @@ def _own_arrays(estimator: Estimator, example: EstimatorExample) -> None:
     refuse_objects(estimator, state)
     returned: list[Array] = []
     for k in range(3):
-        state, answer = estimator.correct(k, state, example.y[:, k])
-        estimate = as_estimate(answer)
+        state, corrected = estimator.correct(k, state, example.y[:, k])
+        estimate = as_estimate(corrected)
         returned += [each for each in (estimate.x_hat, estimate.P) if each is not None and each.ndim in (2, 3)]
         before = copies(returned)
         state = estimator.predict(k, state, example.u[:, k])
@@ -81,7 +81,7 @@ def _own_arrays(estimator: Estimator, example: EstimatorExample) -> None:
 def _missing(estimator: Estimator, example: EstimatorExample) -> None:
     run, k, broken = example.n_runs // 2, 3, example.y.copy()
     broken[run, k] = np.nan
-    outcome, expected = example.asked(estimator, y=broken), example.x_hat(estimator)
+    outcome, expected = example.evaluate(estimator, y=broken), example.x_hat(estimator)
     found = outcome.values
     require_same("x_hat of the other runs", np.delete(found, run, axis=0), np.delete(expected, run, axis=0))
     require_same("x_hat before the missing sample", found[run, :k], expected[run, :k])
@@ -90,7 +90,10 @@ def _missing(estimator: Estimator, example: EstimatorExample) -> None:
         require(bool((found[run, k] != expected[run, k]).any()), "x_hat does not depend on the measurement")
     else:  # the estimate of a predictor uses y(k) one sample later
         failed = bool(outcome.status[run]) or bool(np.isnan(found[run, k : k + 2]).any())
-        require(failed, "x_hat hides a missing measurement; an estimator that bridges it sets `bridges_missing`")
+        require(
+            failed,
+            "x_hat is finite although a measurement is missing; set `bridges_missing` if the estimator then predicts",
+        )
 
 
 def _series(estimator: Estimator, example: EstimatorExample) -> None:

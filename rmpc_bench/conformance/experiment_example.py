@@ -10,11 +10,11 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.conformance.estimator_information import FRESH, FUNCTION, EstimatorData, require_causal
 from rmpc_bench.conformance.filtering import EstimatorExample
-from rmpc_bench.conformance.honesty import FRESH, FUNCTION, EstimatorData, require_causal
+from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.conformance.linear_system import LinearSystem
-from rmpc_bench.conformance.results import Answer, Check, NotApplicableError, require
-from rmpc_bench.conformance.surroundings import SEED, global_seed
+from rmpc_bench.conformance.results import Check, NotApplicableError, Returned, require
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment
@@ -48,7 +48,7 @@ System: TypeAlias = LinearSystem | ExperimentSystem
 
 
 class Recording(Estimator):
-    """An estimator that keeps what it is given and what it answers.
+    """An estimator that records its inputs and its estimates.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class Recording(Estimator):
     def correct(self, k: int, state: Any, y: Array) -> Any:
         """Keep y(k) and x_hat(k)."""
         self.y.append(y.copy())
-        state, answer = self.design.correct(k, state, y)
-        self.x_hat.append(np.array(as_estimate(answer).x_hat))
-        return state, answer
+        state, returned = self.design.correct(k, state, y)
+        self.x_hat.append(np.array(as_estimate(returned).x_hat))
+        return state, returned
 
     def predict(self, k: int, state: Any, u: Array) -> Any:
         """Keep u(k)."""
@@ -89,12 +89,12 @@ class ExperimentExample:
     ----------
     system : plant, scenario and method
     estimator : the design
-    elsewhere : repeats the filter in a process without a plant, as in `HonestyExample`
+    separate_process : repeats the filter in a process without a plant, as in `EstimatorInformationExample`
     """
 
     system: ExperimentSystem
     estimator: Estimator
-    elsewhere: Callable[[EstimatorData, bool], Answer] | None = None
+    separate_process: Callable[[EstimatorData, bool], Returned] | None = None
     checks: ClassVar[tuple[Check, ...]]
     noun: ClassVar[str] = "x_hat"
 
@@ -129,11 +129,11 @@ class ExperimentExample:
         """Estimates in the simulation."""
         return np.stack(self.recording.x_hat, axis=1)
 
-    def away(self, *, same: bool) -> Answer:
+    def away(self, *, same: bool) -> Returned:
         """Estimates in a process without a plant."""
-        if self.elsewhere is None:
+        if self.separate_process is None:
             raise NotApplicableError("needs another process")
-        return self.elsewhere(EstimatorData(self.data.y, self.data.u), same)
+        return self.separate_process(EstimatorData(self.data.y, self.data.u), same)
 
 
 def _completes(estimator: Estimator, example: ExperimentExample) -> None:
@@ -145,7 +145,7 @@ def _causal(estimator: Estimator, example: ExperimentExample) -> None:
 
 
 ExperimentExample.checks = (
-    Check("answers", "every call is answered without an exception", _completes, is_first=True),
+    Check("no-exception", "every call returns without an exception", _completes, is_first=True),
     FUNCTION,
     FRESH,
     Check("causal", "x_hat(k) does not depend on y after k", _causal),

@@ -15,10 +15,10 @@ UNSOLVED = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 WORDS = {int(status): status.word for status in Status}
 """Number of a status -> its word."""
 NOT_FINITE = re.compile(r"\b(nan|inf|infinite|finite|not a number)\b", re.IGNORECASE)
-"""Words of a message about a wrong answer that is not finite."""
+"""Words of a message about a return value that is not finite."""
 
 
-def require_answers(status: Statuses, journal: Journal) -> None:
+def require_no_exception(status: Statuses, journal: Journal) -> None:
     """Fail the running check if a call of a single-run component has raised an exception.
 
     Parameters
@@ -43,7 +43,7 @@ def require_solved(status: Statuses, journal: Journal) -> None:
 
     Parameters
     ----------
-    status, journal : as in `require_answers`
+    status, journal : as in `require_no_exception`
 
     Raises
     ------
@@ -59,8 +59,8 @@ def require_solved(status: Statuses, journal: Journal) -> None:
     require(held == 0, f"{held} steps in {len(journal.held)} of {len(status)} runs were held")
 
 
-def require_no_wrong_answer(journal: Journal, kind: str) -> None:
-    """Fail the running check if a single-run component has returned a wrong answer.
+def require_valid_return_values(journal: Journal, kind: str) -> None:
+    """Fail the running check if a single-run component has returned an invalid value.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measurements and inputs that an estimator is checked with, and what it answers to them."""
+"""Measurements and inputs that an estimator is checked with, and the estimates that it returns."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.conformance.outcome import Outcome
 from rmpc_bench.conformance.results import Check, require
-from rmpc_bench.conformance.surroundings import SEED, global_seed
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.types import Array, Estimate, Estimator, Journal, Status, as_estimate
 
@@ -33,7 +33,7 @@ class EstimatorExample:
     delta: Callable[[Sequence[int]], Any] | None = None
     nx: int | None = None
     known: dict[int, tuple[Estimator, Outcome]] = field(default_factory=dict, repr=False)
-    """Answers to the whole example by the estimators that were asked before."""
+    """Outcome of the whole example by component, computed once for each of the estimators."""
     checks: ClassVar[tuple[Check, ...]]
 
     @classmethod
@@ -73,7 +73,7 @@ class EstimatorExample:
         start = RunStart(SEED, tuple(int(row) for row in rows), journal or Journal())
         return start.estimator(estimator, len(rows), drawn, shared or RunState.of(len(rows)))
 
-    def asked(
+    def evaluate(
         self, component: Estimator, rows: Sequence[int] | None = None, *, seed: int = 0, y: Array | None = None
     ) -> Outcome:
         """Filter some runs; an exception of the estimator ends them.
@@ -97,8 +97,8 @@ class EstimatorExample:
                 for k in range(y.shape[1]):
                     status[:] = np.where(status != Status.OK, status, shared.failed)
                     np.equal(status, Status.OK, out=shared.alive)
-                    state, answer = component.correct(k, state, np.ascontiguousarray(y[rows, k]))
-                    estimate = as_estimate(answer)
+                    state, returned = component.correct(k, state, np.ascontiguousarray(y[rows, k]))
+                    estimate = as_estimate(returned)
                     _keep(outcome, state, estimate)
                     status[:] = np.where(status != Status.OK, status, estimate.status)
                     np.equal(status, Status.OK, out=shared.alive)
@@ -113,20 +113,20 @@ class EstimatorExample:
     def all(self, component: Estimator) -> Outcome:
         """Filter the whole example; computed once per estimator."""
         if id(component) not in self.known:
-            self.known[id(component)] = component, self.asked(component)
+            self.known[id(component)] = component, self.evaluate(component)
         return self.known[id(component)][1]
 
     def x_hat(
         self, estimator: Estimator, rows: Sequence[int] | None = None, y: Array | None = None
     ) -> Float[Array, "runs samples nx"]:
         """Estimates of some runs over time."""
-        return self.asked(estimator, rows, y=y).values
+        return self.evaluate(estimator, rows, y=y).values
 
 
 def _keep(outcome: Outcome, state: Any, estimate: Estimate) -> None:
-    """Add the answer of a sample; what the estimator may write into again is copied."""
+    """Add the estimate of a sample; what the estimator may write into again is copied."""
     P = None if estimate.P is None else np.array(estimate.P)
     estimate = estimate._replace(x_hat=np.array(estimate.x_hat), P=P)
     outcome.states.append(state)
-    outcome.answers.append(estimate)
+    outcome.returned.append(estimate)
     outcome.numbers.append(estimate.x_hat)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.components.by_kind import estimator
-from rmpc_bench.conformance.surroundings import SEED, global_seed
+from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import mv, psd_sqrt
 from rmpc_bench.simulation.closed_loop import simulate

@@ -1,4 +1,4 @@
-"""What a component has answered over all samples, and the checks that every kind of component has in common."""
+"""What a component has returned over all samples, and the checks that every kind of component has in common."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from rmpc_bench.conformance.failures import WORDS, require_answers, require_no_wrong_answer, require_solved
+from rmpc_bench.conformance.failures import WORDS, require_no_exception, require_solved, require_valid_return_values
 from rmpc_bench.conformance.results import FROZEN, Check, NotApplicableError, require, require_same
 from rmpc_bench.types import Array, Journal, SolverError, Statuses
 
@@ -28,8 +28,8 @@ class Outcome(NamedTuple):
     journal: Journal
     error: BaseException | None
     """What a call has raised; the remaining samples are then missing."""
-    answers: list[Any]
-    """Complete answers of every sample."""
+    returned: list[Any]
+    """Everything that was returned at every sample."""
     states: list[Any]
     """States of the component after every call."""
 
@@ -42,24 +42,24 @@ class Outcome(NamedTuple):
 
 
 class Example(Protocol):
-    """Data that a component is asked with."""
+    """Data on which a component is evaluated."""
 
     @property
     def n_runs(self) -> int:
         """Number of runs."""
 
-    def asked(self, component: Any, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
-        """Return the answers for some runs; ``seed`` is that of the global random generators."""
+    def evaluate(self, component: Any, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
+        """Evaluate the component on some runs; ``seed`` is that of the global random generators."""
 
     def all(self, component: Any) -> Outcome:
-        """Return the answers for all runs, computed once."""
+        """Return the numbers of all runs, computed once."""
 
 
-def _answers(component: Any, example: Example) -> None:
+def _no_exception(component: Any, example: Example) -> None:
     outcome = example.all(component)
     if outcome.error is not None and not isinstance(outcome.error, SolverError):
         raise outcome.error
-    require_answers(outcome.status, outcome.journal)
+    require_no_exception(outcome.status, outcome.journal)
 
 
 def _solved(component: Any, example: Example) -> None:
@@ -71,7 +71,7 @@ def _solved(component: Any, example: Example) -> None:
 
 def _finite(component: Any, example: Example) -> None:
     outcome = example.all(component)
-    require_no_wrong_answer(outcome.journal, "finite")
+    require_valid_return_values(outcome.journal, "finite")
     for k, numbers in enumerate(outcome.numbers):
         wrong = np.asarray(~np.isfinite(numbers).all(axis=1))
         require(not wrong.any(), f"{outcome.noun} of {wrong.sum()} of {len(wrong)} runs is not finite at k = {k}")
@@ -90,7 +90,7 @@ def first_checks(base_class: Check, shapes: Callable[[Any, Any], None], says: st
     """
     return (
         base_class,
-        Check("answers", "every call is answered without an exception", _answers, is_first=True),
+        Check("no-exception", "every call returns without an exception", _no_exception, is_first=True),
         Check("solved", "the problem of every sample is solved (no `SolverError`)", _solved, is_first=True),
         Check("shapes", says, shapes, is_first=True),
         Check("finite", "every number is finite, and every status is ok", _finite, is_first=True),
@@ -103,7 +103,7 @@ def _repeated(component: Any, example: Example) -> None:
     first = example.all(component)
     try:
         require_same(
-            f"{first.noun} of the second time", example.asked(component, rows).values, first.values[: len(rows)]
+            f"{first.noun} of the second time", example.evaluate(component, rows).values, first.values[: len(rows)]
         )
     except AssertionError as error:
         raise AssertionError(f"{error}{REMAINS}") from None
@@ -111,29 +111,29 @@ def _repeated(component: Any, example: Example) -> None:
 
 def _random_state(component: Any, example: Example) -> None:
     rows = range(min(5, example.n_runs))
-    once, twice, other = (example.asked(component, rows, seed=seed).values for seed in (0, 0, 1))
+    once, twice, other = (example.evaluate(component, rows, seed=seed).values for seed in (0, 0, 1))
     if not np.array_equal(once, twice, equal_nan=True):
         raise NotApplicableError("the same data give other numbers, see `repeated`")
     require(np.array_equal(twice, other, equal_nan=True), GLOBAL_STATE)
 
 
 def _alone(component: Any, example: Example) -> None:
-    together = example.asked(component)
+    together = example.evaluate(component)
     for run in range(example.n_runs):
-        alone = example.asked(component, [run]).values
+        alone = example.evaluate(component, [run]).values
         require_same(f"{together.noun} of run {run} alone", alone, together.values[run : run + 1])
 
 
 def _order(component: Any, example: Example) -> None:
     order = np.random.default_rng(5).permutation(example.n_runs).tolist()
-    together = example.asked(component)
-    found = example.asked(component, order).values
+    together = example.evaluate(component)
+    found = example.evaluate(component, order).values
     require_same(f"{together.noun} in another order", found, together.values[order])
 
 
 def _pickle(component: Any, example: Example) -> None:
-    copy, expected = pickle.loads(pickle.dumps(component)), example.asked(component)
-    require_same(f"{expected.noun} of the copy", example.asked(copy).values, expected.values)
+    copy, expected = pickle.loads(pickle.dumps(component)), example.evaluate(component)
+    require_same(f"{expected.noun} of the copy", example.evaluate(copy).values, expected.values)
 
 
 REPETITION: tuple[Check, ...] = (

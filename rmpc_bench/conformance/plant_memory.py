@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.conformance.linear_system import Excitation
 from rmpc_bench.conformance.results import require_same
-from rmpc_bench.conformance.surroundings import SEED, global_seed
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.run_start import RunStart

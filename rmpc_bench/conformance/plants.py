@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.conformance.failures import WORDS, require_no_wrong_answer
+from rmpc_bench.conformance.failures import WORDS, require_valid_return_values
+from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.conformance.outcome import REPETITION, Outcome, first_checks, refuse_objects
 from rmpc_bench.conformance.plant_memory import require_methods_apart
 from rmpc_bench.conformance.results import Check, copies, require, require_same, require_unchanged
-from rmpc_bench.conformance.surroundings import SEED, global_seed
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.types import Array, Journal, Plant, PlantInfo, Status, as_motion
 
@@ -37,7 +37,7 @@ class PlantExample:
     w: Float[Array, "runs steps nw"]
     v: Float[Array, "runs steps nv"]
     known: dict[int, tuple[Plant, Outcome]] = field(default_factory=dict, repr=False)
-    """Answers to the whole example by the plants that were asked before."""
+    """Outcome of the whole example by component, computed once for each of the plants."""
     checks: ClassVar[tuple[Check, ...]]
 
     @classmethod
@@ -80,7 +80,7 @@ class PlantExample:
         w, v = self.w[rows], self.v[rows]
         return (delta, *plant.mix(delta, w, v)) if plant.mixes_noise else (delta, w, v)
 
-    def asked(self, component: Plant, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
+    def evaluate(self, component: Plant, rows: Sequence[int] | None = None, *, seed: int = 0) -> Outcome:
         """Simulate some runs; an exception of the plant ends them.
 
         Parameters
@@ -91,7 +91,7 @@ class PlantExample:
 
         Returns
         -------
-        The numbers of a sample are x(k+1) and y(k), the answers are pairs of the two.
+        The numbers of a sample are x(k+1) and y(k), the returned values are pairs of the two.
         """
         rows = list(range(self.n_runs) if rows is None else rows)
         shared, journal, status = RunState.of(len(rows)), Journal(), np.zeros(len(rows), np.int8)
@@ -107,7 +107,7 @@ class PlantExample:
                     status[:] = np.where(status != Status.OK, status, motion.status)
                     np.equal(status, Status.OK, out=shared.alive)
                     x = np.array(motion.x)
-                    outcome.answers.append((motion._replace(x=x), y))
+                    outcome.returned.append((motion._replace(x=x), y))
                     outcome.numbers.append(np.concatenate([x, y], axis=1))
             except (Exception, SystemExit) as error:  # a plant under test may raise anything
                 error.add_note(f"k = {k}" if k >= 0 else "before the first sample")
@@ -117,12 +117,12 @@ class PlantExample:
     def all(self, component: Plant) -> Outcome:
         """Simulate the whole example; computed once per plant."""
         if id(component) not in self.known:
-            self.known[id(component)] = component, self.asked(component)
+            self.known[id(component)] = component, self.evaluate(component)
         return self.known[id(component)][1]
 
-    def answers(self, component: Plant) -> Array:
+    def results(self, component: Plant) -> Array:
         """States and outputs of all runs."""
-        return self.asked(component).values
+        return self.evaluate(component).values
 
 
 def _within(limits: tuple[Array, Array], values: Array, rng: np.random.Generator) -> Array:
@@ -142,8 +142,8 @@ def _base_class(plant: Any, _: PlantExample) -> None:
 
 def _shapes(plant: Plant, example: PlantExample) -> None:
     outcome, n_runs = example.all(plant), example.n_runs
-    require_no_wrong_answer(outcome.journal, "shape")
-    for k, (motion, y) in enumerate(outcome.answers):
+    require_valid_return_values(outcome.journal, "shape")
+    for k, (motion, y) in enumerate(outcome.returned):
         require(motion.x.shape == (n_runs, plant.nx), f"x has shape {motion.x.shape} at k = {k}; nx = {plant.nx}")
         require(y.shape == (n_runs, plant.ny), f"y has shape {y.shape} at k = {k}; ny = {plant.ny}")
         require(motion.x.dtype == y.dtype == np.float64, f"x is {motion.x.dtype}, y is {y.dtype}, not float64")
@@ -153,7 +153,7 @@ def _shapes(plant: Plant, example: PlantExample) -> None:
 
 def _finite(plant: Plant, example: PlantExample) -> str:
     outcome = example.all(plant)
-    require_no_wrong_answer(outcome.journal, "finite")
+    require_valid_return_values(outcome.journal, "finite")
     good = ~outcome.status.astype(bool)
     for k, numbers in enumerate(outcome.numbers):
         wrong = np.asarray(~np.isfinite(numbers[good]).all(axis=1))
@@ -191,13 +191,13 @@ def _missing(plant: Plant, example: PlantExample) -> None:
             continue
         place = (run, 0) if name == "x" else (run, 3)
         broken[place] = np.nan
-        found = replace(example, **{name: broken}, known={}).asked(plant)
+        found = replace(example, **{name: broken}, known={}).evaluate(plant)
         others = (np.delete(each.values, run, axis=0) for each in (found, expected))
         require_same(f"(x, y) beside a missing {name}", *others)
         if name in ("x", "u"):
             states = found.values[run, :, : plant.nx]
             failed = bool(found.status[run]) or bool(np.isnan(states).any())
-            require(failed, f"the state hides a missing {name}")
+            require(failed, f"the state is finite although {name} is missing")
 
 
 def _nominal(plant: Plant, example: PlantExample) -> None:
@@ -209,7 +209,7 @@ def _nominal(plant: Plant, example: PlantExample) -> None:
     # Without limits the origin; with limits their middle.
     x, u = (_middle(*each) for each in (limits.x, limits.u))
     nominal = PlantExample(parameters, x[None], np.tile(u, (1, 2, 1)), w, v)
-    require_same("status", nominal.asked(plant).status, np.full(1, Status.OK, dtype=np.int8))
+    require_same("status", nominal.evaluate(plant).status, np.full(1, Status.OK, dtype=np.int8))
 
 
 def _middle(low: Array, high: Array) -> Array:

@@ -12,7 +12,7 @@ from rmpc_bench.conformance.subject import unpacked
 
 
 def main() -> None:
-    """Read a job from stdin and write what the component answers to stdout."""
+    """Read a job from stdin and write what the component returns to stdout."""
     out = os.fdopen(os.dup(1), "wb")
     # What the component prints goes where the errors go.
     os.dup2(2, 1)
@@ -20,21 +20,21 @@ def main() -> None:
         sys.path[:] = [path for path in pickle.load(stream) if path]
         job = stream.read()
     try:
-        answer = answered(unpacked(job)), ""
+        result = results_of(unpacked(job)), ""
     except (Exception, SystemExit) as error:  # the component may raise anything
-        answer = None, raised(error)
-    pickle.dump(answer, out)
+        result = None, raised(error)
+    pickle.dump(result, out)
     out.flush()
     # Threads and handlers at exit of the component's libraries may wait for each other.
     os._exit(0)
 
 
-def answered(job: Any) -> Any:
-    """Make the component and return its answers to the data.
+def results_of(job: Any) -> Any:
+    """Make the component and return its results for the data.
 
     Parameters
     ----------
     job : ``subject``, ``group``, ``provided`` and ``data``
     """
     design = job["subject"].made(job["group"], job["provided"])
-    return job["data"].answers(design)
+    return job["data"].results(design)

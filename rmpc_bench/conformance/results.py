@@ -23,8 +23,8 @@ class NotApplicableError(Exception):
     """A check that has no meaning for this component; the message says why."""
 
 
-class Answer(NamedTuple):
-    """What a component has answered in another process."""
+class Returned(NamedTuple):
+    """What a component has returned in another process."""
 
     values: Array | None
     raised: str = ""

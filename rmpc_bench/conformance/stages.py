@@ -6,23 +6,23 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
-from rmpc_bench.conformance.controller_honesty import ControllerHonestyExample
+from rmpc_bench.conformance.controller_information import ControllerInformationExample
 from rmpc_bench.conformance.controllers import FIRST as CONTROLLER_FIRST
 from rmpc_bench.conformance.controllers import ControllerExample
-from rmpc_bench.conformance.elsewhere import Elsewhere
+from rmpc_bench.conformance.estimator_information import FRESH, EstimatorInformationExample
 from rmpc_bench.conformance.estimators import FIRST
 from rmpc_bench.conformance.example_results import example_record, example_results
 from rmpc_bench.conformance.experiment_example import ExperimentExample, ExperimentSystem, System
 from rmpc_bench.conformance.figures import FigureExample
 from rmpc_bench.conformance.filtering import EstimatorExample
-from rmpc_bench.conformance.honesty import FRESH, HonestyExample
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.metrics import MetricExample
 from rmpc_bench.conformance.noises import NoiseExample
 from rmpc_bench.conformance.plants import FIRST as PLANT_FIRST
 from rmpc_bench.conformance.plants import PlantExample
 from rmpc_bench.conformance.references import ReferenceExample
-from rmpc_bench.conformance.results import Answer, Check, NotApplicableError
+from rmpc_bench.conformance.results import Check, NotApplicableError, Returned
+from rmpc_bench.conformance.separate_process import SeparateProcess
 from rmpc_bench.conformance.subject import Subject
 from rmpc_bench.types import Array, Controller, Estimator, Plant, PlantInfo
 
@@ -69,9 +69,9 @@ class Setting:
         """Make the design for a number of steps."""
         return self.subject.made(self.group, self.provided(n_steps))
 
-    def elsewhere(self, n_steps: int | None = None) -> Elsewhere:
+    def separate_process(self, n_steps: int | None = None) -> SeparateProcess:
         """Return the component in another process, made for a number of steps (default: those of the system)."""
-        return Elsewhere(self.subject, self.provided(n_steps or self.system.n_steps), self.group)
+        return SeparateProcess(self.subject, self.provided(n_steps or self.system.n_steps), self.group)
 
 
 def provided(group: str, system: System, n_steps: int) -> Mapping[str, Any]:
@@ -107,10 +107,10 @@ MADE = Check("signature", "the design can be made", lambda component, example: N
 def _estimator_stages(setting: Setting) -> Iterator[Stage]:
     system = setting.linear
     design: Estimator = setting.made(system.n_steps)
-    elsewhere = setting.elsewhere()
+    separate_process = setting.separate_process()
     try:
-        elsewhere.prepare()
-        example = HonestyExample(system, elsewhere)
+        separate_process.prepare()
+        example = EstimatorInformationExample(system, separate_process)
         yield Stage((MADE,))
         if design.knows_uncertainty:
             yield Stage(FIRST[:1], design, example.data)
@@ -119,25 +119,25 @@ def _estimator_stages(setting: Setting) -> Iterator[Stage]:
         model = system.model
         data = EstimatorExample.random(model.nu, model.ny, n_steps=SHORT)
         yield Stage(_without(EstimatorExample.checks, FIRST), setting.made(SHORT), data)
-        yield Stage(HonestyExample.checks, design, example)
+        yield Stage(EstimatorInformationExample.checks, design, example)
     finally:
-        elsewhere.close()
+        separate_process.close()
 
 
 def _controller_stages(setting: Setting) -> Iterator[Stage]:
-    system, elsewhere = setting.linear, setting.elsewhere()
+    system, separate_process = setting.linear, setting.separate_process()
     design: Controller = setting.made(system.n_steps)
     try:
-        elsewhere.prepare()
+        separate_process.prepare()
         yield Stage((MADE,))
         yield Stage(CONTROLLER_FIRST[:1], design)
-        example = ControllerHonestyExample(system, design.preview, elsewhere, design.regulates)
+        example = ControllerInformationExample(system, design.preview, separate_process, design.regulates)
         yield Stage(CONTROLLER_FIRST[1:], design, example.data)
         data = ControllerExample.random(system.model.nx, system.model.ny, design.preview, n_steps=SHORT)
         yield Stage(_without(ControllerExample.checks, CONTROLLER_FIRST), setting.made(SHORT), data)
-        yield Stage(ControllerHonestyExample.checks, design, example)
+        yield Stage(ControllerInformationExample.checks, design, example)
     finally:
-        elsewhere.close()
+        separate_process.close()
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,30 +145,30 @@ class PlantProcess:
     """A plant in this process and in another one."""
 
     example: PlantExample
-    elsewhere: Elsewhere
+    separate_process: SeparateProcess
     noun: ClassVar[str] = "(x, y)"
 
     def in_loop(self, plant: Plant) -> Array:
         """States and outputs in this process."""
         return self.example.all(plant).values
 
-    def away(self, *, same: bool) -> Answer:
+    def away(self, *, same: bool) -> Returned:
         """States and outputs in another process."""
-        return self.elsewhere(replace(self.example, known={}), same)
+        return self.separate_process(replace(self.example, known={}), same)
 
 
 def _plant_stages(setting: Setting) -> Iterator[Stage]:
     design: Plant = setting.made(SHORT)
-    elsewhere = setting.elsewhere(SHORT)
+    separate_process = setting.separate_process(SHORT)
     try:
-        elsewhere.prepare()
+        separate_process.prepare()
         yield Stage((MADE,))
         yield Stage(PLANT_FIRST[:1], design)
         example = PlantExample.random(design, n_steps=SHORT)
         yield Stage(_without(PlantExample.checks, PLANT_FIRST[:1]), design, example)
-        yield Stage((FRESH,), design, PlantProcess(example, elsewhere))
+        yield Stage((FRESH,), design, PlantProcess(example, separate_process))
     finally:
-        elsewhere.close()
+        separate_process.close()
 
 
 def _simple_stages(example: Callable[[Setting], Any]) -> Callable[[Setting], Iterator[Stage]]:
@@ -197,8 +197,8 @@ STAGES: Mapping[str, Callable[[Setting], Iterator[Stage]]] = {
     "figures": _simple_stages(lambda setting: FigureExample(example_results())),
 }
 CHECKS: Mapping[str, tuple[Check, ...]] = {
-    "estimators": (MADE, *EstimatorExample.checks, *HonestyExample.checks),
-    "controllers": (MADE, *ControllerExample.checks, *ControllerHonestyExample.checks),
+    "estimators": (MADE, *EstimatorExample.checks, *EstimatorInformationExample.checks),
+    "controllers": (MADE, *ControllerExample.checks, *ControllerInformationExample.checks),
     "plants": (MADE, *PlantExample.checks, FRESH),
     "references": (MADE, *ReferenceExample.checks),
     "noises": (MADE, *NoiseExample.checks),
@@ -209,13 +209,13 @@ CHECKS: Mapping[str, tuple[Check, ...]] = {
 
 
 def _experiment_stages(setting: Setting, system: ExperimentSystem) -> Iterator[Stage]:
-    design, elsewhere = setting.made(system.n_steps), setting.elsewhere()
+    design, separate_process = setting.made(system.n_steps), setting.separate_process()
     try:
-        elsewhere.prepare()
+        separate_process.prepare()
         yield Stage((MADE,))
-        yield Stage(ExperimentExample.checks, design, ExperimentExample(system, design, elsewhere))
+        yield Stage(ExperimentExample.checks, design, ExperimentExample(system, design, separate_process))
     finally:
-        elsewhere.close()
+        separate_process.close()
 
 
 def stages(setting: Setting) -> Iterator[Stage]:

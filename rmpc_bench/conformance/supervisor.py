@@ -13,10 +13,10 @@ import threading
 from pathlib import Path
 from typing import IO, Any
 
-from rmpc_bench.conformance.elsewhere import SAME_SEED, started
 from rmpc_bench.conformance.experiment_example import System
 from rmpc_bench.conformance.report import Report
 from rmpc_bench.conformance.results import PACKAGE, CheckResult, with_expected
+from rmpc_bench.conformance.separate_process import SAME_SEED, started
 from rmpc_bench.conformance.stages import CHECKS, MADE
 from rmpc_bench.conformance.subject import Subject, packed
 
@@ -141,7 +141,7 @@ def _followed(process: _Process, results: dict[str, CheckResult], known: dict[st
             message = process.next()
         except queue.Empty:
             process.end()
-            return current, f"no answer within {process.seconds:g} s: an endless loop{process.last_frame()}?"
+            return current, f"no result within {process.seconds:g} s: an endless loop{process.last_frame()}?"
         if message is None:
             code = process.process.wait()
             word = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"

@@ -9,7 +9,7 @@ from conftest import random_model
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import ControllerExample, check_component
-from rmpc_bench.conformance.controller_honesty import ControllerHonestyExample
+from rmpc_bench.conformance.controller_information import ControllerInformationExample
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.results import run_checks
 from rmpc_bench.controllers.mpc import Limits, Scale
@@ -91,13 +91,13 @@ def test_conformance(case):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_honesty(kind):
+def test_available_information(kind):
     """Every controller uses the data up to k and the reference of its preview only."""
     system = replace(LinearSystem.shipped(), n_runs=6, n_steps=100)
     make, given = registry.get("controllers", kind), {"n_steps": system.n_steps, "estimator": system.kalman}
     provided = {name: value for name, value in given.items() if name in inspect.signature(make).parameters}
     design = make(system.model, **provided, **PARAMETERS[kind][0])
-    example = ControllerHonestyExample(system, design.preview, None, design.regulates)
-    results = run_checks(ControllerHonestyExample.checks, design, example)
+    example = ControllerInformationExample(system, design.preview, None, design.regulates)
+    results = run_checks(ControllerInformationExample.checks, design, example)
     assert [str(each) for each in results if each.status == "failed"] == []
     assert "passed" in {each.status for each in results}

@@ -8,7 +8,7 @@ from conftest import random_model, random_psd
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import EstimatorExample, check_component
-from rmpc_bench.conformance.honesty import HonestyExample
+from rmpc_bench.conformance.estimator_information import EstimatorInformationExample
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.results import run_checks, with_expected
 from rmpc_bench.estimators.enhanced_robust import Margins
@@ -103,13 +103,13 @@ def test_conformance(case):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "oracle"])
-def test_honesty(kind):
+def test_available_information(kind):
     """Every estimator uses the data up to k only, is in time and exact; failures are declared with their reason."""
     # A linear program per run and sample takes a millisecond.
     system = replace(LinearSystem.shipped(), n_runs=8 if kind == "lp-window" else 20, n_steps=100)
     start = {"x0": system.x0} | ({} if kind in WITHOUT_COVARIANCE else {"P0": system.P0})
     start |= {"M0": system.P0} if kind in ("mixed", "set-membership") else {}
     design = registry.get("estimators", kind)(system.model, system.n_steps, **start, **PARAMETERS[kind][0])
-    results = run_checks(HonestyExample.checks, design, HonestyExample(system))
+    results = run_checks(EstimatorInformationExample.checks, design, EstimatorInformationExample(system))
     failed = [str(each) for each in with_expected(results, design.expected_failures) if each.status == "failed"]
     assert failed == []

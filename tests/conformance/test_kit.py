@@ -15,11 +15,11 @@ from small_experiment import cli, write
 from rmpc_bench import load_config
 from rmpc_bench.conformance import CHECKS, check, check_estimator, parametrize_with_checks
 from rmpc_bench.conformance.consistency import band
-from rmpc_bench.conformance.elsewhere import Elsewhere
 from rmpc_bench.conformance.experiment_example import ExperimentExample, ExperimentSystem
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.report import Report
 from rmpc_bench.conformance.results import run_checks, with_expected
+from rmpc_bench.conformance.separate_process import SeparateProcess
 from rmpc_bench.conformance.stages import Setting, stages
 from rmpc_bench.conformance.subject import subject_of
 from rmpc_bench.conformance.supervisor import check_subject
@@ -44,7 +44,7 @@ def small_check(component, group, **options):
 
 def results_here(component, group, monkeypatch):
     """Run the checks in this process and leave out those that need another one: id -> result."""
-    monkeypatch.setattr(Elsewhere, "prepare", lambda self: None)
+    monkeypatch.setattr(SeparateProcess, "prepare", lambda self: None)
     setting = Setting(subject_of(component, group), group, SMALL)
     results, stopped = {}, False
     for stage in stages(setting):
@@ -57,7 +57,7 @@ def results_here(component, group, monkeypatch):
 
 
 ESTIMATORS = [
-    ("Raising", "answers", "ValueError: negative level"),
+    ("Raising", "no-exception", "ValueError: negative level"),
     ("Unsolved", "solved", "maximum number of iterations reached"),
     ("NotANumber", "finite", "NaN or inf (k = 31)"),
     ("Infinite", "finite", "NaN or inf (k = 31)"),
@@ -72,7 +72,7 @@ ESTIMATORS = [
     ("Leaking", "repeated", "does something remain from an earlier run"),
     ("Leaking", "batch-independence", "of run"),
     ("Foreseeing", "causal", "uses the future: with another y from k = 81 on x_hat changes 1 sample ahead"),
-    ("Peeking", "possible", "it uses the true state or the future"),
+    ("Peeking", "possible", "it uses the true state or later measurements"),
     ("Late", "in-time", "x_hat(k) fits x(k-1) best"),
     ("Late", "exact", "it returns x(k-1), 1 sample late"),
     ("Early", "exact", "it returns the prediction x(k+1|k) with no input"),
@@ -178,14 +178,14 @@ def test_an_endless_loop_ends_with_its_place():
     """The time limit holds, the kit names the line, and no process is left."""
     report = small_check(misbehaving.Endless, "estimators", seconds=4.0)
     [failed] = report.failed
-    assert failed.id == "answers" and "an endless loop in answer at misbehaving.py:" in failed.reason
-    assert "not checked" in str(report) and "because answers fails" in str(report)
+    assert failed.id == "no-exception" and "an endless loop in answer at misbehaving.py:" in failed.reason
+    assert "not checked" in str(report) and "because no-exception fails" in str(report)
 
 
 def test_an_exit_does_not_end_the_kit():
     """Oracle: the exit code of the component."""
     [failed] = small_check(misbehaving.Exiting, "estimators").failed
-    assert failed.id == "answers" and "the process ended with code 3" in failed.reason
+    assert failed.id == "no-exception" and "the process ended with code 3" in failed.reason
 
 
 def test_declared_failures_have_their_reason(textbook):
@@ -208,7 +208,7 @@ def test_a_local_class_is_sent_by_value():
             raise RuntimeError("local")
 
     [failed] = check_estimator(Local).failed
-    assert failed.id == "answers" and "local" in failed.reason
+    assert failed.id == "no-exception" and "local" in failed.reason
 
 
 # -- the command line --------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Checks of what an estimator knows: y(0)..y(k) and u(0)..u(k-1), and nothing else.
+"""Checks of the information that x_hat(k) depends on: y(0)..y(k), u(0)..u(k-1) and the model, and nothing else.
 
 They need a linear Gaussian system (`linear_system`), whose best estimator is the Kalman filter.
 """
@@ -17,9 +17,9 @@ from rmpc_bench.conformance.consistency import consistency_text
 from rmpc_bench.conformance.filtering import EstimatorExample
 from rmpc_bench.conformance.linear_system import LinearSystem, Recorded
 from rmpc_bench.conformance.results import (
-    Answer,
     Check,
     NotApplicableError,
+    Returned,
     first_difference,
     require,
 )
@@ -35,29 +35,29 @@ MOST_ERRORS = 4.0
 
 
 class EstimatorData(NamedTuple):
-    """Everything that an estimator may know of some runs."""
+    """Everything that an estimator may use of some runs."""
 
     y: Float[Array, "runs samples ny"]
     u: Float[Array, "runs steps nu"]
 
-    def answers(self, estimator: Estimator) -> Float[Array, "runs samples nx"]:
+    def results(self, estimator: Estimator) -> Float[Array, "runs samples nx"]:
         """Return the estimates."""
         return EstimatorExample(self.y, self.u).x_hat(estimator)
 
 
 @dataclass(frozen=True, eq=False)
-class HonestyExample:
+class EstimatorInformationExample:
     """A linear Gaussian system that an estimator is checked on.
 
     Parameters
     ----------
     system : the system with the random inputs of its runs
-    elsewhere : repeats the filter in a process without a plant; takes the data and whether the surroundings (hash seed,
-        working directory) are the same as here; None where there are no other processes
+    separate_process : repeats the filter in a process without a plant; takes the data and whether the environment
+        (hash seed, working directory) is the same as here; None where there are no other processes
     """
 
     system: LinearSystem
-    elsewhere: Callable[[EstimatorData, bool], Answer] | None = None
+    separate_process: Callable[[EstimatorData, bool], Returned] | None = None
     checks: ClassVar[tuple[Check, ...]]
     noun: ClassVar[str] = "x_hat"
 
@@ -87,29 +87,29 @@ class HonestyExample:
             self._loops[id(estimator)] = estimator, record.x_hat
         return self._loops[id(estimator)][1]
 
-    def away(self, *, same: bool) -> Answer:
+    def away(self, *, same: bool) -> Returned:
         """Estimates in a process without a plant."""
-        if self.elsewhere is None:
+        if self.separate_process is None:
             raise NotApplicableError("needs another process")
-        return self.elsewhere(EstimatorData(self.recorded.y, self.recorded.u), same)
+        return self.separate_process(EstimatorData(self.recorded.y, self.recorded.u), same)
 
 
-def _agrees(answer: Answer, expected: Array) -> bool:
-    return answer.values is not None and np.array_equal(answer.values, expected, equal_nan=True)
+def _agrees(result: Returned, expected: Array) -> bool:
+    return result.values is not None and np.array_equal(result.values, expected, equal_nan=True)
 
 
-def _difference(answer: Answer, expected: Array, name: str) -> str:
-    if answer.values is None:
-        return answer.raised
-    if answer.values.shape != expected.shape:
-        return f"{name} has shape {answer.values.shape} instead of {expected.shape}"
-    place = first_difference(answer.values, expected)
-    differing = int((answer.values != expected).any(axis=(1, 2)).sum())
+def _difference(result: Returned, expected: Array, name: str) -> str:
+    if result.values is None:
+        return result.raised
+    if result.values.shape != expected.shape:
+        return f"{name} has shape {result.values.shape} instead of {expected.shape}"
+    place = first_difference(result.values, expected)
+    differing = int((result.values != expected).any(axis=(1, 2)).sum())
     return f"{name} of run {place[0]} differs from k = {place[1]} on, that of {differing} of {len(expected)} runs"
 
 
 def function_of_data(component: Any, example: Any) -> None:
-    """Fail if the component answers otherwise without a plant in the same surroundings."""
+    """Fail if the component returns other values without a plant in the same environment."""
     loop = example.in_loop(component)
     if _agrees(example.away(same=False), loop):
         return
@@ -121,7 +121,7 @@ def function_of_data(component: Any, example: Any) -> None:
 
 
 def fresh_process(component: Any, example: Any) -> None:
-    """Fail if the component answers otherwise with another hash seed and another working directory."""
+    """Fail if the component returns other values with another hash seed and another working directory."""
     loop, other = example.in_loop(component), example.away(same=False)
     if _agrees(other, loop):
         return
@@ -131,7 +131,7 @@ def fresh_process(component: Any, example: Any) -> None:
     raise AssertionError(f"with another PYTHONHASHSEED and working directory {differs}; does it iterate over a set?")
 
 
-def _causal(estimator: Estimator, example: HonestyExample) -> None:
+def _causal(estimator: Estimator, example: EstimatorInformationExample) -> None:
     require_causal(estimator, example.data)
 
 
@@ -167,17 +167,17 @@ def require_causal(estimator: Estimator, data: EstimatorExample, change: int = C
             raise AssertionError(f"uses the future: with another y from k = {change} on x_hat changes {samples} ahead")
 
 
-def _in_time(estimator: Estimator, example: HonestyExample) -> str:
+def _in_time(estimator: Estimator, example: EstimatorInformationExample) -> str:
     return shift_text(example.in_loop(estimator), example.recorded.x)
 
 
-def _exact(estimator: Estimator, example: HonestyExample) -> str:
+def _exact(estimator: Estimator, example: EstimatorInformationExample) -> str:
     return exactness(estimator, example.system)
 
 
-def _consistent(estimator: Estimator, example: HonestyExample) -> str:
+def _consistent(estimator: Estimator, example: EstimatorInformationExample) -> str:
     outcome = example.data.all(estimator)
-    matrices = [estimate.P for estimate in outcome.answers]
+    matrices = [estimate.P for estimate in outcome.returned]
     if any(P is None for P in matrices):
         raise NotApplicableError("P is not reported")
     predictor = estimator.form == "predictor"
@@ -185,7 +185,7 @@ def _consistent(estimator: Estimator, example: HonestyExample) -> str:
     return consistency_text(example.system.model, example.recorded, outcome.values, P, predictor=predictor)
 
 
-def _possible(estimator: Estimator, example: HonestyExample) -> str:
+def _possible(estimator: Estimator, example: EstimatorInformationExample) -> str:
     x = example.recorded.x
     found, best = (
         ((x_hat - x)[:, 5:] ** 2).mean(axis=(1, 2)) for x_hat in (example.in_loop(estimator), example.kalman)
@@ -196,7 +196,7 @@ def _possible(estimator: Estimator, example: HonestyExample) -> str:
     text = f"error {np.exp(mean):.3g} times that of the Kalman filter"
     require(
         not (mean < -MOST_ERRORS * error and mean < -1e-6),
-        f"{text}, {-mean / max(error, tiny):.0f} standard errors below it: it uses the true state or the future"
+        f"{text}, {-mean / max(error, tiny):.0f} standard errors below it: it uses the true state or later measurements"
         if error > 0.0
         else f"{text} in every run",
     )
@@ -207,12 +207,12 @@ FUNCTION = Check(
     "function-of-data", "x_hat depends on y, u and the model only: the same without a plant", function_of_data
 )
 FRESH = Check("fresh-process", "the same bits in a fresh process, with another hash seed and directory", fresh_process)
-HonestyExample.checks = (
+EstimatorInformationExample.checks = (
     FUNCTION,
     FRESH,
     Check("causal", "x_hat(k) does not depend on y after k", _causal),
     Check("in-time", "x_hat(k) fits x(k) better than the state of any other sample", _in_time),
     Check("exact", "without noise and from the true x(0), x_hat is the state", _exact),
-    Check("possible", "the error is not smaller than that of the Kalman filter", _possible),
+    Check("possible", "the error is not smaller than that of the Kalman filter, which is optimal here", _possible),
     Check("consistent", "errors and innovations agree with the reported covariance P", _consistent, "warning"),
 )

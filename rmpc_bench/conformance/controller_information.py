@@ -1,6 +1,6 @@
-"""Checks of what a controller knows: x_hat and y up to k, and the samples of r that its preview gives.
+"""Checks of the information that u(k) depends on: x_hat and y up to k, and the samples of r within the preview.
 
-The plant of these checks has a given input, so that its states are bounded whatever the controller answers.
+The plant of these checks has a given input, so that its states are bounded whatever the controller returns.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.conformance.controllers import ControllerExample
-from rmpc_bench.conformance.honesty import CHANGE, FRESH, function_of_data
+from rmpc_bench.conformance.estimator_information import CHANGE, FRESH, function_of_data
+from rmpc_bench.conformance.global_random import SEED, global_seed
 from rmpc_bench.conformance.linear_system import LinearGaussian, LinearSystem
-from rmpc_bench.conformance.results import Answer, Check, NotApplicableError
-from rmpc_bench.conformance.surroundings import SEED, global_seed
+from rmpc_bench.conformance.results import Check, NotApplicableError, Returned
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.run_start import RunStart
@@ -66,31 +66,31 @@ class GivenEstimates(Estimator):
 
 
 class ControllerData(NamedTuple):
-    """Everything that a controller may know of some runs."""
+    """Everything that a controller may use of some runs."""
 
     x_hat: Float[Array, "runs steps nx"]
     y: Float[Array, "runs steps ny"]
     r: Float[Array, "samples ny"]
 
-    def answers(self, controller: Controller) -> Float[Array, "runs steps nu"]:
+    def results(self, controller: Controller) -> Float[Array, "runs steps nu"]:
         """Return the inputs."""
         return ControllerExample(*self).u(controller)
 
 
 @dataclass(frozen=True, eq=False)
-class ControllerHonestyExample:
+class ControllerInformationExample:
     """Runs of a linear Gaussian system that a controller is checked on.
 
     Parameters
     ----------
     system : the system with the random inputs of its runs
     preview : samples of the reference that the controller sees
-    elsewhere : repeats the controller in a process without a plant, as in `HonestyExample`
+    separate_process : repeats the controller in a process without a plant, as in `EstimatorInformationExample`
     """
 
     system: LinearSystem
     preview: int
-    elsewhere: Callable[[ControllerData, bool], Answer] | None = None
+    separate_process: Callable[[ControllerData, bool], Returned] | None = None
     regulates: bool = False
     checks: ClassVar[tuple[Check, ...]]
     noun: ClassVar[str] = "u"
@@ -111,7 +111,7 @@ class ControllerHonestyExample:
 
     @cached_property
     def data(self) -> ControllerExample:
-        """What the controller may know."""
+        """What the controller may use."""
         x_hat, y = (each[:, :-1] for each in self._samples)
         return ControllerExample(x_hat, y, self.r, self.system.model.nu)
 
@@ -130,11 +130,11 @@ class ControllerHonestyExample:
             self._loops[id(controller)] = controller, record.u
         return self._loops[id(controller)][1]
 
-    def away(self, *, same: bool) -> Answer:
+    def away(self, *, same: bool) -> Returned:
         """Inputs in a process without a plant."""
-        if self.elsewhere is None:
+        if self.separate_process is None:
             raise NotApplicableError("needs another process")
-        return self.elsewhere(ControllerData(self.data.x_hat, self.data.y, self.r), same)
+        return self.separate_process(ControllerData(self.data.x_hat, self.data.y, self.r), same)
 
 
 def _compared(controller: Controller, before: ControllerExample, after: ControllerExample, what: str) -> None:
@@ -142,11 +142,11 @@ def _compared(controller: Controller, before: ControllerExample, after: Controll
 
     Both several times: a controller may remember the data of an earlier method and use them as the future.
     """
-    _, first, second = (before.asked(controller, range(5)).values[:, :CHANGE] for _ in range(3))
+    _, first, second = (before.evaluate(controller, range(5)).values[:, :CHANGE] for _ in range(3))
     if not np.array_equal(first, second, equal_nan=True):
         raise NotApplicableError("the same data give other numbers, see `repeated`")
     for _ in range(2):
-        found = after.asked(controller, range(5)).values[:, :CHANGE]
+        found = after.evaluate(controller, range(5)).values[:, :CHANGE]
         differs = (found != second) & ~((found != found) & (second != second))
         if differs.any():
             ahead = CHANGE - int(np.flatnonzero(differs.any(axis=(0, 2)))[0])
@@ -160,13 +160,13 @@ def _changed(values: Array, first: int, axis: int) -> Array:
     return np.moveaxis(changed, 0, axis)
 
 
-def _causal(controller: Controller, example: ControllerHonestyExample) -> None:
+def _causal(controller: Controller, example: ControllerInformationExample) -> None:
     data = example.data
     other = ControllerExample(_changed(data.x_hat, CHANGE, 1), _changed(data.y, CHANGE, 1), data.r)
     _compared(controller, data, other, f"with other y and x_hat from k = {CHANGE} on")
 
 
-def _preview(controller: Controller, example: ControllerHonestyExample) -> None:
+def _preview(controller: Controller, example: ControllerInformationExample) -> None:
     if example.regulates:
         raise NotApplicableError("a regulator has no reference")
     data, first = example.data, CHANGE - 1 + max(controller.preview, 1)
@@ -174,7 +174,7 @@ def _preview(controller: Controller, example: ControllerHonestyExample) -> None:
     _compared(controller, data, other, f"with another r from k = {first} on, beyond its preview,")
 
 
-ControllerHonestyExample.checks = (
+ControllerInformationExample.checks = (
     Check("function-of-data", "u depends on x_hat, y, r and the model only, not on the plant", function_of_data),
     FRESH,
     Check("causal", "u(k) does not depend on y and x_hat after k", _causal),

@@ -14,11 +14,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from rmpc_bench.conformance.results import Answer
+from rmpc_bench.conformance.results import Returned
 from rmpc_bench.conformance.subject import Subject, packed
 
 SAME_SEED, OTHER_SEED = "0", "1"
-"""PYTHONHASHSEED of the process of the checks, and of the one with other surroundings."""
+"""PYTHONHASHSEED of the process of the checks, and of the one with another environment."""
 MODULE = "rmpc_bench.conformance.replay"
 
 
@@ -58,8 +58,8 @@ def started(
 
 
 @dataclass(eq=False)
-class Elsewhere:
-    """Repeats what a component has answered, in a process that gets nothing but the data.
+class SeparateProcess:
+    """Repeats the calls of a component in a process that gets nothing but the data.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ class Elsewhere:
     provided: Mapping[str, Any]
     group: str
     seconds: float = 20.0
-    answers: dict[bool, Answer] = field(default_factory=dict)
+    returned: dict[bool, Returned] = field(default_factory=dict)
     _process: subprocess.Popen[bytes] | None = None
     _directory: tempfile.TemporaryDirectory[str] | None = None
 
     def prepare(self) -> None:
-        """Start the process with other surroundings, so that it imports while other checks run."""
+        """Start the process with another environment, so that it imports while other checks run."""
         self._directory = tempfile.TemporaryDirectory()
         self._process = started(MODULE, OTHER_SEED, Path(self._directory.name))
 
@@ -92,24 +92,24 @@ class Elsewhere:
             self._directory.cleanup()
             self._directory = None
 
-    def __call__(self, data: Any, same: bool) -> Answer:
-        """Return what the component answers there.
+    def __call__(self, data: Any, same: bool) -> Returned:
+        """Return what the component returns there.
 
         Parameters
         ----------
         data : what it gets
-        same : whether the surroundings are those of this process
+        same : whether the environment is that of this process
         """
-        if same not in self.answers:
+        if same not in self.returned:
             if self._process is None and not same:
                 self.prepare()
             process = started(MODULE, SAME_SEED) if same else self._process
             assert process is not None
-            self.answers[same] = self._asked(process, data)
+            self.returned[same] = self._request(process, data)
             self.close()
-        return self.answers[same]
+        return self.returned[same]
 
-    def _asked(self, process: subprocess.Popen[bytes], data: Any) -> Answer:
+    def _request(self, process: subprocess.Popen[bytes], data: Any) -> Returned:
         job = {"subject": self.subject, "provided": self.provided, "group": self.group, "data": data}
         # The search path first: what the job consists of is imported along it.
         text = pickle.dumps(tuple(sys.path)) + packed(self.subject, job)
@@ -118,8 +118,8 @@ class Elsewhere:
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
-            return Answer(None, f"there is no answer within {self.seconds:g} s")
+            return Returned(None, f"no result within {self.seconds:g} s")
         if not out:
-            return Answer(None, f"the process ended with code {process.returncode}")
+            return Returned(None, f"the process ended with code {process.returncode}")
         values, raised = pickle.loads(out)
-        return Answer(None if values is None else np.asarray(values), raised)
+        return Returned(None if values is None else np.asarray(values), raised)

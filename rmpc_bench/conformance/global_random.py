@@ -1,4 +1,4 @@
-"""Surroundings of a call that a component must not depend on: the global random generators."""
+"""The global random generators, on which a component must not depend."""
 
 from __future__ import annotations
 
