@@ -71,6 +71,17 @@ def test_the_file_of_a_run_does_not_depend_on_the_block(recorded):
     assert len(set(together)) == N_RUNS
 
 
+def test_the_bytes_do_not_depend_on_workers_and_block(copy, tmp_path):
+    """Recorded runs in worker processes; the configuration in the results finds the data of another directory."""
+    path = write(copy[0], name="workers")
+    results = tmp_path / "one"
+    one = run(load_config(path), directory=results, jobs=1)
+    two = run(load_config(path, overrides=["execution.block=2"]), directory=tmp_path / "two", jobs=2)
+    assert one.trials.frame.equals(two.trials.frame)
+    again = load_config(results / "config.resolved.yaml")
+    assert again.points[0].method_keys == load_config(path).points[0].method_keys
+
+
 def test_a_gap_is_a_prediction_of_the_kalman_filter(copy):
     """From the gap on the covariance is that of a filter without this measurement; other runs keep their bits."""
     directory, original = copy
