@@ -22,7 +22,18 @@ from rmpc_bench.simulation.closed_loop import SIGNALS, simulate
 from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
-from rmpc_bench.types import Array, DesignError, Journal, Method, PassedOn, RunFailure, RunInfo, Status
+from rmpc_bench.types import (
+    Array,
+    DesignError,
+    Journal,
+    Method,
+    PassedOn,
+    Record,
+    RunFailure,
+    RunInfo,
+    Status,
+    Statuses,
+)
 from rmpc_bench.types.issue import unknown
 
 OK = np.int8(Status.OK)
@@ -100,7 +111,7 @@ def replay(
     directory : where `run` or the command line has stored trials
     run : index of the run
     method : name of the method
-    until : last sample; the whole run unless given
+    until : last sample, its input and the step of the plant included; the whole run unless given
     at : path of the sweep -> value, for one of its points; the first point unless given
     call : calls the methods of components written for one run, for a debugger
 
@@ -165,7 +176,7 @@ def _simulated(
         design.warm_up()
     draws = experiment.scenario.draw(plant, range(run, run + 1), experiment.n_steps)
     r = experiment.scenario.reference.sample(experiment.n_steps + 1 + method.controller.preview)
-    journal = Journal(call=call)
+    start = RunStart(experiment.scenario.seed, (run,), Journal(call=call))
     info = {*method.reports, *(name for metric in experiment.metrics for name in metric.needs_info)}
     common = {
         "Ts": plant.Ts,
@@ -173,38 +184,39 @@ def _simulated(
         "units": {"y": plant.y_unit, "u": plant.u_unit, **plant.units},
         "uncertainty": named_values(experiment, run),
     }
-    start = RunStart(experiment.scenario.seed, (run,), journal)
-    limits, error = experiment.state_range, None
+    keywords: dict[str, Any] = {"info": info, "state_range": experiment.state_range, "start": start, "last": until}
     try:
-        record, status = simulate(
-            plant, method, draws, r, n_steps, with_P=True, with_M=True, info=info, state_range=limits, start=start
-        )
+        record, status = simulate(plant, method, draws, r, experiment.n_steps, with_P=True, with_M=True, **keywords)
     except (PassedOn, Exception) as caught:
         error = caught.error if isinstance(caught, PassedOn) else caught
-        ended = failure_of(error, experiment, run)
-        empty = {name: np.zeros((0, 1)) for name in SIGNALS}
-        return {
-            **common,
-            "status": _WORDS[ended.status],
-            "failure": ended,
-            "signals": empty,
-            "metrics": {},
-            "error": error,
-        }
-    metrics: dict[str, float] = {}
-    if until is None:
-        evaluated = RunInfo((run,), (), status == OK, journal)
-        record = record._replace(experiment=experiment.metric_layout, runs=evaluated)
-        with np.errstate(over="ignore", invalid="ignore"):
-            metrics = {metric.name: float(metric_values(metric, record)[0]) for metric in experiment.metrics}
-        status = np.where(status == OK, evaluated.failed, status)
-        metrics = metrics if status[0] == OK else {}
-    failure = journal.failures.get(run)
+        return {**common, **_ended(error, experiment, run)}
+    whole = until is None
+    code, metrics = _evaluated(experiment, record, status, start) if whole else (int(status[0]), {})
+    failure = start.journal.failures.get(run)
     last = n_steps if failure is None or failure.k is None else failure.k
     named = {name: getattr(record, name) for name in SIGNALS} | dict(record.info)
     signals = {name: values[0, : last + 1] for name, values in named.items()}
-    found = {"status": _WORDS[int(status[0])], "failure": failure, "signals": signals, "metrics": metrics}
-    return {**common, **found}
+    return {**common, "status": _WORDS[code], "failure": failure, "signals": signals, "metrics": metrics}
+
+
+def _ended(error: BaseException, experiment: Experiment, run: int) -> dict[str, Any]:
+    """Return the fields of a run whose simulation an exception has ended; it has no trace."""
+    failure = failure_of(error, experiment, run)
+    empty = {name: np.zeros((0, 1)) for name in SIGNALS}
+    found = {"status": _WORDS[failure.status], "failure": failure, "signals": empty, "metrics": {}}
+    return {**found, "error": error}
+
+
+def _evaluated(
+    experiment: Experiment, record: Record, status: Statuses, start: RunStart
+) -> tuple[int, dict[str, float]]:
+    """Return the status of a whole run after its metrics, and these; a failed run has none."""
+    evaluated = RunInfo(start.runs, (), status == OK, start.journal)
+    record = record._replace(experiment=experiment.metric_layout, runs=evaluated)
+    with np.errstate(over="ignore", invalid="ignore"):
+        metrics = {metric.name: float(metric_values(metric, record)[0]) for metric in experiment.metrics}
+    code = int(np.where(status == OK, evaluated.failed, status)[0])
+    return code, metrics if code == OK else {}
 
 
 def _stored(directory: Path, point: SweepPoint, method: str, run: int) -> tuple[str, dict[str, float]]:

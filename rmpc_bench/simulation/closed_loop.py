@@ -17,6 +17,7 @@ from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, Stat
 from rmpc_bench.types import (
     NO_WATCH,
     Array,
+    Controller,
     Journal,
     Method,
     Plant,
@@ -104,6 +105,7 @@ def simulate(
     info: Collection[str] = (),
     state_range: StateRange = DEFAULT_RANGE,
     start: RunStart | None = None,
+    last: int | None = None,
 ) -> tuple[Record, Statuses]:
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
@@ -120,6 +122,7 @@ def simulate(
     info : names of the entries to record that estimator and controller report
     state_range : limits of the state; a run that leaves them is `out-of-range` or `diverged`
     start : for components that take the runs of the block; runs 0, 1, .. of seed 0 unless given
+    last : sample after which the simulation ends; what the trajectories hold for later samples has no meaning
     """
     estimator, controller = method.estimator, method.controller
     n_runs, x = len(draws.x0), draws.x0
@@ -132,27 +135,23 @@ def simulate(
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
     moving, estimating, controlling = checked_calls(plant, method, alive, start.journal)
     known = r[: n_steps + 1].copy()
-    limits, nothing = RunLimits(state_range, x, known), np.full(n_runs, OK)
+    limits = RunLimits(state_range, x, known)
     own_matrices = n_runs if plant.recorded is not None and plant.recorded.gaps else None
     outputs, inputs = Recorder(n_steps + 1, own_matrices), Recorder(n_steps)
     no_noise = np.zeros_like(v[:, 0])
     # Overflow is expected here: the run gets status `diverged`.
     with np.errstate(over="ignore", invalid="ignore"):
-        status = limits.of_state(nothing, failed, x)
-        np.equal(status, OK, out=alive)
+        status = runs.after(limits.of_state(np.full(n_runs, OK), failed, x))
         for k in range(n_steps + 1):
             start.watch.step(k)
             y_true = np.array(moving.output(k, draws.delta, x, no_noise))
             outputs.at(k, x=x, y=y_true)
             y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k]))
-            if failed.any():
-                status = np.where(status == OK, failed, status)
-                np.equal(status, OK, out=alive)
+            status = runs.with_reported(status)
             e, answer = estimating.correct(k, e, y)
             estimate = as_estimate(answer)
             estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
-            status = limits.of_estimate(status, estimate.status, estimate.x_hat)
-            np.equal(status, OK, out=alive)
+            status = runs.after(limits.of_estimate(status, estimate.status, estimate.x_hat))
             outputs.at(k, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
             outputs.matrix_at(k, "P", estimate.P if with_P else None)
             outputs.matrix_at(k, "M", estimate.M if with_M else None)
@@ -160,20 +159,27 @@ def simulate(
                 break
             c, chosen = controlling.control(k, c, y, estimate, r[k : k + preview])
             command = as_command(chosen)
-            status = limits.of_input(status, command.status, command.u)
-            np.equal(status, OK, out=alive)
+            status = runs.after(limits.of_input(status, command.status, command.u))
             u = np.array(command.u)
             inputs.at(k, u=u, **_wanted(command.info, info))
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
-            status = limits.of_state(status, motion.status, motion.x)
-            np.equal(status, OK, out=alive)
+            status = runs.after(limits.of_state(status, motion.status, motion.x))
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
             e = estimating.predict(k, e, u)
+            if k == last:
+                break
+    record = _recorded(outputs, inputs, plant.Ts, known, controller)
+    return record._replace(bursts=draws.bursts), status
+
+
+def _recorded(
+    outputs: Recorder, inputs: Recorder, Ts: float, r: Float[Array, "samples ny"], controller: Controller
+) -> Record:
+    """Return what was recorded."""
     signals = {**outputs.all(), **inputs.all()}
-    x_all, y_all, x_hat_all, u_all = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
-    matrices = outputs.matrix("P"), outputs.matrix("M")
-    record = Record(plant.Ts, x_all, y_all, x_hat_all, u_all, known, *matrices, controller)
-    return record._replace(info=signals, bursts=draws.bursts), status
+    x, y, x_hat, u = (signals.pop(name) for name in ("x", "y", "x_hat", "u"))
+    record = Record(Ts, x, y, x_hat, u, r, outputs.matrix("P"), outputs.matrix("M"), controller)
+    return record._replace(info=signals)
 
 
 def _wanted(info: Mapping[str, Array], names: Collection[str]) -> dict[str, Float[Array, "runs _"]]:

@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.simulation.scenario import stream
-from rmpc_bench.types import NO_WATCH, Array, Controller, Estimator, Journal, Plant, RunInfo, Statuses, Watch
+from rmpc_bench.types import NO_WATCH, Array, Controller, Estimator, Journal, Plant, RunInfo, Status, Statuses, Watch
+
+OK = np.int8(Status.OK)
 
 
 class RunState(NamedTuple):
@@ -24,6 +26,15 @@ class RunState(NamedTuple):
     def of(cls, n_runs: int) -> RunState:
         """Return that of runs of which none has failed."""
         return cls(np.ones(n_runs, dtype=bool), np.zeros(n_runs, dtype=np.int8))
+
+    def after(self, status: Statuses) -> Statuses:
+        """Note which runs have not failed, and return the statuses."""
+        np.equal(status, OK, out=self.alive)
+        return status
+
+    def with_reported(self, status: Statuses) -> Statuses:
+        """Return the statuses with those that components report outside of their answers."""
+        return self.after(np.where(status == OK, self.failed, status)) if self.failed.any() else status
 
 
 class RunStart(NamedTuple):
