@@ -175,6 +175,10 @@ class UserRuns:
                     continue
                 durations.append(perf_counter() - start)
                 self.used[row] += durations[-1]
+                if watch.stopped:
+                    # The component has caught the exception; what it returns depends on the speed of the machine.
+                    failures.append(Failed(row, TIMEOUT, watch.stopped, ""))
+                    continue
                 try:
                     keep(row, answer)
                 except WrongAnswer as error:

@@ -117,7 +117,9 @@ def _takes_blocks(
         shifted = values(slice(3, 3 + BLOCKS[1]))
     except Exception as error:
         _require_numbers(alone, ode, some, key, name)
+        _require_repeatable(alone, ode, some, key, name)
         return f"a block of runs gives {describe_error(error)}"
+    _require_repeatable(alone, ode, some, key, name)
     same = all(_equal(each[:, :ALONE], single) for each in together)
     if not same or not _equal(shifted, together[-1][:, 3 : 3 + BLOCKS[1]]):
         return "a run in a block has other bits than alone"
@@ -137,6 +139,20 @@ def _require_numbers(
         raise DesignError(f"{name} fails at {_at(ode, x, u)}: {describe_error(error)}", key) from error
     if not np.isfinite(found).all():
         raise DesignError(_not_finite(name, ode, some, found), key)
+
+
+def _require_repeatable(
+    alone: Callable[[Array, Array, Parameters], Array], ode: Ode, some: Sample, key: str, name: str
+) -> None:
+    """Refuse a function of the user that gives other numbers for the same arguments."""
+    try:
+        first, second = (alone(*some.run(ode, 0)) for _ in range(2))
+    except Exception:
+        # A function that only takes blocks; the caller reports one that takes neither.
+        return
+    if not _equal(first, second):
+        text = f"{name} returns other numbers for the same arguments, as with random numbers or a memory of its own; "
+        raise DesignError(f"{text}use noise.process, or a plant that is a class marked @single_run", key)
 
 
 def describe_error(error: Exception) -> str:

@@ -150,7 +150,8 @@ def _failure_text(
     lines = [f"{trials.name}: run {run} of {method}" + (f" at {trials.title}" if trials.title else "")]
     lines += [f"status      {word}: {status.explanation}"]
     if failure is not None:
-        lines += [f"where       {failure.component}{_at(trials, failure.k)}", f"reason      {failure.message}"]
+        where = f"{failure.component}{_at(trials, failure.k)}".lstrip() or "unknown"
+        lines += [f"where       {where}", f"reason      {failure.message}"]
     lines += [f"replay      {show_command(trials, directory, method, run)}"]
     if failure is not None and failure.trace:
         lines += ["", failure.trace.rstrip()]

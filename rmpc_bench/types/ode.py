@@ -168,6 +168,8 @@ def _collected(
     function: str, values: Any, noun: str, names: Sequence[str], shape: tuple[int, ...]
 ) -> Float[Array, n * runs]:
     """Copy what a user's function has returned: its caller may use the same memory again."""
+    if values is None:
+        raise ValueError(f"{function} returned None: it must return {_count(len(names), noun)} ({', '.join(names)})")
     n = len(names)
     result = np.empty((n, *shape))
     if isinstance(values, np.ndarray) and values.shape == result.shape:

@@ -88,6 +88,9 @@ class Journal:
 class Watch:
     """Notes what a process is computing, for the time limits; this one notes nothing."""
 
+    stopped: str = ""
+    """Which limit of time has ended the call that runs now; empty where none has, or where another call has begun."""
+
     def start(self, n_runs: int) -> None:
         """Note that the simulation of a block of runs begins."""
 

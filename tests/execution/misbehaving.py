@@ -168,6 +168,15 @@ def loop(estimate, index):
             pass
 
 
+def loop_that_catches_all(estimate, index):
+    """Compute without end in Python, and catch whatever is raised."""
+    while True:
+        try:
+            sum(range(1000))
+        except BaseException:  # noqa: S110
+            pass
+
+
 def loop_in_compiled_code(estimate, index):
     """Compute without end where no signal is seen: one call that holds the interpreter."""
     return sum(itertools.repeat(1))

@@ -28,6 +28,7 @@ ENDS = {
     "fault": ("crashed", "the worker process was ended by SIGSEGV"),
     "sleep": ("timeout", STEP),
     "loop": ("timeout", STEP),
+    "loop_that_catches_all": ("timeout", STEP),
     "loop_in_compiled_code": ("timeout", STEP),
     "fill_memory": ("crashed", "MemoryError: Unable to allocate 3.73 GiB for an array"),
     "raise_value_error": ("crashed", "ValueError: negative level"),
@@ -111,6 +112,13 @@ class Own:
                 os._exit(5)
             if self.act == "sleep":
                 time.sleep(1000)
+            if self.act == "fork":
+                os.fork()
+            if self.act == "catch":
+                try:
+                    time.sleep(1000)
+                except BaseException:
+                    return 0 * self.x_hat
             if self.act == "raise":
                 raise OSError("no licence")
         return self.x_hat
@@ -147,6 +155,22 @@ def test_output_of_components_goes_to_a_file(ran_file):
     _, out, result = ran_file
     assert "output of run" not in result.output
     assert "output of run 7" in (out / "logs" / "worker-1.txt").read_text(encoding="utf-8")
+
+
+def test_a_component_that_catches_the_end_of_its_time(tmp_path):
+    """The run has timed out, although the component returned an estimate: when it does depends on the machine."""
+    (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
+    methods = ", ".join(f"{act}: {{estimator: {{file: own.py:Own, act: {act}}}}}" for act in ("none", "fork", "catch"))
+    path = write(tmp_path, methods=f"{{{methods}}}", runs=9)
+    limit = "execution={timeout: {step: 0.2 s}}"
+    result = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none", "-s", limit)
+    assert result.exit_code == 3, result.output
+    rows = [line.split(",") for line in (tmp_path / "out" / "trials.csv").read_text().splitlines()[1:]]
+    assert [row[:2] for row in rows if row[2] != "ok"] == [["catch", "7"]], rows
+    assert [row[2] for row in rows if row[:2] == ["catch", "7"]] == ["timeout"]
+    # A component may also leave a copy of the worker process behind.
+    of = {act: [row[1:] for row in rows if row[0] == act] for act in ("none", "fork")}
+    assert of["fork"] == of["none"]
 
 
 def test_the_serial_engine_warns(tmp_path):

@@ -1,5 +1,6 @@
 """Plants given by a differential equation: against closed forms and another integrator, alone and in blocks."""
 
+import itertools
 import math
 
 import numpy as np
@@ -299,6 +300,9 @@ def test_a_given_number_of_substeps_that_is_too_small_is_said():
     assert not any("twice as many" in each for each in two_tanks().remarks)
 
 
+CALLS = itertools.count()
+
+
 @pytest.mark.parametrize(
     ("keys", "key", "message"),
     [
@@ -309,6 +313,8 @@ def test_a_given_number_of_substeps_that_is_too_small_is_said():
         ({"ode": lambda x, u, p: [x[0], p.k / 0 if x[0] < 9 else 1]}, "ode", "test_ode.py:"),
         ({"ode": lambda x, u, p: [np.log(-x[0]), x[1]]}, "ode", "which are not all finite"),
         ({"ode": lambda x, u, p: [x[0], p.a3]}, "ode", "'a3' is not a known parameter; did you mean 'a2'"),
+        ({"ode": lambda x, u, p: None}, "ode", "rhs returned None: it must return 2 states (h1, h2)"),
+        ({"ode": lambda x, u, p: [x[0] + next(CALLS), x[1]]}, "ode", "other numbers for the same arguments"),
         ({"output": lambda x, p: [x[0], x[1], x[0]]}, "output", "output returned 3 numbers; outputs: 1 (level)"),
         ({"outputs": None}, "outputs", "name the outputs, or give their number"),
         ({"output": None}, "outputs", "without `output` all states are measured"),

@@ -54,7 +54,7 @@ class SharedWatch(Watch):
 
     def start(self, n_runs: int) -> None:
         """Note that the simulation of a block of runs begins."""
-        self._n_runs = n_runs
+        self._n_runs, self.stopped = n_runs, ""
         now = time.monotonic()
         _ALL.pack_into(self._memory, 0, now, now, 0.0, _NONE, _NONE, FIRST_STEP * n_runs, n_runs, n_runs)
 
@@ -67,6 +67,7 @@ class SharedWatch(Watch):
         self._note(used, run, _NONE if k is None else k, 1.0 if k else FIRST_STEP)
 
     def _note(self, used: float, run: float, k: float, factor: float) -> None:
+        self.stopped = ""
         _REST.pack_into(self._memory, _FIRST.size, time.monotonic(), used, run, k, factor, 1.0, self._n_runs)
 
     def end(self) -> None:
@@ -106,8 +107,14 @@ class SharedWatch(Watch):
             return f"the run took longer than {limits.run:g} s (execution.timeout.run)"
         return ""
 
-    def begin_again(self) -> None:
-        """Start the time of what is computed now once more, after its end has been asked for."""
+    def begin_again(self, text: str) -> None:
+        """Start the time of what is computed now once more, after its end has been asked for.
+
+        Parameters
+        ----------
+        text : the limit that is exceeded
+        """
+        self.stopped = text
         _FIRST.pack_into(self._memory, _FIRST.size, time.monotonic())
 
     def close(self) -> None:

@@ -131,15 +131,16 @@ def _stopper(watch: SharedWatch, limits: Limits) -> Any:
     def stop(number: int, frame: FrameType | None) -> None:
         # The call may have ended since the parent has sent the signal.
         text = watch.overdue(limits)
-        if text:
-            watch.begin_again()
+        # A component may catch the first exception and go on; the parent then kills this process.
+        if text and not watch.stopped:
+            watch.begin_again(text)
             raise TimeLimit(text)
 
     return stop
 
 
 def _serve(connection: Connection, experiments: Sequence[Experiment], watch: SharedWatch, limits: Limits) -> None:
-    is_fresh = True
+    is_fresh, process = True, os.getpid()
     while True:
         task, alone = connection.recv()
         before = _log_size()
@@ -147,6 +148,9 @@ def _serve(connection: Connection, experiments: Sequence[Experiment], watch: Sha
         for part in parts:
             may_be_full = limits.memory is not None and not (is_fresh and len(part.runs) == 1)
             for done in _done(experiments, part, watch, may_be_full=may_be_full):
+                if os.getpid() != process:
+                    # A component has called os.fork and returned: the copy must not answer in place of this process.
+                    os._exit(0)
                 connection.send(done)
             is_fresh = False
         _cut_log(before, LOG_PER_RUN * len(task.runs))

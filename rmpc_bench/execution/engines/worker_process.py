@@ -121,9 +121,15 @@ class WorkerProcess:
         elif now - self._asked > GRACE and not self._late:
             self._late = late
             self._process.send_signal(DUMP_TRACE)
-            # The handler writes at once; a process that is stopped is killed without its frames.
-            time.sleep(0.05)
+            self._await_trace()
             self._process.kill()
+
+    def _await_trace(self) -> None:
+        """Wait until the process has written its frames; one that is stopped is killed without them."""
+        until = time.monotonic() + GRACE
+        while time.monotonic() < until and not os.fstat(self._trace.fileno()).st_size:
+            time.sleep(0.01)
+        time.sleep(0.05)
 
     def end(self) -> End:
         """Wait for the end of the process and say how it has ended."""
