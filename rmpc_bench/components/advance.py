@@ -41,7 +41,8 @@ def _moved(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Array,
     if isinstance(model, NonlinearModel):
         F = model.F(x_hat, u, k)
         return model.f(x_hat, u, k), F @ P @ F.T + model.Q_w
-    if callable(getattr(model, "f", None)):
+    # A linear model has f as well, but its matrices also move P.
+    if callable(getattr(model, "f", None)) and not getattr(model, "is_linear_model", False):
         return np.asarray(model.f(x_hat, u), dtype=float).reshape(x_hat.shape), P
     if isinstance(model, StateDependentModel) and model.has_offsets:
         A = model.around(k, x_hat[None], u[None]).A[0]

@@ -17,6 +17,7 @@ from rmpc_bench.config.annotation_schema import CODE, Schema, mapping_schema, sc
 from rmpc_bench.config.key_meanings import key_meanings
 from rmpc_bench.config.schema import hints, keys_of, model_of
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
+from rmpc_bench.config.short_forms import SHORT_FORMS
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
 _NUMBER: Schema = {"type": ["number", "string"]}
@@ -111,7 +112,9 @@ def _choice(group: str, kind: str, *, partial: bool) -> Schema:
         return reference
     fields = model_of(group, kind).model_fields
     required = [field.alias or name for name, field in fields.items() if field.is_required()]
-    return {"allOf": [reference], "required": ["kind", *required]}
+    # A key that is a short form of the kind, such as `ode`, stands in its place.
+    forms = [] if kind in SHORT_FORMS.get(group, ()) else ["kind"]
+    return {"allOf": [reference], "required": [*forms, *required]}
 
 
 def _usable(group: str) -> Iterable[str]:

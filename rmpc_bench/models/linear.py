@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from rmpc_bench.models.matrix_sizes import Sizes, sizes_of
-from rmpc_bench.numerics.linalg import as_covariance
+from rmpc_bench.numerics.linalg import as_covariance, mv
 from rmpc_bench.types import Array, DesignError, Matrix, Model
 
 Rows = Array | list[list[float]]
@@ -58,8 +59,8 @@ class LinearModel(Model):
         R_v: Given,
         *,
         S_wv: Rows | None = None,
-        f0: Rows | None = None,
-        d0: Rows | None = None,
+        f0: Array | list[float] | None = None,
+        d0: Array | list[float] | None = None,
     ) -> None:
         for name, matrix in _system({"A": A, "B": B, "C": C}).items():
             object.__setattr__(self, name, matrix)
@@ -94,6 +95,42 @@ class LinearModel(Model):
     def ny(self) -> int:
         """Number of outputs."""
         return len(self.C)
+
+    # The functions of a nonlinear model (models/nonlinear.py), so that an estimator written for one has this one, too.
+
+    @property
+    def limits(self) -> tuple[Float[Array, " nx"], Float[Array, " nx"]]:
+        """Lower and upper bounds of the states: infinite."""
+        return np.full(self.nx, -np.inf), np.full(self.nx, np.inf)
+
+    def f(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "*n nx"]:
+        """Return x(k+1) = A x + B u + f0 without noise, of a state and an input or of one per row.
+
+        Examples
+        --------
+        >>> model = LinearModel([[0.5]], [[1.0]], [[2.0]], 1.0, 1.0, f0=[3.0])
+        >>> model.f([2.0], [1.0]), model.F([2.0], [1.0]), model.h([2.0]), model.H([2.0])
+        (array([5.]), array([[0.5]]), array([4.]), array([[2.]]))
+        """
+        return _product(self.A, x) + _product(self.B, u) + self.f0
+
+    def h(self, x: ArrayLike) -> Float[Array, "*n ny"]:
+        """Return y = C x + d0 without noise."""
+        return _product(self.C, x) + self.d0
+
+    def F(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "nx nx"]:
+        """Return the derivative A of f."""
+        return self.A
+
+    def H(self, x: ArrayLike) -> Float[Array, "ny nx"]:
+        """Return the derivative C of h."""
+        return self.C
+
+
+def _product(matrix: Array, x: ArrayLike) -> Array:
+    """Multiply a vector, or every row, by a matrix."""
+    rows = np.asarray(x, dtype=float)
+    return mv(matrix, np.atleast_2d(rows)).reshape(*rows.shape[:-1], len(matrix))
 
 
 def _system(given: Mapping[str, Given]) -> dict[str, Array]:

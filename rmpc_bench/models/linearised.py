@@ -152,6 +152,8 @@ def _facts(dynamics: Dynamics, found: Found, tangent: Tangent, A: Float[Array, "
     observable, controllable = observable_states(scaled, C), controllable_states(scaled, B)
     what = "x'" if dynamics.continuous else "x(k+1) - x(k)"
     rest = f"no steady state, the largest {what} is {found.residual:.3g}"
+    if found.residual == 0.0:
+        rest = f"steady state, {what} = 0"
     if found.iterations is not None:
         rest = f"steady state with residual {found.residual:.2g}, {found.iterations} Newton steps"
     where = "; ".join(text(dynamics, each, values) for each, values in zip(names, point, strict=True) if len(each))

@@ -1,5 +1,6 @@
 """Every configuration that we publish: it loads, builds, runs, and is what its file name says."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,6 +70,8 @@ def test_full_size_is_valid_and_survives_being_written(name, tmp_path):
     config = load_config(ROOT / name)
     check_names(config, name)
     copy = tmp_path / "config.resolved.yaml"
+    for module in (ROOT / name).parent.glob("*.py"):
+        shutil.copy(module, tmp_path)
     copy.write_text(dump(plain(config.resolved)), encoding="utf-8")
     again = load_config(copy)
     assert (again.hash, again.full_hash) == (config.hash, config.full_hash)
