@@ -70,6 +70,8 @@ def starter(name: str, plant: str, estimator: str, controller: str) -> dict[str,
     types = [word for word in ("Count", "Noise", "Positive") if f": {word} " in module or f"({word})" in module]
     if not types:
         module = module.replace("from rmpc_bench.types import IMPORTS\n", "")
+    if "@dataclass" not in module:
+        module = module.replace("from dataclasses import dataclass\n\n", "")
     words = {
         "IMPORTS": ", ".join(types),
         "ESTIMATOR": ESTIMATORS[estimator],
