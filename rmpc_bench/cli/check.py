@@ -31,7 +31,7 @@ MAX_WIDTH = 130
 )
 @own_code.allow_code_option
 @own_code.import_option
-@click.option("--component", metavar="FILE:NAME", help="Check that a component of a Python file keeps the rules.")
+@click.option("--component", metavar="FILE:NAME", help="Run the conformance checks of a component of a Python file.")
 @click.option("--keys", metavar="YAML", help="With --component: its keys, such as '{c: 0.1}'.")
 @click.option("--model", metavar="CONFIG|YAML", help="With --component: the linear model that it is designed for.")
 @click.option("--group", type=click.Choice(GROUPS), help="With --component: what it is, if that is not clear.")

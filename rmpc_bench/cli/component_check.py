@@ -1,4 +1,4 @@
-"""The part of `rmpc-bench check` that checks a component of the user on its own."""
+"""`rmpc-bench check --component`: the conformance checks of one component of the user."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def init(name: str, plant: str, estimator: str, controller: str) -> int:
     compares estimators on recorded runs, of which it writes a few.  Existing files are never changed.
     """
     if not re.fullmatch(r"[A-Za-z_]\w*", name):
-        raise click.BadParameter(f"{name!r} is no name of a Python module: letters, digits and _", param_hint="NAME")
+        raise click.BadParameter(f"{name!r} is not a name of a Python module: letters, digits and _", param_hint="NAME")
     texts = starter(name, plant, estimator, controller)
     taken = [file for file in texts if Path(file).exists() and file != ".gitignore"]
     if taken:

@@ -1,4 +1,4 @@
-"""Checks of what the methods of a single-run component return; a wrong answer says what was expected."""
+"""Checks of the values that methods of single-run components return; messages say what was expected."""
 
 from __future__ import annotations
 

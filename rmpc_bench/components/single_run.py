@@ -1,13 +1,14 @@
 """From what a user has written to a design function: single-run components, batch classes and functions.
 
-A *single-run component* is a class or a function marked with `single_run`.  Its methods ask by name for what they want:
+A *single-run component* is a class or a function marked with `single_run`.  A method gets the arguments that its
+signature names:
 
 =============  ====================================================================================================
 estimator      ``update(y, u_previous)``, or ``predict(u)`` and ``correct(y)``: return x_hat, (x_hat, P) or
                (x_hat, P, {"name": number}).  `predict` gets u(k-1), before `correct` gets y(k).
 controller     ``control(x_hat, r)``: return u, or (u, {"name": number}).
 plant          ``step(u, w)``: return x(k+1); ``output(x)``: return y(k) without measurement noise.  A `step` that
-               does not ask for ``w`` has no process noise; an `output` that asks for ``v`` adds the noise itself.
+               has no argument ``w`` has no process noise; an `output` with ``v`` adds the noise itself.
 metric         ``evaluate(y, u, r)``: return one number; the arguments are trajectories with axis 0 = k.
 =============  ====================================================================================================
 
@@ -78,7 +79,7 @@ def design_function(group: str, component: Any) -> Callable[..., Any]:
     Raises
     ------
     DesignError
-        If it is nothing of the three, or a method asks for an unknown argument.
+        If it is none of the three, or a method has an unknown argument.
     """
     if is_single_run(component):
         return _single_run_design(group, component)

@@ -145,9 +145,9 @@ def _parsed(text: bytes) -> _Parsed:
         tree = ast.parse(text)
         return _Parsed(syntax_hash(tree), references(tree))
     except SyntaxError as error:
-        wrong = Place(error.lineno or 1, error.offset or 1, f"is no valid Python: {error.msg}")
+        wrong = Place(error.lineno or 1, error.offset or 1, f"is not valid Python: {error.msg}")
     except (ValueError, RecursionError, MemoryError) as error:
-        wrong = Place(1, 1, f"is no valid Python: {error}")
+        wrong = Place(1, 1, f"is not valid Python: {error}")
     return _Parsed(hashlib.sha256(text).hexdigest(), References((), (), (), ()), (wrong,))
 
 

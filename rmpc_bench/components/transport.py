@@ -1,9 +1,9 @@
 """Experiments as bytes for worker processes.
 
-A design from a file of the user, or registered by a program or a package, travels as its recipe and is made again in
-the worker.  Therefore nothing asks whether a design can be pickled.  The texts of the user's files travel as well, so
-that every worker runs the same code, whatever happens to the files.  Functions and classes of a notebook or a script,
-which no worker can import, travel by value.
+A design from a file of the user, or registered by a program or a package, is sent as its recipe (the call that
+made it) and made again in the worker.  A design need not be picklable.  The texts of the user's files are sent as well,
+so that every worker runs the same code, whatever happens to the files.  Functions and classes of a notebook or a script,
+which no worker can import, are sent by value.
 """
 
 from __future__ import annotations

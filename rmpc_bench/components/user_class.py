@@ -30,7 +30,7 @@ ALWAYS: Mapping[str, tuple[str, ...]] = {
 HELD = ("estimators", "controllers")
 """Groups whose components have the keys `on_failure` and `max_held`."""
 COMMON_KEYS: Mapping[str, str] = {
-    "on_failure": "what follows a failed step: `stop` ends the run, `hold` goes on with the last input, or with the "
+    "on_failure": "what follows a failed step: `stop` ends the run, `hold` continues with the last input, or the "
     "last estimate moved by the model",
     "max_held": "share of the steps of a run that may be held",
 }

@@ -1,7 +1,7 @@
 """The user's objects of a block, one per run, and the calls of their methods.
 
-A call never raises: an exception or a wrong answer fails its own run.  What costs time is done once per block and
-sample, outside the loop over the runs.
+A call never raises: an exception or an invalid return value fails its own run.  What costs time is done once per block
+and sample, outside the loop over the runs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Standard names that a method of a single-run component may ask for, and the arguments of such methods."""
+"""Standard names of the arguments of methods of single-run components."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MEANINGS: Mapping[str, str] = {
     "info": "what the estimator reports at k besides x_hat and P",
     "prepared": "what `prepare` returned",
     "estimator": "design of the estimator",
-    "plant": "the true system; an estimator that asks for it is an oracle estimator",
+    "plant": "the true system; an estimator with this argument is an oracle estimator",
 }
 """Every standard name with its meaning."""
 
@@ -93,7 +93,7 @@ def design_words(group: str) -> tuple[str, ...]:
 
 
 def words(group: str, method: str) -> tuple[str, ...]:
-    """Names that a method of a component may ask for; `__init__` and `prepare` have keys of the configuration, too."""
+    """Names that the arguments of a method may have; `__init__` and `prepare` have keys of the configuration, too."""
     known = _DESIGN[group]
     if method == "prepare":
         return tuple(word for word in known if word not in ("x0", "P0", "M0"))
@@ -135,7 +135,9 @@ class Arguments:
             if name in known:
                 continue
             if name in MEANINGS:
-                raise DesignError(f"{self.owner} cannot get {name!r}; it can ask for {', '.join(known)}", "kind")
+                raise DesignError(
+                    f"{self.owner} cannot have the argument {name!r}; its arguments may be {', '.join(known)}", "kind"
+                )
             raise DesignError(f"{self.owner}: {unknown(name, known, 'argument')}", "kind")
 
     def bind(self, function: Callable[..., Any]) -> Callable[..., Any]:

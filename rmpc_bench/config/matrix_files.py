@@ -174,7 +174,7 @@ def _read_mat(file: Path) -> Mapping[str, Array]:
         message = "is a file of MATLAB version 7.3 (HDF5); save it with save('file.mat', ..., '-v7')"
         raise _FileError(message) from None
     except MatReadError as error:
-        raise _FileError(f"is no MATLAB file ({error})") from None
+        raise _FileError(f"is not a MATLAB file ({error})") from None
     return {name: np.asarray(value) for name, value in content.items() if not name.startswith("__")}
 
 
@@ -185,7 +185,7 @@ def _read_npz(file: Path) -> Mapping[str, Array]:
         with np.load(file, allow_pickle=False) as content:
             return {name: content[name] for name in content.files}
     except (BadZipFile, AttributeError):
-        raise _FileError("is no archive of numpy.savez") from None
+        raise _FileError("is not an archive of numpy.savez") from None
 
 
 def _read_csv(file: Path) -> Mapping[str, Array]:

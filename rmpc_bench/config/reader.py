@@ -49,7 +49,7 @@ def load(path: str | Path) -> Any:
     Raises
     ------
     ConfigError
-        If the file cannot be read or is no valid YAML; the messages show the path as given.
+        If the file cannot be read or is not valid YAML; the messages show the path as given.
     """
     where = Path(path)
     try:

@@ -49,7 +49,7 @@ def read(path: str | Path, overrides: Sequence[str]) -> GivenConfig:
     Raises
     ------
     ConfigError
-        If the file cannot be read, is no valid YAML, or is not a mapping.
+        If the file cannot be read, is not valid YAML, or is not a mapping.
     """
     tree = load(path)
     if not isinstance(tree, Map):

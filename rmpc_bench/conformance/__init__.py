@@ -79,7 +79,7 @@ __all__ = [
 
 
 def check_component(component: Any, example: Example) -> tuple[CheckResult, ...]:
-    """Check that a component keeps the rules of its kind.
+    """Check a component by the rules of its kind.
 
     Parameters
     ----------

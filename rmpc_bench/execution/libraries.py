@@ -12,7 +12,7 @@ from rmpc_bench.execution.other_code import stored_methods
 from rmpc_bench.execution.store import Store
 
 OF_THE_BENCH = ("numpy", "scipy", "numba", "joblib", "pandas")
-"""Libraries of the bench itself: another version of them is said, as for built-in components, and not refused."""
+"""Libraries of the bench itself: another version of them is reported, as for built-in components, and not refused."""
 _KEY = "libraries"
 
 
@@ -35,7 +35,7 @@ def check_versions(config: ExperimentConfig, store: Store, methods: Collection[s
     config : the experiment
     store : its open store
     methods : names of the methods to compute
-    accept : whether such rows are used nevertheless; this is noted, so that it need not be said again
+    accept : whether such rows are used nevertheless; this is stored, so that it is reported once
 
     Raises
     ------

@@ -123,7 +123,7 @@ class StoredExperiment:
     primary : name of the metric that the screen and the figures show
     baseline : name of the method that all others are compared with
     confidence, relevant, margins, average, headline : settings of the comparison, see `Trials`
-    max_failures : number of failed trials from which on the exit code is 3
+    max_failures : number of failed trials that is accepted; with more of them the exit code is 3
     alike : whether the methods are the same at all points of the sweep
     overrides : options that changed the configuration, such as ``--smoke``
     figures : keys of the figures to draw; of a figure from a user's file only ``file``

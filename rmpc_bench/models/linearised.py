@@ -8,7 +8,7 @@ Model   Around (x_op, u_op) with f = rhs(x_op, u_op): x' = f + A (x - x_op) + B 
         The drift is exactly 0 in a steady state.  A, B, C are those of the nominal parameters.
 Method  Jacobians by central differences with one Richardson step (numerics/jacobian.py), or by the user's function.
 Limit   A linear plant is its own linear model.
-Fails   Design error: no steady state, a kink at the operating point, or a noise that is no covariance.
+Fails   Design error: no steady state, a kink at the operating point, or a noise covariance that is not valid.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Nonlinear design model: the nominal plant as functions, for estimators and controllers of one's own.
+"""Nonlinear design model: the nominal plant as functions, for user-defined estimators and controllers.
 
 Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v).  f integrates the nominal
         plant over a sample with the input held, by the Runge-Kutta method of order 4; it does not know the bounds of
@@ -215,7 +215,7 @@ def design(
 ) -> Model:
     """Nonlinear model of the nominal plant.
 
-    Estimators and controllers of one's own use its functions f(x, u) and h(x), the Jacobians F(x, u) and H(x), Q_w,
+    User-defined estimators and controllers use its functions f(x, u) and h(x), the Jacobians F(x, u) and H(x), Q_w,
     R_v, Ts, the user's own rhs and output, and the nominal parameters p.  Built-in linear methods refuse it; with an
     operating point `at` they use the linear model around it.
 

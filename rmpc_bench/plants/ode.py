@@ -9,11 +9,11 @@ Names   States, inputs and outputs have names, which `bounds` and `diverged` may
 Blocks  Written with functions of NumPy, rhs computes all runs of a block in one call: x[i] and p.name are rows over
         the runs.  Whether it gives the same bits as for each run alone is tested when the plant is designed.  A rhs
         with `if x[0] > 0`, `max` or `math.sin` is called run by run.
-Events  With the methods of `solve_ivp` a function event(x, u, p) or event(t, x, u, p) is watched.  Where it passes
-        through 0 the run ends with the text in its attribute `word`, or goes on from the state that the function in
+Events  With the methods of `solve_ivp` a function event(x, u, p) or event(t, x, u, p) is located.  Where it passes
+        through 0 the run ends with the text in its attribute `word`, or continues from the state that the function in
         its attribute `reset` returns.  Its attribute `direction` is 1 for upwards only, -1 for downwards only.
 Fails   Status `out-of-range`: a parameter is not finite, a state has left its bounds within a sample, or an event has
-        ended the run.  Status `not-converged`: the integrator gave up.  Status `too-many-events`: more than 32 events
+        ended the run.  Status `not-converged`: the integrator failed.  Status `too-many-events`: more than 32 events
         in one sample.
 Cost    About 20 us per run and sample for two states and 10 steps in a block of 50 runs; five to twenty times as much
         run by run.

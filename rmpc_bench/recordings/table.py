@@ -124,7 +124,7 @@ def _read_npz(file: Path) -> Columns:
         with np.load(file, allow_pickle=False) as content:
             arrays = {name: content[name] for name in content.files}
     except (BadZipFile, AttributeError, ValueError):
-        raise DesignError("is no archive of arrays of numbers, as numpy.savez writes it") from None
+        raise DesignError("is not an archive of arrays of numbers, as numpy.savez writes it") from None
     for name, array in arrays.items():
         if array.dtype.kind not in "biuf" or array.ndim not in (1, 2):
             continue

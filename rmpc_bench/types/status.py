@@ -34,7 +34,7 @@ class Status(IntEnum):
     INFEASIBLE = 6, "an optimiser reported that its constraints have no solution"
     NOT_CONVERGED = 7, "a solver did not converge (`SolverError`)"
     TIMEOUT = 8, "a step or the run took longer than `execution.timeout`"
-    CRASHED = 9, "a component raised an exception, returned a wrong answer or ended its process"
+    CRASHED = 9, "a component raised an exception, returned an invalid value or ended its process"
 
     @property
     def word(self) -> str:

@@ -44,7 +44,7 @@ REFUSED = {
     "elsewhere": (
         "estimators",
         filter_(update=lambda self, y, x: 0),
-        "update cannot get 'x'; it can ask for y, u",
+        "update cannot have the argument 'x'; its arguments may be y, u",
     ),
     "all": ("controllers", law(control=lambda self, *args: 0), "Law.control takes *arguments; name every argument"),
     "keys": ("controllers", law(__init__=lambda self, **keys: None), "takes **keys; name every key"),

@@ -140,7 +140,7 @@ def test_wrong_files_are_problems_with_their_place(tmp_path):
     assert found == {
         (str(path), 3, "depends_on: there is no file 'no.npz' beside it"),
         (str(path), 6, "depends_on must be a list of names of files"),
-        (str(tmp_path / "pi.py"), 1, "is no valid Python: invalid syntax"),
+        (str(tmp_path / "pi.py"), 1, "is not valid Python: invalid syntax"),
     }
 
 

@@ -1,4 +1,4 @@
-"""Every registered controller keeps the rules of rmpc_bench.conformance."""
+"""Every registered controller passes the checks of rmpc_bench.conformance."""
 
 import inspect
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Every registered estimator, on three small models, keeps the rules of rmpc_bench.conformance."""
+"""Every registered estimator, on three small models, passes the checks of rmpc_bench.conformance."""
 
 from dataclasses import replace
 

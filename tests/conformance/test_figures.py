@@ -1,4 +1,4 @@
-"""Every registered figure keeps the rules of rmpc_bench.conformance."""
+"""Every registered figure passes the checks of rmpc_bench.conformance."""
 
 from dataclasses import replace
 

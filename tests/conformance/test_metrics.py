@@ -1,4 +1,4 @@
-"""Every registered metric keeps the rules of rmpc_bench.conformance."""
+"""Every registered metric passes the checks of rmpc_bench.conformance."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Every registered noise law keeps the rules of rmpc_bench.conformance."""
+"""Every registered noise law passes the checks of rmpc_bench.conformance."""
 
 import pytest
 

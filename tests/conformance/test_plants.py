@@ -1,4 +1,4 @@
-"""Every registered plant keeps the rules of rmpc_bench.conformance."""
+"""Every registered plant passes the checks of rmpc_bench.conformance."""
 
 import math
 

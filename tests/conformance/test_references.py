@@ -1,4 +1,4 @@
-"""Every registered reference keeps the rules of rmpc_bench.conformance."""
+"""Every registered reference passes the checks of rmpc_bench.conformance."""
 
 import inspect
 

@@ -1,4 +1,4 @@
-"""Exceptions and wrong answers of components that work on a block: they cost the runs in which they occur."""
+"""Exceptions and invalid return values of batch components: only the runs in which they occur fail."""
 
 import math
 

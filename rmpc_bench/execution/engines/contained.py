@@ -1,4 +1,4 @@
-"""Containment of exceptions: a component that raises costs its own runs, not those of its block."""
+"""Bisection of a block whose component raises an exception: only the runs in which it raises fail."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def contained(
     is_fatal: Callable[[BaseException], bool],
     watch: Watch = NO_WATCH,
 ) -> Iterator[Done]:
-    """Do one task, in parts if a component raises: halves are repeated until the run that raises is alone.
+    """Do one task; if a component raises, repeat its halves until each run that raises is alone (bisection).
 
     The runs of a block do not depend on each other, so a repeated run has the same numbers.
 
