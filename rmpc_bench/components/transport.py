@@ -2,7 +2,7 @@
 
 A design from a file of the user, or registered by a program or a package, is sent as its recipe (the call that
 made it) and made again in the worker.  A design need not be picklable.  The texts of the user's files are sent as well,
-so that every worker runs the same code, whatever happens to the files.  Functions and classes of a notebook or a script,
+so that every worker runs the same code, also after a file has changed.  Functions and classes of a notebook or a script,
 which no worker can import, are sent by value.
 """
 
