@@ -211,6 +211,8 @@ class _Import:
 
     def __init__(self, package: str, module: ModuleType) -> None:
         self.package, self.module = package, module
+        self._elsewhere = set[str]()
+        """First parts of names that no file of the directory has.  A function may import at every sample."""
 
     def __call__(
         self,
@@ -221,14 +223,18 @@ class _Import:
         level: int = 0,
     ) -> ModuleType:
         """Import a file of the directory, or else what is installed."""
-        private = self._beside(name, files_only=True) if level == 0 else None
+        first = name.partition(".")[0]
+        private = self._beside(name, files_only=True) if level == 0 and first not in self._elsewhere else None
         if private is not None:
             return self._imported(private, name, fromlist)
         try:
-            return builtins.__import__(name, globals, locals, fromlist or (), level)
+            found = builtins.__import__(name, globals, locals, fromlist or (), level)
+            if level == 0:
+                self._elsewhere.add(first)
+            return found
         except ModuleNotFoundError as error:
             # As everywhere in Python, a directory without __init__.py counts only where nothing else has its name.
-            directory = self._beside(name) if level == 0 and error.name == name.partition(".")[0] else None
+            directory = self._beside(name) if level == 0 and error.name == first else None
             if directory is None:
                 raise
         return self._imported(directory, name, fromlist)
