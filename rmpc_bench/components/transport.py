@@ -2,8 +2,8 @@
 
 A design from a file of the user, or registered by a program or a package, is sent as its recipe (the call that
 made it) and made again in the worker.  A design need not be picklable.  The texts of the user's files are sent as well,
-so that every worker runs the same code, also after a file has changed.  Functions and classes of a notebook or a script,
-which no worker can import, are sent by value.
+so that every worker runs the same code, also after a file has changed.  Functions and classes of a notebook or a
+script, which no worker can import, are sent by value.
 """
 
 from __future__ import annotations
