@@ -1,7 +1,7 @@
 """The nominal plant as functions of state and input, from which design models are made.
 
-An ODE plant gives x' = rhs(t, x, u, p) at the nominal parameters p and at t = 0.  A plant that is linear gives the
-matrices of one period, x(k+1) = A x + B u.  Values that are drawn for a run have no effect.
+An ODE plant gives x' = rhs(t, x, u, p) at the nominal parameters p; operating points are those of t = 0.  A plant that
+is linear gives the matrices of one period, x(k+1) = A x + B u.  Values that are drawn for a run have no effect.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Dynamics:
     continuous: bool
     """Whether `rest` is x', in contrast to x(k+1) - x(k)."""
 
-    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " nx"]:
+    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
         """Return x', or x(k+1) - x(k); NaN where it is not defined."""
         raise NotImplementedError("rest")
 
@@ -70,10 +70,10 @@ class Dynamics:
         """Unit of a state, an input or an output; empty where there is none."""
         return ""
 
-    def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Tangent:
+    def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Tangent:
         """Return the matrices at a point."""
         nx = len(x)
-        J = jacobian(lambda z: self.rest(z[:nx], z[nx:]), np.concatenate([x, u]))
+        J = jacobian(lambda z: self.rest(z[:nx], z[nx:], t), np.concatenate([x, u]))
         return Tangent(J[:, :nx], J[:, nx:], jacobian(self.output, x))
 
     def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
@@ -99,12 +99,12 @@ class OdeDynamics(Dynamics):
         """Names of the equation."""
         return Names(self.ode.states, self.ode.inputs, self.ode.outputs)
 
-    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " nx"]:
+    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
         """Return x'."""
         try:
             # Outside of its domain, where a search may try it, the function is NaN.
             with np.errstate(all="ignore"):
-                slope: Array = self.ode.slope(0.0, x, u, self.ode.p)
+                slope: Array = self.ode.slope(t, x, u, self.ode.p)
         except OUTSIDE_DOMAIN:
             return np.full(len(x), np.nan)
         return slope
@@ -171,7 +171,7 @@ class LinearDynamics(Dynamics):
         sizes = {"x": self.A.shape[0], "u": self.B.shape[1], "y": len(self.C)}
         return Names(*(tuple(f"{letter}.{i}" for i in range(n)) for letter, n in sizes.items()))
 
-    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Float[Array, " nx"]:
+    def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
         """Return x(k+1) - x(k)."""
         moved: Array = self.A @ x + self.B @ u - x
         return moved
@@ -184,7 +184,7 @@ class LinearDynamics(Dynamics):
         """Return the matrices, which are the same at every point and have no kink."""
         return self.slopes(x, u), ()
 
-    def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> Tangent:
+    def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Tangent:
         """Return the matrices, which are the same at every point."""
         return Tangent(self.A - np.eye(len(self.A)), self.B, self.C)
 

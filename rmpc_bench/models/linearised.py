@@ -5,7 +5,7 @@ Model   Around (x_op, u_op) with f = rhs(x_op, u_op): x' = f + A (x - x_op) + B 
         also where A is singular.  In physical coordinates
             x(k+1) = A x(k) + B u(k) + f0 + w(k),  f0 = x_op + drift - A x_op - B u_op,
             y(k)   = C x(k) + d0 + v(k),           d0 = y_op - C x_op.
-        The drift is exactly 0 in a steady state.  A, B, C are those of the nominal parameters.
+        The drift is exactly 0 in a steady state.  A, B, C are those of the nominal parameters and of t = 0.
 Method  Jacobians by central differences with one Richardson step (numerics/jacobian.py), or by the user's function.
 Limit   A linear plant is its own linear model.
 Fails   Design error: no steady state, a kink at the operating point, or a noise covariance that is not valid.
@@ -98,6 +98,8 @@ def linearised(dynamics: Dynamics, Ts: float, at: At, noise: DesignNoise, jacobi
     tangent, remarks = _tangent(dynamics, found.point, jacobian)
     A, B, drift = sampled(dynamics, tangent, found.rest, Ts)
     known = tuple(_facts(dynamics, found, tangent, A))
+    if isinstance(dynamics, OdeDynamics) and dynamics.ode.timed:
+        remarks += ("rhs depends on the time: the linear model is that of t = 0 s",)
     return LinearisedModel(A, B, tangent.C, Q_w, R_v, point=found.point, drift=drift, known=known, remarks=remarks)
 
 

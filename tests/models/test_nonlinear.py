@@ -168,6 +168,18 @@ def test_kalman_on_a_trajectory_is_the_extended_kalman_filter(rng):
             x, P = f(x, u[run, k]), A @ P @ A.T + 1e-6 * np.eye(2)
 
 
+def test_an_equation_that_depends_on_time_is_linearised_in_its_sample():
+    """Oracle: the growth over sample 3 of x' = 0.02 t x + 0.02 t; at t = 0 nothing would grow."""
+    plain = linear_plant(TS, 5, A=[0.5], B=[[1.0]], C=[[1.0]])
+    keys = {"ode": lambda t, x, u, p: [0.02 * t * (x[0] + 1.0)], "states": 1, "inputs": 1, "noise": NOISE}
+    now = ode_model(TS, plain, **keys, at="trajectory").around(3, np.array([[0.5]]), np.zeros((1, 1)))
+    growth = np.exp(0.01 * TS**2 * (4**2 - 3**2))
+    np.testing.assert_allclose([now.A.item(), now.f.item()], [growth, growth - 1.0], rtol=1e-9)
+    fixed = ode_model(TS, plain, **keys, at=At(x=0.5, u=0.0))
+    assert any("that of t = 0" in remark for remark in fixed.remarks)
+    np.testing.assert_allclose(fixed.A, 1.0, **ROUND)
+
+
 def test_a_run_on_a_trajectory_is_the_run_alone(rng):
     """Bit for bit; a run whose estimate leaves the domain is NaN and leaves the others alone."""
     model = linearise(TS, two_tanks(), noise=NOISE, at="trajectory")
