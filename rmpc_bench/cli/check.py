@@ -179,6 +179,8 @@ def _plant_and_model(config: ExperimentConfig) -> list[tuple[str, str, str]]:
     rows += _multiline("noise", _wrapped(_sums(noise) or [_short(noise)]), "-" if assumed is None else _short(assumed))
     if "input" in resolved:
         rows += _multiline("input", _wrapped([_short(resolved["input"])]), "-")
+    if "x" not in initial:
+        return rows + _multiline("initial", ["x is recorded"], start)
     return rows + _multiline("initial", _sums({"x": initial["x"]}) or [f"x = {_short(initial['x'])}"], start)
 
 

@@ -125,10 +125,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "plant": plant_data(draft),
         "model": set_keys(draft.model) if draft.model else {},
         "noise": noise_data(draft, experiment),
-        "initial": {
-            "x": sum_data(draft.initial["laws"]) if draft.initial["laws"] else draft.initial["x"],
-            **start_data(draft),
-        },
+        "initial": {**_true_start(draft, experiment), **start_data(draft)},
         "reference": draft.reference.resolved() if draft.reference else {},
         **({"input": draft.input.resolved()} if draft.input else {}),
         "methods": methods,
@@ -142,6 +139,13 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "execution": plain_data(values["execution"]),
         "smoke": plain_data(values["smoke"]),
     }
+
+
+def _true_start(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
+    """Return the true initial state; recorded runs contain theirs."""
+    if experiment.plant.recorded is not None:
+        return {}
+    return {"x": sum_data(draft.initial["laws"]) if draft.initial["laws"] else draft.initial["x"]}
 
 
 def _metrics(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> list[dict[str, Any]]:
