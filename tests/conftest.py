@@ -4,6 +4,7 @@ House rule: a tolerance is one of the four words below, or the line that holds i
 """
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -27,6 +28,9 @@ CHECKED = [f"rmpc_bench.{file.parent.name}.{file.stem}" for file in FILES]
 CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide", "moving_slide_plot")]
 if "RMPC_BENCH_UNCHECKED" not in os.environ:  # `make perf` measures the code as users run it
     install_import_hook(CHECKED, "beartype.beartype")
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell starts programs in the background with Ctrl-C ignored, and their children inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.modules.setdefault("conftest", sys.modules[__name__])  # `from conftest import ROUND` must not run this file again
 
 import numpy as np  # noqa: E402

@@ -215,12 +215,7 @@ def test_an_interruption_while_a_worker_hangs(tmp_path, number, code):
     (tmp_path / "own.py").write_text(OWN.replace("1000", "1000 if not print('hangs', flush=True) else 0"))
     path = write(tmp_path, methods="{A: {estimator: {file: own.py:Own, act: sleep}}}", runs=9)
     command = [Path(sys.executable).with_name("rmpc-bench"), "run", path, "-o", tmp_path / "out", "-j", "1"]
-    # A shell starts a program in the background with Ctrl-C ignored, and children inherit that.
-    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
-    try:
-        process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
     log, deadline = tmp_path / "out" / "logs" / "worker-1.txt", time.monotonic() + 60.0
     try:
         while time.monotonic() < deadline and not (log.exists() and "hangs" in log.read_text()):
