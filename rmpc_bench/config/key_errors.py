@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from difflib import get_close_matches
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -11,6 +12,7 @@ from pydantic import BaseModel, Tag
 
 from rmpc_bench import registry
 from rmpc_bench.components.code import CodeError
+from rmpc_bench.components.words import MEANINGS
 from rmpc_bench.config.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.types import Problem, row_by_row
 
@@ -40,10 +42,18 @@ def key_problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mar
     elif entry["type"] == "missing" and isinstance(tree, Map | Items):
         mark = locate(tree, steps)
         what = f"{entry['loc'][-1]!r} is missing" if isinstance(entry["loc"][-1], str) else "has too few entries"
-        return Problem(*mark, join([*path, *steps]), what)
+        return Problem(*mark, join([*path, *steps]), f"{what}{_meant(entry['loc'][-1])}")
     elif isinstance(tree, Map | Items):
         mark = locate(tree, steps)
     return Problem(*(mark or Mark("", 1, 1)), join([*path, *steps]), _message(entry, kind, steps))
+
+
+def _meant(name: str | int) -> str:
+    """Say which value that the bench gives by name has nearly this name: an argument may be misspelt in the code."""
+    if isinstance(name, int) or name in MEANINGS:
+        return ""
+    close = get_close_matches(name, MEANINGS, 1, 0.75)
+    return f"; if it is an argument in your code, did you mean {close[0]!r}, which the bench gives?" if close else ""
 
 
 _WORDS: dict[str, str] = {
