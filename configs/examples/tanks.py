@@ -61,7 +61,7 @@ class Outliers(Noise):
 
 @single_run
 class PI:
-    """PI controller of the level of the second tank, with limits and without windup.
+    """PI controller of the level of the second tank, with input limits and anti-windup.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class PI:
         self.K, self.rate, self.u0, self.low, self.high = K, Ts / Ti, u0, low, high
 
     def start(self):
-        """There is one object per run, and this is called before its first sample."""
+        """Called once per run, before its first sample; every run has its own object."""
         self.integral = 0.0
 
     def control(self, x_hat, r):
@@ -83,7 +83,7 @@ class PI:
         error = r[0] - x_hat[1]
         wanted = self.u0 + self.K * (error + self.integral)
         u = min(max(wanted, self.low), self.high)
-        if u == wanted:  # the integral waits while the input is at a limit
+        if u == wanted:  # anti-windup: no integration while the input is at a limit
             self.integral += self.rate * error
         return [u]
 
