@@ -81,7 +81,8 @@ def _shared(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[st
     if draft.model is not None and any(term.same is not None for term in terms.values()):
         common["model"] = draft.model.resolved(without_path)
         roles["model"] = draft.model
-    code = own.identity({**roles, **{role: term.law for role, term in terms.items()}})
+    # An edit of an estimator in the file of the plant is no other experiment.
+    code = own.identity({**roles, **{role: term.law for role, term in terms.items()}}, whole=False)
     return {**common, "code": code} if code else common
 
 
@@ -91,7 +92,7 @@ def _metrics(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[s
     for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
         keys = set_keys(component, without_path) if component is not None else {}
         keys = {name: value for name, value in keys.items() if name not in ("from", "to", "at")}
-        code = own.identity({"metric": component})
+        code = own.identity({"metric": component}, whole=False)
         keys |= {"code": code} if code else {}
         table[metric.name] = {**keys, "window": list(metric.window(experiment.metric_layout))}
     return table

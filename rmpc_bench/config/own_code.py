@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.components.loading import reference_of
 from rmpc_bench.components.object_source import registered_identity
 from rmpc_bench.components.private_modules import package_of
+from rmpc_bench.components.reached import reached_text
 from rmpc_bench.components.source import Source, data_hash, read_source
 from rmpc_bench.config.component import Component
 from rmpc_bench.types import Problem
@@ -43,13 +44,16 @@ class OwnCode:
     patterns: set[str] = field(default_factory=set)
     _with_data: set[Path] = field(default_factory=set)
     """Python files of components of which keys name data files."""
+    _parts: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Hash of a part of a file -> names of its files -> their hashes, for messages."""
 
-    def identity(self, components: Mapping[str, Component | None]) -> dict[str, Any]:
+    def identity(self, components: Mapping[str, Component | None], *, whole: bool = True) -> dict[str, Any]:
         """Return what identifies the code and the data of some components; empty where all of it is built in.
 
         Parameters
         ----------
         components : role, such as ``estimator`` -> the component
+        whole : whether whole files count; otherwise the part of a file on which a component depends
 
         Returns
         -------
@@ -58,7 +62,8 @@ class OwnCode:
         found: dict[str, dict[str, list[str]]] = {"sources": {}, "installed": {}, "data": {}}
         for role, component in components.items():
             if component is not None and not (component.is_built_in and not component.data()):
-                found["sources"][role] = [source.sha for source in self.sources_of(component)]
+                sources = self.sources_of(component) if whole else self._parts_of(component)
+                found["sources"][role] = [source.sha for source in sources]
                 found["installed"][role] = [each for each in _registered(component) if isinstance(each, str)]
                 found["data"][role] = [self._hash(path) for path in self._data_files(component)]
         filled = {name: {role: value for role, value in roles.items() if value} for name, roles in found.items()}
@@ -72,6 +77,21 @@ class OwnCode:
             if isinstance(each, Source):
                 self.files.setdefault(each.path.name, each.path)
                 yield self.sources.setdefault(each.path, each)
+
+    def _parts_of(self, component: Component) -> Iterator[Source]:
+        """Yield the parts of the Python files on which a component depends, each with all that they import."""
+        references = {(each.path, each.name): each for each in component.references()}
+        for source in self.sources_of(component):
+            own = [name for path, name in references if path == source.path]
+            text = source.files[0].content
+            part = reached_text(text, own) if own else text
+            if part == text:
+                yield source
+                continue
+            made = read_source(source.path, _with_text(source, part))
+            shown = next(name for name, path in self.files.items() if path == source.path)
+            self._parts[made.sha] = {_shown(shown, each.place): each.digest for each in made.files}
+            yield made
 
     def read(self, name: str, path: Path) -> Source:
         """Return a Python file with all that it imports.
@@ -102,7 +122,7 @@ class OwnCode:
             self.sources[path].sha: {_shown(name, each.place): each.digest for each in self.sources[path].files}
             for name, path in self.files.items()
         }
-        return found | {digest: {path.name: digest} for path, digest in self.data.items()}
+        return found | self._parts | {digest: {path.name: digest} for path, digest in self.data.items()}
 
     @property
     def problems(self) -> list[Problem]:
@@ -145,6 +165,12 @@ def _read(path: Path) -> Source:
         if file.path.suffix == ".py" and file.path.is_relative_to(package.directory):
             package.sources.setdefault(str(file.path), file.content)
     return source
+
+
+def _with_text(source: Source, text: bytes) -> Callable[[Path], bytes]:
+    """Return what reads the files of a source, the first of them with another text."""
+    contents = {file.path: file.content for file in source.files}
+    return lambda path: text if path == source.path else contents.get(path) or path.read_bytes()
 
 
 def _registered(component: Component) -> Iterator[Source | str]:

@@ -18,7 +18,7 @@ from rmpc_bench.types import ConfigError
 
 KEPT = ("trials.sqlite", "manifest.json")
 PARTS = '''
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from matplotlib.figure import Figure as Picture
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter
 from rmpc_bench.estimators.kalman import design
@@ -33,7 +33,8 @@ class Slow(GainScheduleFilter):
 
 def slow(model, n_steps, x0, P0, factor: float = 2.0):
     """Kalman filter that starts with another covariance."""
-    return Slow(**vars(design(model, n_steps, x0=x0, P0=factor * P0)))
+    made = design(model, n_steps, x0=x0, P0=factor * P0)
+    return Slow(**{each.name: getattr(made, each.name) for each in fields(GainScheduleFilter)})
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Wordy(GainScheduleFilter):
 
 def wordy(model, n_steps, x0, P0):
     """Kalman filter that reports a text."""
-    return Wordy(**vars(design(model, n_steps, x0=x0, P0=P0)))
+    made = design(model, n_steps, x0=x0, P0=P0)
+    return Wordy(**{each.name: getattr(made, each.name) for each in fields(GainScheduleFilter)})
 
 
 @dataclass(frozen=True, kw_only=True)
