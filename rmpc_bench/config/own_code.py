@@ -35,6 +35,7 @@ class OwnCode:
     data : data file -> its hash
     files : Python file as the configuration names it -> the file
     patterns : paths and patterns of data files as the configuration names them
+    parts : hash of a part of a Python file -> the part with all that it imports
     """
 
     access: CodeAccess = NO_ACCESS
@@ -42,10 +43,9 @@ class OwnCode:
     data: dict[Path, str] = field(default_factory=dict)
     files: dict[str, Path] = field(default_factory=dict)
     patterns: set[str] = field(default_factory=set)
+    parts: dict[str, Source] = field(default_factory=dict)
     _with_data: set[Path] = field(default_factory=set)
     """Python files of components of which keys name data files."""
-    _parts: dict[str, dict[str, str]] = field(default_factory=dict)
-    """Hash of a part of a file -> names of its files -> their hashes, for messages."""
 
     def identity(self, components: Mapping[str, Component | None], *, whole: bool = True) -> dict[str, Any]:
         """Return what identifies the code and the data of some components; empty where all of it is built in.
@@ -89,8 +89,9 @@ class OwnCode:
                 yield source
                 continue
             made = read_source(source.path, _with_text(source, part))
-            shown = next(name for name, path in self.files.items() if path == source.path)
-            self._parts[made.sha] = {_shown(shown, each.place): each.digest for each in made.files}
+            # Its copy is that of the whole file.
+            first = made.files[0]._replace(content=text)
+            self.parts[made.sha] = replace(made, files=(first, *made.files[1:]))
             yield made
 
     def read(self, name: str, path: Path) -> Source:
@@ -122,7 +123,10 @@ class OwnCode:
             self.sources[path].sha: {_shown(name, each.place): each.digest for each in self.sources[path].files}
             for name, path in self.files.items()
         }
-        return found | self._parts | {digest: {path.name: digest} for path, digest in self.data.items()}
+        shown = {path: name for name, path in self.files.items()}
+        for sha, part in self.parts.items():
+            found[sha] = {_shown(shown[part.path], each.place): each.digest for each in part.files}
+        return found | {digest: {path.name: digest} for path, digest in self.data.items()}
 
     @property
     def problems(self) -> list[Problem]:

@@ -65,7 +65,10 @@ def differences(before: Any, after: Any, names: Names, path: str = "") -> list[s
     if path.rpartition(".")[2] == "code":
         found = changes(before or {}, after or {}, names)
         stored = (before or {}).get("sources", {})
-        copies = {role: ", ".join(f"{COPIES}/{folder_of(sha)}" for sha in hashes) for role, hashes in stored.items()}
+        folders = {
+            role: dict.fromkeys(f"{COPIES}/{folder_of(sha)}" for sha in hashes) for role, hashes in stored.items()
+        }
+        copies = {role: ", ".join(each) for role, each in folders.items()}
         return [
             f"{role}: {text} since the trials were stored"
             + (f" (earlier files: {copies[role]})" if role in copies else "")

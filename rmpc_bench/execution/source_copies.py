@@ -23,7 +23,7 @@ def keep_sources(own: OwnCode, directory: Path) -> None:
     OSError
         If a file cannot be written.
     """
-    for source in own.sources.values():
+    for source in (*own.sources.values(), *own.parts.values()):
         for place, file in source.copies.items():
             path = directory / COPIES / source.folder / place
             if not path.exists():

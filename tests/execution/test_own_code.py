@@ -169,13 +169,12 @@ def test_an_edit_of_an_estimator_in_the_file_of_the_plant_is_no_other_experiment
     for name, text in starter("tanks", "ode", "plain", "plain").items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     config, module = tmp_path / "tanks.yaml", tmp_path / "tanks.py"
+    text = module.read_text(encoding="utf-8")
     before = load_config(config, smoke=True).points[0]
-    module.write_text(
-        module.read_text(encoding="utf-8").replace("L1: float = 0.2", "L1: float = 0.3"), encoding="utf-8"
-    )
+    module.write_text(text.replace("L1: float = 0.2", "L1: float = 0.3"), encoding="utf-8")
     edited = load_config(config, smoke=True).points[0]
     assert edited.experiment_hash == before.experiment_hash
     assert edited.metric_keys == before.metric_keys
     assert edited.method_keys["Observer"] != before.method_keys["Observer"]
-    module.write_text(module.read_text(encoding="utf-8").replace("GRAVITY = 9.81", "GRAVITY = 9.82"), encoding="utf-8")
+    module.write_text(text.replace("GRAVITY = 9.81", "GRAVITY = 9.82"), encoding="utf-8")
     assert load_config(config, smoke=True).points[0].experiment_hash != before.experiment_hash

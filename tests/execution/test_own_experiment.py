@@ -144,7 +144,7 @@ def test_a_changed_plant_is_another_experiment(copied):
     assert result.exit_code == 5
     assert "plant: plants/tank.py has changed since the trials were stored (earlier files: code/" in result.stderr
     assert f"for a new directory: rmpc-bench run {path} -o {out}-2" in result.stderr
-    folder = result.stderr.partition("earlier files: ")[2].partition(",")[0].rstrip(")")
+    folder = result.stderr.partition("earlier files: ")[2].partition(")")[0]
     assert "0.3 * x[0]" in (out / folder / "tank.py").read_text()
 
 
