@@ -160,3 +160,22 @@ def test_a_plugin_in_worker_processes(tmp_path, monkeypatch):
     assert config.resolved["plugins"]
     results = run(config, directory=tmp_path / "out", jobs=2)
     assert set(results.trials.frame["status"]) == {"ok"}
+
+
+def test_a_package_that_an_import_hook_finds_is_sent_by_reference(monkeypatch):
+    """An editable installation is such a package: its modules are not on the path of Python."""
+    import sys
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
+
+    from rmpc_bench.components import transport
+
+    class Hook:
+        @staticmethod
+        def find_spec(name, path, target=None):
+            return ModuleSpec(name, None) if name == "hooked_package" else None
+
+    assert not transport._is_importable("hooked_package.part")
+    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path, Hook])
+    monkeypatch.setitem(sys.modules, "hooked_package", ModuleType("hooked_package"))
+    assert transport._is_importable("hooked_package.part")
