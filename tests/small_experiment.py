@@ -6,6 +6,7 @@ line that `place` gives.
 
 import signal
 
+import numpy as np
 from click.testing import CliRunner
 
 KEYS = {
@@ -70,3 +71,9 @@ def spied(monkeypatch):
 
     monkeypatch.setattr(tasks, "simulate_block", spy)
     return blocks
+
+
+def arrays_of(path):
+    """Read all arrays of an npz file and close it."""
+    with np.load(path) as file:
+        return dict(file)

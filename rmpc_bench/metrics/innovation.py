@@ -130,7 +130,7 @@ class Whiteness(InnovationMetric):
     --------
     >>> e = np.array([[[1.0], [-1.0]] * 50])
     >>> round(Whiteness(lags=1).evaluate(Record.of_run(y=[0.0] * 100)._replace(info={"e": e})).item())
-    98
+    99
     """
 
     name: str = "whiteness"

@@ -9,6 +9,7 @@ from small_experiment import cli, ran, write
 from rmpc_bench import load_config, registry
 from rmpc_bench.config.plant_range import KEYS
 from rmpc_bench.config.schema import PROVIDED, model_of
+from rmpc_bench.simulation.state_range import StateRange
 from rmpc_bench.types import ConfigError
 
 UNSTABLE = {
@@ -48,12 +49,12 @@ def test_no_plant_has_a_parameter_of_these_names():
 
 def test_limits_of_single_states_and_of_all(tmp_path):
     """Oracle: the numbers of the file, later entries over earlier ones."""
-    low, high, largest = ranges(tmp_path, "bounds: {x: [-2*pi, 1e3], x.2: [null, 5]}, diverged: [1, 2, 3, 4e9]")
+    low, high, largest, _ = ranges(tmp_path, "bounds: {x: [-2*pi, 1e3], x.2: [null, 5]}, diverged: [1, 2, 3, 4e9]")
     np.testing.assert_array_equal(low, [-2 * np.pi, -2 * np.pi, -np.inf, -2 * np.pi])
     np.testing.assert_array_equal(high, [1e3, 1e3, 5.0, 1e3])
     np.testing.assert_array_equal(largest, [1.0, 2.0, 3.0, 4e9])
     assert ranges(tmp_path, "diverged: 7").largest.tolist() == [7.0] * 4
-    assert ranges(tmp_path, "J_m: 0.5") == (None, None, None)
+    assert ranges(tmp_path, "J_m: 0.5") == StateRange()
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from simulation.toy import Halfway, Proportional
 from rmpc_bench.controllers.mpc import MpcState
 from rmpc_bench.controllers.mpc import design as mpc
 from rmpc_bench.diagnostics.stability import linear_pair, spectral_radius
-from rmpc_bench.estimators.gain_schedule import FilterState
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.types import Controller, LinearPlant
 
@@ -28,7 +27,7 @@ def probed(estimator, controller, plant):
     """Matrix of the loop, column by column: one period from every unit vector, by the code that simulates."""
     n, n_hat, nu = len(plant.A), estimator.F.shape[1], plant.B.shape[1]
     x, x_pred, u = np.split(np.eye(n + n_hat + nu), [n, n + n_hat], axis=1)
-    state, estimate = estimator.correct(N, FilterState(x_pred, np.zeros((len(x), 2))), x @ plant.C.T)
+    state, estimate = estimator.correct(N, estimator.init(len(x))._replace(x_pred=x_pred), x @ plant.C.T)
     r = np.zeros((controller.preview, 2))
     _, command = controller.control(N, MpcState(u), x @ plant.C.T, estimate, r)
     after = estimator.predict(N, state, command.u).x_pred
@@ -52,7 +51,7 @@ def test_input_in_terms_of_the_measurement():
     rng = np.random.default_rng(2)
     for k in (0, 3):
         g, x_pred, u, y = pair.at(k), *(rng.standard_normal((1, n)) for n in (3, 2, 2))
-        _, estimate = estimator.correct(k, FilterState(x_pred, y), y)
+        _, estimate = estimator.correct(k, estimator.init(1)._replace(x_pred=x_pred), y)
         r = rng.standard_normal((controller.preview, 2))
         _, command = controller.control(k, MpcState(u), y, estimate, r)
         parts_of_u = (g.J @ y[0], g.from_x_pred @ x_pred[0], g.from_u @ u[0], pair.law.K_r @ r[1:].ravel())

@@ -1,8 +1,8 @@
 """Experiments of the papers at a small size: trials and series have the same bytes for any blocks and interruptions."""
 
-from pathlib import signal
+import signal
+from pathlib import Path
 
-import Path
 import pytest
 
 from rmpc_bench import load_config, run

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_experiment import cli, ran, spied, write
+from small_experiment import arrays_of, cli, ran, spied, write
 
 from rmpc_bench import load_config, load_trials, run, simulate
 from rmpc_bench.simulation.closed_loop import simulate_block
@@ -148,7 +148,7 @@ def test_a_failed_run_is_recorded_too(load, tmp_path):
 def test_the_file_of_traces(tmp_path):
     """Every recorded array under its method, with its runs, times and reference: what the table has."""
     ran(write(tmp_path, record="{runs: 3, signals: [u, x]}"), tmp_path / "out")
-    file, trials = np.load(tmp_path / "out" / "traces.npz"), load_trials(tmp_path / "out")
+    file, trials = arrays_of(tmp_path / "out" / "traces.npz"), load_trials(tmp_path / "out")
     assert {*file} == {f"{m}/{part}" for m in ("S-MPC", "R-MPC") for part in ("u", "x", "runs", "r", "t")}
     for name, traces in trials.traces.items():
         np.testing.assert_array_equal(file[f"{name}/runs"], [0, 1, 2])
@@ -162,7 +162,7 @@ def test_the_file_of_traces_of_a_sweep(tmp_path):
     """Every point by its name; the same bytes at any time, and no file of an earlier configuration."""
     out = tmp_path / "out"
     ran(write(tmp_path, record="{runs: 1}", sweep=SWEEP), out)
-    file, trials = np.load(out / "traces.npz"), load_trials(out)
+    file, trials = arrays_of(out / "traces.npz"), load_trials(out)
     assert len({*file}) == 2 * 2 * 5
     for point in trials.points:
         for name, traces in point.traces.items():
@@ -178,7 +178,7 @@ def test_a_smoke_run_records_its_own_size(tmp_path):
     keys = {"record": "{runs: 5}", "smoke": "{runs: 2, steps: 4}", "sweep": SWEEP}
     ran(write(tmp_path, **keys), tmp_path / "out", "--smoke")
     file = tmp_path / "out" / "traces.npz"
-    assert np.load(file)["controller.Hp=12/R-MPC/y"].shape == (2, 5, 1)
+    assert arrays_of(file)["controller.Hp=12/R-MPC/y"].shape == (2, 5, 1)
     before = file.read_bytes()
     file.unlink()
     assert cli("report", tmp_path / "out").exit_code == 0

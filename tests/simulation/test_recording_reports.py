@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from simulation.reporting import BURSTS, METHODS, matrix, registered
-from small_experiment import ran, spied, write
+from small_experiment import arrays_of, ran, spied, write
 
 from rmpc_bench import load_config, load_trials, run
 from rmpc_bench.simulation.scenario import Recording
@@ -86,7 +86,7 @@ def test_the_file_of_traces_has_both(load, tmp_path):
     """A reported signal does not take the place of the reference."""
     load(record=ALL)
     ran(tmp_path / "tiny.yaml", tmp_path / "out")
-    file, traces = np.load(tmp_path / "out" / "traces.npz"), load_trials(tmp_path / "out").traces["R"]
+    file, traces = arrays_of(tmp_path / "out" / "traces.npz"), load_trials(tmp_path / "out").traces["R"]
     np.testing.assert_array_equal(file["R/r"], traces.r)
     np.testing.assert_array_equal(file["R/r_reported"], traces.signals["r"])
     np.testing.assert_array_equal(file["R/Q_yw"], traces.signals["Q_yw"])

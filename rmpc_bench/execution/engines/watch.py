@@ -49,8 +49,12 @@ class SharedWatch(Watch):
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        self._memory = mmap.mmap(file.fileno(), SIZE)
+        self._memory: mmap.mmap | bytearray = mmap.mmap(file.fileno(), SIZE)
         self._n_runs = 0
+
+    def detach(self) -> None:
+        """Write no longer into the shared memory, in a copy of the process that a component has made."""
+        self._memory = bytearray(SIZE)
 
     def start(self, n_runs: int) -> None:
         """Note that the simulation of a block of runs begins."""
@@ -119,4 +123,5 @@ class SharedWatch(Watch):
 
     def close(self) -> None:
         """Release the shared memory."""
-        self._memory.close()
+        if isinstance(self._memory, mmap.mmap):
+            self._memory.close()

@@ -50,6 +50,8 @@ def main(given: Mapping[str, Any]) -> None:
     _end_with(given["parent"])
     with os.fdopen(given["watch"], "r+b", buffering=0) as file:
         watch = SharedWatch(file)
+        # A component may call os.fork.
+        os.register_at_fork(after_in_child=watch.detach)
     faulthandler.enable(given["trace"], all_threads=False)
     faulthandler.register(DUMP_TRACE, given["trace"], all_threads=False)
     connection = Connection(given["connection"])

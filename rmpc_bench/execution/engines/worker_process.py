@@ -162,7 +162,9 @@ class WorkerProcess:
 def _started(child: Connection, watch: int, trace: int, log: Path | None) -> subprocess.Popen[bytes]:
     """Start the process; nothing of the program that runs here is imported in it."""
     connection = child.fileno()
-    given = {"connection": connection, "watch": watch, "trace": trace, "parent": os.getpid(), "path": sys.path}
+    # Each entry once: an argument has a limited length.
+    path = [*dict.fromkeys(sys.path)]
+    given = {"connection": connection, "watch": watch, "trace": trace, "parent": os.getpid(), "path": path}
     output: Any = None
     if log is not None:
         log.parent.mkdir(parents=True, exist_ok=True)
