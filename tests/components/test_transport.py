@@ -113,7 +113,8 @@ estimator = experiment.method("Own").estimator
 estimator.correct(0, estimator.init(1), estimator.scale(3.0) * estimator.init(1)[:, :1])
 print(estimator.scale(3.0))
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    # The text is longer than an argument may be where other tests have loaded files, too.
+    done = subprocess.run([sys.executable, "-"], input=code, capture_output=True, text=True)
     assert done.stdout == "3.0\n", done.stderr
     assert done.stderr == ""
 
