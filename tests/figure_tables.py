@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rmpc_bench.analysis.trials import Traces, Trials
+from rmpc_bench.analysis.traces import Traces
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
 
 MSE = MetricInfo("mse", "rad^2", "lower")

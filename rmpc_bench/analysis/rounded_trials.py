@@ -7,7 +7,8 @@ from dataclasses import replace
 import pandas as pd
 
 from rmpc_bench.analysis.rounding import rounded
-from rmpc_bench.analysis.trials import Traces, Trials
+from rmpc_bench.analysis.traces import Traces
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array
 
 

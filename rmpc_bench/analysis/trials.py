@@ -5,31 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.run_notes import RunNotes
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.types import Array, MetricInfo, Status
-
-
-class Traces(NamedTuple):
-    """The recorded runs of one method."""
-
-    runs: Array
-    """(n,) indices of the runs, ascending."""
-    signals: Mapping[str, Array]
-    """Signal -> (n, samples, components): ``y``, ``x``, ``x_hat`` at k = 0..N, ``u`` at k = 0..N-1.
-
-    What the method reports of itself is at k = 0..N if it comes from the estimator, else at k = 0..N-1; ``bursts`` is 1
-    where the measurement noise is in one.
-    """
-    r: Array
-    """(samples, ny) reference at k = 0..N."""
-    shapes: Mapping[str, tuple[int, ...]] = {}
-    """Signal that the method reports -> shape of an entry, whose components follow each other row by row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +237,7 @@ class Trials:
             trace = self.traces.get(method)
             ok = self._rows[method][1][self._rows[method][2]] if method in self._rows else np.zeros(0, dtype=np.int64)
             complete = trace is not None and len(ok) > 0 and bool(np.isin(self.runs[ok], trace.runs).all())
-            self._recorded_groups[method] = _groups_of(trace, self.runs[ok]) if trace is not None and complete else None
+            self._recorded_groups[method] = trace.groups(self.runs[ok]) if trace is not None and complete else None
         return self._recorded_groups[method]
 
     @cached_property
@@ -288,16 +271,6 @@ class Trials:
         values = np.full((len(samples), *(entries.max(axis=0) + 1)), np.nan)
         values[(position, *entries.T)] = rows["value"].to_numpy(dtype=float)
         return values
-
-
-def _groups_of(trace: Traces, finished: Array) -> RunGroups | None:
-    """Take the recorded runs that were finished as groups; None where the state is not recorded."""
-    rows, estimate = np.isin(trace.runs, finished), trace.signals.get("x_hat")
-    if "x" not in trace.signals:
-        return None
-    return RunGroups.of_trajectories(
-        trace.runs[rows], trace.signals["x"][rows], None if estimate is None else estimate[rows]
-    )
 
 
 def _indices(component: str) -> tuple[int, ...]:

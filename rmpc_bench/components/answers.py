@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.components.user_runs import WrongAnswer
-from rmpc_bench.types import Array
+from rmpc_bench.types import Array, InvalidReturnValue
 
 _SYMMETRY = 1e-8
 """Largest difference of P from its transpose, relative to its largest entry; rounding leaves about 1e-15."""
@@ -26,20 +25,20 @@ def numbers(value: Any, noun: str, shape: tuple[int, ...], owner: str) -> Array:
 
     Raises
     ------
-    WrongAnswer
+    InvalidReturnValue
         If it has another shape, or entries that are not real numbers.
     """
     if value is None:
-        raise WrongAnswer(f"returned nothing; {owner} has {_counted(shape, noun)}")
+        raise InvalidReturnValue(f"returned nothing; {owner} has {_counted(shape, noun)}")
     try:
         array = np.asarray(value)
     except ValueError:
-        raise WrongAnswer(f"returned lists of different lengths; {owner} has {_counted(shape, noun)}") from None
+        raise InvalidReturnValue(f"returned lists of different lengths; {owner} has {_counted(shape, noun)}") from None
     if array.dtype.kind not in "fiu":
-        raise WrongAnswer(f"returned entries of type {_type_name(array)}; real numbers are expected")
+        raise InvalidReturnValue(f"returned entries of type {_type_name(array)}; real numbers are expected")
     if array.shape == shape or (array.ndim == 0 and all(n == 1 for n in shape)):
         return array
-    raise WrongAnswer(f"returned {_given(array)}; {owner} has {_counted(shape, noun)}")
+    raise InvalidReturnValue(f"returned {_given(array)}; {owner} has {_counted(shape, noun)}")
 
 
 def _type_name(array: Array) -> str:
@@ -94,19 +93,21 @@ class Reports:
 
         Raises
         ------
-        WrongAnswer
+        InvalidReturnValue
             If it is no mapping, or an entry is not declared or has another shape.
         """
         if not isinstance(given, Mapping):
             found = type(given).__name__
-            raise WrongAnswer(f"returned a {found} as its last entry; a mapping name -> number is expected")
+            raise InvalidReturnValue(f"returned a {found} as its last entry; a mapping name -> number is expected")
         for name, value in given.items():
             if name not in self.shapes:
                 known = ", ".join(self.shapes) or "nothing"
-                raise WrongAnswer(f"reports {name!r}, which `reports` of the class does not name ({known})")
+                raise InvalidReturnValue(f"reports {name!r}, which `reports` of the class does not name ({known})")
             array = np.asarray(value)
             if array.dtype.kind not in "fiub" or array.shape != self.shapes[name]:
-                raise WrongAnswer(f"reports {name!r} with shape {array.shape}; `reports` names {self.shapes[name]}")
+                raise InvalidReturnValue(
+                    f"reports {name!r} with shape {array.shape}; `reports` names {self.shapes[name]}"
+                )
             info[name][row] = array
 
 

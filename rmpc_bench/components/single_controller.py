@@ -11,8 +11,8 @@ from jaxtyping import Float
 from rmpc_bench.components.answers import Reports, finite_rows, numbers, reports_of
 from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.components.user_runs import CRASHED, Failed, UserRuns, WrongAnswer, at
-from rmpc_bench.types import Array, Command, Controller, Estimate, RunInfo
+from rmpc_bench.components.user_runs import CRASHED, Failed, UserRuns, at
+from rmpc_bench.types import Array, Command, Controller, Estimate, InvalidReturnValue, RunInfo
 
 
 class RunInputs:
@@ -109,7 +109,7 @@ class _Answer:
             answer, info = answer
             self.design._reports.keep(row, info, self.info)
         elif type(answer) is tuple:
-            raise WrongAnswer(f"returned a tuple of {len(answer)} entries; u, or (u, info), is expected")
+            raise InvalidReturnValue(f"returned a tuple of {len(answer)} entries; u, or (u, info), is expected")
         self.u[row] = numbers(answer, "input", self.shape, "the model")
 
     def settle(self, failure: Failed) -> bool:

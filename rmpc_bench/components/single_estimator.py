@@ -12,8 +12,8 @@ from rmpc_bench.components.advance import advanced
 from rmpc_bench.components.answers import Reports, asymmetric_rows, finite_rows, numbers, reports_of
 from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.components.user_runs import BEFORE, CRASHED, JOINED, Failed, UserRuns, WrongAnswer, at
-from rmpc_bench.types import Array, Estimate, Estimator, RunInfo
+from rmpc_bench.components.user_runs import BEFORE, CRASHED, JOINED, Failed, UserRuns, at
+from rmpc_bench.types import Array, Estimate, Estimator, InvalidReturnValue, RunInfo
 
 AUGMENTED = "augmented"
 """Entry of `info` with the estimated states that the model does not have."""
@@ -109,7 +109,7 @@ class _Answer:
             info = more.pop() if more and isinstance(more[-1], Mapping) else {}
             P = more.pop(0) if more else None
             if more:
-                raise WrongAnswer(f"returned {len(answer)} entries; x_hat, or (x_hat, P, info), is expected")
+                raise InvalidReturnValue(f"returned {len(answer)} entries; x_hat, or (x_hat, P, info), is expected")
             self.keep_x_hat(row, x_hat)
             self.state.gives_P[row] = P is not None
             if P is not None:
@@ -130,7 +130,7 @@ class _Answer:
         chosen = np.zeros(len(array), dtype=bool)
         chosen[states] = True
         if chosen.sum() != self.design.nx:
-            raise WrongAnswer(
+            raise InvalidReturnValue(
                 f"returned {len(array)} numbers, of which `states` takes {chosen.sum()}; "
                 f"the model has {self.design.nx} states"
             )
@@ -146,8 +146,8 @@ class _Answer:
             value = value[states, states] if value.shape != (nx, nx) else value
         try:
             self.P[row] = numbers(value, "state", (nx, nx), "the model")
-        except WrongAnswer as error:
-            raise WrongAnswer(f"{error} (this is P)") from None
+        except InvalidReturnValue as error:
+            raise InvalidReturnValue(f"{error} (this is P)") from None
 
     def settle(self, failure: Failed) -> bool:
         """Hold a step: the last estimate, moved by the model."""

@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from rmpc_bench.components.single_design import run_info
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.components.user_runs import UserRuns, WrongAnswer
-from rmpc_bench.types import Array, Metric, Record
+from rmpc_bench.components.user_runs import UserRuns
+from rmpc_bench.types import Array, InvalidReturnValue, Metric, Record
 from rmpc_bench.types.metric import Direction, MetricLayout
 
 
@@ -65,7 +65,7 @@ class SingleRunMetric(Metric):
         def keep(row: int, answer: Any) -> None:
             number = np.asarray(answer)
             if number.dtype.kind not in "fiub" or number.size != 1:
-                raise WrongAnswer(f"returned {answer!r:.60}; one number is expected")
+                raise InvalidReturnValue(f"returned {answer!r:.60}; one number is expected")
             values[row] = number.item()
 
         objects = UserRuns(self.role, self.user, runs, {"Ts": record.Ts}, record.Ts)

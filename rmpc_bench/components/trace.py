@@ -56,7 +56,7 @@ def place_in(trace: str) -> str:
 
     Examples
     --------
-    >>> place_in('  File "/home/me/tanks.py", line 12, in update')
+    >>> place_in('  File "tanks.py", line 12, in update')
     'tanks.py:12'
     """
     found = re.findall(r'^  File "(.+)", line (\d+)', trace, flags=re.MULTILINE)

@@ -16,7 +16,7 @@ import numpy as np
 
 from rmpc_bench.components.trace import one_line, user_trace
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.types import NO_WATCH, PassedOn, RunFailure, RunInfo, SolverError, Status, TimeLimit
+from rmpc_bench.types import NO_WATCH, InvalidReturnValue, PassedOn, RunFailure, RunInfo, SolverError, Status, TimeLimit
 
 OK = int(Status.OK)
 CRASHED, TIMEOUT = int(Status.CRASHED), int(Status.TIMEOUT)
@@ -24,10 +24,6 @@ BEFORE = "before "
 """Begin of the name of a signal of the sample before."""
 JOINED = f"{BEFORE}correct"
 """A call of `predict` for the sample before and of `correct`."""
-
-
-class WrongAnswer(Exception):
-    """An answer that does not have the form that the bench expects."""
 
 
 class Failed(NamedTuple):
@@ -129,7 +125,7 @@ class UserRuns:
         method : its name
         k : time index; None before the first sample
         signals : name -> array with axis 0 = run, or a list with one entry per run, or None
-        keep : stores the answer of a row; raises `WrongAnswer`
+        keep : stores the answer of a row; raises `InvalidReturnValue`
         phase : what the durations are noted under, besides the role
         settle : replaces the answer of a failed call if the step can be held, and says whether it has
         """
@@ -181,7 +177,7 @@ class UserRuns:
                     continue
                 try:
                     keep(row, answer)
-                except WrongAnswer as error:
+                except InvalidReturnValue as error:
                     failures.append(Failed(row, CRASHED, f"{method.removeprefix(BEFORE)} {error}{at(k)}", ""))
         first = k == 0 and not phase
         name = f"{self.role}, {phase}" if phase else f"{self.role}, first step" if first else self.role

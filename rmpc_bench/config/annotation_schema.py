@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from annotated_types import Ge, Gt, Le, Len, Lt
 from pydantic.fields import FieldInfo
 
+from rmpc_bench.config.key_meanings import key_meanings
 from rmpc_bench.types import FromCode, FromData, OverTime
 
 Schema = dict[str, Any]
@@ -95,7 +96,7 @@ def record_schema(kind: type) -> Schema:
     fields = {field.name: field for field in dataclasses.fields(kind)}
     defaults = {name: field.default for name, field in fields.items() if field.default is not dataclasses.MISSING}
     optional = {name for name, field in fields.items() if field.default_factory is not dataclasses.MISSING}
-    return mapping_schema(found, [*defaults, *optional], defaults, {})
+    return mapping_schema(found, [*defaults, *optional], defaults, key_meanings(kind))
 
 
 def mapping_schema(

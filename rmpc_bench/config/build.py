@@ -6,10 +6,8 @@ errors are reported at once.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -26,7 +24,7 @@ from rmpc_bench.config.plant_range import build_range, given_bounds, mean_start
 from rmpc_bench.config.plausibility import warnings_of
 from rmpc_bench.config.recorded_data import metric_problem, refuse_runs
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.expressions.quantity import Expression, QuantityError
+from rmpc_bench.config.uncertain_parameter import UncertainParameter
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.moments import exact_laws
@@ -51,21 +49,6 @@ from rmpc_bench.types import (
 
 AT_POINT = 1e-6
 """Relative difference up to which a reference is the output of an operating point."""
-
-
-@dataclass(frozen=True)
-class UncertainParameter:
-    """A plant parameter as a function of the named uncertain values of a run."""
-
-    expression: Expression
-    factor: float
-
-    def __call__(self, values: Mapping[str, float]) -> float:
-        """Return the parameter; NaN where the arithmetic fails, which makes the run `out-of-range`."""
-        try:
-            return self.factor * self.expression(values)
-        except QuantityError:
-            return math.nan
 
 
 class _ExperimentBuilder:
@@ -214,8 +197,8 @@ class _ExperimentBuilder:
                 numbers = ", ".join(f"{value:.9g}" for value in y)
                 wrong.setdefault(f"to the operating point, y = {numbers},", []).append(each.name)
         for where, names in wrong.items():
-            told = f"the controller of {', '.join(map(repr, names))} regulates {where} and follows no reference"
-            self.draft.note(["reference"], told)
+            message = f"the controller of {', '.join(map(repr, names))} regulates {where} and follows no reference"
+            self.draft.note(["reference"], message)
 
     def refuse_unreachable(self, reference: Reference, plant: Plant, scenario: Scenario | None) -> None:
         """Refuse a reference or an initial state outside the workspace of the plant."""

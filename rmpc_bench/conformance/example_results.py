@@ -32,7 +32,8 @@ def example_results() -> Trials:
     # Imported here, since pandas takes long and the other kinds do not need it.
     import pandas as pd
 
-    from rmpc_bench.analysis.trials import Traces, Trials
+    from rmpc_bench.analysis.traces import Traces
+    from rmpc_bench.analysis.trials import Trials
 
     rng, runs, steps = np.random.default_rng(2), 6, 20
     k = np.arange(steps + 1.0)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Literal
 import pandas as pd
 
 from rmpc_bench.analysis.rounded_trials import rounded_trials
-from rmpc_bench.analysis.trials import Traces, Trials
+from rmpc_bench.analysis.traces import Traces
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment

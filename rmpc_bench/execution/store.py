@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from rmpc_bench.execution.differences import Names, differences
 from rmpc_bench.execution.durations import Durations
 from rmpc_bench.execution.ensemble_table import as_array, as_bytes, read_groups, with_stored_runs
 from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failures
+from rmpc_bench.execution.stored_method import StoredMethod
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Recording
@@ -31,30 +32,6 @@ _NOTHING = Recording()
 _WORDS = {int(status): status.word for status in Status}
 _MAYBE_WITHOUT_TRACES = ", ".join(f"'{status.word}'" for status in (Status.CRASHED, Status.TIMEOUT))
 """Statuses of runs that may have no trajectories, because their block was not simulated to its end."""
-
-
-class StoredMethod(NamedTuple):
-    """A method whose trials are stored under one key."""
-
-    key: str
-    """Hash of its definition and of the code."""
-    definition: str
-    """Hash of its definition."""
-    code: Mapping[str, Any]
-    """What identifies the code that computes its trials."""
-    name: str = ""
-    """Its name, for messages."""
-
-
-def each_once(methods: Iterable[StoredMethod]) -> list[StoredMethod]:
-    """Return methods that share trials as one, with all their names."""
-    found: dict[str, StoredMethod] = {}
-    for method in methods:
-        names = dict.fromkeys(
-            [*found[method.key].name.split(", "), method.name] if method.key in found else [method.name]
-        )
-        found[method.key] = method._replace(name=", ".join(names))
-    return list(found.values())
 
 
 class Store:

@@ -15,7 +15,8 @@ from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.sweep_point import key_of_trials
 from rmpc_bench.execution.database import MissingError
-from rmpc_bench.execution.store import Store, StoredMethod, each_once
+from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.stored_method import StoredMethod, each_once
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import MetricInfo
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from rmpc_bench.analysis.trials import Traces
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredPoint
 

@@ -11,7 +11,8 @@ from rmpc_bench.figures.window import TimeWindow
 from rmpc_bench.types import Array, Status
 
 if TYPE_CHECKING:
-    from rmpc_bench.analysis.trials import Traces, Trials
+    from rmpc_bench.analysis.traces import Traces
+    from rmpc_bench.analysis.trials import Trials
 
 ERROR, OUTPUT = "e", "y"
 """The control error r - y, which is computed from the recorded output."""

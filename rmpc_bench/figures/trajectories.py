@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
     from matplotlib.lines import Line2D
 
-    from rmpc_bench.analysis.trials import Traces, Trials
+    from rmpc_bench.analysis.traces import Traces
+    from rmpc_bench.analysis.trials import Trials
 
 SingleRuns = Annotated[int, Ge(0), Le(10)]
 USUAL = ("y", "u")

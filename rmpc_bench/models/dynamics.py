@@ -86,6 +86,27 @@ class Dynamics:
         return Tangent(moves.J[:, :nx], moves.J[:, nx:], seen.J), kinks
 
 
+class OfPlant:
+    """Sizes of a design model that is made from a plant."""
+
+    dynamics: Dynamics
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return len(self.dynamics.names.states)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return len(self.dynamics.names.inputs)
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return len(self.dynamics.names.outputs)
+
+
 @dataclass(frozen=True, eq=False)
 class OdeDynamics(Dynamics):
     """An ordinary differential equation at its nominal parameters."""

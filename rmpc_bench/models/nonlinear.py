@@ -19,7 +19,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from rmpc_bench.models.compiled_step import Step, compiled_step
-from rmpc_bench.models.dynamics import Dynamics, OdeDynamics, dynamics_of, steps_of
+from rmpc_bench.models.dynamics import Dynamics, OdeDynamics, OfPlant, dynamics_of, steps_of
 from rmpc_bench.models.linearised import LinearisedModel, linearised
 from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.operating_point import At, find_point
@@ -28,7 +28,7 @@ from rmpc_bench.types import Array, Count, DesignError, Model, OperatingPoint, P
 
 
 @dataclass(frozen=True, eq=False)
-class NonlinearModel(Model):
+class NonlinearModel(OfPlant, Model):
     """The nominal plant as functions of one run; create it with `nonlinear_model`.
 
     Parameters
@@ -52,21 +52,6 @@ class NonlinearModel(Model):
     compiled: bool = False
     _cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
     """The linear model and the compiled step, made on first use; they are not sent to workers."""
-
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return len(self.dynamics.names.states)
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return len(self.dynamics.names.inputs)
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return len(self.dynamics.names.outputs)
 
     @property
     def rhs(self) -> Callable[..., Any] | None:

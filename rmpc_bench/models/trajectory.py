@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.dynamics import Dynamics, sampled, steps_of
+from rmpc_bench.models.dynamics import Dynamics, OfPlant, sampled, steps_of
 from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.state_dependent import Affine, Pair, StateDependentModel
 from rmpc_bench.types import Array
 
 
 @dataclass(frozen=True, eq=False)
-class TrajectoryModel(StateDependentModel):
+class TrajectoryModel(OfPlant, StateDependentModel):
     """A model that is linearised at the latest estimate.
 
     Parameters
@@ -39,21 +39,6 @@ class TrajectoryModel(StateDependentModel):
     R_v: Float[Array, "ny ny"]
 
     has_offsets = True
-
-    @property
-    def nx(self) -> int:
-        """Number of states."""
-        return len(self.dynamics.names.states)
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return len(self.dynamics.names.inputs)
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return len(self.dynamics.names.outputs)
 
     def at_state(self, x: Float[Array, "runs nx"]) -> Pair:
         """Linearise at a state of every run, at the input nearest to 0."""

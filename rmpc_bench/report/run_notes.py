@@ -44,7 +44,8 @@ def notes_markdown(trials: Trials) -> list[str]:
     """Return the sections on held steps and warnings; none where there are neither."""
     held = [f"- {text}" for text in held_sentences(trials)]
     warned = [
-        f"- {method}, {n} time{'' if n == 1 else 's'}: {text}"
+        # A warning may have several lines, and a list entry has one.
+        f"- {method}, {n} time{'' if n == 1 else 's'}: {' '.join(text.split())}"
         for method, notes in trials.notes.items()
         for text, n in [*notes.warnings.items()][:MOST_WARNINGS]
     ]

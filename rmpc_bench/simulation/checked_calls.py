@@ -19,6 +19,7 @@ from rmpc_bench.types import (
     Controller,
     Estimate,
     Estimator,
+    InvalidReturnValue,
     Journal,
     Method,
     Metric,
@@ -33,10 +34,6 @@ from rmpc_bench.types import (
 
 _STATUSES = frozenset(int(status) for status in Status)
 _NUMBERS = "fiub"
-
-
-class WrongAnswer(Exception):
-    """A component returned something else than its contract says."""
 
 
 def is_own(design: Any) -> bool:
@@ -66,7 +63,7 @@ def metric_values(metric: Metric, record: Record) -> Array:
 
     Raises
     ------
-    WrongAnswer
+    InvalidReturnValue
         If it does not return one number per run.
     """
     values = metric.evaluate(record)
@@ -184,37 +181,39 @@ class CheckedController(_Checked):
 
 def _pair(answer: Any, call: str, right: str) -> tuple[Any, Any]:
     if not (isinstance(answer, tuple) and len(answer) == 2):
-        raise WrongAnswer(f"{call} returned {_described(answer)}; it must return {right}")
+        raise InvalidReturnValue(f"{call} returned {_described(answer)}; it must return {right}")
     return answer
 
 
 def _check_answer(answer: Any, call: str, record: type, right: str) -> None:
     if not isinstance(answer, record | np.ndarray | list):
-        raise WrongAnswer(f"{call} returned {_described(answer)}; it must return {right}")
+        raise InvalidReturnValue(f"{call} returned {_described(answer)}; it must return {right}")
 
 
 def _check_array(value: Any, call: str, name: str, *shapes: tuple[int, ...]) -> None:
     fits = isinstance(value, np.ndarray) and value.dtype.kind in _NUMBERS and value.shape in shapes
     if not fits:
         right = " or ".join(map(str, shapes))
-        raise WrongAnswer(f"{call} returned {name} as {_described(value)}; it must be an array of numbers {right}")
+        raise InvalidReturnValue(
+            f"{call} returned {name} as {_described(value)}; it must be an array of numbers {right}"
+        )
 
 
 def _check_status(status: Any, call: str, n_runs: int) -> None:
     right = isinstance(status, np.ndarray) and status.dtype.kind in "iu" and status.shape == (n_runs,)
     if not right:
         wrong = _described(status)
-        raise WrongAnswer(f"{call} returned the status as {wrong}; it must be an array of integers ({n_runs},)")
+        raise InvalidReturnValue(f"{call} returned the status as {wrong}; it must be an array of integers ({n_runs},)")
     if status.any() and (unknown := set(status.tolist()) - _STATUSES):
-        raise WrongAnswer(f"{call} returned the status {min(unknown)}; the statuses are 0 to {max(_STATUSES)}")
+        raise InvalidReturnValue(f"{call} returned the status {min(unknown)}; the statuses are 0 to {max(_STATUSES)}")
 
 
 def _check_info(info: Any, call: str, n_runs: int) -> None:
     if not hasattr(info, "items"):
-        raise WrongAnswer(f"{call} returned info as {_described(info)}; it must be a mapping of arrays")
+        raise InvalidReturnValue(f"{call} returned info as {_described(info)}; it must be a mapping of arrays")
     for name, value in info.items():
         if not (isinstance(value, np.ndarray) and value.dtype.kind in _NUMBERS and value.shape[:1] == (n_runs,)):
-            raise WrongAnswer(
+            raise InvalidReturnValue(
                 f"{call} returned info[{name!r}] as {_described(value)}; axis 0 of the array must be the run ({n_runs})"
             )
 

@@ -25,6 +25,7 @@ from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.errors import (
     ConfigError,
     DesignError,
+    InvalidReturnValue,
     Problem,
     SolverError,
     TimeLimit,
@@ -97,6 +98,7 @@ __all__ = [
     "GainSchedule",
     "Horizon",
     "InputSignal",
+    "InvalidReturnValue",
     "Issue",
     "Journal",
     "Line",

@@ -49,6 +49,10 @@ class DesignError(Exception):
         super().__init__(message)
 
 
+class InvalidReturnValue(Exception):
+    """A component returned a value that does not have the shape, the type or the range that the bench expects."""
+
+
 class SolverError(Exception):
     """A component could not solve its problem at one sample of one run; the run ends, or the step is held.
 

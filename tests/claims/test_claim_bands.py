@@ -9,7 +9,7 @@ from conftest import ROUND
 from scipy import stats
 
 from rmpc_bench.analysis.run_groups import RunGroups
-from rmpc_bench.analysis.trials import Traces
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.claims.band import band
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.verdict import judge

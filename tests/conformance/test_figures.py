@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench import registry
-from rmpc_bench.analysis.trials import Traces
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.conformance import FigureExample, check_component
 from rmpc_bench.types import MetricInfo
 

@@ -7,7 +7,7 @@ import pytest
 from small_experiment import ran, write
 
 from rmpc_bench import load_config, load_results, load_trials, run
-from rmpc_bench.analysis.trials import Traces
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.execution.database import MissingError, StoreError
 from rmpc_bench.execution.traces import with_estimates
 

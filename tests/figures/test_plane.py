@@ -7,7 +7,7 @@ import pytest
 from conftest import ROUND
 from matplotlib.colors import to_hex
 
-from rmpc_bench.analysis.trials import Traces
+from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.config.reader import parse
 from rmpc_bench.config.schema import model_of, validate
 from rmpc_bench.figures.files import save_as

@@ -11,11 +11,21 @@ import numpy as np
 
 from rmpc_bench.components.trace import last_user_frame, one_line, user_trace
 from rmpc_bench.execution.engines.tasks import Done, Task, named_values
-from rmpc_bench.simulation.checked_calls import CheckedController, CheckedEstimator, CheckedPlant, WrongAnswer
+from rmpc_bench.simulation.checked_calls import CheckedController, CheckedEstimator, CheckedPlant
 from rmpc_bench.simulation.closed_loop import Block, simulate
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Controller, Estimator, Journal, Metric, Plant, RunFailure, Status, TimeLimit
+from rmpc_bench.types import (
+    Controller,
+    Estimator,
+    InvalidReturnValue,
+    Journal,
+    Metric,
+    Plant,
+    RunFailure,
+    Status,
+    TimeLimit,
+)
 
 _ROLES: dict[str, tuple[type, ...]] = {
     "estimator": (Estimator, CheckedEstimator),
@@ -67,7 +77,7 @@ def failure_of(error: BaseException, experiment: Experiment, run: int) -> RunFai
         int(Status.TIMEOUT if isinstance(error, TimeLimit) else Status.CRASHED),
         _role(frames),
         loop.get("k"),
-        str(error) if isinstance(error, WrongAnswer | TimeLimit) else one_line(error),
+        str(error) if isinstance(error, InvalidReturnValue | TimeLimit) else one_line(error),
         _trace(error),
         {**known, "parameters": named_values(experiment, run)},
     )

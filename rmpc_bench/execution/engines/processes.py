@@ -53,8 +53,7 @@ def processes(
     """
     pool = _Pool(experiments, tasks, limits, logs)
     try:
-        for number in range(workers):
-            pool.start(number)
+        pool.start(range(workers))
         yield from pool.results()
     finally:
         with held():
@@ -73,10 +72,14 @@ class _Pool:
         self._workers: dict[int, WorkerProcess] = {}
         self._failed_starts = 0
 
-    def start(self, number: int) -> None:
-        """Start a worker in place of an earlier one with this number."""
-        log = None if self._logs is None else self._logs / f"worker-{number + 1}.txt"
-        self._workers[number] = WorkerProcess(self._data, self._limits, log)
+    def start(self, numbers: Sequence[int]) -> None:
+        """Start workers, each in place of an earlier one with its number."""
+        for number in numbers:
+            log = None if self._logs is None else self._logs / f"worker-{number + 1}.txt"
+            self._workers[number] = WorkerProcess(self._limits, log)
+        # A worker reads its experiments after its imports, which all of them do at the same time.
+        for number in numbers:
+            self._workers[number].load(self._data)
 
     def close(self) -> None:
         """End all workers."""
@@ -135,7 +138,7 @@ class _Pool:
                 raise WorkerError(f"worker processes cannot load the experiment: {end.message}")
             self._left.extendleft(reversed(jobs))
             jobs.clear()
-        self.start(number)
+        self.start([number])
         if jobs:
             job = jobs.popleft()
             self._left.extendleft(reversed(jobs))

@@ -64,12 +64,11 @@ class WorkerProcess:
 
     Parameters
     ----------
-    data : experiments as bytes
     limits : of time and memory
     log : file that gets the output of components; None for the parent's own streams
     """
 
-    def __init__(self, data: bytes, limits: Limits, log: Path | None) -> None:
+    def __init__(self, limits: Limits, log: Path | None) -> None:
         self.jobs: deque[Job] = deque()
         self.loaded = False
         self._limits, self._asked, self._late = limits, 0.0, ""
@@ -82,7 +81,15 @@ class WorkerProcess:
             # An interruption between the start and the assignment would leave a process that nobody ends.
             with held(), child:
                 self._process = _started(child, file.fileno(), self._trace.fileno(), log)
-        self._send((data, limits))
+
+    def load(self, data: bytes) -> None:
+        """Send the experiments, which the process reads once it has started.
+
+        Parameters
+        ----------
+        data : experiments as bytes
+        """
+        self._send((data, self._limits))
 
     def give(self, job: Job) -> None:
         """Send a job."""

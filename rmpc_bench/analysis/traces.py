@@ -1,0 +1,37 @@
+"""The recorded runs of one method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.run_groups import RunGroups
+from rmpc_bench.types import Array
+
+
+class Traces(NamedTuple):
+    """The recorded runs of one method."""
+
+    runs: Array
+    """(n,) indices of the runs, ascending."""
+    signals: Mapping[str, Array]
+    """Signal -> (n, samples, components): ``y``, ``x``, ``x_hat`` at k = 0..N, ``u`` at k = 0..N-1.
+
+    What the method reports of itself is at k = 0..N if it comes from the estimator, else at k = 0..N-1; ``bursts`` is 1
+    where the measurement noise is in one.
+    """
+    r: Array
+    """(samples, ny) reference at k = 0..N."""
+    shapes: Mapping[str, tuple[int, ...]] = {}
+    """Signal that the method reports -> shape of an entry, whose components follow each other row by row."""
+
+    def groups(self, finished: Array) -> RunGroups | None:
+        """Take the runs that were finished as groups; None where the state is not recorded."""
+        rows, estimate = np.isin(self.runs, finished), self.signals.get("x_hat")
+        if "x" not in self.signals:
+            return None
+        return RunGroups.of_trajectories(
+            self.runs[rows], self.signals["x"][rows], None if estimate is None else estimate[rows]
+        )
