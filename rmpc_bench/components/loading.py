@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from types import FrameType, ModuleType, TracebackType
+from types import ModuleType, TracebackType
 from typing import Any
 
 from rmpc_bench.components.code import CodeError, CodeReference, Place
 from rmpc_bench.components.private_modules import file_of, is_private, is_source, module_name, package_of, plain_names
+from rmpc_bench.components.signals import noted_signals
 from rmpc_bench.types.errors import ConfigError, DesignError
 from rmpc_bench.types.issue import unknown
 
@@ -80,36 +79,15 @@ def user_code(path: Path | None = None) -> Iterator[None]:
     ----------
     path : file to blame where no line of the user's code took part
     """
-    with _interruptions() as interrupted:
+    with noted_signals() as signals:
         try:
             yield
         except (CodeError, ConfigError, DesignError):
             raise
         except (Exception, KeyboardInterrupt, SystemExit) as error:
-            if isinstance(error, KeyboardInterrupt) and interrupted():
+            if isinstance(error, KeyboardInterrupt) and signals:
                 raise
             raise CodeError(described(error), place_of(error, path)) from error
-
-
-@contextmanager
-def _interruptions() -> Iterator[Callable[[], bool]]:
-    """Notice whether the user presses Ctrl-C."""
-    found: list[int] = []
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        # Elsewhere no signal arrives as an exception.
-        yield lambda: False
-        return
-
-    def note(number: int, frame: FrameType | None) -> Any:
-        found.append(number)
-        return before(number, frame)
-
-    signal.signal(signal.SIGINT, note)
-    try:
-        yield lambda: bool(found)
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def described(error: BaseException) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import signal
 from collections.abc import Generator, Sequence
 
+from rmpc_bench.components.signals import noted_signals
 from rmpc_bench.execution.engines.contained import contained
 from rmpc_bench.execution.engines.tasks import Done, Task, forget_draws, warm_up_own
-from rmpc_bench.execution.interrupts import noted
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 
@@ -21,7 +21,7 @@ def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generato
     tasks : what to do
     """
     try:
-        with single_thread(), noted() as signals:
+        with single_thread(), noted_signals() as signals:
             warm_up_own(experiments)
             for task in tasks:
                 for done in contained(experiments, task, lambda error: bool(signals)):
