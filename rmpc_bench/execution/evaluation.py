@@ -161,7 +161,13 @@ def figure_component(keys: Mapping[str, Any]) -> Component:
 
 
 def drawn(results: Results, component: Component) -> FigureResult:
-    """Draw a figure whose keys are validated; a metric that is not named is the primary one.
+    """Draw a figure whose keys are validated; see `figure_of`."""
+    made = figure_of(results, component)
+    return FigureResult(made.draw(results.plotted))
+
+
+def figure_of(results: Results, component: Component) -> Figure:
+    """Build a figure whose keys are validated; a metric that is not named is the primary one.
 
     Parameters
     ----------
@@ -180,7 +186,7 @@ def drawn(results: Results, component: Component) -> FigureResult:
     primary: dict[str, Any] = {
         key: results.experiment.primary for key in made.metric_keys if getattr(made, key) is None
     }
-    return FigureResult(replace(made, **primary).draw(results.plotted))
+    return replace(made, **primary)
 
 
 def _error_of(problems: Sequence[Problem]) -> DesignError:

@@ -16,9 +16,10 @@ from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import judge, summarise
-from rmpc_bench.execution.figure_files import write_figures
+from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.manifest import note_look, read
 from rmpc_bench.execution.results import Results
+from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 from rmpc_bench.report.run_notes import failure_files
@@ -37,6 +38,7 @@ class Publication:
     paths : the files, in the order in which they were written
     tables : summary and comparisons
     verdicts : the finding of every claim
+    figures : the figures with their captions and files
     left_out : figures that could not be drawn, each as ``kind: reason``
     """
 
@@ -45,6 +47,7 @@ class Publication:
     paths: tuple[Path, ...]
     tables: Summary
     verdicts: tuple[ClaimVerdict, ...]
+    figures: tuple[WrittenFigure, ...] = ()
     left_out: tuple[str, ...] = ()
 
     @property
@@ -77,13 +80,14 @@ class Publication:
         return self.summary()
 
 
-def publish(results: Results, *, to: str | Path | None = None) -> Publication:
+def publish(results: Results, *, to: str | Path | None = None, rendering: Rendering | None = None) -> Publication:
     """Write all tables, series, recorded runs, claims and figures of stored results; nothing is simulated.
 
     Parameters
     ----------
     results : from `run` or `load_results`
     to : directory to write to, made if it is not there; the one of the results unless given
+    rendering : width, font, style and formats of the figures
 
     Returns
     -------
@@ -116,8 +120,9 @@ def publish(results: Results, *, to: str | Path | None = None) -> Publication:
     ]
     if len(results.trials.runs) and results.trials.with_verdicts:
         note_look(results.directory, len(results.trials.runs))
-    figures, left_out = write_figures(results, directory / "figures")
-    return Publication(results, directory, (*paths, *figures), tables, verdicts, tuple(left_out))
+    figures, left_out = write_figures(results, directory / "figures", rendering or Rendering())
+    paths += [path for figure in figures for path in figure.paths]
+    return Publication(results, directory, tuple(paths), tables, verdicts, figures, left_out)
 
 
 def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Path]:

@@ -7,5 +7,6 @@ Only `draw` imports matplotlib, so that ``rmpc-bench check`` stays fast.
 Numbers     pareto_front, reported_sets, recorded_runs, samples, ellipse_outline, window
 Drawing     axes, legend, labels, direct_labels, burst_bands, ensemble_panels, sweep_points
 Style       style (palette, fonts), line_styles (colour and dashes of a method)
-Others      component_plot (plots of a component itself), files (formats), figure_result (what `figure` returns)
+Files       rendering (width, font, style, formats), files (how each format is written)
+Others      component_plot (plots of a component itself), figure_result (what `figure` returns)
 """

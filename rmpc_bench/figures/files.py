@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,21 +21,22 @@ FORMATS: dict[str, dict[str, Any]] = {
 """Endings of files, with the settings that make their bytes the same every time."""
 
 
-def save(figure: MplFigure, directory: Path, stem: str) -> list[Path]:
-    """Write a picture as SVG and as PNG (200 dpi), with the same bytes every time.
+def save(figure: MplFigure, directory: Path, stem: str, formats: Sequence[str] = ("svg", "png")) -> list[Path]:
+    """Write a picture in several formats, PNG with 200 dpi, with the same bytes every time.
 
     Parameters
     ----------
     figure : the picture
     directory : where to write; made if it does not exist
     stem : file name without ending
+    formats : endings of the files
 
     Returns
     -------
-    the two files
+    the files
     """
     directory.mkdir(parents=True, exist_ok=True)
-    files = [directory / f"{stem}.svg", directory / f"{stem}.png"]
+    files = [directory / f"{stem}.{ending}" for ending in formats]
     for file in files:
         save_as(figure, file)
     return files

@@ -92,6 +92,19 @@ class Figure:
                 raise DesignError(f"must be at least 1 inch (got {size:g})", key)
         return self.width, usual_height if self.height is None else self.height
 
+    def caption(self, results: Any) -> str:
+        """Say in plain text what the figure shows, as its caption in a paper and on the page does.
+
+        Parameters
+        ----------
+        results : the table of trials
+
+        Returns
+        -------
+        full sentences that define every mark, name the number of runs and state the main numbers; formulas as ``$..$``
+        """
+        return (type(self).__doc__ or "").strip().partition("\n")[0]
+
     def draw(self, results: Any) -> Any:
         """Draw stored results.
 

@@ -1,0 +1,28 @@
+"""How figures are rendered: width, font, style and formats of all figures of a report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Font = Literal["dejavu", "stix", "times"]
+Style = Literal["bench", "paper"]
+Format = Literal["pdf", "svg", "png", "pgf"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rendering:
+    """How all figures of a report are rendered.
+
+    Parameters
+    ----------
+    width : width of every figure [in]; that of its configuration if None
+    font : family of the texts and formulas
+    style : ``bench`` for the screen, ``paper`` for a printed column
+    formats : endings of the files to write
+    """
+
+    width: float | None = None
+    font: Font = "dejavu"
+    style: Style = "bench"
+    formats: tuple[Format, ...] = ("svg", "png")
