@@ -22,9 +22,11 @@ from rmpc_bench.config.identity import (
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant_source import SECTIONS_OF_A_PLANT, has_source
 from rmpc_bench.config.relocation import as_of_configuration
+from rmpc_bench.config.sections import SECTIONS, Time
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import Map, locate, split
+from rmpc_bench.config.sweep_section import NAME, columns
+from rmpc_bench.config.tree import Items, Map, locate, split
 from rmpc_bench.simulation.scenario import Experiment
 
 
@@ -98,11 +100,29 @@ def _with_sweep(first_point: dict[str, Any], sweep: Sweep, own: OwnCode) -> dict
     roots = {split(path, tree.mark)[0] for axis in sweep.axes for path in axis}
     if has_source(tree) and roots & {*changed, "plant"}:
         changed = (*changed, "plant", *SECTIONS_OF_A_PLANT)
-    resolved = first_point
+    resolved = {**first_point, **_sections_kept_by_rows(tree, first_point, own, changed)}
     if roots & set(changed):
-        resolved = {key: value for key, value in first_point.items() if key not in changed}
+        resolved = {key: value for key, value in resolved.items() if key not in changed}
         resolved |= {key: as_of_configuration(tree, key, own) for key in changed if key in tree}
     return {**resolved, "sweep": as_of_configuration(tree, "sweep", own)}
+
+
+def _sections_kept_by_rows(
+    tree: Map, first_point: dict[str, Any], own: OwnCode, changed: Sequence[str]
+) -> dict[str, Any]:
+    """Return sections as given in which a row of a zip leaves a value of the file as it is.
+
+    At the first point such a section may have the value of the first row.
+    """
+    rows = tree["sweep"].get("zip")
+    rows = rows if isinstance(rows, Items) else ()
+    kept = {path for path in columns(rows) if path != NAME and any(path not in row for row in rows)}
+    found: dict[str, Any] = {}
+    for root in sorted({split(path, tree.mark)[0] for path in kept} - set(changed)):
+        given = as_of_configuration(tree, root, own) if root in tree else SECTIONS[root].default
+        # The length of a smoke run is not the one given.
+        found[root] = {**first_point["time"], "step": given.get("step", Time.step)} if root == "time" else given
+    return found
 
 
 def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> dict[str, Any]:
