@@ -21,12 +21,18 @@ from rmpc_bench.types import FromCode, FromData, OverTime
 Schema = dict[str, Any]
 
 CODE: Schema = {
+    "title": "PATH.py:NAME",
     "type": "string",
     "pattern": r"^.+\.py:[A-Za-z_]\w*$",
     "description": "A name in a Python file, PATH.py:NAME; the path is relative to this file.",
 }
-_FILES: Schema = {"type": ["string", "array"], "description": "Data files: a path or a pattern, relative to this file."}
+_FILES: Schema = {
+    "title": "data files",
+    "type": ["string", "array"],
+    "description": "Data files: a path or a pattern, relative to this file.",
+}
 _MATRIX: Schema = {
+    "title": "matrix",
     "type": ["number", "string", "array", "object", "null"],
     "description": "A number (times the identity), a list (the diagonal), rows of numbers, or {file: .., name: ..}.",
 }

@@ -24,7 +24,14 @@ Text = Annotated[str, Len(1)]
 
 @dataclass(frozen=True)
 class Time:
-    """Sampling and length: `step` and `duration` in seconds, or a number of `steps`."""
+    """Sampling and length: `step` and `duration` in seconds, or a number of `steps`.
+
+    Parameters
+    ----------
+    step : sampling time [s]; windows of metrics are in seconds with `duration`, in samples with `steps`
+    duration : length of a run [s], a whole number of steps; give either `duration` or `steps`
+    steps : number N of control periods; samples are k = 0..N
+    """
 
     step: Positive = 1.0
     duration: Positive | None = None
@@ -58,11 +65,18 @@ Relevant: Any = Annotated[float, Ge(0), Lt(1)] | dict[str, NonNegative]
 
 @dataclass(frozen=True)
 class Statistics:
-    """Comparison of the methods; `primary` and `baseline` default to the first metric and the first method.
+    """Comparison of the methods; docs/statistics.md explains the numbers.
 
-    `relevant` is the smallest difference that matters: a relative change for all metrics, or a number per metric.  A
-    signed metric, for which 0 is best or which has negative values, takes a number in its unit; without one, none of
-    its differences is too small to matter.  `average` says which averages of the paired runs are computed.
+    A signed metric, for which 0 is best or which has negative values, takes a margin in its unit; without one, none of
+    its differences is too small to matter.
+
+    Parameters
+    ----------
+    primary : metric that has the verdicts; the first one if not given
+    baseline : method with which the others are compared; the first one if not given
+    confidence : level of all intervals, such as 95%
+    relevant : smallest difference that matters: a relative change for all metrics, or a number per metric
+    average : averages of the paired runs, the geometric mean of their ratios or the ratio of the means
     """
 
     primary: Text | None = None
@@ -87,6 +101,11 @@ class Timeout:
     """Longest time of a run and of one of its steps, as numbers of seconds or texts such as ``200 ms``.
 
     A run that takes longer has the status `timeout`.  The first step may take ten times as long, since it may compile.
+
+    Parameters
+    ----------
+    step : longest time of one step of a run [s]; no limit if not given
+    run : longest time of a run [s]; no limit if not given
     """
 
     step: Positive | Text | None = None
@@ -103,9 +122,15 @@ class Timeout:
 class Execution:
     """Settings of the computation; none of them changes the numbers of a run that ends well.
 
-    With the engine `joblib` the runs are computed in worker processes; `serial` computes them in this process.  Unless
-    it is given, one worker is this process where all components are built in.  `memory` is the largest memory of a
-    worker process, such as ``2 GB``; a run that needs more has the status `crashed`.
+    Parameters
+    ----------
+    workers : number of worker processes
+    block : runs that are computed together; the results do not depend on it
+    max_failures : number of failed runs from which on, if exceeded, the exit code is 3
+    engine : `joblib` computes in worker processes, `serial` in this process; if not given `joblib`, except that one
+        worker is this process where all components are built in
+    timeout : longest times; a run that takes longer has the status `timeout`
+    memory : largest memory of a worker process, such as ``2 GB``; a run that needs more has the status `crashed`
     """
 
     workers: Count = 2
@@ -133,9 +158,12 @@ mean and the covariance over the runs are computed too."""
 
 @dataclass(frozen=True)
 class RecordKeys:
-    """Trajectories to keep: of no run, of the first N runs, or of all.
+    """Trajectories to keep, in traces.npz; bursts of the noise are kept with them.
 
-    A signal is y, u, x, x_hat or one that a method reports, such as Q_yw.  Bursts of the noise are kept with them.
+    Parameters
+    ----------
+    runs : `none`, `all`, or a number N for the first N runs
+    signals : y, u, x, x_hat, P or signals that a method reports, such as Q_yw
     """
 
     runs: Literal["none", "all"] | Count = "none"
@@ -144,7 +172,13 @@ class RecordKeys:
 
 @dataclass(frozen=True)
 class Smoke:
-    """Size of a run with --smoke."""
+    """Size of a run with --smoke.
+
+    Parameters
+    ----------
+    runs : number of runs
+    steps : number of control periods
+    """
 
     runs: Count = 4
     steps: Count = 20
@@ -154,9 +188,16 @@ class Smoke:
 class StatedKeys:
     """A number of the paper, which the expression `of` computes.
 
-    With a `tolerance` (absolute) it is a size of effect.  Without one it is a number without Monte Carlo error: `value`
-    is then a text with the digits that the paper prints, such as '58.20', and the finding is ``equal``, ``close``
-    (relative difference up to `close`) or ``different``.
+    With a `tolerance` it is a size of effect.  Without one it is a number without Monte Carlo error: the finding is
+    ``equal``, ``close`` or ``different``.
+
+    Parameters
+    ----------
+    of : expression in the language of claims, such as last(trace(P[KF]))
+    value : the number of the paper; without a tolerance a text with the digits that the paper prints, such as '58.20'
+    tolerance : absolute difference up to which the size of an effect is that of the paper
+    text : the words of the paper about it
+    close : largest relative difference that is called close
     """
 
     of: Text
@@ -177,7 +218,23 @@ class StatedKeys:
 
 @dataclass(frozen=True)
 class ClaimKeys:
-    """One statement of a paper."""
+    """One statement of a paper.
+
+    Parameters
+    ----------
+    says : the statement, in our words
+    source : section, figure or table of the paper; it begins with `additional result` for what the paper does not state
+    id : name of the statement; claims of the same name in several configurations of a paper have a joined finding
+    quote : the words of the paper, at most 25 of them
+    check : a comparison in the language of claims, or a list of them; without one the claim is not testable
+    holds_for : whether the check must hold at all points of `at`, at most of them, or at any
+    at : point of the sweep for all terms that name none, a list of interpretations, or `all`
+    grounds : interpretation -> its ground in the text of the paper
+    finding : the recorded finding; `--strict` exits with 1 where the computed one differs
+    stated : numbers of the paper with which the computed ones are compared, or its words
+    assumptions : what the paper leaves open and what we assume, one sentence each
+    elsewhere : configuration -> its recorded finding of the statement with the same `id`
+    """
 
     says: Text
     source: str = ""

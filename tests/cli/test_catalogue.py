@@ -104,7 +104,7 @@ def test_a_registered_part_is_in_the_manual(monkeypatch):
     assert "half" in cli("list", "estimators").stdout.splitlines()
     shown = cli("describe", "half").stdout
     assert "Take half of the innovation." in shown
-    assert "  gain  (default 0.5)\n      how much of it, exactly\n" in shown
+    assert "  gain  (default 0.5)  number\n      how much of it, exactly\n" in shown
 
 
 class Drawn(Plant):

@@ -84,10 +84,14 @@ def test_describe_a_component_of_a_file(here):
     assert result.stderr.startswith("code  own.py (sha ")
     result = cli("describe", "parts.py:Proportional")
     assert "controllers/parts.py:Proportional" in result.stdout
-    assert "  K  (default 2.0)\n      gain [V/rad]\n" in result.stdout and "on_failure" in result.stdout
+    for text in ("  K  (default 2)  number", "      gain [V/rad]\n", "on_failure"):
+        assert text in result.stdout
     result = cli("describe", "plants/parts.py:design")
-    assert "My servomechanism." in result.stdout and "  J_l  (default 25.0)\n      inertia of the load" in result.stdout
-    assert "perturb, set : factors" in result.stdout
+    assert (
+        "My servomechanism." in result.stdout
+        and "  J_l  (default 25)  number > 0\n      inertia of the load" in result.stdout
+    )
+    assert "perturb : parameter -> factor" in result.stdout
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,180 @@
+"""The manual of a component: its texts and its keys, from docstrings and signature.
+
+`rmpc-bench describe` shows it on the screen, and docs/components.md is made from it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import is_dataclass
+from typing import Any, NamedTuple, get_args
+
+from rmpc_bench.config.annotation_schema import Schema, mapping_schema, record_schema
+from rmpc_bench.config.component import plain_data
+from rmpc_bench.config.key_meanings import key_meanings
+from rmpc_bench.config.schema import hints, keys_of
+from rmpc_bench.config.schema_words import type_words, unit_of
+from rmpc_bench.types.sweep_points import value_text
+
+_SECTION = re.compile(r"^(\w+)\n-{3,}\n", re.MULTILINE)
+"""Heading of a section of a numpydoc docstring."""
+
+
+class KeyEntry(NamedTuple):
+    """One key of a component or of a section of a configuration."""
+
+    name: str
+    kind: str
+    """Type and limits, in words."""
+    default: str | None
+    """As a configuration would write it; None for a required key."""
+    unit: str
+    meaning: str
+    keys: tuple[KeyEntry, ...] = ()
+    """Keys of the mapping that is its value."""
+
+
+class Manual(NamedTuple):
+    """Texts and keys of a component."""
+
+    group: str
+    kind: str
+    module: str
+    """Docstring of its module: model, source, limit, cost, and when it fails."""
+    text: str
+    """Docstring of the component, up to its sections."""
+    keys: tuple[KeyEntry, ...]
+    examples: str
+
+
+SHARED_KEYS: Mapping[str, tuple[KeyEntry, ...]] = {
+    "plants": (
+        KeyEntry(
+            "perturb",
+            "mapping from names to numbers or expressions",
+            "{}",
+            "",
+            "parameter -> factor on its nominal value, such as 1 + eps, in the uncertain quantities",
+        ),
+        KeyEntry(
+            "set",
+            "mapping from names to numbers or expressions",
+            "{}",
+            "",
+            "parameter -> its value, such as 2 + eps, in the uncertain quantities",
+        ),
+        KeyEntry(
+            "bounds",
+            "mapping from names to lists of 2",
+            "{}",
+            "",
+            "[low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is `out-of-range`; a "
+            "plant with names takes these, and limits its inputs: {level: [0 m, 0.6 m], pump: [0, 30 ml/s]}",
+        ),
+        KeyEntry(
+            "diverged",
+            "number, list or mapping from names to numbers",
+            "1e6 times the largest of 1, its initial value and the reference",
+            "",
+            "magnitude of a state, one number, one per state or by name, beyond which a run is `diverged`",
+        ),
+    ),
+}
+"""Keys that every component of a group has, beside its own."""
+
+
+def manual_of(group: str, kind: str, design: Any) -> Manual:
+    """Return the manual of a component.
+
+    Parameters
+    ----------
+    group : group of the registry
+    kind : its name, or the file and name of a component of a user
+    design : its design function or class
+    """
+    module = inspect.getmodule(inspect.unwrap(design))
+    # A class without a docstring of its own inherits that of the base class, which says nothing about it.
+    doc = inspect.getdoc(design) or "" if design.__doc__ else ""
+    text, *sections = _SECTION.split(doc)
+    titled = dict(zip(sections[::2], sections[1::2], strict=True))
+    return Manual(
+        group=group,
+        kind=kind,
+        module=inspect.getdoc(module) or "",
+        text=text.rstrip(),
+        keys=_keys(group, kind, design),
+        examples=titled.get("Examples", "").strip(),
+    )
+
+
+def _keys(group: str, kind: str, design: Any) -> tuple[KeyEntry, ...]:
+    fields = keys_of(group, kind, design).model_fields
+    parameters = inspect.signature(design).parameters
+    annotations = hints(design, {name: parameters[name].annotation for name in fields})
+    optional = [name for name, field in fields.items() if not field.is_required()]
+    properties = mapping_schema(annotations, optional, {}, key_meanings(design))["properties"]
+    return tuple(
+        entry(
+            field.alias or name,
+            properties[name.rstrip("_")],
+            None if field.is_required() else default_text(field.default),
+            keys_of_schema(properties[name.rstrip("_")]) or keys_of_records(annotations[name]),
+        )
+        for name, field in fields.items()
+    )
+
+
+def entry(name: str, schema: Schema, default: str | None, keys: tuple[KeyEntry, ...] = ()) -> KeyEntry:
+    """Return the entry of a key.
+
+    Parameters
+    ----------
+    name : of the key
+    schema : JSON Schema of its value
+    default : as a configuration would write it; None for a required key
+    keys : of the mapping that is its value
+    """
+    meaning = schema.get("description", "")
+    return KeyEntry(name, type_words(schema), default, unit_of(meaning), meaning, keys)
+
+
+def keys_of_schema(schema: Schema) -> tuple[KeyEntry, ...]:
+    """Return the keys of the mapping, or of the mappings in a list, that a schema describes."""
+    inner = [schema, *schema.get("anyOf", ()), schema.get("items", {})]
+    found = next((each for each in inner if isinstance(each, dict) and each.get("properties")), None)
+    if found is None:
+        return ()
+    required = found.get("required", ())
+    return tuple(
+        entry(
+            name,
+            each,
+            None if name in required else default_text(each.get("default")),
+            keys_of_schema(each),
+        )
+        for name, each in found["properties"].items()
+    )
+
+
+def keys_of_records(annotation: Any) -> tuple[KeyEntry, ...]:
+    """Return the keys of the dataclasses inside an annotation."""
+    records = [each for each in _inside(annotation) if inspect.isclass(each) and is_dataclass(each)]
+    return tuple(key for each in records for key in keys_of_schema(record_schema(each)))
+
+
+def _inside(annotation: Any) -> Iterable[Any]:
+    """An annotation and all those inside it."""
+    return [annotation, *(each for inner in get_args(annotation) for each in _inside(inner))]
+
+
+def default_text(value: Any) -> str:
+    """Show a default as a configuration would write it; empty where a missing key has no value.
+
+    Examples
+    --------
+    >>> default_text(None), default_text((1.0, 3.0)), default_text("quartiles"), default_text(True)
+    ('', '[1, 3]', 'quartiles', 'true')
+    """
+    return "" if value is None else value_text(plain_data(value))
