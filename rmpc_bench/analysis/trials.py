@@ -54,6 +54,7 @@ class Trials:
     title : the point in words, such as ``controller.Hp=10, controller.Hu=8``; empty without a sweep
     keys : method -> what identifies its trials, the same at points that share them
     oracles : methods whose estimator is an oracle
+    declared : all methods of the experiment, also those that have no stored runs; `methods` if empty
     notes : method -> failures, held steps and warnings of its runs
     groups : method -> moments over the runs by groups of runs, where they are not exact
     expected_failures : method -> check of its components that is meant to fail -> reason
@@ -89,6 +90,12 @@ class Trials:
     groups: Mapping[str, RunGroups] = field(default_factory=dict)
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     notes: Mapping[str, RunNotes] = field(default_factory=dict)
+    declared: tuple[str, ...] = ()
+
+    @property
+    def all_methods(self) -> tuple[str, ...]:
+        """All methods of the experiment; the place of a method among them gives its style in figures."""
+        return self.declared or self.methods
 
     @property
     def primary_info(self) -> MetricInfo | None:

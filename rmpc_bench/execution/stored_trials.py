@@ -101,6 +101,7 @@ def _table(experiment: StoredExperiment, point: StoredPoint, store: Store, serie
         with_verdicts=not experiment.is_smoke,
         expected_failures=experiment.expected_failures,
         notes={name: _notes(experiment, point, store, name) for name in methods},
+        declared=tuple(experiment.methods),
     )
 
 

@@ -140,7 +140,7 @@ def _draw(
 ) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
 
-    styles = line_styles(point.methods, list(matrices))
+    styles = line_styles(point.all_methods, list(matrices))
     n = next(iter(matrices.values())).values.shape[1]
     with style():
         figure = MplFigure(figsize=size, layout="constrained")

@@ -174,7 +174,7 @@ def _draw(
     from matplotlib.lines import Line2D
 
     methods = list(ellipses)
-    styles = line_styles(point.methods, methods)
+    styles = line_styles(point.all_methods, methods)
     dots = dots_of(point, methods, *(info.name for info in axes_of))
     with style():
         figure = MplFigure(figsize=size, layout="constrained")

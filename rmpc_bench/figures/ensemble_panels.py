@@ -136,7 +136,7 @@ def draw_moments(
     """
     from matplotlib.figure import Figure as MplFigure
 
-    styles = line_styles(point.methods, methods)
+    styles = line_styles(point.all_methods, methods)
     colours = {name: styles[name].color for name in methods} | {COMMON: BLACK}
     places = {name: 0.01 * place for place, name in enumerate([COMMON, *methods])}
     with style():

@@ -1,4 +1,4 @@
-"""Styles of lines: every method has the same colour and dashes in every figure of an experiment."""
+"""Styles of methods: every method has the same colour, dashes, marker and hatch in every figure of an experiment."""
 
 from __future__ import annotations
 
@@ -13,13 +13,21 @@ from rmpc_bench.types import Array
 if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
-DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)))
+DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)), (0, (8, 3)))
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "++++")
+"""Patterns of areas.  Seven of them, as there are seven markers, and five dashes and six colours: no two of 210 methods
+have the same combination, and no two of 35 have the same dashes and the same marker in black and white."""
 MOST_TRAVEL = 6.0
 """Total variation of a held signal, relative to its range, up to which it is drawn in dashes."""
+N_MARKERS = 8
+"""Markers along a line over time."""
+MARKED_FROM = 4
+"""Number of lines in a panel from which on they also have markers: dashes alone are hard to distinguish then."""
 
 
 class LineStyle(NamedTuple):
-    """Style of the lines of one method."""
+    """Style of the lines, markers and areas of one method."""
 
     color: str
     linestyle: Any
@@ -27,18 +35,40 @@ class LineStyle(NamedTuple):
     stepwidth: float
     """Width of the line of a rough signal."""
     zorder: float
+    marker: str = "o"
+    """Of single points, such as the mean of a method."""
+    hatch: str = ""
+    """Pattern of areas; empty for the first method."""
+    place: int = 0
+    """Position among the shown methods, which moves its markers along the line."""
+    n_shown: int = 1
 
     def line(self, *, held: bool = False, rough: bool = False) -> dict[str, Any]:
         """Return the keywords of a line: steps for a held signal; no dashes for a rough one, where they are lost."""
         shape = {"ls": "-", "lw": self.stepwidth} if rough else {"ls": self.linestyle, "lw": self.linewidth}
         return {"color": self.color, "zorder": self.zorder, "drawstyle": "steps-post" if held else "default", **shape}
 
+    def marks(self, n_samples: int, *, rough: bool = False) -> dict[str, Any]:
+        """Return the keywords of some markers along a line over time; none where dashes distinguish the lines.
+
+        Parameters
+        ----------
+        n_samples : number of points of the line
+        rough : whether the line has no dashes; two of them then have markers already
+        """
+        if self.n_shown < (2 if rough else MARKED_FROM) or n_samples < 2:
+            return {}
+        step = max(1, n_samples // N_MARKERS)
+        every = (self.place * step // self.n_shown, step)
+        return {"marker": self.marker, "ms": 2.8, "mew": 0.6, "mfc": "white", "markevery": every}
+
 
 def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineStyle]:
-    """Give every method its style.
+    """Give every method its style, by its place among all methods of the experiment.
 
-    Later lines lie above earlier ones.  Where curves are equal, a lower line is visible through the gaps of the upper
-    one; of rough signals, whose lines have no gaps, it is wider and visible as an edge.
+    A method that is not shown keeps its place, so that the same method looks the same in all figures.  Later lines lie
+    above earlier ones.  Where curves are equal, a lower line is visible through the gaps of the upper one; of rough
+    signals, whose lines have no gaps, it is wider and visible as an edge.
 
     Parameters
     ----------
@@ -49,8 +79,9 @@ def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineS
     for place, name in enumerate(shown):
         number = methods.index(name)
         stepwidth = 0.6 + min(0.3, 1.2 / len(shown)) * (len(shown) - 1 - place)
-        color, dashes = COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
-        found[name] = LineStyle(color, dashes, 1.3, stepwidth, 2.5 + 0.01 * place)
+        color, dashes, marker, hatch = (each[number % len(each)] for each in (COLOURS, DASHES, MARKERS, HATCHES))
+        zorder = 2.5 + 0.01 * place
+        found[name] = LineStyle(color, dashes, 1.3, stepwidth, zorder, marker, hatch, place, len(shown))
     return found
 
 
@@ -77,4 +108,6 @@ def legend_sample(style: LineStyle, *, rough: bool = False) -> Line2D:
     """Make a piece of a method's line for the legend, without dashes if all signals are rough."""
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], **style.line(rough=rough))
+    look = style.line(rough=rough)
+    marks = style.marks(2, rough=rough)
+    return Line2D([], [], **{**look, **({**marks, "markevery": None} if marks else {})})

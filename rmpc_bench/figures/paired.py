@@ -258,7 +258,7 @@ def _margin_text(point: Trials, info: MetricInfo, kinds: Sequence[str]) -> str:
 
 def _draw_rows(axes: Axes, point: Trials, changes: Sequence[Change], kinds: Sequence[str]) -> None:
     """Draw averages and intervals of every method, or the runs won, lost and tied if there is no average."""
-    styles = line_styles(point.methods, [each.method for each in changes])
+    styles = line_styles(point.all_methods, [each.method for each in changes])
     for row, each in enumerate(changes):
         color = styles[each.method].color
         averages = [average for average in each.averages if average.kind in kinds]

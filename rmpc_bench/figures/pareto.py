@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 MOST_DOTS = 60
 """Dots that can still be distinguished."""
-MARKERS = ("o", "s", "^", "D", "v")
 MEANING = {"quartiles": "medians, bars: interquartile range", "se": "means, bars: standard errors"}
 FRONT: dict[str, Any] = {"color": REFERENCE, "lw": 0.9, "zorder": 2.1}
 
@@ -98,7 +97,7 @@ def _draw(
 
     shown = [dot for dot in dots if dot.is_finite]
     best = not_dominated(shown, infos) if keys.front else []
-    styles = line_styles(trials.methods, list(dict.fromkeys(dot.method for dot in shown)))
+    styles = line_styles(trials.all_methods, list(dict.fromkeys(dot.method for dot in shown)))
     several = frozenset(name for name in styles if sum(dot.method == name for dot in shown) > 1)
     for listed in (several, frozenset(styles)):
         with style():
@@ -106,7 +105,7 @@ def _draw(
             (axes,) = stacked_panels(figure, 1)
             few_ticks(axes)
             for dot in shown:
-                marker = _marker(trials, styles, dot.method, filled=not keys.front or dot in best)
+                marker = _marker(styles[dot.method], filled=not keys.front or dot in best)
                 axes.plot(dot.x.middle, dot.y.middle, zorder=3.0, **marker)
             _set_limits(axes, shown, infos, log=keys.log)
             lines = _draw_lines(axes, shown, best, styles)
@@ -118,10 +117,10 @@ def _draw(
     return figure
 
 
-def _marker(trials: Trials, styles: Mapping[str, LineStyle], name: str, *, filled: bool) -> dict[str, Any]:
+def _marker(look: LineStyle, *, filled: bool) -> dict[str, Any]:
     """Return the marker of a method; that of a dominated dot is hollow."""
-    color, marker = styles[name].color, MARKERS[trials.methods.index(name) % len(MARKERS)]
-    return {"ls": "", "marker": marker, "ms": 4.2, "mew": 1.0, "mec": color, "mfc": color if filled else "white"}
+    inside = look.color if filled else "white"
+    return {"ls": "", "marker": look.marker, "ms": 4.2, "mew": 1.0, "mec": look.color, "mfc": inside}
 
 
 def _set_limits(axes: Axes, shown: Sequence[Dot], infos: tuple[MetricInfo, MetricInfo], *, log: bool) -> None:
@@ -178,7 +177,7 @@ def _handles(
     for name in (name for name in styles if name in listed):
         mine = [dot for dot in shown if dot.method == name]
         text = trials.labels.get(name, name) + (_count(mine[0], shown) if len(mine) == 1 else "")
-        found.append((text, Line2D([], [], **_marker(trials, styles, name, filled=True))))
+        found.append((text, Line2D([], [], **_marker(styles[name], filled=True))))
     if front:
         filled = {**FRONT, "marker": "o", "ms": 4.2, "mec": REFERENCE, "mfc": REFERENCE}
         found.append(("not dominated", Line2D([], [], **filled)))

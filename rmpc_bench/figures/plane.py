@@ -185,7 +185,7 @@ def _draw(
 ) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
 
-    styles = line_styles(point.methods, list(paths))
+    styles = line_styles(point.all_methods, list(paths))
     reference = next(iter(paths.values())).r
     places = marks_of(window, keys.marks)
     with style():

@@ -146,7 +146,7 @@ def _draw(
     from matplotlib.figure import Figure as MplFigure
 
     methods = [name for name in point.methods if any(name in drawn for drawn in lines.values())]
-    styles = line_styles(point.methods, methods)
+    styles = line_styles(point.all_methods, methods)
     with style():
         figure = MplFigure(figsize=size, layout="constrained")
         panels = stacked_panels(figure, len(lines))

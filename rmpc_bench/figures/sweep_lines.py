@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic_if_positive, stacked_panels
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_label, metric_of, wrapped
 from rmpc_bench.figures.legend import finish
-from rmpc_bench.figures.line_styles import legend_sample, line_styles
+from rmpc_bench.figures.line_styles import LineStyle, line_styles
 from rmpc_bench.figures.pareto_front import Spread, spread_of
 from rmpc_bench.figures.style import REFERENCE, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at
@@ -151,10 +151,11 @@ def _draw(
     keys: SweepLines, trials: Trials, panels: Mapping[str, Mapping[str, SweepLine]], path: str, info: MetricInfo
 ) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
+    from matplotlib.lines import Line2D
 
     size = keys.size(1.2 + 1.4 * len(panels))
     methods = list(dict.fromkeys(name for lines in panels.values() for name in lines))
-    styles = line_styles(trials.methods, methods)
+    styles = line_styles(trials.all_methods, methods)
     with style():
         figure = MplFigure(figsize=size, layout="constrained")
         rows = stacked_panels(figure, len(panels))
@@ -163,17 +164,20 @@ def _draw(
             axes.set_title("\n".join(wrapped(literal(title), 0.8 * size[0] * POINTS_PER_INCH)))
             for name, line in lines.items():
                 middle = np.array([spread.middle for spread in line.y])
-                axes.plot(
-                    line.x, np.where(np.isfinite(middle), middle, np.nan), marker="o", ms=3.0, **styles[name].line()
-                )
+                axes.plot(line.x, np.where(np.isfinite(middle), middle, np.nan), ms=3.0, **_look(styles[name]))
             axes.set_ylabel(metric_label(info) + _set_limits(axes, lines, info, log=keys.log))
             for name, line in lines.items():
                 low, high = (drawable(np.array(ends)) for ends in zip(*((y.low, y.high) for y in line.y), strict=True))
                 axes.vlines(line.x, low, high, color=styles[name].color, lw=0.9, zorder=2.4)
         rows[-1].set_xlabel(literal(path.rpartition(".")[2]))
-        handles = [(trials.labels.get(name, name), legend_sample(styles[name])) for name in methods]
+        handles = [(trials.labels.get(name, name), Line2D([], [], ms=3.0, **_look(styles[name]))) for name in methods]
         finish(figure, handles, _note(trials, next(iter(panels)), keys.bars))
     return figure
+
+
+def _look(look: LineStyle) -> dict[str, Any]:
+    """Return line and marker of a method."""
+    return {**look.line(), "marker": look.marker}
 
 
 def _set_limits(axes: Axes, lines: Mapping[str, SweepLine], info: MetricInfo, *, log: bool) -> str:

@@ -160,7 +160,7 @@ def _draw(
     from matplotlib.figure import Figure as MplFigure
 
     methods = [name for name in methods if any(each.is_in(point.traces[name]) for each in components)]
-    styles = line_styles(point.methods, methods)
+    styles = line_styles(point.all_methods, methods)
     runs = {name: select_runs(point, name) for name in methods}
     rough = [_is_rough(point, component, window, runs) for component in components]
     with style():

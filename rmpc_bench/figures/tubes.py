@@ -143,7 +143,7 @@ def _draw(
     from matplotlib.figure import Figure as MplFigure
 
     plane = keys.over == "plane"
-    styles = line_styles(point.methods, list(tubes))
+    styles = line_styles(point.all_methods, list(tubes))
     n_states = point.traces[next(iter(tubes))].signals["x"].shape[2]
     labels = [component_label(point, "x", i, str(i) if n_states > 1 else "") for i in keys.components]
     rows = [(name, None if plane else place) for place in range(keys.panels_per_method) for name in tubes]

@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 
 from rmpc_bench.figures.axes import FAR
 from rmpc_bench.figures.files import save_as
+from rmpc_bench.figures.line_styles import MARKERS
 from rmpc_bench.figures.style import COLOURS, REFERENCE
 from rmpc_bench.figures.sweep_lines import SweepLines
 from rmpc_bench.types import DesignError, MetricInfo
@@ -43,7 +44,7 @@ def title(axes):
 
 def lines(axes):
     """Colour -> (x, y) of the lines with markers."""
-    return {to_hex(line.get_color()): line.get_xydata().T for line in axes.lines if line.get_marker() == "o"}
+    return {to_hex(line.get_color()): line.get_xydata().T for line in axes.lines if line.get_marker() in MARKERS}
 
 
 def bars(axes):
