@@ -105,6 +105,7 @@ class Claim:
     holds_for : whether all, most or any of the cases must hold; the cases are all checks at all points of `at`
     grounds : point of `at` in words -> what in the text of the paper allows this interpretation
     elsewhere : configuration -> the finding that it records for the same statement
+    figures : names of the figures in which a reader sees whether it holds
     """
 
     says: str
@@ -120,6 +121,7 @@ class Claim:
     holds_for: HoldsFor = HoldsFor.ALL
     grounds: Mapping[str, str] = field(default_factory=dict)
     elsewhere: Mapping[str, Finding] = field(default_factory=dict)
+    figures: tuple[str, ...] = ()
 
     @property
     def numbers(self) -> tuple[Stated, ...]:

@@ -16,13 +16,14 @@ INFORMATIONAL = "For information only: the configuration was modified or did not
 _SECTIONS = ("What the paper says", "Additional results", "Suspected misprints")
 
 
-def claims_markdown(verdicts: Iterable[ClaimVerdict], *, informational: bool) -> str:
+def claims_markdown(verdicts: Iterable[ClaimVerdict], *, informational: bool, ending: str = "svg") -> str:
     """Write claims.md.
 
     Parameters
     ----------
     verdicts : the verdicts; additional results and suspected misprints are moved behind the statements of the paper
     informational : True when the configuration was modified or not at full size
+    ending : of the files of figures, to which the claims refer
 
     Returns
     -------
@@ -35,7 +36,7 @@ def claims_markdown(verdicts: Iterable[ClaimVerdict], *, informational: bool) ->
         if _section(verdict.claim) != section:
             section = _section(verdict.claim)
             lines += [f"# {section}", ""]
-        lines += [f"## {position}. {_line(verdict.claim.says)}", "", *_items(verdict), ""]
+        lines += [f"## {position}. {_line(verdict.claim.says)}", "", *_items(verdict, ending), ""]
     return "\n".join(lines)
 
 
@@ -43,13 +44,15 @@ def _section(claim: Claim) -> str:
     return _SECTIONS[0 if claim.of_paper else 2 if claim.is_misprint else 1]
 
 
-def _items(verdict: ClaimVerdict) -> list[str]:
+def _items(verdict: ClaimVerdict, ending: str) -> list[str]:
     """The list below a statement."""
     claim = verdict.claim
     items = [f"- source: {_line(claim.source)}"]
     if claim.quote:
         items.append(f'- quote: "{_line(claim.quote)}"')
     items += _finding(verdict)
+    if claim.figures:
+        items.append(f"- figure: {', '.join(f'[{name}](figures/{name}.{ending})' for name in claim.figures)}")
     if verdict.reason:
         items.append(f"- not evaluated: {_line(verdict.reason)}")
     items += _interpretations(verdict)

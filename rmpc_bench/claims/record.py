@@ -99,6 +99,7 @@ class ClaimRecord(TypedDict):
     confidence: float
     stated: str | None
     sizes: list[SizeRecord]
+    figures: list[str]
     n_runs: int
     seed: int
 

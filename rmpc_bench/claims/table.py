@@ -70,6 +70,7 @@ def _claim(verdict: ClaimVerdict) -> ClaimRecord:
         "confidence": significant(verdict.confidence),
         "stated": claim.stated if isinstance(claim.stated, str) else None,
         "sizes": [_size(size) for size in verdict.sizes],
+        "figures": list(claim.figures),
         "n_runs": verdict.n_runs,
         "seed": verdict.seed,
     }

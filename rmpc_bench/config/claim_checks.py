@@ -18,6 +18,7 @@ from rmpc_bench.claims.tree import (
     unknown_moment,
     uses,
 )
+from rmpc_bench.components.figure_names import figure_names
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sections import ClaimKeys, StatedKeys
 from rmpc_bench.config.tree import Map, plain
@@ -96,6 +97,7 @@ class _Checker:
             holds_for=HoldsFor(keys.holds_for),
             grounds=keys.grounds,
             elsewhere={name: Finding(text) for name, text in (keys.elsewhere or {}).items()},
+            figures=(keys.figure,) if isinstance(keys.figure, str) else tuple(keys.figure or ()),
         )
         for text in check:
             self._terms(claim, text, "check", parse)
@@ -105,6 +107,7 @@ class _Checker:
             if number.tolerance is None and self._uses_runs(number.of):
                 self._note(path, "is estimated from runs: give a tolerance")
         self._interpretations(claim)
+        self._figures(claim)
         return claim
 
     def _interpretations(self, claim: Claim) -> None:
@@ -122,6 +125,15 @@ class _Checker:
             )
         if claim.holds_for is not HoldsFor.ALL and not claim.check:
             self._note("holds_for", "there is no check whose cases could hold")
+
+    def _figures(self, claim: Claim) -> None:
+        """Check that the claim names figures of the configuration."""
+        if None in self.draft.figures:
+            return
+        known = figure_names(figure.kind for figure in self.draft.figures if figure is not None)
+        for name in claim.figures:
+            if name not in known:
+                self._note("figure", unknown(name, known, "figure of this configuration"))
 
     def _uses_runs(self, text: str) -> bool:
         """Whether a value is estimated: from a column of several runs, or by moments that are not exact."""

@@ -234,6 +234,8 @@ class ClaimKeys:
     stated : numbers of the paper with which the computed ones are compared, or its words
     assumptions : what the paper leaves open and what we assume, one sentence each
     elsewhere : configuration -> its recorded finding of the statement with the same `id`
+    figure : name of the figure in which a reader sees whether the statement holds, such as boxplot or trajectories-2
+        for the second figure of this kind, or a list of names
     """
 
     says: Text
@@ -248,6 +250,7 @@ class ClaimKeys:
     stated: Text | StatedKeys | list[StatedKeys] | None = None
     assumptions: list[Text] = field(default_factory=list)
     elsewhere: dict[Name, Literal[FINDINGS]] | None = None  # type: ignore[valid-type]
+    figure: Text | list[Text] | None = None
 
     def __post_init__(self) -> None:
         """Refuse a quotation that is longer than what may be quoted."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rmpc_bench.components.code import CodeError, split_reference
+from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.designs import is_built_in
+from rmpc_bench.components.figure_names import figure_names
 from rmpc_bench.components.loading import user_code
 from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.execution.evaluation import figure_component, figure_of
@@ -52,12 +52,9 @@ def write_figures(
     """
     figures: list[WrittenFigure] = []
     left_out: list[str] = []
-    counts: Counter[str] = Counter()
-    for number, keys in enumerate(results.experiment.figures):
-        kind = str(keys.get(FILE) or keys["kind"])
-        name = _name(kind)
-        counts[name] += 1
-        stem = name if counts[name] == 1 else f"{name}-{counts[name]}"
+    kinds = [str(keys.get(FILE) or keys["kind"]) for keys in results.experiment.figures]
+    for number, (kind, stem) in enumerate(zip(kinds, figure_names(kinds), strict=True)):
+        keys = results.experiment.figures[number]
         try:
             caption, paths = _written(results, number, directory / stem, rendering)
             figures.append(WrittenFigure(stem, kind, keys, caption, tuple(paths)))
@@ -86,9 +83,3 @@ def _written(results: Results, number: int, stem: Path, rendering: Rendering) ->
     made = figure_of(results, figure_component(keys))
     picture = made.draw(results.plotted)
     return made.caption(results.plotted), save(picture, stem.parent, stem.name, rendering.formats)
-
-
-def _name(kind: str) -> str:
-    """Return the name of the files: the kind, or the name in a user's file."""
-    parts = split_reference(kind)
-    return kind if parts is None else parts[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,7 +115,7 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     paths = [
         *_write_tables(results, tables, directory),
         *_write_traces(results.trials, directory / "traces.npz"),
-        *_write_claims(results, verdicts, directory),
+        *_write_claims(results, verdicts, directory, (rendering or Rendering()).formats),
         *_write_timings(results, directory / "timings.csv"),
         *_write_failures(results, directory / "failures"),
     ]
@@ -178,7 +179,9 @@ def _write_traces(trials: Trials, path: Path) -> list[Path]:
     return [path] if arrays else []
 
 
-def _write_claims(results: Results, verdicts: tuple[ClaimVerdict, ...], directory: Path) -> list[Path]:
+def _write_claims(
+    results: Results, verdicts: tuple[ClaimVerdict, ...], directory: Path, formats: Sequence[str]
+) -> list[Path]:
     files = [directory / "claims.json", directory / "claims.md"]
     # Files of an earlier configuration would stay where this one has no claims.
     for file in files:
@@ -187,7 +190,9 @@ def _write_claims(results: Results, verdicts: tuple[ClaimVerdict, ...], director
         return []
     record = claims_record(verdicts, _experiment(results))
     files[0].write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-    files[1].write_text(claims_markdown(verdicts, informational=not results.is_final), encoding="utf-8")
+    ending = "svg" if "svg" in formats else formats[0]
+    text = claims_markdown(verdicts, informational=not results.is_final, ending=ending)
+    files[1].write_text(text, encoding="utf-8")
     return files
 
 
