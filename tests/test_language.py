@@ -20,7 +20,7 @@ PHRASES = (ROOT / "tests" / "retired_phrases.txt").read_text(encoding="utf-8").s
 PLANTS = ("quickstart", "zenere2018/sim1", "benchmarks/ma2025", "benchmarks/souto2011", "benchmarks/moving-slide")
 DOCUMENTS = (
     "README.md",
-    "docs/*.md",
+    "docs/**/*.md",
     "CHANGELOG.md",
     "Makefile",
     "pyproject.toml",

@@ -97,7 +97,7 @@ def test_formulas_survive_markdown(page):
 def compiled(formulas: list[str], folder: Path) -> str:
     """Errors of LaTeX, which stops at none of the formulas."""
     body = "\n".join(f"\\typeout{{FORMULA {i}}}$\\displaystyle {f.strip()}$\n" for i, f in enumerate(formulas))
-    # MathJax and KaTeX have \\gt and \\lt, which Markdown cannot take for HTML.
+    # MathJax and KaTeX know gt and lt, which Markdown cannot take for HTML.
     names = "\\newcommand{\\gt}{>}\\newcommand{\\lt}{<}"
     head = f"\\documentclass{{article}}\\usepackage{{amsmath,amssymb}}{names}\\begin{{document}}\n"
     (folder / "all.tex").write_text(f"{head}{body}\n\\end{{document}}\n", encoding="utf-8")
@@ -117,3 +117,10 @@ def test_formulas_compile(page, tmp_path):
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
 def test_a_formula_with_a_mistake_is_found(tmp_path):
     assert "Undefined control sequence" in compiled([r"x_1", r"\undefinedname x"], tmp_path)
+
+
+def test_terms_of_the_glossary_are_in_alphabetical_order():
+    lines = read(ROOT / "docs" / "glossary.md").splitlines()
+    cells = [line.split("|")[1].strip() for line in lines if line.startswith("| ")]
+    terms = [re.sub(r" ?\(.*\)", "", cell).lower() for cell in cells[2:]]
+    assert len(terms) > 60 and terms == sorted(set(terms))

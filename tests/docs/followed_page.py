@@ -1,0 +1,78 @@
+"""A page of the guide, followed literally: its files are written, its commands are run, what they print is compared.
+
+A block ```yaml NAME (or python, or another language) is a file.  A block ```console has one command per line, ``$ ..``.
+A block ```text after it is what the last of these commands prints to stdout.
+
+``python -m tests.docs.followed_page PAGE`` runs the commands and writes the ```text blocks of the page again.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SECONDS = re.compile(r"(?<= done in )\d+(?:\.\d+)? s(?= )")
+"""The time that a run took, which is not the same again."""
+
+
+class Step(NamedTuple):
+    """A command of a page and what became of it."""
+
+    line: str
+    code: int
+    out: str
+    err: str
+    shown: str | None
+    """The ```text block that follows, None without one."""
+
+
+def follow(page: Path, place: Path) -> Iterator[Step]:
+    """Write the named blocks of a page below ``place`` and run its commands there, in the order of the page."""
+    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    for i, (language, name, text) in enumerate(blocks):
+        if name:
+            (place / name).write_text(text, encoding="utf-8")
+        lines = [line.removeprefix("$ ") for line in text.splitlines() if language == "console"]
+        after = blocks[i + 1] if i + 1 < len(blocks) else ("", "", "")
+        for line in lines:
+            shown = after[2] if after[0] == "text" and line == lines[-1] else None
+            done = subprocess.run(_command(line), cwd=place, capture_output=True, text=True, check=False)
+            yield Step(line, done.returncode, done.stdout, done.stderr, shown)
+
+
+def _command(line: str) -> list[str]:
+    program, *arguments = shlex.split(line)
+    return [sys.executable, "-m", "rmpc_bench", *arguments] if program == "rmpc-bench" else [program, *arguments]
+
+
+def comparable(text: str) -> str:
+    """Return what is printed without the time that the run took, and without spaces at the ends of lines."""
+    lines = (line.rstrip() for line in SECONDS.sub("3 s", text).strip("\n").splitlines())
+    return "\n".join(lines) + "\n"
+
+
+def updated(page: Path) -> str:
+    """Return the text of a page with every ```text block that follows a command made again."""
+    with tempfile.TemporaryDirectory() as place:
+        printed = [comparable(step.out) for step in follow(page, Path(place)) if step.shown is not None]
+    made = iter(printed)
+    last = ""
+
+    def again(match: re.Match[str]) -> str:
+        nonlocal last
+        before, last = last, match[1]
+        return f"```text\n{next(made)}```" if match[1] == "text" and before == "console" else match[0]
+
+    return BLOCK.sub(again, page.read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:]:
+        Path(name).write_text(updated(Path(name)), encoding="utf-8")

@@ -1,0 +1,40 @@
+"""docs/experiments.md: every file of the page is a valid configuration, and covers its subject."""
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from docs.followed_page import BLOCK
+
+from rmpc_bench.cli import main
+
+PAGE = Path(__file__).parents[2] / "docs" / "experiments.md"
+FILES = {name: text for _, name, text in BLOCK.findall(PAGE.read_text("utf-8")) if name}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("experiments")
+    for name, text in FILES.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_file_is_valid(place, name):
+    """`check` also evaluates claims on placeholder data and asks every figure whether it can be drawn."""
+    done = CliRunner().invoke(main, ["check", str(place / name)])
+    assert done.exit_code == 0, done.output
+
+
+def test_the_name_of_a_file_is_that_of_its_experiment():
+    assert all(re.search(r"^name: (\S+)", text, re.MULTILINE)[1] + ".yaml" == name for name, text in FILES.items())
+
+
+def test_every_section_of_the_schema_occurs_on_the_page():
+    from rmpc_bench.config.sections import SECTIONS
+
+    text = PAGE.read_text("utf-8")
+    missing = [key for key in SECTIONS if not re.search(rf"(^|`){key}\b[:`]?", text, re.MULTILINE)]
+    assert missing in ([], ["paper", "plugins"], ["plugins"], ["paper"])
