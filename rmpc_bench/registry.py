@@ -106,6 +106,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "boxplot": "rmpc_bench.figures.boxplot:Boxplot",
         "elements": "rmpc_bench.figures.elements:Elements",
         "ellipses": "rmpc_bench.figures.ellipses:Ellipses",
+        "heat-map": "rmpc_bench.figures.heat_map:HeatMap",
         "means": "rmpc_bench.figures.means:Means",
         "paired": "rmpc_bench.figures.paired:Paired",
         "pareto": "rmpc_bench.figures.pareto:Pareto",

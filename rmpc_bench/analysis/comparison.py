@@ -93,6 +93,8 @@ class Comparison:
 
 COLUMNS = [field.name for field in fields(Comparison)]
 _WHOLE = ["runs_for_direction", "runs_for_equivalence"]
+MANY = 1e15
+"""Numbers of runs from which on none is given: the average differs from 0 by rounding only."""
 
 
 class Levels(NamedTuple):
@@ -292,7 +294,7 @@ def _planning(
         return found
     found["runs_for_direction"] = runs_for_direction(float(values.mean()), sd, level) if len(values) else math.nan
     # The runs at hand did not decide, for another reason than the spread; no such number of runs is given.
-    return {name: n if n > n_runs else math.nan for name, n in found.items()}
+    return {name: n if n_runs < n < MANY else math.nan for name, n in found.items()}
 
 
 def p_text(p: float) -> str:

@@ -1,53 +1,57 @@
-"""Metric over a swept value: one line per method, the other coordinates of the sweep as panels."""
+"""A metric, or its paired change against the baseline, over a swept value: one line per method, with its spread."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from rmpc_bench.analysis.layout import layout_of
-from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic_if_positive, stacked_panels
-from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_label, metric_of, wrapped
-from rmpc_bench.figures.legend import finish
-from rmpc_bench.figures.line_styles import LineStyle, line_styles
-from rmpc_bench.figures.pareto_front import Spread, spread_of
-from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at
-from rmpc_bench.types import DesignError, MetricInfo
+from rmpc_bench.figures.labels import metric_of
+from rmpc_bench.figures.shared_content import shared_content
+from rmpc_bench.figures.sweep_axis import POINTS, axis_of, other_paths, panel_title, usual_path
+from rmpc_bench.figures.sweep_captions import lines_caption
+from rmpc_bench.figures.sweep_panels import SweepContent, draw_sweep
+from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
+from rmpc_bench.figures.sweep_values import Content, SpreadKind, changes_at, values_of
+from rmpc_bench.types import DesignError
 from rmpc_bench.types.figure import SweepFigure
 from rmpc_bench.types.issue import Issue, unknown
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.trials import Trials
 
-MEANING = {"quartiles": "medians, bars: interquartile range", "se": "means, bars: standard errors"}
-BEST = {"one": 1.0, "zero": 0.0}
-"""Best values of the metrics for which neither low nor high values are best."""
+MOST_ROWS = 40
+"""Rows of methods in all categories that fit below each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepLines(SweepFigure):
-    """A metric over a swept number: one line per method, with the spread over the runs as bars.
+    """A metric, or its paired change against the baseline, over a swept value, one line per method.
 
-    Points that differ in another coordinate of the sweep are panels, one below the other, with a common axis.  A grey
-    line shows the best value of a metric that is best at 0 or 1.  Failed runs are left out.
+    Of numbers the figure shows curves with bands, or with bars where more than three methods share a panel.  Their axis
+    is logarithmic where the numbers rather have equal ratios than equal differences.  Other values, such as names, are
+    categories, each a row with one mark per method.  Points that differ in another coordinate of the sweep are panels,
+    one below the other, with a common axis.  Values are those of summary.csv, changes those of comparisons.csv; the
+    grey band of a change is the margin of relevance.  A grey line shows the best value of a metric that is best at 0
+    or 1, and no change.  Failed runs are left out.
 
     Parameters
     ----------
-    path : swept path of the horizontal axis, whose values are numbers; the only path of the sweep if not given
+    path : swept path of the axis, or `points`, which makes every point of the sweep a category; if not given, the only
+        path of the sweep, or the names of its points
     metric : name of the metric; the primary one if not given
-    bars : `quartiles` shows medians with interquartile ranges, `se` means with standard errors
-    log : logarithmic vertical axis; linear, with a remark, if a value is not positive
-    height : height of the whole picture [in]; if not given 1.2 and 1.4 for every panel; legend and title add to it if
-        they need more than a line
+    show : `value` shows the metric, `change` its paired change against the baseline with its confidence interval
+    spread : of values: `quartiles` shows medians with interquartile ranges, `se` means with standard errors and
+        `interval` means with confidence intervals
+    drawn : spreads as `bands` or as `bars`; `auto` chooses bands for at most three methods
+    log : logarithmic axis of the values; linear, with a remark, if a value is not positive
+    label : text of the axis of the swept value; made from the path if not given
+    height : height of the whole picture [in]; if not given it follows from the numbers of panels and rows; legend and
+        title add to it if they need more than a line
     order : methods to show, later ones above earlier ones; all if not given
     at : points of the sweep to show, each by values of its paths; all if not given
     """
@@ -57,146 +61,81 @@ class SweepLines(SweepFigure):
 
     path: str | None = None
     metric: str | None = None
-    bars: Literal["quartiles", "se"] = "quartiles"
+    show: Content = "value"
+    spread: SpreadKind = "quartiles"
+    drawn: Literal["auto", "bands", "bars"] = "auto"
     log: bool = False
+    label: str | None = None
 
     def check(self, layout: ResultLayout) -> Iterator[Issue]:
-        """Add to the common checks: a swept path of numbers, and no more panels than fit."""
+        """Add to the common checks: a swept path, and no more panels and rows than fit."""
         yield from super().check(layout)
-        paths = list(layout.points[0]) if layout.points else []
+        if self.show == "change":
+            yield from require_changes(layout, log=self.log)
         if not layout.points:
             return
-        if self.path not in paths and (self.path is not None or len(paths) != 1):
-            yield Issue("path", _no_path(self.path, paths))
-            return
-        path = self.path or paths[0]
-        others = {value for value in (point[path] for point in layout.points) if _number(value) is None}
-        if others:
-            yield Issue("path", f"the values of {path} must be numbers (got {min(others)})")
+        paths = list(layout.points[0])
+        path = self.path or usual_path(layout.points)
+        if not paths or path is None or path not in (*paths, POINTS):
+            yield Issue("path", no_path(self.path, paths))
         elif self.at is None:
-            panels = {panel_title(point, path) for point in layout.points}
+            others = other_paths(layout.points, path)
+            panels = {panel_title(point, others) for point in layout.points}
             yield from layout.require_at_most(MOST_PANELS, len(panels), "panels", "at", "choose points with `at`")
+            n_methods = len(self.order or layout.methods)
+            axis = axis_of(layout.points, path, [str(place) for place in range(len(layout.points))])
+            if axis.numbers is None:
+                n_rows = len(axis.texts) * n_methods * len(panels)
+                advice = "choose points with `at` or methods with `order`"
+                yield from layout.require_at_most(MOST_ROWS, n_rows, "rows", "at", advice)
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the lines of all panels; see `Figure.draw`."""
+        content = self._content(results)
+        return draw_sweep(self, results, content, drawn=self.drawn, spread=self.spread, log=self.log)
+
+    def caption(self, results: Trials) -> str:
+        """Say what the lines and spreads are, and where every method is best; see `Figure.caption`."""
+        return lines_caption(results, self._content(results), self.spread)
+
+    def _content(self, results: Trials) -> SweepContent:
+        return shared_content(results, self, lambda: self._compute(results))
+
+    def _compute(self, results: Trials) -> SweepContent:
+        """Compute what the figure shows."""
         layout = layout_of(results)
         self.require(layout)
-        path, info = self.path or next(iter(layout.points[0])), metric_of(results, self.metric)
-        panels = lines_of(points_at(results, self.at), path, info, self.order or results.methods, self.bars)
+        info, points = metric_of(results, self.metric), points_at(results, self.at)
+        path = self.path or usual_path(layout.points)
+        assert path is not None, "the check of the figure requires one"
+        titles = [short_title(point) for point in points]
+        axis = axis_of([point.point for point in points], path, titles)
+        others = other_paths(layout.points, path)
+        panels: dict[str, dict[str, int]] = {}
+        for place, point in enumerate(points):
+            text = titles[place] if path == POINTS else point.point[path]
+            panels.setdefault(panel_title(point.point, others), {})[text] = place
         if len(panels) > MOST_PANELS:
             raise DesignError(f"{len(panels)} panels do not fit into one figure (at most {MOST_PANELS})", "at")
-        return _draw(self, results, panels, path, info)
+        if self.show == "change":
+            values = changes_at(results, points, info, self.order)
+        else:
+            values = values_of(points, info, self.order or results.methods, self.spread)
+        return SweepContent(info, axis if self.label is None else axis._replace(words=self.label), panels, values)
 
 
-class SweepLine(NamedTuple):
-    """The line of a method: values of the path, ascending, and the spread of the metric at each."""
-
-    x: list[float]
-    y: list[Spread]
-
-
-def lines_of(
-    points: Sequence[Trials], path: str, info: MetricInfo, methods: Sequence[str], bars: str
-) -> dict[str, dict[str, SweepLine]]:
-    """Find the lines of every panel.
-
-    Parameters
-    ----------
-    points : the tables of the points to show
-    path : swept path of the horizontal axis
-    info : the metric
-    methods : methods to show
-    bars : `quartiles` or `se`
-
-    Returns
-    -------
-    title of the panel, empty if nothing else is swept -> method -> line
-    """
-    found: dict[str, dict[str, SweepLine]] = {panel_title(point.point, path): {} for point in points}
-    for point in sorted(points, key=lambda point: float(point.point[path])):
-        panel = found[panel_title(point.point, path)]
-        for name in methods:
-            column = point.column(info.name, name)
-            line = panel.setdefault(name, SweepLine([], []))
-            line.x.append(float(point.point[path]))
-            line.y.append(spread_of(column[~np.isnan(column)], bars))
-    return found
+def require_changes(layout: ResultLayout, *, log: bool) -> Iterator[Issue]:
+    """There is a method besides the baseline, and no logarithmic axis for changes, which may be negative."""
+    if len(layout.methods) < 2:
+        yield Issue("show", "compares methods with the baseline: needs at least two methods")
+    if log:
+        yield Issue("log", "changes may be negative: leave log out, or show the value")
 
 
-def panel_title(point: Mapping[str, str], path: str) -> str:
-    """Name the coordinates of a point besides the one of the horizontal axis, such as ``set=stacked``."""
-    others = {name: value for name, value in point.items() if name != path}
-    last = [name.rpartition(".")[2] for name in others]
-    names = last if len(set(last)) == len(last) else list(others)
-    return ", ".join(f"{name}={value}" for name, value in zip(names, others.values(), strict=True))
-
-
-def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
-
-
-def _no_path(path: str | None, paths: Sequence[str]) -> str:
+def no_path(path: str | None, paths: Sequence[str]) -> str:
+    """Say why a path is no path of the sweep."""
     if not paths:
         return "nothing is swept in this configuration"
     if path is None:
-        return f"must name one of the swept paths: {', '.join(paths)}"
-    return unknown(path, paths, "path of the sweep")
-
-
-def _draw(
-    keys: SweepLines, trials: Trials, panels: Mapping[str, Mapping[str, SweepLine]], path: str, info: MetricInfo
-) -> MplFigure:
-    from matplotlib.figure import Figure as MplFigure
-    from matplotlib.lines import Line2D
-
-    size = keys.size(1.2 + 1.4 * len(panels))
-    methods = list(dict.fromkeys(name for lines in panels.values() for name in lines))
-    styles = line_styles(trials.all_methods, methods)
-    with style():
-        figure = MplFigure(figsize=size, layout="constrained")
-        rows = stacked_panels(figure, len(panels))
-        for axes, (title, lines) in zip(rows, panels.items(), strict=True):
-            few_ticks(axes)
-            axes.set_title("\n".join(wrapped(literal(title), 0.8 * size[0] * POINTS_PER_INCH)))
-            for name, line in lines.items():
-                middle = np.array([spread.middle for spread in line.y])
-                axes.plot(line.x, np.where(np.isfinite(middle), middle, np.nan), ms=3.0, **_look(styles[name]))
-            axes.set_ylabel(metric_label(info) + _set_limits(axes, lines, info, log=keys.log))
-            for name, line in lines.items():
-                low, high = (drawable(np.array(ends)) for ends in zip(*((y.low, y.high) for y in line.y), strict=True))
-                axes.vlines(line.x, low, high, color=styles[name].color, lw=0.9, zorder=2.4)
-        rows[-1].set_xlabel(literal(path.rpartition(".")[2]))
-        handles = [(trials.labels.get(name, name), Line2D([], [], ms=3.0, **_look(styles[name]))) for name in methods]
-        finish(figure, handles, _note(trials, next(iter(panels)), keys.bars))
-    return figure
-
-
-def _look(look: LineStyle) -> dict[str, Any]:
-    """Return line and marker of a method."""
-    return {**look.line(), "marker": look.marker}
-
-
-def _set_limits(axes: Axes, lines: Mapping[str, SweepLine], info: MetricInfo, *, log: bool) -> str:
-    """Choose scale and limits for the finite ends of all bars; return a remark for the label of the axis."""
-    places = [(x, end) for line in lines.values() for x, y in zip(line.x, line.y, strict=True) for end in y]
-    finite = np.array([place for place in places if math.isfinite(place[1])])
-    if len(finite):
-        axes.update_datalim(finite)
-    if info.direction in BEST:
-        axes.axhline(BEST[info.direction], color=REFERENCE, lw=0.9, zorder=2.1)
-    axes.autoscale_view()
-    remark = make_logarithmic_if_positive(axes, [finite[:, 1]]) if log and len(finite) else ""
-    axes.autoscale_view()
-    axes.autoscale(False)
-    return remark
-
-
-def _note(trials: Trials, title: str, bars: str) -> str:
-    """Name the first panel and explain the bars."""
-    n = len(trials.each[0].runs)
-    meaning = "1 run" if n == 1 else f"{MEANING[bars]}, {n} runs"
-    return f"{title}; {meaning}" if title else meaning
+        return f"must name one of the swept paths: {', '.join(paths)}; `{POINTS}` shows every point of the sweep"
+    return unknown(path, [*paths, POINTS], "path of the sweep")

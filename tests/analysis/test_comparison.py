@@ -4,6 +4,7 @@ import math
 from dataclasses import fields, replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import ROUND
 from scipy import stats
@@ -319,3 +320,13 @@ def test_pairs_that_rarely_differ_have_no_interval(make_trials):
     assert row.ci_low < row.change_pct < row.ci_high
     few = only(comparisons(make_trials({"m": {"A": [1.1, 2.3, 3.1], "B": [1.0, 2.0, 3.0]}})))
     assert few.ci_low < few.change_pct < few.ci_high
+
+
+def test_no_number_of_runs_where_the_average_is_rounding(make_trials):
+    """An average of 1e-17 would need 1e30 runs, more than an integer holds."""
+    noise = np.random.default_rng(8).lognormal(0.0, 0.05, 40)
+    noise /= np.exp(np.log(noise).mean())
+    base = np.random.default_rng(9).lognormal(0.0, 0.3, 40)
+    (row,) = comparisons(make_trials({"mse": {"A": base * noise, "B": base}})).to_dict("records")
+    assert row["verdict"] == "inconclusive" and abs(row["change_pct"]) < 1e-12
+    assert pd.isna(row["runs_for_direction"])

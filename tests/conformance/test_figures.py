@@ -15,12 +15,13 @@ PARAMETERS = {
     "boxplot": [{}, {"metric": "power", "log": True, "width": 5.0}],
     "elements": [{"signal": "Q_yw", "width": 6.0}],
     "ellipses": [{"x": "mse", "y": "power"}],
+    "heat-map": [{}, {"show": "value", "log": True, "numbers": False}],
     "means": [{}],
     "paired": [{}],
     "pareto": [{"x": "mse", "y": "power"}],
     "plane": [{"components": (0, 1), "marks": 1.0}],
     "series": [{"quantity": "P"}],
-    "sweep-lines": [{}, {"metric": "power", "log": True, "bars": "se"}],
+    "sweep-lines": [{}, {"metric": "power", "log": True, "spread": "se"}, {"show": "change"}],
     "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
     "tubes": [{}, {"over": "time"}],
     "variance-with-bound": [{}],
@@ -65,5 +66,8 @@ def test_conformance(kind, keys, results, make_sweep):
     """Oracle: the rules of a figure."""
     if kind == "sweep-lines":
         results = FigureExample(make_sweep(*[({"controller.Hp": value}, results.results) for value in ("5", "10")]))
+    if kind == "heat-map":
+        grid = [{"controller.Hp": Hp, "controller.Hu": Hu} for Hp in ("5", "10") for Hu in ("1", "2")]
+        results = FigureExample(make_sweep(*[(point, results.results) for point in grid]))
     checked = check_component(registry.get("figures", kind)(**keys), results)
     assert [str(result) for result in checked if result.status == "failed"] == []

@@ -10,7 +10,6 @@ from matplotlib.colors import to_hex
 
 from rmpc_bench.figures.axes import FAR
 from rmpc_bench.figures.files import save_as
-from rmpc_bench.figures.line_styles import MARKERS
 from rmpc_bench.figures.style import COLOURS, REFERENCE
 from rmpc_bench.figures.sweep_lines import SweepLines
 from rmpc_bench.types import DesignError, MetricInfo
@@ -35,7 +34,7 @@ def sweep(make_trials, make_sweep):
 
 
 def draw(trials, **keys):
-    return SweepLines(**{"path": HORIZON, **keys}).draw(trials)
+    return SweepLines(**{"path": HORIZON, "drawn": "bars", **keys}).draw(trials)
 
 
 def title(axes):
@@ -44,7 +43,7 @@ def title(axes):
 
 def lines(axes):
     """Colour -> (x, y) of the lines with markers."""
-    return {to_hex(line.get_color()): line.get_xydata().T for line in axes.lines if line.get_marker() in MARKERS}
+    return {to_hex(line.get_color()): line.get_xydata().T for line in axes.lines if line.get_marker() != "None"}
 
 
 def bars(axes):
@@ -61,6 +60,7 @@ def test_a_panel_for_every_other_coordinate(sweep):
     """Medians and quartiles over N, ascending, one line per method; the panels in the order of the sweep."""
     figure = draw(sweep)
     stacked, product = figure.axes
+    assert stacked.get_xscale() == "log" and list(product.get_xticks()) == [10.0, 20.0, 100.0]
     quartiles = np.quantile([0.5, 1.0, 4.0, 2.0, 8.0], [0.5, 0.25, 0.75])
     N = np.array([10.0, 20.0, 100.0])
     for axes, scale in ((stacked, 1.0), (product, 0.1)):
@@ -69,7 +69,7 @@ def test_a_panel_for_every_other_coordinate(sweep):
             np.testing.assert_allclose(lines(axes)[color], [N, middle], **ROUND)
             np.testing.assert_allclose(bars(axes)[color], [N, low, high], **ROUND)
     assert title(stacked) == "set=stacked; medians, bars: interquartile range, 5 runs"
-    assert title(product) == "set=product" and product.get_xlabel() == "horizon"
+    assert title(product) == "set=product" and product.get_xlabel() == "horizon of the controller"
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["A", "B"]
 
 
@@ -85,7 +85,7 @@ def test_the_best_value_of_a_ratio(sweep):
 def test_a_part_of_the_sweep(sweep):
     """Points and methods are chosen; means with standard errors on a logarithmic axis."""
     figure = draw(
-        sweep, at=[{SET: "product", HORIZON: 100}, {SET: "product", HORIZON: 10}], order=["B"], bars="se", log=True
+        sweep, at=[{SET: "product", HORIZON: 100}, {SET: "product", HORIZON: 10}], order=["B"], spread="se", log=True
     )
     (axes,) = figure.axes
     values = 0.2 * np.array([0.5, 1.0, 4.0, 2.0, 8.0])
@@ -118,14 +118,14 @@ def test_failed_and_infinite_runs(make_trials, make_sweep):
             {"path": "controller.horizn"},
             f"'controller.horizn' is not a known path of the sweep; did you mean '{HORIZON}'?",
         ),
-        ({"path": SET}, f"the values of {SET} must be numbers (got product)"),
+        ({"path": HORIZON, "show": "change", "log": True}, "changes may be negative"),
     ],
 )
 def test_wrong_paths(sweep, given, message):
     """A path that is not swept, or not one of numbers."""
     with pytest.raises(DesignError) as error:
         draw(sweep, **given)
-    assert str(error.value).startswith(message) and error.value.parameter == "path"
+    assert str(error.value).startswith(message) and error.value.parameter == ("log" if "log" in given else "path")
 
 
 def test_no_sweep_and_too_many_panels(make_trials, make_sweep):

@@ -1,0 +1,155 @@
+"""Values of a metric at the points of a sweep, or its paired changes against the baseline, with their spreads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+
+from rmpc_bench.figures.paired import AVERAGES, band_of, changes_of
+from rmpc_bench.types import DesignError, MetricInfo
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Trials
+
+Content: TypeAlias = Literal["value", "change"]
+SpreadKind: TypeAlias = Literal["quartiles", "se", "interval"]
+COLUMNS = {"quartiles": ("q25", "median", "q75"), "interval": ("ci_low", "mean", "ci_high")}
+"""Spread -> its columns in summary.csv."""
+
+
+class PointValue(NamedTuple):
+    """A number of a method at a point of the sweep; all NaN where there is none."""
+
+    low: float
+    middle: float
+    high: float
+    n: int
+    """Runs, or pairs of runs, that it rests on."""
+    n_failed: int
+    """Runs that are left out: the method, or of a change one of the two, failed."""
+
+    @property
+    def has_zero(self) -> bool:
+        """Whether its interval contains 0, or is not known."""
+        return not (self.low > 0 or self.high < 0)
+
+
+NO_VALUE = PointValue(math.nan, math.nan, math.nan, 0, 0)
+
+
+class SweepValues(NamedTuple):
+    """Values of all points that a figure shows."""
+
+    rows: Sequence[Mapping[str, PointValue]]
+    """Of every point: method -> value."""
+    methods: tuple[str, ...]
+    kind: str
+    """Average of a change, see `AVERAGES`; empty for values of the metric."""
+    unit: str
+    margin: tuple[float, float]
+    """Ends of the margin of relevance, in `unit`; both 0 without one."""
+    simultaneous: bool
+    """Whether the intervals hold all together."""
+
+
+def values_of(points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], spread: SpreadKind) -> SweepValues:
+    """Describe a metric at every point, with the numbers of summary.csv.
+
+    Parameters
+    ----------
+    points : the tables of the points
+    info : the metric
+    methods : methods to show
+    spread : quartiles about the median, a standard error or the interval of the experiment about the mean
+    """
+    from rmpc_bench.analysis.statistics import summary
+
+    rows = []
+    for point in points:
+        table = summary(replace(point, metrics=(info,))).set_index("method")
+        found = {}
+        for name in methods:
+            if name not in table.index:
+                continue
+            row = table.loc[name]
+            if spread == "se":
+                low, middle, high = row["mean"] - row["se"], row["mean"], row["mean"] + row["se"]
+            else:
+                low, middle, high = (row[column] for column in COLUMNS[spread])
+            found[name] = PointValue(float(low), float(middle), float(high), int(row["n"]), int(row["n_failed"]))
+        rows.append(found)
+    return SweepValues(rows, tuple(methods), "", info.unit, (0.0, 0.0), simultaneous=False)
+
+
+def changes_at(results: Trials, points: Sequence[Trials], info: MetricInfo, order: Sequence[str] | None) -> SweepValues:
+    """Compare methods with the baseline at every point, with the numbers of comparisons.csv.
+
+    Parameters
+    ----------
+    results : the table of the whole sweep, from which the levels of simultaneous intervals follow
+    points : the tables of the points to show
+    info : the metric
+    order : methods to show; all if not given
+
+    Raises
+    ------
+    DesignError
+        when no method is left to compare, or the metric has no average change at any point
+    """
+    from rmpc_bench.analysis.comparison import levels
+
+    methods = [name for name in order or results.methods if name != results.baseline]
+    if not methods:
+        raise DesignError(f"must name a method besides the baseline '{results.baseline}'", "order")
+    of = levels(results)
+    found = []
+    for point in points:
+        there = [name for name in methods if name in point.methods and results.baseline in point.methods]
+        found.append((point, changes_of(point, info, there, of) if there else []))
+    firsts = [each.averages[0] for _, changes in found for each in changes if each.averages]
+    if not firsts:
+        text = f"{info.name} has no average change, since it does not occur in some runs: show its value, or `paired`"
+        raise DesignError(text, "metric")
+    kind = "difference" if any(each.kind == "difference" for each in firsts) else firsts[0].kind
+    rows = []
+    for point, changes in found:
+        row = {}
+        for each in changes:
+            average = next((one for one in each.averages if one.kind == kind), None)
+            n_left_out = len(point.runs) - each.n_pairs
+            row[each.method] = NO_VALUE._replace(n=each.n_pairs, n_failed=n_left_out)
+            if average is not None:
+                row[each.method] = PointValue(average.low, average.value, average.high, each.n_pairs, n_left_out)
+        rows.append(row)
+    unit, margin = info.unit if kind == "difference" else "%", band_of(points[0], info, kind)
+    together = any(each.simultaneous for _, changes in found for each in changes)
+    return SweepValues(rows, tuple(methods), kind, unit, margin, together)
+
+
+def change_label(trials: Trials, info: MetricInfo, kind: str) -> str:
+    """Name a change, such as ``change of mse against S-MPC``; not typeset, without its unit."""
+    from rmpc_bench.analysis.pairs import name_of_distance
+
+    word, link = ("difference", "from") if kind == "difference" else ("change", "against")
+    return f"{word} of {name_of_distance(info)} {link} {trials.labels.get(trials.baseline, trials.baseline)}"
+
+
+def interval_words(trials: Trials, values: SweepValues) -> str:
+    """Name the intervals of changes, such as ``simultaneous 95 % intervals``."""
+    return f"{'simultaneous ' * values.simultaneous}{100 * trials.confidence:g} % intervals"
+
+
+def average_words(kind: str) -> str:
+    """Name an average of changes."""
+    return AVERAGES[kind]
+
+
+def runs_words(values: SweepValues, noun: str = "run") -> str:
+    """Count the runs of all values, as a range where they differ, and the failed ones."""
+    counts = [value.n for row in values.rows for value in row.values()]
+    least, most = min(counts, default=0), max(counts, default=0)
+    text = f"{least} to {most} {noun}s" if least < most else f"{most} {noun}{'s' * (most != 1)}"
+    failed = sum(value.n_failed for row in values.rows for value in row.values())
+    return f"{text}, {failed} failed" if failed else text
