@@ -25,8 +25,8 @@ test-slow: setup  ## run the tests that take minutes
 smoke: setup  ## run every configuration at its small size
 	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh || exit; done
 
-docs: setup  ## compute the tables of docs/ again
-	$(BIN)/python -m tests.docs.worked_comparisons
+docs: setup  ## make the generated pages of docs/ again
+	PYTHONPATH=tests $(BIN)/python -m docs.pages
 
 lint: setup  ## check style and format
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

@@ -32,7 +32,7 @@ def show(group: str, kind: str) -> None:
 
 
 def _show_design(group: str, kind: str, design: Any) -> None:
-    from rmpc_bench.config.component_manual import SHARED_KEYS, manual_of
+    from rmpc_bench.config.component_manual import manual_of, shared_keys
 
     manual = manual_of(group, kind, design)
     click.echo(f"{group}/{kind}")
@@ -43,10 +43,11 @@ def _show_design(group: str, kind: str, design: Any) -> None:
         click.echo("\nKeys")
     for key in manual.keys:
         _show_key(key)
-    if group in SHARED_KEYS:
+    shared = shared_keys(group)
+    if shared:
         click.echo(f"\nEvery {group.removesuffix('s')} also has the keys")
-    for key in SHARED_KEYS.get(group, ()):
-        click.echo(f"    {key.name} : {key.meaning} (default {key.default})")
+    for key in shared:
+        click.echo(f"    {key.name} : {key.meaning}")
     if manual.examples:
         click.echo(f"\nExamples\n\n{manual.examples}")
 

@@ -6,7 +6,7 @@ import functools
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import FrameType
 from typing import TYPE_CHECKING, Any, ParamSpec
 
@@ -23,6 +23,19 @@ INTERNAL = 70
 CANNOT_WRITE = 74
 INTERRUPTED = 130
 TERMINATED = 143
+MEANINGS: Mapping[int, str] = {
+    INTERRUPTED: "Ctrl-C; everything finished is saved",
+    TERMINATED: "SIGTERM; everything finished is saved",
+    CANNOT_WRITE: "results cannot be written",
+    INTERNAL: "internal error",
+    OCCUPIED: "the directory holds another experiment, another process writes to it, or versions of libraries differ",
+    USAGE: "an option or the configuration is wrong",
+    TOO_MANY_FAILURES: "more runs have failed than `execution.max_failures`",
+    FINDING_DIFFERS: "a difference: with `--strict` the finding of a claim differs from its record, a replay from "
+    "what is stored, or a check of a component fails",
+    0: "otherwise",
+}
+"""Meaning of every exit code, in the order of precedence."""
 
 P = ParamSpec("P")
 

@@ -29,7 +29,9 @@ CONTROLLERS = {"plain": "PI"}
     show_default=True,
     help="A moving-horizon estimator, or an observer of ten lines.",
 )
-@click.option("--controller", type=click.Choice([*CONTROLLERS]), default="plain", show_default=True)
+@click.option(
+    "--controller", type=click.Choice([*CONTROLLERS]), default="plain", show_default=True, help="Form of the controller."
+)
 @exits.guarded
 def init(name: str, plant: str, estimator: str, controller: str) -> int:
     """Write an experiment with components of your own into the current directory.

@@ -95,7 +95,13 @@ class Request:
     type=click.Choice(["joblib", "serial"]),
     help="Worker processes, or none: a component that ends its process then ends the experiment.",
 )
-@click.option("--progress", type=click.Choice(["auto", "bar", "plain", "none"]), default="auto", show_default=True)
+@click.option(
+    "--progress",
+    type=click.Choice(["auto", "bar", "plain", "none"]),
+    default="auto",
+    show_default=True,
+    help="How progress is shown on stderr: a bar, lines, or not at all.",
+)
 @own_code.allow_code_option
 @own_code.import_option
 @exits.guarded

@@ -99,10 +99,13 @@ def _limits(constraint: Any) -> Schema:
 def record_schema(kind: type) -> Schema:
     """Return the schema of a mapping with the fields of a dataclass as keys."""
     found = get_type_hints(kind, include_extras=True)
-    fields = {field.name: field for field in dataclasses.fields(kind)}
-    defaults = {name: field.default for name, field in fields.items() if field.default is not dataclasses.MISSING}
-    optional = {name for name, field in fields.items() if field.default_factory is not dataclasses.MISSING}
-    return mapping_schema(found, [*defaults, *optional], defaults, key_meanings(kind))
+    defaults: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
+        if field.default is not dataclasses.MISSING:
+            defaults[field.name] = field.default
+        elif field.default_factory is not dataclasses.MISSING:
+            defaults[field.name] = field.default_factory()
+    return mapping_schema(found, [*defaults], defaults, key_meanings(kind))
 
 
 def mapping_schema(
@@ -122,7 +125,7 @@ def mapping_schema(
         schema = schema_of(annotation)
         if meanings.get(name):
             schema["description"] = meanings[name]
-        if name in defaults and isinstance(defaults[name], str | int | float | NoneType):
+        if name in defaults and isinstance(defaults[name], str | int | float | list | NoneType):
             schema["default"] = defaults[name]
         properties[name.rstrip("_")] = schema
     required = [name.rstrip("_") for name in annotations if name not in optional]

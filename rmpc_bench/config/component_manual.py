@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import is_dataclass
 from typing import Any, NamedTuple, get_args
 
@@ -16,10 +16,14 @@ from rmpc_bench.config.component import plain_data
 from rmpc_bench.config.key_meanings import key_meanings
 from rmpc_bench.config.schema import hints, keys_of
 from rmpc_bench.config.schema_words import type_words, unit_of
+from rmpc_bench.config.section_schemas import PLANT_KEYS
 from rmpc_bench.types.sweep_points import value_text
 
 _SECTION = re.compile(r"^(\w+)\n-{3,}\n", re.MULTILINE)
 """Heading of a section of a numpydoc docstring."""
+
+
+_NUMERIC = {"number", "numbers", "matrix"}
 
 
 class KeyEntry(NamedTuple):
@@ -47,42 +51,6 @@ class Manual(NamedTuple):
     """Docstring of the component, up to its sections."""
     keys: tuple[KeyEntry, ...]
     examples: str
-
-
-SHARED_KEYS: Mapping[str, tuple[KeyEntry, ...]] = {
-    "plants": (
-        KeyEntry(
-            "perturb",
-            "mapping from names to numbers or expressions",
-            "{}",
-            "",
-            "parameter -> factor on its nominal value, such as 1 + eps, in the uncertain quantities",
-        ),
-        KeyEntry(
-            "set",
-            "mapping from names to numbers or expressions",
-            "{}",
-            "",
-            "parameter -> its value, such as 2 + eps, in the uncertain quantities",
-        ),
-        KeyEntry(
-            "bounds",
-            "mapping from names to lists of 2",
-            "{}",
-            "",
-            "[low, high] of states, such as {x.0: [0, 1], x.1: [null, 5]}; a run that leaves them is `out-of-range`; a "
-            "plant with names takes these, and limits its inputs: {level: [0 m, 0.6 m], pump: [0, 30 ml/s]}",
-        ),
-        KeyEntry(
-            "diverged",
-            "number, list or mapping from names to numbers",
-            "1e6 times the largest of 1, its initial value and the reference",
-            "",
-            "magnitude of a state, one number, one per state or by name, beyond which a run is `diverged`",
-        ),
-    ),
-}
-"""Keys that every component of a group has, beside its own."""
 
 
 def manual_of(group: str, kind: str, design: Any) -> Manual:
@@ -126,6 +94,11 @@ def _keys(group: str, kind: str, design: Any) -> tuple[KeyEntry, ...]:
     )
 
 
+def shared_keys(group: str) -> tuple[KeyEntry, ...]:
+    """Return the keys that every component of a group has, beside its own."""
+    return keys_of_schema({"properties": PLANT_KEYS}) if group == "plants" else ()
+
+
 def entry(name: str, schema: Schema, default: str | None, keys: tuple[KeyEntry, ...] = ()) -> KeyEntry:
     """Return the entry of a key.
 
@@ -136,8 +109,9 @@ def entry(name: str, schema: Schema, default: str | None, keys: tuple[KeyEntry, 
     default : as a configuration would write it; None for a required key
     keys : of the mapping that is its value
     """
-    meaning = schema.get("description", "")
-    return KeyEntry(name, type_words(schema), default, unit_of(meaning), meaning, keys)
+    meaning, kind = schema.get("description", ""), type_words(schema)
+    unit = unit_of(meaning) if _NUMERIC & {*kind.split()} else ""
+    return KeyEntry(name, kind, default, unit, meaning, keys)
 
 
 def keys_of_schema(schema: Schema) -> tuple[KeyEntry, ...]:

@@ -7,36 +7,22 @@ are known here, installed ones included.  Relations between keys are not in it; 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
+from rmpc_bench.config import section_schemas
 from rmpc_bench.config.annotation_schema import CODE, Schema, mapping_schema, schema_of
 from rmpc_bench.config.key_meanings import key_meanings
 from rmpc_bench.config.schema import hints, keys_of, model_of
+from rmpc_bench.config.section_schemas import MODEL_KEYS, PLANT_KEYS, PLANT_OF
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
 from rmpc_bench.config.short_forms import SHORT_FORMS
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
-_NUMBER: Schema = {"type": ["number", "string"]}
-_PLANT_KEYS: dict[str, Schema] = {
-    "perturb": {
-        "type": "object",
-        "additionalProperties": _NUMBER,
-        "description": "Parameter -> factor on its nominal value, such as 1 + eps.",
-    },
-    "set": {"type": "object", "additionalProperties": _NUMBER, "description": "Parameter -> value, such as 2 + eps."},
-    "bounds": {"type": "object", "description": "State -> [low, high]; a run that leaves them is out-of-range."},
-    "diverged": {
-        "type": ["number", "string", "array", "object"],
-        "description": "Magnitude of a state beyond which a run is diverged.",
-    },
-    "from": {"type": "string", "description": "A configuration whose plant is taken."},
-}
-_MODEL_KEYS: dict[str, Schema] = {"from": {"const": "plant", "description": "Take the parameters of the plant."}}
-_EXTRA = {"plants": _PLANT_KEYS, "models": _MODEL_KEYS}
+_EXTRA = {"plants": {**PLANT_KEYS, "from": PLANT_OF}, "models": MODEL_KEYS}
 
 
 def json_schema() -> Schema:
@@ -61,7 +47,7 @@ def json_schema() -> Schema:
         # The model may come with the plant of another file.
         "required": [name for name, section in SECTIONS.items() if section.default is ... and name != "model"],
         "additionalProperties": False,
-        "definitions": {**_definitions(), "law": _law()},
+        "definitions": {**_definitions(), "law": section_schemas.law(_usable("noises"))},
     }
 
 
@@ -129,40 +115,13 @@ def _list_of(group: str) -> Schema:
 
 
 def _methods() -> Schema:
-    keys: dict[str, Schema] = {name: _one_of(f"{name}s", partial=True) for name in ("model", "estimator", "controller")}
-    keys["label"] = {"type": "string", "description": "Text for tables and figures; {KEY} is the value of a key."}
+    keys: dict[str, Schema] = {
+        name: {**_one_of(f"{name}s", partial=True), "description": f"{name} of this method; merged with the default"}
+        for name in ("model", "estimator", "controller")
+    }
+    keys["label"] = {"type": "string", "description": "text for tables and figures; {KEY} is the value of a key"}
     method: Schema = {"type": ["object", "null"], "properties": keys, "additionalProperties": False}
     return {"type": "object", "additionalProperties": method}
-
-
-def _law() -> Schema:
-    """Schema of a noise law, which may be a sum of laws."""
-    law: Schema = {"$ref": "#/definitions/law"}
-    keys: dict[str, Schema] = {kind: {"$ref": f"#/definitions/noises.{kind}"} for kind in _usable("noises")}
-    keys["same"] = {"type": "object", "properties": {"scale": _NUMBER}, "additionalProperties": False}
-    keys["sum"] = {"type": "array", "items": law, "minItems": 1}
-    keys["file"] = CODE
-    one: Schema = {"type": "object", "properties": keys, "minProperties": 1}
-    return {"anyOf": [{"enum": ["none", "same"]}, one]}
-
-
-def _noise() -> Schema:
-    law: Schema = {"$ref": "#/definitions/law"}
-    channels: Schema = {"process": law, "measurement": law, "cross": {}}
-    return {
-        "anyOf": [
-            {"enum": ["none", "same"]},
-            {"type": "object", "properties": channels, "additionalProperties": False},
-        ]
-    }
-
-
-def _initial() -> Schema:
-    vector: Schema = {"type": ["number", "string", "array"]}
-    matrix: Schema = {"type": ["number", "string", "array"]}
-    x: Schema = {"anyOf": [vector, {"$ref": "#/definitions/law"}]}
-    keys: Sequence[tuple[str, Any]] = (("x", x), ("x_hat", vector), ("P", matrix), ("M", matrix))
-    return {"type": "object", "properties": dict(keys), "additionalProperties": False}
 
 
 _SPECIAL: dict[str, Any] = {
@@ -175,7 +134,9 @@ _SPECIAL: dict[str, Any] = {
     "methods": _methods,
     "metrics": lambda: _list_of("metrics"),
     "figures": lambda: _list_of("figures"),
-    "noise": _noise,
-    "initial": _initial,
+    "uncertainty": section_schemas.uncertainty,
+    "noise": section_schemas.noise,
+    "initial": section_schemas.initial,
+    "sweep": section_schemas.sweep,
     "claims": lambda: {"type": "array", "items": schema_of(ClaimKeys)},
 }

@@ -20,12 +20,13 @@ from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
 from rmpc_bench.types import Matrix, NonNegative
 
-_DISTRIBUTIONS: dict[str, type] = {
+DISTRIBUTIONS: dict[str, type] = {
     "uniform": distributions.Uniform,
     "normal": distributions.Normal,
     "choice": distributions.Choice,
     "fixed": distributions.Fixed,
 }
+"""Laws of an uncertain quantity by their `dist`."""
 
 
 _SAME: Any = dict[str, NonNegative]
@@ -50,12 +51,12 @@ def read_uncertainty(draft: DraftConfig) -> None:
 def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> distributions.Distribution | None:
     if isinstance(value, Map):
         kind = value.get("dist")
-        if not isinstance(kind, str) or kind not in _DISTRIBUTIONS:
-            draft.note([*path, "dist"], registry.unknown(str(kind), _DISTRIBUTIONS, "distribution"))
+        if not isinstance(kind, str) or kind not in DISTRIBUTIONS:
+            draft.note([*path, "dist"], registry.unknown(str(kind), DISTRIBUTIONS, "distribution"))
             return None
         own = value.copy()
         del own["dist"]
-        law: distributions.Distribution | None = validate(_DISTRIBUTIONS[kind], own, path, draft.problems)
+        law: distributions.Distribution | None = validate(DISTRIBUTIONS[kind], own, path, draft.problems)
         return law
     try:
         spread = quantity.spread(value) if isinstance(value, str) else None
@@ -63,7 +64,7 @@ def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> dist
         draft.note(path, str(error))
         return None
     if spread is None:
-        choices = ", ".join(_DISTRIBUTIONS)
+        choices = ", ".join(DISTRIBUTIONS)
         draft.note(path, f"expected a range such as +-10% or {{dist: ..}} with one of {choices} (got {shown(value)})")
         return None
     return distributions.Uniform(-spread, spread)

@@ -17,7 +17,7 @@ from rmpc_bench.config.tree import Items, Map, locate
 
 COPIES = "code"
 """Directory of the copies in a directory of results."""
-_WITHOUT_FILES = ("title", "label", "name", "claims", "statistics", "paper", "assumptions")
+_WITHOUT_FILES = ("title", "summary", "label", "name", "claims", "statistics", "paper", "assumptions")
 """Keys under which no value names a file."""
 
 

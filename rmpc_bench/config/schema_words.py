@@ -41,6 +41,8 @@ def type_words(schema: Schema) -> str:
     """
     if "title" in schema:
         return str(schema["title"])
+    if "$ref" in schema or "allOf" in schema:
+        return "component"
     if "const" in schema:
         return f"`{schema['const']}`"
     if "enum" in schema:

@@ -274,6 +274,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "paper": Section(Name | None, None, "Key of the paper that is reproduced, such as zenere2018."),
     "title": Section(str, "", "One line that says what is compared."),
+    "summary": Section(str, "", "What was found, in one to three sentences; for overviews of many experiments."),
     "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0, "Seed of all random streams."),
     "runs": Section(
         Annotated[int, Ge(1), Le(MAX_RUNS)], ..., "Number of runs; it may be raised later, finished runs are kept."

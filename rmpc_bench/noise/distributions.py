@@ -23,7 +23,13 @@ class Distribution(ABC):
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """Uniform between ``low`` and ``high``."""
+    """Uniform between ``low`` and ``high``.
+
+    Parameters
+    ----------
+    low : smallest value
+    high : largest value
+    """
 
     low: float
     high: float
@@ -40,7 +46,14 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """Normal with mean ``mean``, optionally truncated at ``truncate`` standard deviations on both sides."""
+    """Normal, optionally truncated on both sides.
+
+    Parameters
+    ----------
+    std : standard deviation
+    mean : mean
+    truncate : largest distance from the mean, in standard deviations; no limit if not given
+    """
 
     std: NonNegative
     mean: float = 0.0
@@ -56,7 +69,12 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class Choice(Distribution):
-    """One of ``values``, each equally likely."""
+    """One of ``values``, each equally likely.
+
+    Parameters
+    ----------
+    values : the values
+    """
 
     values: tuple[float, ...]
 
@@ -72,7 +90,12 @@ class Choice(Distribution):
 
 @dataclass(frozen=True)
 class Fixed(Distribution):
-    """Always ``value``."""
+    """Always ``value``.
+
+    Parameters
+    ----------
+    value : the value of every run
+    """
 
     value: float
 

@@ -25,7 +25,14 @@ Rows = Int[Array, " runs"]
 
 @dataclass(frozen=True)
 class Columns:
-    """Names of the columns of the recorded signals."""
+    """Names of the columns of the recorded signals, each one name or a list.
+
+    Parameters
+    ----------
+    y : of the outputs
+    u : of the inputs; no input if not given
+    x : of the states; no state if not given
+    """
 
     y: str | list[str] = "y"
     u: str | list[str] | None = None

@@ -20,6 +20,7 @@ SHARED = {
 NOT_SHARED = {
     "name": "other",
     "title": "Another title",
+    "summary": "Something else was found.",
     "runs": "7",
     "methods": "{other: {estimator: {kind: kalman}, label: text}}",
     "controller": "{kind: mpc, Hp: 5, Hu: 2, Q: 1, R: 1}",

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from docs.worked_comparisons import CASES, PAGE, fails_more, screen_of, smoke, table_of, updated
+from docs.worked_comparisons import CASES, fails_more, screen_of, smoke, table_of
 
 from rmpc_bench.analysis.verdict import Verdict
 
@@ -12,12 +12,6 @@ MADE = {make.__name__: table_of(make()) for make in CASES}
 def compared(name):
     """Return the row of comparisons.csv of a case."""
     return MADE[name].lines[1].compared
-
-
-def test_the_page_is_up_to_date():
-    """Made again by `make docs`."""
-    page = PAGE.read_text(encoding="utf-8")
-    assert updated(page) == page, "docs/statistics.md is stale: make docs"
 
 
 def test_every_verdict_occurs():

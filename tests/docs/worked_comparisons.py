@@ -1,6 +1,6 @@
 """Ten worked comparisons for docs/statistics.md: runs with fixed values, evaluated and printed as those of a run.
 
-``python -m tests.docs.worked_comparisons`` (or ``make docs``) writes them into the page, between its markers.
+`docs.pages` (``make docs``) writes them into the page, between its markers.
 """
 
 from __future__ import annotations
@@ -269,7 +269,3 @@ def updated(page: str) -> str:
     """Return a page with the part between its markers made again."""
     head, rest = page.split(BEGIN)
     return f"{head}{BEGIN}\n\n{generated()}\n\n{END}{rest.split(END)[1]}"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(updated(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,144 @@
+r"""The central equation of every component in standard notation, for docs/components.md.
+
+The docstrings write the same in ASCII, because `rmpc-bench describe` shows them in a terminal.  Time is an index here:
+x_k is x(k).  Code hosts take a backslash before punctuation for Markdown: \lbrace, no \{, and no \, here.
+"""
+
+from __future__ import annotations
+
+_SERVO = r"""J_l \ddot\theta_l = \rho T_s - \beta_l \dot\theta_l - T_{fl}, \quad
+J_m \ddot\theta_m = K_t I - T_s - \beta_m \dot\theta_m - T_{fm}, \quad
+T_s = \frac{k_\theta}{\rho} \left( \frac{\theta_m}{\rho} - \theta_l \right)"""
+_UNCERTAIN = r"""x_{k+1} = (A + H_A F_x G_x) x_k + B u_k + (B_w + H_{Bw} F_w G_w) w_k
++ (B_v + H_{Bv} F_v G_v) v_k, \quad y_k = (C + H_C F_x G_x) x_k
++ (D_w + H_{Dw} F_w G_w) w_k + (D_v + H_{Dv} F_v G_v) v_k"""
+_PREDICTOR = r"\hat x_{k+1|k} = \Phi_k \hat x_{k|k-1} + B u_k + K_k (y_k - C \hat x_{k|k-1})"
+_GAIN = r"L_k = P_{k|k-1} C^\top (C P_{k|k-1} C^\top + R_v)^{-1}"
+_ROBUST_GAIN = r"L_k = V_k C^\top (C V_k C^\top + R_v)^{-1}, \quad V_k = (P_{k|k-1}^{-1} - \theta_k I)^{-1}"
+_COST = r"\sum_{t=k}^{k+N-1} x_{t+1}^\top Q_x x_{t+1} + u_t^\top R_u u_t"
+
+EQUATIONS: dict[tuple[str, str], str] = {
+    ("plants", "linear"): r"x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + v_k",
+    ("plants", "moving-slide"): r"M(y) \ddot y + N(y, \dot y) \dot y = J(y)^\top \tau",
+    ("plants", "ode"): r"""\dot x = f(t, x, u_k, p), \quad k T_s \le t \lt (k + 1) T_s, \quad
+x_{k+1} = x((k+1) T_s) + w_k, \quad y_k = h(x_k, p) + v_k""",
+    ("plants", "servo"): _SERVO
+    + r""", \quad L \dot I = V - R I - K_t \dot\theta_m, \quad
+T_f(\omega) = (\alpha_0 + \alpha_1 e^{-\alpha_2 |\omega|}) \mathrm{sgn}(\omega)""",
+    ("plants", "servo-linear"): _SERVO + r", \quad T_{fl} = T_{fm} = 0, \quad R I = V - K_t \dot\theta_m",
+    ("plants", "uncertain-linear"): _UNCERTAIN,
+    ("models", "linear"): r"""x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + v_k, \quad
+w_k = \bar w + w_k^s + w_k^b, \quad w_k^s \sim \mathcal{N}(0, P_w), \quad w_k^{b \top} M_w^{-1} w_k^b \le 1""",
+    ("models", "linearise"): r"""\dot x = f(x_{op}, u_{op}) + A_c (x - x_{op}) + B_c (u - u_{op}), \quad
+x_{k+1} = A x_k + B u_k + f_0 + w_k, \quad y_k = C x_k + d_0 + v_k""",
+    ("models", "moving-slide"): r"\ddot y = -M(y)^{-1} N(y, \dot y) \dot y + M(y)^{-1} J(y)^\top \tau",
+    ("models", "nonlinear"): r"x_{k+1} = f(x_k, u_k) + w_k, \quad y_k = h(x_k) + v_k",
+    ("models", "ode"): r"\dot x = f(x, u, p), \quad y = h(x, p)",
+    ("models", "servo-linear"): _SERVO + r", \quad T_{fl} = T_{fm} = 0, \quad R I = V - K_t \dot\theta_m",
+    ("models", "uncertain-linear"): _UNCERTAIN,
+    (
+        "estimators",
+        "oracle",
+    ): r"""\hat x_{k+1|k} = A_k^F \hat x_{k|k-1} + B u_k + K_k (y_k - C_k^F \hat x_{k|k-1}), \quad
+A_k^F = A + H_A F_x(k) G_x""",
+    ("estimators", "kalman"): r"\hat x_{k|k} = \hat x_{k|k-1} + L_k (y_k - C \hat x_{k|k-1}), \quad"
+    + "\n"
+    + _GAIN
+    + r", \quad P_{k+1|k} = A (I - L_k C) P_{k|k-1} A^\top + Q_w",
+    ("estimators", "robust-kalman"): _ROBUST_GAIN
+    + r""", \quad
+\log \det (I - \theta_k P_{k|k-1}) + \mathrm{tr} \left[ (I - \theta_k P_{k|k-1})^{-1} - I \right] = c""",
+    ("estimators", "risk-sensitive"): _ROBUST_GAIN + r", \quad \theta_k = \theta",
+    (
+        "estimators",
+        "kalman-predictor",
+    ): r"""\hat x_{k+1|k} = A \hat x_{k|k-1} + B u_k + K_k (y_k - C \hat x_{k|k-1}), \quad
+K_k = (A P_{k|k-1} C^\top + S_{wv}) (C P_{k|k-1} C^\top + R_v)^{-1}""",
+    ("estimators", "enhanced-robust"): _PREDICTOR + r", \quad \mathrm{cov}(\hat x_{k|k-1} - x_k) \le P_k",
+    ("estimators", "sayed-bdu"): r"""\min_{x, w} \max_{\Vert \Delta \Vert \le 1}
+\Vert x - \hat x_k \Vert_{P_k^{-1}}^2 + \Vert w \Vert_{Q_w^{-1}}^2
++ \Vert y_{k+1} - C x_{k+1}(x, w, \Delta) \Vert_{R^{-1}}^2""",
+    ("estimators", "robust-h-infinity"): r"""\mathrm{E} (\hat x_k - x_k) (\hat x_k - x_k)^\top \le P_k
+\quad \mathrm{for\ all\ } F_k^\top F_k \le I""",
+    ("estimators", "lmmse"): r"""\hat x_{k+1|k} = \bar A \hat x_{k|k-1} + B u_k + K_k e_k, \quad
+K_k = \mathrm{cov}(x_{k+1}, e_k) \mathrm{cov}(e_k)^{-1}""",
+    ("estimators", "lp-window"): r"""\min \sum_i \rho_i + \sum_j r_j, \quad
+-\rho \le x_{\kappa+1} - A x_\kappa - B u_\kappa \le \rho, \quad -r \le y_\kappa - C x_\kappa \le r""",
+    ("estimators", "mixed"): r"""P_{k|k} = T P_{k|k-1} T^\top + L_k P_v L_k^\top, \quad
+M_{k|k} = (q_k^{-1} + 1) T M_{k|k-1} T^\top + (q_k + 1) L_k M_v L_k^\top, \quad T = I - L_k C""",
+    ("estimators", "set-membership"): r"""(\hat x_k - x_k)^\top M_k^{-1} (\hat x_k - x_k) \le 1, \quad
+M_{k|k} = (q_k^{-1} + 1) T M_{k|k-1} T^\top + (q_k + 1) L_k M_v L_k^\top, \quad T = I - L_k C""",
+    ("estimators", "kalman-disturbance"): r"""x_{k+1} = A x_k + B u_k + f_0 + d_k + w_k, \quad d_{k+1} = d_k + \xi_k,
+\quad \xi_k \sim \mathcal{N}(0, q I)""",
+    ("controllers", "gpc"): r"""\min \sum_{j=1}^{N_p} \Vert Q_{yw} (\hat y_{k+j} - r_{k+j}) \Vert^2
++ \Vert Q_u u_{k+j-1} \Vert^2""",
+    ("controllers", "mpc"): r"""\min \sum_{j=1}^{H_p} \Vert \hat y_{k+j} - r_{k+j} \Vert_Q^2
++ \sum_{j=0}^{H_u - 1} \Vert \Delta u_{k+j} \Vert_R^2""",
+    ("controllers", "minimax-lq"): r"\min_u \max_{e, w^b} \mathrm{E} " + _COST,
+    ("controllers", "lqr"): r"\min_u " + _COST,
+    ("controllers", "game-gain"): r"\min_u \max_w " + _COST + r" - \tau w_t^\top M_w^{-1} w_t",
+    ("references", "constant"): r"r_k = \mathrm{value}",
+    ("references", "s-shape"): r"""x = -w \sin 2f, \quad y = h \cos f, \quad \psi = \alpha \sin^2 (\pi g), \quad
+f = \left( \tfrac{5}{4} g - \tfrac{1}{8} \right) \pi, \quad g = 10 s^3 - 15 s^4 + 6 s^5, \quad s = \min(t / T, 1)""",
+    ("references", "square"): r"""r_k = v_1 \quad \mathrm{if\ } (k T_s \bmod T) \lt d T, \quad
+r_k = v_2 \quad \mathrm{otherwise}""",
+    (
+        "inputs",
+        "prbs",
+    ): r"u_k = \mathrm{low} + (\mathrm{high} - \mathrm{low}) b_{\lfloor k / n \rfloor}, \quad b = 0, 1",
+    ("inputs", "sine"): r"u_k = \bar u + a \sin \left( 2 \pi k T_s / T + \varphi \right)",
+    ("inputs", "steps"): r"u_k = v_i \quad \mathrm{for\ } t_i \le k T_s \lt t_{i+1}",
+    ("noises", "ellipsoid"): r"w = c + s L u, \quad L L^\top = M, \quad (w - c)^\top M^{-1} (w - c) \le s^2",
+    ("noises", "gaussian"): r"w \sim \mathcal{N}(\bar w, s^2 \Sigma)",
+    ("noises", "uniform"): r"w = c + T \mathrm{diag}(\rho) u, \quad u_i \sim \mathcal{U}(-1, 1)",
+    ("metrics", "mse"): r"\frac{1}{N n_y} \sum_{k=0}^{N-1} \Vert y_k - r_k \Vert^2",
+    ("metrics", "mae"): r"\frac{1}{N n_y} \sum_{k=0}^{N-1} \sum_i |y_{k,i} - r_{k,i}|",
+    ("metrics", "rmse"): r"\sqrt{\frac{1}{N n_y} \sum_{k=0}^{N-1} \Vert y_k - r_k \Vert^2}",
+    ("metrics", "iae"): r"\frac{T_s}{n_y} \sum_{k=0}^{N-1} \sum_i |y_{k,i} - r_{k,i}|",
+    ("metrics", "input_power"): r"\frac{1}{N n_u} \sum_{k=0}^{N-1} \Vert u_k \Vert^2",
+    ("metrics", "input_roughness"): r"""\sqrt{\frac{1}{n_u} \sum_i \mathrm{var}_k (\Delta u_{k,i})}, \quad
+\Delta u_k = u_k - u_{k-1}""",
+    (
+        "metrics",
+        "settling_time",
+    ): r"""T_s \min \left\lbrace m : |y_{k,i} - r_{k,i}| \le \mathrm{band} \cdot \mathrm{step}_i
+\quad \mathrm{for\ all\ } i, k \ge m \right\rbrace""",
+    ("metrics", "steady_state_error"): r"\frac{1}{n n_y} \sum_{k \gt N-n} \sum_i (y_{k,i} - r_{k,i})",
+    ("metrics", "estimation_mse"): r"\frac{1}{N n_x} \sum_{k=0}^{N-1} \Vert \hat x_k - x_k \Vert^2",
+    ("metrics", "nees"): r"\frac{1}{N n_x} \sum_{k=0}^{N-1} (\hat x_k - x_k)^\top P_k^{-1} (\hat x_k - x_k)",
+    ("metrics", "nis"): r"\frac{1}{(N+1) n_y} \sum_{k=0}^{N} e_k^\top S_k^{-1} e_k",
+    ("metrics", "innovation_mse"): r"\frac{1}{(N+1) n_y} \sum_{k=0}^{N} \Vert e_k \Vert^2",
+    ("metrics", "whiteness"): r"""\frac{n^2}{m n_y^2} \sum_{j=1}^{m}
+\frac{\mathrm{tr} (C_j^\top C_0^{-1} C_j C_0^{-1})}{n - j}, \quad
+C_j = \frac{1}{n} \sum_k (e_k - \bar e) (e_{k-j} - \bar e)^\top""",
+    (
+        "metrics",
+        "inside",
+    ): r"""\frac{1}{N} \mathrm{number\ of\ } \left\lbrace k \lt N :
+(x_k - \hat x_k)^\top S_k^{-1} (x_k - \hat x_k) \le 1
+\right\rbrace""",
+    ("metrics", "cost"): r"\sum_{k=0}^{N-1} x_{k+1}^\top Q_x x_{k+1} + u_k^\top R_u u_k",
+    ("metrics", "certificate"): r"\frac{J_{worst}}{\rho}",
+    ("metrics", "tracking"): r"\sqrt{\frac{1}{n p} \sum_k \sum_i (r_{k,i} - y_{k,i})^2} \quad (\mathrm{norm: rms})",
+    (
+        "metrics",
+        "departures",
+    ): r"\mathrm{number\ of\ } \left\lbrace k : \max_i |e_{k,i}| \gt s e_{rms} \mathrm{\ begins\ at\ } k \right\rbrace",
+    ("metrics", "input_variation"): r"\frac{1}{N-1} \sum_{k=1}^{N-1} \sum_i |u_{k,i} - u_{k-1,i}|",
+    ("metrics", "input_rms"): r"\sqrt{\frac{1}{N n_u} \sum_{k=0}^{N-1} \Vert u_k \Vert^2}",
+    ("metrics", "input_peak"): r"\max_{k \lt N, i} |u_{k,i}|",
+    (
+        "metrics",
+        "near_singular",
+    ): r"\mathrm{number\ of\ } \left\lbrace k \lt N : \sigma_{\min} (J(y_k)) \lt b \right\rbrace",
+}
+"""(group, kind) -> LaTeX."""
+
+IN_WORDS = {
+    ("plants", "data"),
+    ("inputs", "file"),
+    ("metrics", "sample"),
+    ("metrics", "reported"),
+    ("metrics", "fallbacks"),
+}
+"""Components that words define."""

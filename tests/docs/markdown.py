@@ -1,0 +1,86 @@
+"""Markdown of the generated pages: tables, escaped text, anchors, and the command that made a page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rmpc_bench.config.component_manual import KeyEntry
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+MADE = "<!-- Made by `make docs`; changes by hand are lost. -->"
+_CODE = re.compile(r"(``.+?``|`[^`]+`)")
+
+
+def text(plain: str) -> str:
+    """Escape a text of a docstring or of a configuration; what stands in backticks stays code.
+
+    Parameters
+    ----------
+    plain : a text in one line or several
+    """
+    parts = _CODE.split(" ".join(plain.split()))
+    return "".join(_code(part) if number % 2 else _escaped(part) for number, part in enumerate(parts))
+
+
+def _escaped(part: str) -> str:
+    """Escape what Markdown reads as markup; an underline between letters is none."""
+    return re.sub(r"([*<|$\[\]\\~]|(?<!\w)_|_(?!\w))", r"\\\1", part)
+
+
+def _code(part: str) -> str:
+    return "`" + part.strip("`").replace("|", "\\|") + "`"
+
+
+def code(plain: str) -> str:
+    """Return a text as code, in a table, too; empty for an empty one."""
+    return f"`{plain}`".replace("|", "\\|") if plain else ""
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table.
+
+    Parameters
+    ----------
+    heads : of the columns
+    rows : cells in Markdown
+    """
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join("|".join(["", *(f" {cell.strip()} " if cell else " " for cell in line), ""]) for line in lines)
+
+
+def key_table(keys: Iterable[KeyEntry]) -> str:
+    """Return the table of some keys; the keys of a mapping follow it as PATH.KEY.
+
+    Parameters
+    ----------
+    keys : of a component or of a section
+    """
+    rows = [row for key in keys for row in _rows(key, "")]
+    return table(("key", "type", "default", "unit", "meaning"), rows)
+
+
+def _rows(key: KeyEntry, prefix: str) -> list[tuple[str, ...]]:
+    name = prefix + key.name
+    default = "**required**" if key.default is None else code(key.default)
+    meaning = text(key.meaning.replace(f" [{key.unit}]", "") if key.unit else key.meaning)
+    row = (code(name), text(key.kind), default, key.unit, meaning)
+    return [row, *(inner for each in key.keys for inner in _rows(each, f"{name}."))]
+
+
+def anchor(*words: str) -> str:
+    """Return the name of an anchor."""
+    return "-".join(words).replace(" ", "-")
+
+
+def heading(level: int, title: str, *words: str) -> str:
+    """Return a heading, with an anchor of its own where words are given."""
+    mark = f'<a id="{anchor(*words)}"></a>\n\n' if words else ""
+    return f"{mark}{'#' * level} {title}"
+
+
+def page(*parts: str) -> str:
+    """Join the paragraphs of a page."""
+    return "\n\n".join([MADE, *(part for part in parts if part)]) + "\n"

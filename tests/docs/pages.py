@@ -1,0 +1,29 @@
+"""All pages that are made from the program: ``python -m docs.pages`` (or ``make docs``) writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from docs import components_page, reference_page, reproductions_page, worked_comparisons
+
+PAGES: Mapping[Path, Callable[[], str]] = {
+    components_page.PAGE: components_page.generated,
+    reference_page.PAGE: reference_page.generated,
+    reproductions_page.PAGE: reproductions_page.generated,
+    worked_comparisons.PAGE: lambda: worked_comparisons.updated(worked_comparisons.PAGE.read_text(encoding="utf-8")),
+}
+"""Page -> the function that makes its text."""
+
+
+def main() -> None:
+    """Write the pages that have changed."""
+    for path, make in PAGES.items():
+        text = make()
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+            print(f"written docs/{path.name}")
+
+
+if __name__ == "__main__":
+    main()

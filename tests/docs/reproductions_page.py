@@ -1,0 +1,219 @@
+"""docs/reproductions.md: the papers statement by statement, from the kept claims.json and the configurations."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from docs.markdown import DOCS, ROOT, anchor, code, heading, page, table, text
+
+from rmpc_bench.claims.claim import Finding
+from rmpc_bench.claims.evidence import number_text
+from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.config.reader import load
+from rmpc_bench.config.tree import plain
+
+PAGE = DOCS / "reproductions.md"
+N_NUMBERS = 2
+"""Comparisons of a statement that are shown; claims.md has all."""
+PAPERS = {
+    "zenere2018": "A. Zenere and M. Zorzi, On the coupling of Model Predictive Control and Robust Kalman "
+    "Filtering (2018)",
+    "zenere2017": "A. Zenere and M. Zorzi, Model Predictive Control meets robust Kalman filtering (2017)",
+    "souto2011": "R. Souto, J. Ishihara and G. Borges, Kalman Filtering for Discrete Time Uncertain Systems (2011)",
+    "ma2025": "X. Ma, S. Zhang, X. Zhang, J. Xin and H. Garcia de Marina, Linear quadratic control for discrete-time "
+    "systems with stochastic and bounded noises (2025)",
+    "belda2017": "K. Belda and L. Pavelková, Online Tuned Model Predictive Control for Robotic Systems with Bounded "
+    "Noise (2017)",
+}
+INTRODUCTION = """# Reproductions
+
+What five papers state, and what this project finds, statement by statement. A finding is computed from the trials and
+compared with the one that the configuration records; `make papers` computes all of them again and stops at the first
+difference. A finding holds for the experiment as we interpret it. Where a paper leaves something open, the assumptions
+are listed with the claim (*claims* below), and the pages of the methods explain them. A statement that several
+configurations check has one finding, joined over all interpretations. There is no score per paper.
+
+| finding | meaning |
+| --- | --- |
+| confirmed | every comparison of the check holds, with its interval |
+| confirmed, smaller (larger) effect | the direction is as stated, the size is outside its tolerance |
+| partially confirmed | some comparisons hold, some do not |
+| inconclusive | an interval contains the border; the runs that would decide are named |
+| depends on unstated assumptions | it holds under some admissible interpretations and not under others |
+| not confirmed | the check does not hold, and its interval does not contain the border |
+| not testable | the experiment cannot show it; there is no check |
+| equal to the digits printed | a number without Monte Carlo error agrees in every digit that the paper prints |
+| close, different | its relative difference is small (the claim names the limit), or it is not |
+
+Two numbers after a comparison are its left and its right side. [statistics.md](statistics.md) explains how intervals
+and verdicts come about, [experiments.md](experiments.md) how claims are written."""
+TITLES = {
+    "statement of the paper": "What the paper says",
+    "additional result": "Additional results",
+    "suspected misprint": "Suspected misprints",
+}
+SYSTEMS = "benchmarks"
+
+
+class Configuration(NamedTuple):
+    """A configuration with what is kept of its results."""
+
+    path: Path
+    data: dict[str, Any]
+    claims: list[dict[str, Any]]
+    results: Path
+
+    @property
+    def name(self) -> str:
+        """Name of the experiment."""
+        return str(self.data["name"])
+
+
+class Place(NamedTuple):
+    """A claim in a configuration."""
+
+    configuration: Configuration
+    claim: dict[str, Any]
+
+
+def generated() -> str:
+    """Return the page."""
+    papers = [part for paper in PAPERS for part in _paper(paper)]
+    return page(INTRODUCTION, _contents(), *papers, *_others())
+
+
+def configurations(group: str) -> list[Configuration]:
+    """Return the configurations of a folder, in the order of their statements: interpretations come last."""
+    found = []
+    for path in sorted((ROOT / "configs" / group).glob("*.yaml")):
+        data = plain(load(path))
+        results = ROOT / "results" / group / data["name"]
+        file = results / "claims.json"
+        claims = json.loads(file.read_text(encoding="utf-8"))["claims"] if file.exists() else []
+        found.append(Configuration(path, data, claims, results))
+    return sorted(found, key=_is_of_interpretations)
+
+
+def _is_of_interpretations(configuration: Configuration) -> bool:
+    """Whether it checks statements of another configuration under other interpretations."""
+    return any(each["ground"] for claim in configuration.claims for each in claim["interpretations"])
+
+
+def statements(places: Iterable[Place]) -> list[list[Place]]:
+    """Group claims by statement: those of one id are one statement."""
+    groups: dict[Any, list[Place]] = {}
+    for number, place in enumerate(places):
+        groups.setdefault(place.claim["id"] or number, []).append(place)
+    return list(groups.values())
+
+
+def _contents() -> str:
+    rows = []
+    for paper, title in PAPERS.items():
+        title = ", ".join(filter(None, (title, IDENTIFIERS.get(paper))))
+        where = f"[statements](#{paper}), [equations and assumptions](methods/{paper}.md)"
+        rows.append((paper, text(title), where))
+    return table(("paper", "title", "pages"), [*rows, (SYSTEMS, "Systems of the literature", f"[list](#{SYSTEMS})")])
+
+
+def _paper(paper: str) -> list[str]:
+    found = configurations(paper)
+    parts = [heading(2, paper, paper), text(PAPERS[paper]) + f". [Equations and assumptions](methods/{paper}.md)."]
+    places = [Place(each, claim) for each in found for claim in each.claims]
+    for kind, title in TITLES.items():
+        groups = statements(place for place in places if place.claim["kind"] == kind)
+        if groups:
+            rows = [_row(paper, group) for group in groups]
+            parts += [f"### {title}", table(("statement", "source", "finding", "numbers", "where"), rows)]
+    return [*parts, "### Configurations", _overview(found)]
+
+
+def _row(paper: str, places: Sequence[Place]) -> tuple[str, ...]:
+    first = places[0].claim
+    mark = f'<a id="{anchor(paper, first["id"])}"></a>' if first["id"] else ""
+    source = first["source"].removeprefix("additional result").removeprefix("suspected misprint").strip(" ,;:()")
+    links = "; ".join(_links(*place) for place in places)
+    return f"{mark}{text(first['statement'])}", text(source), _finding(places), _numbers(first), links
+
+
+def _finding(places: Sequence[Place]) -> str:
+    joined = {place.claim["joined"] for place in places}
+    assert len(joined) == 1, [place.claim["id"] for place in places]
+    word = f"**{Finding(joined.pop()).sentence}**"
+    here = {place.configuration.name: Finding(place.claim["finding"]) for place in places}
+    if len(here) == 1 or {each.sentence for each in here.values()} == {word.strip("*")}:
+        return word
+    return f"{word}: {', '.join(f'{finding.sentence} in {name}' for name, finding in here.items())}"
+
+
+def _numbers(claim: dict[str, Any]) -> str:
+    """Main numbers of a claim: stated sizes, else the comparisons that decide its finding."""
+    found = [_size(size) for size in claim["sizes"]]
+    deciding = [each for each in claim["numbers"] if not each["holds"]]
+    shown = (deciding or claim["numbers"])[: max(N_NUMBERS - len(found), 0)]
+    found += [_comparison(each) for each in shown]
+    further = len(claim["numbers"]) - len(shown)
+    rest = [f"{further} more comparison{'s' if further > 1 else ''}"] if further > 0 and shown else []
+    if not found:
+        return text(claim["reason"] or next(iter(claim["assumptions"]), ""))
+    return "; ".join([*found, *rest]) + _basis(claim)
+
+
+def _basis(claim: dict[str, Any]) -> str:
+    n = claim["n_runs"]
+    return f" ({n:,} run{'s' if n > 1 else ''})" if n else " (exact)"
+
+
+def _comparison(numbers: dict[str, Any]) -> str:
+    interval = numbers["interval"]
+    reach = float("nan") if interval is None or None in interval else (interval[1] - interval[0]) / 2
+    left, right = (number_text(float(numbers[side]), reach) for side in ("left", "right"))
+    where = f" at {text(numbers['at'])}" if numbers["at"] else ""
+    word = {True: "", False: ", does not hold", None: ", inconclusive"}[numbers["holds"]]
+    return f"{code(' '.join(numbers['text'].split()))}{where}: {left} and {right}{word}"
+
+
+def _size(size: dict[str, Any]) -> str:
+    computed = number_text(float(size["computed"]))
+    return f"{code(' '.join(size['of'].split()))}: stated {text(str(size['stated']))}, computed {computed}"
+
+
+def _links(configuration: Configuration, claim: dict[str, Any] | None = None) -> str:
+    """Links to a configuration, its claims and the figure that git keeps, if a reader sees the statement there."""
+    found = [f"[{configuration.name}](../{configuration.path.relative_to(ROOT).as_posix()})"]
+    claims = configuration.results / "claims.md"
+    if configuration.claims:
+        found.append(f"[claims](../{claims.relative_to(ROOT).as_posix()})")
+    folder = (configuration.results / "figures").relative_to(ROOT).as_posix()
+    kept = [path for path in kept_figures() if path.startswith(f"{folder}/")]
+    shown = (claim or {}).get("figures") or [Path(path).stem for path in kept]
+    found += [f"[figure](../{path})" for path in kept if Path(path).stem in shown]
+    found += [f"figure `{name}`" for name in shown if f"{folder}/{name}.svg" not in kept]
+    return ", ".join(found)
+
+
+@cache
+def kept_figures() -> list[str]:
+    """Return the figures that git keeps; others may lie beside them after a run."""
+    lines = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    return [line.removeprefix("!") for line in lines if line.startswith("!results/") and line.endswith(".svg")]
+
+
+def _overview(found: Sequence[Configuration]) -> str:
+    rows = []
+    for each in sorted(found, key=lambda one: one.name):
+        data = each.data
+        rows.append((_links(each), text(data.get("title", "")), text(data.get("summary", "")), f"{data['runs']:,}"))
+    return table(("configuration", "what is compared", "what was found", "runs"), rows)
+
+
+def _others() -> list[str]:
+    """Systems and examples, which reproduce no paper of the list."""
+    about = "Small systems of the literature, which other configurations use with `plant: {from: ..}`."
+    parts = [heading(2, "Systems of the literature", SYSTEMS), about, _overview(configurations(SYSTEMS))]
+    about = "Two experiments with own components, explained in [examples.md](examples.md)."
+    return [*parts, "## Examples", about, _overview(configurations("examples"))]

@@ -1,0 +1,82 @@
+"""The generated pages are what `make docs` writes now, and have every key, component and option."""
+
+import itertools
+
+import pytest
+from docs.equations import EQUATIONS, IN_WORDS
+from docs.examples_of_keys import EXAMPLES
+from docs.pages import PAGES
+from jsonschema import Draft7Validator
+
+from docs import components_page, reference_page
+from rmpc_bench import registry
+from rmpc_bench.components.designs import registered_design
+from rmpc_bench.config.component_manual import manual_of
+from rmpc_bench.config.json_schema import json_schema
+from rmpc_bench.config.reader import load
+from rmpc_bench.config.tree import plain
+
+COMPONENTS = [(group, kind) for group in registry.BUILT_IN for kind in sorted(registry.BUILT_IN[group])]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_is_up_to_date(page):
+    written = page.read_text(encoding="utf-8")
+    made = PAGES[page]()
+    pairs = itertools.zip_longest(written.splitlines(), made.splitlines())
+    changed = [f"now  {now}\nmade {new}" for now, new in pairs if now != new]
+    assert written == made, f"docs/{page.name} is stale: make docs\n" + "\n".join(changed[:3])
+
+
+@pytest.fixture(scope="module")
+def schema():
+    return json_schema()
+
+
+def test_every_section_has_an_example_that_follows_the_schema(schema, tmp_path):
+    """An editor would accept each of them."""
+    assert [*EXAMPLES] and {*schema["properties"]} == {*EXAMPLES}
+    for name, example in EXAMPLES.items():
+        file = tmp_path / f"{name}.yaml"
+        file.write_text(example, encoding="utf-8")
+        section = {**schema["properties"][name], "definitions": schema["definitions"]}
+        errors = [error.message for error in Draft7Validator(section).iter_errors(plain(load(file))[name])]
+        assert not errors, (name, errors)
+
+
+def _with_inner(keys):
+    return [each for key in keys for each in (key, *_with_inner(key.keys))]
+
+
+@pytest.mark.parametrize(("group", "kind"), COMPONENTS)
+def test_every_key_of_a_component_has_type_and_meaning(group, kind):
+    for key in _with_inner(manual_of(group, kind, registered_design(group, kind)).keys):
+        assert key.meaning, key.name
+        assert key.kind and key.kind != "any value", key.name
+
+
+def test_every_key_of_a_section_has_a_meaning(schema):
+    for name, section in schema["properties"].items():
+        for key in _with_inner(reference_page.keys_of_section(name, section)):
+            assert key.meaning and key.kind, (name, key.name)
+
+
+def test_every_component_is_defined_by_an_equation_or_in_words():
+    """Figures are pictures; all other components have an equation, and no equation is left over."""
+    defined = {(group, kind) for group, kind in COMPONENTS if group != "figures"}
+    assert {*EQUATIONS} | IN_WORDS == defined and not {*EQUATIONS} & IN_WORDS
+
+
+def test_equations_have_balanced_braces_and_no_escaped_punctuation():
+    """A host reads a backslash before punctuation as Markdown."""
+    for name, equation in EQUATIONS.items():
+        assert equation.count("{") == equation.count("}"), name
+        assert equation.count(r"\left") == equation.count(r"\right"), name
+        assert not any(f"\\{mark}" in equation for mark in "{},;!#_"), name
+
+
+def test_the_index_finds_every_key(schema):
+    page = reference_page.generated().rpartition('<a id="index"></a>')[2]
+    names = {key for key, _ in components_page.index()} | {*schema["properties"]}
+    for name in names | {"workers", "confidence", "label"}:
+        assert f"| `{name}` |" in page, name
