@@ -30,7 +30,11 @@ CONTROLLERS = {"plain": "PI"}
     help="A moving-horizon estimator, or an observer of ten lines.",
 )
 @click.option(
-    "--controller", type=click.Choice([*CONTROLLERS]), default="plain", show_default=True, help="Form of the controller."
+    "--controller",
+    type=click.Choice([*CONTROLLERS]),
+    default="plain",
+    show_default=True,
+    help="Form of the controller.",
 )
 @exits.guarded
 def init(name: str, plant: str, estimator: str, controller: str) -> int:

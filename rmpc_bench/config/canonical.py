@@ -129,8 +129,8 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
     """Return the configuration at the first point of its sweep, with every default filled in."""
     values, time = draft.values, draft.values["time"]
     length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
-    named = ("version", "name", "paper", "title", "summary", "seed", "runs")
-    head = {key: values[key] for key in named if values[key] is not None}
+    given = ("version", "name", "paper", "title", "summary", "seed", "runs")
+    head = {key: values[key] for key in given if values[key] is not None}
     methods = {}
     for name, components in draft.methods.items():
         data = method_data(draft, components)
