@@ -21,13 +21,16 @@ from rmpc_bench.numerics.norm_bound import Excess, NoiseChannel
 from rmpc_bench.numerics.riccati import filter_step
 from rmpc_bench.numerics.robust_step import ParameterRules, RobustStep
 
-RNG = np.random.default_rng(7)
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
 
 
-def test_zenere2018_gains():
+def test_zenere2018_gains(rng):
     """(13)-(16), with the covariance form of (15)."""
-    A, C = RNG.standard_normal((3, 3)), RNG.standard_normal((1, 3))
-    P, Q_w, R_v, c = random_psd(RNG, 3), random_psd(RNG, 3), np.array([[0.7]]), 0.3
+    A, C = rng.standard_normal((3, 3)), rng.standard_normal((1, 3))
+    P, Q_w, R_v, c = random_psd(rng, 3), random_psd(rng, 3), np.array([[0.7]]), 0.3
     V, theta = inflate_to_radius(P, c)
     np.testing.assert_allclose(V, inv(inv(P) - theta * np.eye(3)), rtol=1e-10)  # a product of two inverses
     left = np.log(np.linalg.det(np.eye(3) - theta * P)) + np.trace(inv(np.eye(3) - theta * P) - np.eye(3))
@@ -42,16 +45,16 @@ def test_zenere2018_gains():
 
 
 @pytest.mark.parametrize("tau", [0.3, 0.8])
-def test_zenere2018_divergences_between_the_two(tau):
-    P, theta = random_psd(RNG, 3), 0.1
+def test_zenere2018_divergences_between_the_two(rng, tau):
+    P, theta = random_psd(rng, 3), 0.1
     lam = eigvalsh(P)
     s = (1.0 - (1.0 - tau) * theta * lam) ** (-1.0 / (1.0 - tau))
     np.testing.assert_allclose(eigvalsh(inflate(P, theta, tau)), s * lam, rtol=1e-11)
 
 
-def test_zenere2018_control_law():
+def test_zenere2018_control_law(rng):
     """The minimiser as on the page, for a system without scales."""
-    A, B, C = 0.6 * RNG.standard_normal((2, 2)), RNG.standard_normal((2, 1)), np.array([[1.0, 0.5]])
+    A, B, C = 0.6 * rng.standard_normal((2, 2)), rng.standard_normal((2, 1)), np.array([[1.0, 0.5]])
     Hp, Hu, Q, R = 6, 2, 1.5, 0.3
     step = [C @ sum(matrix_power(A, i) for i in range(j)) @ B for j in range(1, Hp + 1)]
     Psi = np.vstack([C @ matrix_power(A, j) for j in range(1, Hp + 1)])
@@ -64,14 +67,14 @@ def test_zenere2018_control_law():
     np.testing.assert_allclose(law.K_u, first @ Upsilon, rtol=1e-9)
 
 
-def test_souto2011_one_step():
+def test_souto2011_one_step(rng):
     """Steps 1 to 5, and the sum of positive semidefinite terms."""
     nx, ny = 3, 2
-    A, C, H_A, H_C, G_x = (RNG.standard_normal(s) for s in ((nx, nx), (ny, nx), (nx, 2), (ny, 2), (1, nx)))
+    A, C, H_A, H_C, G_x = (rng.standard_normal(s) for s in ((nx, nx), (ny, nx), (nx, 2), (ny, 2), (1, nx)))
     H_A, H_C, G_x = H_A[:, :1], H_C[:, :1], 0.3 * G_x
-    B_w, D_w, H_Bw, H_Dw, G_w = (RNG.standard_normal(s) for s in ((nx, 2), (ny, 2), (nx, 1), (ny, 1), (1, 2)))
-    B_v, D_v, H_Bv, H_Dv, G_v = (RNG.standard_normal(s) for s in ((nx, 2), (ny, 2), (nx, 1), (ny, 1), (1, 2)))
-    P, W, V, eps = random_psd(RNG, nx), random_psd(RNG, 2), random_psd(RNG, 2), 0.1
+    B_w, D_w, H_Bw, H_Dw, G_w = (rng.standard_normal(s) for s in ((nx, 2), (ny, 2), (nx, 1), (ny, 1), (1, 2)))
+    B_v, D_v, H_Bv, H_Dv, G_v = (rng.standard_normal(s) for s in ((nx, 2), (ny, 2), (nx, 1), (ny, 1), (1, 2)))
+    P, W, V, eps = random_psd(rng, nx), random_psd(rng, 2), random_psd(rng, 2), 0.1
 
     def widened(S, G, a):
         return S + S @ G.T @ inv(a * np.eye(len(G)) - G @ S @ G.T) @ G @ S
@@ -103,10 +106,10 @@ def test_souto2011_one_step():
         np.testing.assert_allclose(ours, printed, rtol=1e-8, atol=1e-10)  # inverses of a random system
 
 
-def test_souto2011_state_bound():
+def test_souto2011_state_bound(rng):
     """(51), (59): with rule: state."""
     A, H, G, Bw, C = 0.5 * np.eye(2), np.array([[0.0], [0.3]]), np.array([[0.2, 0.1]]), np.eye(2), np.array([[1.0, 0]])
-    X, eps = random_psd(RNG, 2), 0.1
+    X, eps = random_psd(rng, 2), 0.1
     none = NoiseChannel(np.vstack([np.zeros((2, 1)), [[1.0]]]), np.zeros((3, 1)), np.zeros((1, 1)), np.eye(1))
     pair = NoisePair(
         NoiseChannel(np.vstack([Bw, np.zeros((1, 2))]), np.zeros((3, 1)), np.zeros((1, 2)), np.eye(2)), none
@@ -130,9 +133,9 @@ def test_souto2011_limit_named_on_the_page():
         P = A @ P @ A.T + model.Q_w - K @ (C @ P @ C.T + model.R_v) @ K.T
 
 
-def test_ma2025_correction():
+def test_ma2025_correction(rng):
     """(20)-(22), (24): gain and weight satisfy each other's equation."""
-    prior = Prior(RNG.standard_normal((2, 3)), *(random_psd(RNG, n) for n in (3, 3, 2, 2)))
+    prior = Prior(rng.standard_normal((2, 3)), *(random_psd(rng, n) for n in (3, 3, 2, 2)))
     found = mixed_step(prior)
     H, q, L = prior.C, found.q, found.L
     T = np.eye(3) - L @ H
