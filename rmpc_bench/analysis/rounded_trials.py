@@ -13,7 +13,7 @@ from rmpc_bench.types import Array
 
 
 def rounded_trials(trials: Trials) -> Trials:
-    """Round metrics, series and recorded runs to six digits; nothing becomes 0, which a logarithmic axis cannot show.
+    """Round all numbers to six digits; nothing becomes 0, which a logarithmic axis cannot show.
 
     Parameters
     ----------
@@ -39,9 +39,15 @@ def _rounded(trials: Trials, metrics: list[str], series: dict[int, pd.DataFrame]
         trials,
         frame=frame,
         series=series[id(trials.series)],
+        uncertainty=_rounded_quantities(trials.uncertainty),
         traces={method: _rounded_traces(traces) for method, traces in trials.traces.items()},
         points=tuple(_rounded(point, metrics, series) for point in trials.points),
     )
+
+
+def _rounded_quantities(table: pd.DataFrame) -> pd.DataFrame:
+    columns = {name: rounded(table[name].to_numpy(dtype=float)) for name in table.columns if name != "run"}
+    return table.assign(**columns)
 
 
 def _rounded_traces(traces: Traces) -> Traces:

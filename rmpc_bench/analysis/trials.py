@@ -56,6 +56,8 @@ class Trials:
     oracles : methods whose estimator is an oracle
     declared : all methods of the experiment, also those that have no stored runs; `methods` if empty
     notes : method -> failures, held steps and warnings of its runs
+    uncertainty : column ``run`` and one per named uncertain quantity; empty for a whole sweep, whose points have it
+    random_besides : what else is random in a run, such as ``noise``; None where the store does not say
     groups : method -> moments over the runs by groups of runs, where they are not exact
     expected_failures : method -> check of its components that is meant to fail -> reason
     """
@@ -90,6 +92,8 @@ class Trials:
     groups: Mapping[str, RunGroups] = field(default_factory=dict)
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     notes: Mapping[str, RunNotes] = field(default_factory=dict)
+    uncertainty: pd.DataFrame = field(default_factory=pd.DataFrame)
+    random_besides: tuple[str, ...] | None = None
     declared: tuple[str, ...] = ()
 
     @property

@@ -15,6 +15,7 @@ from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.figure_result import FigureResult
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
+from rmpc_bench.report.drivers_table import DriversTable, drivers_table
 from rmpc_bench.types import DesignError, Figure, Problem
 
 
@@ -82,6 +83,29 @@ def compare(
     return comparison_table(
         results.trials, metric=metric, methods=methods, baseline=baseline, relevant=relevant, confidence=confidence
     )
+
+
+def drivers(results: Results | Trials) -> DriversTable:
+    """Find which uncertain quantities explain the spread of the primary metric, and where each method does worst.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`, or their table of trials
+
+    Returns
+    -------
+    the table, with `frame`, `sentences`, `to_markdown()` and `to_screen()`
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> drivers(results).to_screen()
+    ['driven by   not resolved: 4 runs, it takes 50']
+    """
+    return drivers_table(results if isinstance(results, Trials) else results.trials)
 
 
 def judge(results: Results) -> tuple[ClaimVerdict, ...]:

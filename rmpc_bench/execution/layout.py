@@ -15,6 +15,7 @@ from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment, StoredPoint, write_experiment
 from rmpc_bench.simulation.design_series import design_series
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
+from rmpc_bench.simulation.randomness import random_besides
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Method
@@ -103,6 +104,7 @@ class _Layout:
             uncertainty_key=point.uncertainty_key,
             uncertainty=tuple(experiment.scenario.uncertainty),
             names=dict(plant.names),
+            random_besides=random_besides(experiment),
         )
 
     def _method(self, point: SweepPoint, method: Method) -> PointMethod:

@@ -16,11 +16,12 @@ from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.execution.evaluation import judge, summarise
+from rmpc_bench.execution.evaluation import drivers, judge, summarise
 from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.manifest import note_look, read
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 from rmpc_bench.report.run_notes import failure_files
@@ -39,6 +40,7 @@ class Publication:
     paths : the files, in the order in which they were written
     tables : summary and comparisons
     verdicts : the finding of every claim
+    drivers : what drives the primary metric
     figures : the figures with their captions and files
     left_out : figures that could not be drawn, each as ``kind: reason``
     """
@@ -48,6 +50,7 @@ class Publication:
     paths: tuple[Path, ...]
     tables: Summary
     verdicts: tuple[ClaimVerdict, ...]
+    drivers: DriversTable
     figures: tuple[WrittenFigure, ...] = ()
     left_out: tuple[str, ...] = ()
 
@@ -71,6 +74,7 @@ class Publication:
             n_complete=min(self.results.n_complete[name] for name in trials.methods),
             n_runs=experiment.n_wanted,
             seconds=seconds,
+            driven=self.drivers.to_screen(),
             verdicts=self.verdicts,
             overrides=self.results.overrides,
             incomplete=self.results.incomplete,
@@ -111,9 +115,10 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     """
     directory = results.directory if to is None else Path(to)
     (directory / "tables").mkdir(parents=True, exist_ok=True)
-    tables, verdicts = summarise(results), judge(results)
+    tables, verdicts, driven = summarise(results), judge(results), drivers(results)
     paths = [
         *_write_tables(results, tables, directory),
+        *_write_drivers(driven, directory),
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory, (rendering or Rendering()).formats),
         *_write_timings(results, directory / "timings.csv"),
@@ -123,7 +128,7 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
         note_look(results.directory, len(results.trials.runs))
     figures, left_out = write_figures(results, directory / "figures", rendering or Rendering())
     paths += [path for figure in figures for path in figure.paths]
-    return Publication(results, directory, tuple(paths), tables, verdicts, figures, left_out)
+    return Publication(results, directory, tuple(paths), tables, verdicts, driven, figures, left_out)
 
 
 def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Path]:
@@ -135,6 +140,18 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
     (directory / "tables" / "summary.md").write_text(tables.to_markdown(), encoding="utf-8")
     names = ("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
     return [directory / name for name in names]
+
+
+def _write_drivers(table: DriversTable, directory: Path) -> list[Path]:
+    """Write drivers.csv and tables/drivers.md; neither where nothing is uncertain and nothing is swept."""
+    files, text = [directory / "drivers.csv", directory / "tables" / "drivers.md"], table.to_markdown()
+    for file in files:
+        file.unlink(missing_ok=True)
+    if len(table.frame):
+        write_csv(table.frame, files[0])
+    if text:
+        files[1].write_text(text, encoding="utf-8")
+    return [file for file in files if file.exists()]
 
 
 def _write_timings(results: Results, path: Path) -> list[Path]:

@@ -85,6 +85,8 @@ class StoredPoint:
     uncertainty_key : hash under which the values of the uncertain quantities are stored
     uncertainty : names of these quantities, in the order of the configuration
     names : component of a signal, such as y.0 -> its name
+    random_besides : what is random in a run besides the uncertain quantities, in words; None where it is not known,
+        as an earlier version wrote the record
     """
 
     coordinates: Mapping[str, str]
@@ -103,6 +105,7 @@ class StoredPoint:
     uncertainty_key: str
     uncertainty: tuple[str, ...]
     names: Mapping[str, str] = field(default_factory=dict)
+    random_besides: tuple[str, ...] | None = None
 
     def recording(self, method: str) -> Recording:
         """Return what is kept of the runs of a method."""

@@ -38,7 +38,8 @@ def stored_trials(experiment: StoredExperiment, store: Store) -> Trials:
         If no trial is stored.
     """
     series = SeriesReader(experiment, store)
-    tables = [_table(experiment, point, store, series) for point in experiment.points]
+    quantities: dict[str, pd.DataFrame] = {}
+    tables = [_table(experiment, point, store, series, quantities) for point in experiment.points]
     filled = [table for table in tables if len(table.methods)]
     if not filled:
         apart = other_code(experiment, store)
@@ -69,8 +70,14 @@ def _joined(experiment: StoredExperiment, tables: Sequence[Trials], series: Seri
     )
 
 
-def _table(experiment: StoredExperiment, point: StoredPoint, store: Store, series: SeriesReader) -> Trials:
-    """Read the table of one point."""
+def _table(
+    experiment: StoredExperiment,
+    point: StoredPoint,
+    store: Store,
+    series: SeriesReader,
+    quantities: dict[str, pd.DataFrame],
+) -> Trials:
+    """Read the table of one point; `quantities` keeps what points share."""
     frames = {name: _frame(experiment, point, store, name) for name in point.methods}
     methods = tuple(name for name, frame in frames.items() if len(frame) or not experiment.has_runs)
     traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
@@ -102,6 +109,8 @@ def _table(experiment: StoredExperiment, point: StoredPoint, store: Store, serie
         expected_failures=experiment.expected_failures,
         notes={name: _notes(experiment, point, store, name) for name in methods},
         declared=tuple(experiment.methods),
+        uncertainty=_quantities(experiment, point, store, quantities),
+        random_besides=point.random_besides,
     )
 
 
@@ -175,12 +184,19 @@ def uncertainty(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
     tables: list[pd.DataFrame] = []
     cached: dict[str, pd.DataFrame] = {}
     for point in experiment.points:
-        if point.uncertainty_key not in cached:
-            rows = store.uncertainty(point.uncertainty_key, experiment.n_runs)
-            cached[point.uncertainty_key] = _wide(rows, list(point.uncertainty))
-        table = cached[point.uncertainty_key]
+        table = _quantities(experiment, point, store, cached)
         tables.append(with_point(table, point.coordinates) if point.coordinates else table)
     return pd.concat(tables, ignore_index=True)
+
+
+def _quantities(
+    experiment: StoredExperiment, point: StoredPoint, store: Store, cached: dict[str, pd.DataFrame]
+) -> pd.DataFrame:
+    """Read the sampled values at one point: ``run`` and one column per quantity."""
+    if point.uncertainty_key not in cached:
+        rows = store.uncertainty(point.uncertainty_key, experiment.n_runs)
+        cached[point.uncertainty_key] = _wide(rows, list(point.uncertainty))
+    return cached[point.uncertainty_key]
 
 
 def _wide(rows: list[tuple[int, str, float]], names: list[str]) -> pd.DataFrame:

@@ -69,6 +69,11 @@ class UncertainLinear(Plant):
         return tuple((self.system.size(f"r{name}"), self.system.size(f"s{name}")) for name in NAMES)
 
     @property
+    def draws_steps(self) -> bool:
+        """Whether F differs from step to step at random."""
+        return self.uncertainty.law in ("uniform", "extremes") and self.uncertainty.per == "step"
+
+    @property
     def opponent(self) -> tuple[str, float] | None:
         """Name of the method whose error the greedy law maximises, and the largest norm of its F."""
         against, radius = self.uncertainty.against, self.uncertainty.radius

@@ -1,4 +1,4 @@
-"""The text at the end of a run: one line on the runs, the table of the primary metric, claims and figures."""
+"""The text at the end of a run: the runs, the table of the primary metric, what drives it, claims and figures."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ def end_screen(
     n_complete: int,
     n_runs: int,
     seconds: float | None,
+    driven: Sequence[str],
     verdicts: Sequence[ClaimVerdict],
     overrides: Sequence[str],
     incomplete: Sequence[str],
@@ -34,12 +35,14 @@ def end_screen(
     directory : where the results are
     n_complete, n_runs : runs that are stored of all methods, and runs of the experiment; 0 for exact moments alone
     seconds : how long the run took [s]; left out where it is None
+    driven : what drives the primary metric, in lines
     verdicts : the finding of every claim
     overrides : options that changed the configuration
     incomplete : methods of which runs are missing
     figures : pictures to name
     """
     lines = [_head(trials, directory, n_complete, n_runs, seconds), "", *_indented(table.split("\n")), ""]
+    lines += _indented(driven)
     if verdicts and not trials.with_verdicts:
         lines += _indented([SMOKE_CLAIMS])
     else:

@@ -101,6 +101,11 @@ class Plant(Design):
         return False
 
     @attribute
+    def draws_steps(self) -> bool:
+        """Whether `draw` adds random values that change from step to step and are not among those of `drawn`."""
+        return False
+
+    @attribute
     def opponent(self) -> tuple[str, float] | None:
         """Method that an adversary works against, and the largest norm of its F; None without an adversary."""
         return None

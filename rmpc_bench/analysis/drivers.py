@@ -1,0 +1,253 @@
+"""Drivers: which uncertain quantity explains how much of the spread of a method's result over the runs.
+
+The numbers are those of `rmpc_bench.analysis.response_surface`, the response is that of
+`rmpc_bench.analysis.responses`, and the regions where a method does worst are those of
+`rmpc_bench.analysis.worst_region`.  A share is resolved where its interval excludes 0, the share of a quantity without
+effect, or lies below `SMALL`: the quantity then explains about nothing.  Below `FEWEST` runs nothing is resolved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.analysis.response_surface import Shares, shares, standardised, surface_for
+from rmpc_bench.analysis.responses import Response, response_of
+from rmpc_bench.analysis.rounding import NEGLIGIBLE, without_noise
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.worst_region import RegionMean, most_failures, worst_means
+from rmpc_bench.types import Array, MetricInfo
+
+FEWEST = 50
+"""Runs below which no share is resolved."""
+SMALL = 0.05
+"""A share whose interval lies below it is about nothing."""
+REST = "(rest)"
+"""Row of the variance that no quantity explains."""
+FAILED = "failed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driver:
+    """What one uncertain quantity does to one method; a row of drivers.csv.
+
+    Parameters
+    ----------
+    method, metric : names
+    response : what is explained, such as ``log ratio``; ``failed`` in the row of the failed runs
+    quantity : name of the uncertain quantity; ``(rest)`` for what no quantity explains
+    share, share_low, share_high : share of the variance of the response with its interval; NaN where it is not computed
+    resolved : whether the interval excludes 0 or lies below 5 %, from at least 50 runs
+    n, n_failed : runs with a response, and runs in which the method or its baseline failed
+    surface : terms of the response surface: ``quadratic``, ``without interactions``, ``linear``; empty for none
+    unit : of `worst` and `overall`: % for ratios and shares, else that of the metric
+    worst_part : fifth of the quantity with the worst mean response, such as ``lowest``; empty for a single value
+    worst_from, worst_to : smallest and largest value of the quantity in it
+    worst_n : its runs
+    worst, worst_low, worst_high : mean response in it, with its interval, simultaneous for all fifths
+    overall : mean response of all runs
+    differs : whether that interval excludes the mean of all runs
+    """
+
+    method: str
+    metric: str
+    response: str
+    quantity: str
+    share: float = math.nan
+    share_low: float = math.nan
+    share_high: float = math.nan
+    resolved: bool = False
+    n: int
+    n_failed: int
+    surface: str = ""
+    unit: str = ""
+    worst_part: str = ""
+    worst_from: float = math.nan
+    worst_to: float = math.nan
+    worst_n: int = 0
+    worst: float = math.nan
+    worst_low: float = math.nan
+    worst_high: float = math.nan
+    overall: float = math.nan
+    differs: bool = False
+
+
+COLUMNS = [field.name for field in fields(Driver)]
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """The uncertain quantities of a table, one row per run.
+
+    Parameters
+    ----------
+    values : quantity -> (n_runs,) values in the order of `Trials.runs`
+    constant : quantities that have one value in all runs
+    """
+
+    values: Mapping[str, Array]
+    constant: tuple[str, ...]
+
+    @property
+    def correlated(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of quantities whose correlation exceeds 1/2, which share what they explain."""
+        names = list(self.values)
+        if len(names) < 2:
+            return ()
+        found = np.abs(np.corrcoef(np.array([self.values[name] for name in names])))
+        pairs = [(i, j) for i in range(len(names)) for j in range(i) if found[i, j] > 0.5]
+        return tuple((names[j], names[i]) for i, j in pairs)
+
+
+def inputs(trials: Trials) -> Inputs:
+    """Collect the uncertain quantities that differ between the runs of a table.
+
+    Parameters
+    ----------
+    trials : the table of an experiment without sweep, or of one point
+    """
+    table = trials.uncertainty
+    if "run" not in table:
+        return Inputs({}, ())
+    rows = table.set_index("run").reindex(trials.runs)
+    values = {str(name): rows[name].to_numpy(dtype=float) for name in rows.columns}
+    # At a point of a sweep where a quantity does not exist its column is empty.
+    values = {name: column for name, column in values.items() if len(column) and np.isfinite(column).all()}
+    constant = [name for name, column in values.items() if _is_constant(column)]
+    return Inputs({name: column for name, column in values.items() if name not in constant}, tuple(constant))
+
+
+def drivers(trials: Trials, info: MetricInfo | None = None) -> pd.DataFrame:
+    """Compute the drivers of every method.
+
+    Parameters
+    ----------
+    trials : the table of an experiment without sweep, or of one point
+    info : the metric; the primary one unless given
+
+    Returns
+    -------
+    one row per method and quantity and one for the rest, with the fields of `Driver` as columns; a last row per
+    method that fails in five or more runs says where.  No row without uncertain quantities
+    """
+    metric, found = info or trials.primary_info, inputs(trials)
+    rows: list[Driver] = []
+    if metric is not None and found.values:
+        responses = [response_of(trials, method, metric) for method in trials.methods]
+        computed = _computed(trials, responses, found)
+        for response in responses:
+            rows += _rows(trials, response, metric, found, computed.get(response.method))
+            rows += _failure_row(trials, response, metric, found)
+    return pd.DataFrame([asdict(row) for row in rows], columns=COLUMNS)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Shares of one method: (quantities + 1,) arrays."""
+
+    form: str
+    value: Array
+    low: Array
+    high: Array
+
+
+def _computed(trials: Trials, responses: Sequence[Response], found: Inputs) -> dict[str, _Fit]:
+    """Compute the shares of all methods; those with responses in the same runs together."""
+    groups: dict[bytes, list[Response]] = {}
+    for response in responses:
+        if response.has_spread and response.known.sum() >= FEWEST:
+            groups.setdefault(response.known.tobytes(), []).append(response)
+    fits: dict[str, _Fit] = {}
+    for group in groups.values():
+        known = group[0].known
+        columns = [column[known] for column in found.values.values()]
+        varying = [place for place, column in enumerate(columns) if not _is_constant(column)]
+        values = standardised(np.column_stack([columns[place] for place in varying]))
+        surface = surface_for(values)
+        if surface is None:
+            continue
+        matrix = np.column_stack([response.values[known] for response in group])
+        of = shares(values, matrix, surface, trials.confidence, trials.seed)
+        places = [*varying, len(columns)]
+        for number, response in enumerate(group):
+            fits[response.method] = _Fit(surface.form, *_placed(of, number, places, len(columns) + 1))
+    return fits
+
+
+def _placed(of: Shares, number: int, places: Sequence[int], length: int) -> Iterator[Array]:
+    """Yield value, low and high of one response, 0 for quantities that are constant in the runs that are left."""
+    for part in of:
+        column = np.zeros(length)
+        column[list(places)] = [without_noise(float(entry), 1.0) for entry in part[number]]
+        yield column
+
+
+def _rows(trials: Trials, response: Response, info: MetricInfo, found: Inputs, fit: _Fit | None) -> Iterator[Driver]:
+    known = response.known
+    n = int(known.sum())
+    worst: dict[str, RegionMean] = {}
+    if fit is not None:
+        values = {name: column[known] for name, column in found.values.items()}
+        higher = info.direction == "higher"
+        worst = worst_means(values, response.values[known], trials.confidence, higher=higher)
+    for place, name in enumerate([*found.values, REST]):
+        row = Driver(
+            method=response.method,
+            metric=info.name,
+            response=response.kind,
+            quantity=name,
+            n=n,
+            n_failed=len(known) - n,
+            unit=response.unit(info),
+        )
+        changes: dict[str, object] = {}
+        if fit is not None:
+            low, high = float(fit.low[place]), float(fit.high[place])
+            resolved = low > 0 or high < SMALL
+            changes |= {"share": float(fit.value[place]), "share_low": low, "share_high": high, "resolved": resolved}
+            changes["surface"] = fit.form
+        if name in worst:
+            changes |= _region(worst[name], response)
+        yield Driver(**{**asdict(row), **changes})
+
+
+def _region(found: RegionMean, response: Response) -> dict[str, object]:
+    """Return the columns of a region, in the unit in which a response is written."""
+    region = found.region
+    numbers = (found.mean, *found.interval, found.overall)
+    shown = [response.shown(without_noise(number, max(1.0, abs(found.overall)))) for number in numbers]
+    return {
+        "worst_part": region.name,
+        "worst_from": region.low,
+        "worst_to": region.high,
+        "worst_n": int(region.inside.sum()),
+        **dict(zip(("worst", "worst_low", "worst_high", "overall"), shown, strict=True)),
+        "differs": found.differs,
+    }
+
+
+def _failure_row(trials: Trials, response: Response, info: MetricInfo, found: Inputs) -> Iterator[Driver]:
+    """Yield the row that says where a method fails."""
+    failed = trials.failed(response.method)
+    worst = most_failures(found.values, failed, trials.confidence)
+    if worst is None:
+        return
+    indicator = Response(response.method, "not occurring", failed.astype(float))
+    row = Driver(
+        method=response.method,
+        metric=info.name,
+        response=FAILED,
+        quantity=worst.region.quantity,
+        n=len(failed),
+        n_failed=int(failed.sum()),
+        unit="%",
+    )
+    yield Driver(**{**asdict(row), **_region(worst, indicator)})
+
+
+def _is_constant(column: Array) -> bool:
+    return float(np.ptp(column)) <= NEGLIGIBLE * float(np.abs(column).max(initial=0.0))

@@ -1,0 +1,208 @@
+"""Shares of the variance of a response that uncertain quantities explain, from a quadratic response surface.
+
+Model   y = c_0 + sum c_i z_i + sum c_ii z_i^2 + sum c_ij z_i z_j + rest, fitted by least squares over the runs; z_i is
+        a quantity moved and scaled to mean 0 and standard deviation 1.  The shares do not depend on that scale: a model
+        with all terms of a quantity spans the same functions on any affine scale.
+Share   Drop-one R^2: the adjusted R^2 of the whole model minus that of the model without every term that contains the
+        quantity.  With independent quantities it estimates the total Sobol index, so that interactions count for each
+        of their quantities and the shares need not sum to 1.  Adjustment: each residual sum of squares is divided by
+        its degrees of freedom, so that a quantity without effect has the share 0 on average, and not its number of
+        terms divided by n.
+Spread  Percentile interval of a bootstrap of whole runs.  In the slow test it covers 0.93 to 0.98 of the time for 3
+        quantities and 60 to 200 runs, and 0.90 to 0.96 for 6 of them.  Where `WORK` is exceeded the interval is normal,
+        with the variance of the influence of single runs.
+Limits  A quantity with two values has no square.  With more than one term for `RUNS_PER_TERM` runs the interactions
+        are left out, then the squares.
+Source  Sobol, Mathematics and Computers in Simulation 55 (2001) 271; Homma and Saltelli, Reliability Engineering and
+        System Safety 52 (1996) 1 (total effects).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.types import Array
+
+RUNS_PER_TERM = 5
+RESAMPLES = 999
+WORK = 250_000
+"""Largest n K^2 for n runs and K terms that is resampled: 0.2 s for all resamples."""
+RIDGE = 1e-10
+"""Share of a term's own square that is added to it: a value that no run of a resample has leaves a term without any."""
+FORMS = ("quadratic", "without interactions", "linear")
+
+Term = tuple[int, ...]
+"""Quantities whose product a term is: (i,), (i, i) or (i, j)."""
+
+
+class Surface(NamedTuple):
+    """The terms of a response surface."""
+
+    form: str
+    """One of `FORMS`."""
+    terms: tuple[Term, ...]
+    """Without the constant."""
+
+    def columns(self, values: Array) -> Array:
+        """(n, 1 + terms) constant and terms at (n, quantities) values."""
+        products = [np.prod(values[:, list(term)], axis=1) for term in self.terms]
+        return np.column_stack([np.ones(len(values)), *products])
+
+    def without(self, quantity: int) -> list[int]:
+        """Columns that are left without a quantity."""
+        return [0, *(place for place, term in enumerate(self.terms, 1) if quantity not in term)]
+
+
+class Shares(NamedTuple):
+    """Shares of the variance of several responses; axis 0 = response, axis 1 = quantity, the last is the rest."""
+
+    value: Array
+    low: Array
+    high: Array
+
+
+def standardised(values: Array) -> Array:
+    """Move and scale every column to mean 0 and standard deviation 1.
+
+    Parameters
+    ----------
+    values : (n, quantities), none of them constant
+    """
+    centred = values - values.mean(axis=0)
+    return np.asarray(centred / np.sqrt((centred**2).mean(axis=0)))
+
+
+def surface_for(values: Array) -> Surface | None:
+    """Choose the terms that so many runs can determine.
+
+    Parameters
+    ----------
+    values : (n, quantities), none of them constant
+
+    Returns
+    -------
+    the surface; None where even the linear terms are too many
+    """
+    n, n_quantities = values.shape
+    linear: list[Term] = [(i,) for i in range(n_quantities)]
+    squares: list[Term] = [(i, i) for i in range(n_quantities) if len(np.unique(values[:, i])) > 2]
+    pairs: list[Term] = list(combinations(range(n_quantities), 2))
+    for form, terms in zip(FORMS, (linear + squares + pairs, linear + squares, linear), strict=True):
+        if len(terms) <= n / RUNS_PER_TERM:
+            return Surface(form, tuple(terms))
+    return None
+
+
+def shares(values: Array, responses: Array, surface: Surface, confidence: float, seed: int) -> Shares:
+    """Compute the share of every quantity, and of the rest, in the variance of every response.
+
+    Parameters
+    ----------
+    values : (n, quantities) standardised values
+    responses : (n, responses) finite numbers with spread
+    surface : the terms
+    confidence : level of the intervals, such as 0.95
+    seed : of the resamples
+    """
+    A = surface.columns(values)
+    # Responses of one size, so that the sums of squares of the fit lose no digits.
+    y = responses - responses.mean(axis=0)
+    y = y / np.sqrt((y**2).mean(axis=0))
+    kept = [surface.without(i) for i in range(values.shape[1])]
+    value = _shares(A, y, np.ones((1, len(y))), kept)[0]
+    if A.size * A.shape[1] > WORK:
+        reach = _normal_quantile(confidence) * _standard_errors(A, y, value, kept)
+        return Shares(value, value - reach, value + reach)
+    drawn = _shares(A, y, _resampled(len(y), seed), kept)
+    low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
+    return Shares(value, low, high)
+
+
+def curve(values: Array, response: Array, quantity: int, surface: Surface, at: Array) -> Array:
+    """Fitted response against one quantity, averaged over the runs' values of the others.
+
+    Parameters
+    ----------
+    values : (n, quantities) standardised values
+    response : (n,)
+    quantity : column of `values`
+    surface : the terms
+    at : (points,) standardised values of the quantity
+
+    Returns
+    -------
+    (points,) fitted values
+    """
+    A = surface.columns(values)
+    coefficients = _solve((A.T @ A)[None], (A.T @ response)[None, :, None])[0, :, 0]
+    found = []
+    for place in at:
+        moved = values.copy()
+        moved[:, quantity] = place
+        found.append(float(surface.columns(moved).mean(axis=0) @ coefficients))
+    return np.array(found)
+
+
+def _resampled(n: int, seed: int) -> Array:
+    """(RESAMPLES, n) how often each run is in a resample of all runs."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    drawn = rng.integers(0, n, (RESAMPLES, n))
+    flat = drawn + n * np.arange(RESAMPLES)[:, None]
+    counts: Array = np.bincount(flat.ravel(), minlength=n * RESAMPLES).reshape(RESAMPLES, n).astype(float)
+    return counts
+
+
+def _shares(A: Array, y: Array, weights: Array, kept: Sequence[Sequence[int]]) -> Array:
+    """(samples, responses, quantities + 1) shares under weights of the runs, the last one that of the rest."""
+    n, n_columns = A.shape
+    products = (A[:, :, None] * A[:, None, :]).reshape(n, -1)
+    gram = (weights @ products).reshape(-1, n_columns, n_columns)
+    moments = np.stack([weights @ (A * column[:, None]) for column in y.T], axis=2)
+    squares = weights @ y**2
+    total = (squares - moments[:, 0] ** 2 / n) / (n - 1)
+    whole = _residual(gram, moments, squares, range(n_columns)) / (n - n_columns)
+    rest = [_residual(gram, moments, squares, columns) / (n - len(columns)) - whole for columns in kept]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([*rest, whole], axis=2) / total[:, :, None]
+
+
+def _residual(gram: Array, moments: Array, squares: Array, columns: Sequence[int]) -> Array:
+    """(samples, responses) residual sums of squares of the model with these columns."""
+    chosen = list(columns)
+    right = moments[:, chosen]
+    coefficients = _solve(gram[:, chosen][:, :, chosen], right)
+    return np.asarray(squares - np.einsum("bij,bij->bj", coefficients, right))
+
+
+def _solve(gram: Array, right: Array) -> Array:
+    """Solve normal equations (samples, K, K) for (samples, K, responses)."""
+    diagonal = np.einsum("bii->bi", gram)
+    lifted = gram + np.eye(gram.shape[1]) * (RIDGE * np.maximum(diagonal, 1.0))[:, None, :]
+    return np.asarray(np.linalg.solve(lifted, right))
+
+
+def _standard_errors(A: Array, y: Array, value: Array, kept: Sequence[Sequence[int]]) -> Array:
+    """(responses, quantities + 1) standard errors of shares, from the influence of every run on them.
+
+    The residuals are those of the best fit, so that a small change of its coefficients changes no share.
+    """
+    n, n_columns = A.shape
+    whole = _squared_residuals(A, y) * (n / (n - n_columns))
+    influence = [_squared_residuals(A[:, columns], y) * (n / (n - len(columns))) - whole for columns in kept]
+    # The variance of y is 1, and so is the mean of y^2.
+    each = np.stack([*influence, whole], axis=2) - value * (y**2)[:, :, None]
+    return np.asarray(each.std(axis=0, ddof=1) / np.sqrt(n))
+
+
+def _squared_residuals(A: Array, y: Array) -> Array:
+    return np.asarray((y - A @ _solve((A.T @ A)[None], (A.T @ y)[None])[0]) ** 2)
+
+
+def _normal_quantile(confidence: float) -> float:
+    from statistics import NormalDist
+
+    return NormalDist().inv_cdf((1 + confidence) / 2)

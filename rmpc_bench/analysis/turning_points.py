@@ -1,0 +1,109 @@
+"""Where the ranking of two methods turns along a swept number, such as the scale of the uncertainty.
+
+The runs of all points have the same draws, so that points differ in the swept number only.  A turn lies between two
+neighbouring points whose changes from the baseline have opposite signs; the intervals of the changes at both say how
+sure it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rmpc_bench.analysis.comparison import Levels, compared, levels
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.types import MetricInfo
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A method against the baseline along a swept number.
+
+    Parameters
+    ----------
+    path : swept path
+    others : the other coordinates of the sweep in words; empty without any
+    method : name of the method
+    places : values of the path, ascending
+    rows : comparison at each of them, with the fields of `Comparison`
+    points : the tables of the points
+    """
+
+    path: str
+    others: str
+    method: str
+    places: tuple[float, ...]
+    rows: tuple[Mapping[str, Any], ...]
+    points: tuple[Trials, ...]
+
+    @property
+    def changes(self) -> tuple[float, ...]:
+        """Change at each place, negative where the metric is lower; NaN where there is none."""
+        return tuple(float(row["difference" if row["average"] == "difference" else "change_pct"]) for row in self.rows)
+
+    @property
+    def turns(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of neighbouring places between which the sign changes; places without a sign are passed over."""
+        signed = [n for n, change in enumerate(self.changes) if not math.isnan(change) and change != 0]
+        pairs = zip(signed, signed[1:], strict=False)
+        return tuple((a, b) for a, b in pairs if self.changes[a] * self.changes[b] < 0)
+
+
+def numeric_paths(trials: Trials) -> tuple[str, ...]:
+    """Return the swept paths along which there are at least two different finite numbers and nothing else."""
+    found = []
+    for path in trials.paths:
+        values = {_number(point.point[path]) for point in trials.points if path in point.point}
+        if None not in values and len(values) > 1:
+            found.append(path)
+    return tuple(found)
+
+
+def tracks(trials: Trials, path: str, info: MetricInfo | None = None, of: Levels | None = None) -> Iterator[Track]:
+    """Yield every method along a swept number, for each combination of the other coordinates.
+
+    Parameters
+    ----------
+    trials : the table of a sweep
+    path : one of `numeric_paths`
+    info : the metric; the primary one unless given
+    of : levels of the intervals; those that are simultaneous for the whole experiment unless given
+    """
+    of = of or levels(trials)
+    groups: dict[str, list[Trials]] = {}
+    for point in sorted(trials.points, key=lambda point: float(point.point[path])):
+        others = ", ".join(f"{name}={value}" for name, value in point.point.items() if name != path)
+        groups.setdefault(others, []).append(point)
+    for others, points in groups.items():
+        rows = [_rows(point, info, of) for point in points]
+        for method in trials.methods:
+            shown = [n for n, each in enumerate(rows) if method in each]
+            if len(shown) > 1:
+                yield Track(
+                    path,
+                    others,
+                    method,
+                    tuple(float(points[n].point[path]) for n in shown),
+                    tuple(rows[n][method] for n in shown),
+                    tuple(points[n] for n in shown),
+                )
+
+
+def failed_shares(points: Sequence[Trials], method: str) -> list[tuple[int, int]]:
+    """Count the failed runs and all runs of a method at every point."""
+    return [(point.n_failed(method), int((point.frame["method"] == method).sum())) for point in points]
+
+
+def _rows(point: Trials, info: MetricInfo | None, of: Levels) -> dict[str, Mapping[str, Any]]:
+    metric = info or point.primary_info
+    return {} if metric is None else {row.method: asdict(row) for _, row in compared(point, metric, of)}
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

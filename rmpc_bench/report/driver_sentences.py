@@ -1,0 +1,143 @@
+"""Drivers of one method in sentences: which quantities explain its spread, and where it does worst."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from typing import Any
+
+from rmpc_bench.analysis.drivers import FAILED, FEWEST, REST, Inputs
+from rmpc_bench.analysis.number_text import interval_text
+from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.responses import DIFFERENCE, LOG, LOG_RATIO, SHARE, SHARE_DIFFERENCE
+from rmpc_bench.analysis.rounding import decimal_text, significant_text
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.types import MetricInfo
+
+Row = Mapping[Hashable, Any]
+PAIRED = (LOG_RATIO, DIFFERENCE, SHARE_DIFFERENCE)
+"""Responses that compare a method with the baseline."""
+
+
+def share_text(row: Row) -> str:
+    """Write a share with its interval in per cent, such as ``79 % [67, 85]``; a negative estimate is 0.
+
+    Parameters
+    ----------
+    row : a row of `rmpc_bench.analysis.drivers`
+    """
+    if row["n"] < FEWEST or math.isnan(row["share"]):
+        return "not resolved"
+    low, high = (_per_cent(row[name]) for name in ("share_low", "share_high"))
+    if not row["resolved"]:
+        return f"not resolved [{low}, {high}]"
+    return f"{_per_cent(row['share'])} % [{low}, {high}]"
+
+
+def method_sentences(trials: Trials, method: str, rows: Sequence[Row], found: Inputs) -> Iterator[str]:
+    """Say what drives a method, where it does worst and where it fails.
+
+    Parameters
+    ----------
+    trials : the table of one point
+    method : name of the method
+    rows : its rows of `rmpc_bench.analysis.drivers`
+    found : the uncertain quantities of the table
+    """
+    shares = [row for row in rows if row["response"] != FAILED]
+    info = next(info for info in trials.metrics if info.name == shares[0]["metric"])
+    yield _explained(trials, method, shares, info, found)
+    if worst := _worst(trials, method, shares, info):
+        yield worst
+    for row in rows:
+        if row["response"] == FAILED:
+            yield _failing(method, row)
+
+
+def _explained(trials: Trials, method: str, rows: Sequence[Row], info: MetricInfo, found: Inputs) -> str:
+    of = _response(trials, method, rows[0], info)
+    n = f"{rows[0]['n']} runs"
+    left = rows[0]["n_failed"]
+    n += f", {left} left out in which a method failed" if left else ""
+    if rows[0]["n"] < FEWEST:
+        return f"{method}: what drives {of} is not resolved from {n}; it takes {FEWEST}."
+    if math.isnan(rows[0]["share"]):
+        return f"{method}: what drives {of} is not resolved: it does not differ between the {n}, or they are too few."
+    quantities = sorted((row for row in rows if row["quantity"] != REST), key=lambda row: -row["share"])
+    texts = [f"{row['quantity']} {share_text(row)}" for row in quantities]
+    rest = next(row for row in rows if row["quantity"] == REST)
+    text = f"{method}: of the variance of {of}, {', '.join(texts)} ({n}; total effects)."
+    text += f" The {_surface(rest['surface'])} leaves {share_text(rest)} unexplained{_random(trials)}."
+    if found.constant:
+        text += f" Constant in all runs: {', '.join(found.constant)}."
+    for first, second in found.correlated:
+        text += f" {first} and {second} are correlated: what either explains alone counts for neither."
+    return text
+
+
+def _surface(form: str) -> str:
+    return {
+        "quadratic": "quadratic response surface",
+        "without interactions": "response surface without interactions (too few runs for them)",
+        "linear": "linear response surface (too few runs for squares and interactions)",
+    }[form]
+
+
+def _random(trials: Trials) -> str:
+    """Name what the rest may come from besides terms of higher order."""
+    if trials.random_besides is None:
+        return " (terms of higher order, and noise and initial state if they are random)"
+    if not trials.random_besides:
+        return " (terms of higher order; nothing else is random)"
+    *names, last = trials.random_besides
+    words = f"{', '.join(names)} and {last}" if names else last
+    return f" ({words}, not resolved, and terms of higher order)"
+
+
+def _response(trials: Trials, method: str, row: Row, info: MetricInfo) -> str:
+    name, kind = name_of_distance(info), row["response"]
+    if kind in (SHARE, SHARE_DIFFERENCE):
+        what = f"the share of runs in which {info.name} has no value"
+        return f"{what}, against {trials.baseline}" if kind == SHARE_DIFFERENCE else what
+    words = {LOG_RATIO: f"the log ratio of {name}", DIFFERENCE: f"the difference of {name}", LOG: f"log {name}"}
+    return words.get(str(kind), name) + (f" to {trials.baseline}" if kind in PAIRED else "")
+
+
+def _worst(trials: Trials, method: str, rows: Sequence[Row], info: MetricInfo) -> str:
+    """Name the region with the worst mean; empty where nothing is known of it."""
+    known = [row for row in rows if row["worst_n"]]
+    if not known:
+        return ""
+    sign = -1.0 if info.direction == "higher" else 1.0
+    row = max(known, key=lambda row: sign * float(row["worst"]))
+    unit = str(row["unit"])
+    signed = row["response"] in PAIRED
+    there = interval_text(row["worst"], row["worst_low"], row["worst_high"], unit=unit, sign=signed)
+    overall = interval_text(row["overall"], math.nan, math.nan, unit=unit, sign=signed)
+    name = name_of_distance(info)
+    if not row["differs"]:
+        return f"{method}: no fifth of a quantity has a mean {name} that is resolved from the mean of all runs."
+    verb = "does worst"
+    if signed:
+        gains = sign * float(row["worst_high" if sign > 0 else "worst_low"]) < 0
+        verb = "gains least" if gains else verb
+    quantity = f"{name} against {trials.baseline}" if signed else name
+    return f"{method} {verb} where {_region(row)}: {quantity} {there} there, {overall} overall."
+
+
+def _failing(method: str, row: Row) -> str:
+    share = interval_text(row["worst"], row["worst_low"], row["worst_high"], unit="%", sign=False)
+    overall = f"{row['n_failed']} of {row['n']} runs overall"
+    start = f"{method} fails most where {_region(row)}: {share} of {row['worst_n']} runs there, {overall}"
+    return f"{start}." if row["differs"] else f"{start}; the difference is not resolved."
+
+
+def _region(row: Row) -> str:
+    low, high = (significant_text(float(row[name]), 2) for name in ("worst_from", "worst_to"))
+    if not row["worst_part"]:
+        return f"{row['quantity']} is {low}"
+    return f"{row['quantity']} is in its {row['worst_part']} fifth ({low} to {high})"
+
+
+def _per_cent(share: float) -> str:
+    return decimal_text(min(100.0, max(0.0, 100 * float(share))), 0)
