@@ -35,6 +35,6 @@ def test_the_name_of_a_file_is_that_of_its_experiment():
 def test_every_section_of_the_schema_occurs_on_the_page():
     from rmpc_bench.config.sections import SECTIONS
 
-    text = PAGE.read_text("utf-8")
-    missing = [key for key in SECTIONS if not re.search(rf"(^|`){key}\b[:`]?", text, re.MULTILINE)]
-    assert missing in ([], ["paper", "plugins"], ["plugins"], ["paper"])
+    found = {key for text in FILES.values() for key in re.findall(r"^(\w+):", text, re.MULTILINE)}
+    # A paper is named by its configurations, and docs/own-components.md has an example of plugins.
+    assert set(SECTIONS) - found <= {"paper", "plugins"}

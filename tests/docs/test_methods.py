@@ -12,6 +12,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs" / "methods").glob("*.md"))
 ALL = sorted([*(ROOT / "docs").glob("*.md"), *PAGES])
+GENERATED = {"components", "reference", "reproductions"}
+"""tests/docs/test_generated_pages.py tests these."""
+WRITTEN = [page for page in ALL if page.stem not in GENERATED]
 FENCE = re.compile(r"^```(.*?)^```", re.MULTILINE | re.DOTALL)
 DISPLAY = re.compile(r"\$\$(.+?)\$\$", re.DOTALL)
 INLINE = re.compile(r"\$([^$\n]+)\$")
@@ -60,7 +63,7 @@ def test_every_file_and_function_exists(page):
     assert len(places) >= 6 and missing == []
 
 
-@pytest.mark.parametrize("page", ALL, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.stem)
 def test_formulas_are_balanced(page):
     """Braces, brackets that grow, environments and dollar signs come in pairs."""
     fenced, displayed, inline = formulas(read(page))
@@ -77,7 +80,7 @@ def test_formulas_are_balanced(page):
         assert re.findall(r"\\begin\{(\w+)\}", formula) == re.findall(r"\\end\{(\w+)\}", formula), formula
 
 
-@pytest.mark.parametrize("page", ALL, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.stem)
 def test_formulas_survive_markdown(page):
     """Signs that a Markdown parser may take for its own: emphasis, escapes, HTML, the columns of a table."""
     _, displayed, inline = formulas(read(page))
@@ -124,3 +127,21 @@ def test_terms_of_the_glossary_are_in_alphabetical_order():
     cells = [line.split("|")[1].strip() for line in lines if line.startswith("| ")]
     terms = [re.sub(r" ?\(.*\)", "", cell).lower() for cell in cells[2:]]
     assert len(terms) > 60 and terms == sorted(set(terms))
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of headings, as code hosts make them, and those in HTML."""
+    text = read(page)
+    headings = re.findall(r"^#+ (.*)$", FENCE.sub("", text), re.MULTILINE)
+    made = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    return made | set(re.findall(r'<a id="([^"]+)">', text))
+
+
+@pytest.mark.parametrize("page", [*ALL, ROOT / "README.md"], ids=lambda page: page.stem)
+def test_links_lead_to_files_and_headings(page):
+    missing = []
+    for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)", FENCE.sub("", read(page))):
+        file = page.parent / target if target else page
+        if not file.exists() or (anchor and file.suffix == ".md" and anchor not in anchors(file)):
+            missing.append(f"{target}#{anchor}")
+    assert missing == []
