@@ -56,20 +56,13 @@ def _items(verdict: ClaimVerdict, ending: str) -> list[str]:
     if verdict.reason:
         items.append(f"- not evaluated: {_line(verdict.reason)}")
     items += _interpretations(verdict)
-    if verdict.cases:
-        held, failed = (verdict.cases.count(outcome) for outcome in (True, False))
-        items.append(
-            f"- holds for {claim.holds_for}: {held} of {len(verdict.cases)} cases hold, {failed} do not"
-            + ("" if verdict.level is None else f", each at a one-sided level of {100 * verdict.level:.2g} %")
-        )
+    items += [f"- {cases_text(verdict)}"] if verdict.cases else []
     items += [_comparison(comparison) for comparison in verdict.comparisons]
-    runs = "1 run" if verdict.n_runs == 1 else f"{verdict.n_runs} runs"
-    basis = f"{runs}, seed {verdict.seed}" if verdict.n_runs else "exact, no runs"
-    items.append(f"- {basis}{_where(claim)}")
-    items += [_size(size) for size in verdict.sizes]
+    items.append(f"- {basis_text(verdict)}")
+    items += [f"- {lead}`{code}`{rest}" for lead, code, rest in map(size_parts, verdict.sizes)]
     if isinstance(claim.stated, str):
         items.append(f"- stated: {_line(claim.stated)}")
-    assumptions = [*claim.assumptions, *_limits(verdict)]
+    assumptions = [*claim.assumptions, *limits(verdict)]
     if assumptions:
         items += ["- assumptions:", *(f"  - {_line(assumption)}" for assumption in assumptions)]
     return items
@@ -103,24 +96,39 @@ def _interpretations(verdict: ClaimVerdict) -> list[str]:
     return items
 
 
-def _size(size: Size) -> str:
+def cases_text(verdict: ClaimVerdict) -> str:
+    """Count the cases of a statement with a hedge."""
+    held, failed = (verdict.cases.count(outcome) for outcome in (True, False))
+    level = "" if verdict.level is None else f", each at a one-sided level of {100 * verdict.level:.2g} %"
+    return f"holds for {verdict.claim.holds_for}: {held} of {len(verdict.cases)} cases hold, {failed} do not{level}"
+
+
+def basis_text(verdict: ClaimVerdict) -> str:
+    """Say which runs a finding rests on, and at which point of a sweep."""
+    runs = "1 run" if verdict.n_runs == 1 else f"{verdict.n_runs} runs"
+    basis = f"{runs}, seed {verdict.seed}" if verdict.n_runs else "exact, no runs"
+    return f"{basis}{_where(verdict.claim)}"
+
+
+def size_parts(size: Size) -> tuple[str, str, str]:
+    """Write a stated number and the computed one: the text before the expression, the expression, the text behind."""
     size = size.rounded()
-    text = f"- stated: {_line(size.stated.text or size.stated.printed)}; computed: `{_line(size.stated.of)}` is "
-    text += number_text(size.value)
+    lead = f"stated: {_line(size.stated.text or size.stated.printed)}; computed: "
+    text = f" is {number_text(size.value)}"
     if size.interval is not None and size.interval[0] < size.interval[1]:
         low, high = (number_text(end) for end in size.interval)
         text += f" [{low}, {high}]"
-    if not size.is_exact:
-        return text
-    difference = "" if size.relative is None or size.finding is Finding.EQUAL else f" by {_percent(size.relative)}"
-    return f"{text}, {size.finding.sentence}{difference}"
+    if size.is_exact:
+        difference = "" if size.relative is None or size.finding is Finding.EQUAL else f" by {_percent(size.relative)}"
+        text += f", {size.finding.sentence}{difference}"
+    return lead, _line(size.stated.of), text
 
 
 def _percent(relative: float) -> str:
     return "more than any percentage" if math.isinf(relative) else f"{significant_text(100 * relative, 2)} %"
 
 
-def _limits(verdict: ClaimVerdict) -> list[str]:
+def limits(verdict: ClaimVerdict) -> list[str]:
     """Limits of ours that decide the finding."""
     limits = dict.fromkeys(size.stated.close for size in verdict.sizes if size.is_exact and size.finding != "equal")
     return [f"Close means within {100 * limit:g} %, a limit of ours." for limit in limits]

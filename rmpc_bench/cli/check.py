@@ -9,6 +9,7 @@ import click
 
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, own_code
+from rmpc_bench.config.method_differences import method_differences, short_value
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -169,19 +170,23 @@ def _plant_and_model(config: ExperimentConfig) -> list[tuple[str, str, str]]:
     assumed, nominal = model.pop("noise", None), config.experiment.plant.nominal
     # Parameters of a differential equation have no keys of their own.
     for name in dict.fromkeys([*plant, *model, *perturbed, *replaced]):
-        true = _short(plant[name] if name in plant else nominal.get(name, "-"))
+        true = short_value(plant[name] if name in plant else nominal.get(name, "-"))
         true = f"{true} x ({perturbed[name]})" if name in perturbed else str(replaced.get(name, true))
-        rows.append((name, true if name in {**plant, **perturbed, **replaced} else "-", _short(model.get(name, "-"))))
+        rows.append(
+            (name, true if name in {**plant, **perturbed, **replaced} else "-", short_value(model.get(name, "-")))
+        )
     initial = resolved["initial"]
     given = {key: initial[key] for key in ("x_hat", "P", "M") if key in initial}
-    start = ", ".join(f"{key} = {_short(each) if isinstance(each, list) else each}" for key, each in given.items())
+    start = ", ".join(f"{key} = {short_value(each) if isinstance(each, list) else each}" for key, each in given.items())
     noise = resolved["noise"]
-    rows += _multiline("noise", _wrapped(_sums(noise) or [_short(noise)]), "-" if assumed is None else _short(assumed))
+    rows += _multiline(
+        "noise", _wrapped(_sums(noise) or [short_value(noise)]), "-" if assumed is None else short_value(assumed)
+    )
     if "input" in resolved:
-        rows += _multiline("input", _wrapped([_short(resolved["input"])]), "-")
+        rows += _multiline("input", _wrapped([short_value(resolved["input"])]), "-")
     if "x" not in initial:
         return rows + _multiline("initial", ["x is recorded"], start)
-    return rows + _multiline("initial", _sums({"x": initial["x"]}) or [f"x = {_short(initial['x'])}"], start)
+    return rows + _multiline("initial", _sums({"x": initial["x"]}) or [f"x = {short_value(initial['x'])}"], start)
 
 
 def _sums(laws: dict[str, Any]) -> list[str]:
@@ -189,7 +194,7 @@ def _sums(laws: dict[str, Any]) -> list[str]:
     lines = []
     for name, law in laws.items():
         terms = law["sum"] if isinstance(law, dict) and "sum" in law else [law]
-        lines += [f"{'+' if number else f'{name} ='} {_short(term)}" for number, term in enumerate(terms)]
+        lines += [f"{'+' if number else f'{name} ='} {short_value(term)}" for number, term in enumerate(terms)]
     return lines if len(lines) > len(laws) else []
 
 
@@ -207,28 +212,7 @@ def _multiline(name: str, plant: list[str], model: str) -> list[tuple[str, str, 
 
 def _differences(config: ExperimentConfig) -> list[tuple[str, str]]:
     """Return, per method, the keys whose values differ between the methods."""
-    methods = config.first_point["methods"].items()
-    flat = {name: {key: leaf for key, leaf in _leaves(parts) if key != "label"} for name, parts in methods}
-    keys = dict.fromkeys(key for leaves in flat.values() for key in leaves)
-    differing = [key for key in keys if len({repr(leaves.get(key)) for leaves in flat.values()}) > 1]
     return [
-        (name, ", ".join(f"{key} = {_short(leaves[key])}" for key in differing if key in leaves) or "nothing")
-        for name, leaves in flat.items()
+        (name, ", ".join(f"{key} = {short_value(value)}" for key, value in keys.items()) or "nothing")
+        for name, keys in method_differences(config.first_point["methods"]).items()
     ]
-
-
-def _leaves(tree: Any, path: str = "") -> list[tuple[str, Any]]:
-    if not isinstance(tree, dict):
-        return [(path, tree)]
-    return [leaf for key, value in tree.items() for leaf in _leaves(value, f"{path}.{key}" if path else key)]
-
-
-def _short(value: Any) -> str:
-    from rmpc_bench.config.tree import plain
-    from rmpc_bench.config.writer import dump
-
-    if isinstance(value, str):
-        return value
-    if isinstance(value, list) and value and all(isinstance(entry, int | float) for entry in value):
-        return f"[{', '.join(f'{entry:g}' for entry in value)}]"
-    return f"{value:g}" if isinstance(value, float) else " ".join(dump(plain(value)).split())

@@ -19,6 +19,7 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import drivers, judge, summarise
 from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.manifest import note_look, read
+from rmpc_bench.execution.page_files import Drawn, write_page
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.report.drivers_table import DriversTable
@@ -126,8 +127,11 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     ]
     if len(results.trials.runs) and results.trials.with_verdicts:
         note_look(results.directory, len(results.trials.runs))
-    figures, left_out = write_figures(results, directory / "figures", rendering or Rendering())
+    made_with = rendering or Rendering()
+    figures, left_out = write_figures(results, directory / "figures", made_with)
     paths += [path for figure in figures for path in figure.paths]
+    record = _experiment(results)
+    paths += write_page(results, tables, verdicts, record, Drawn(figures, left_out, made_with), paths, directory)
     return Publication(results, directory, tuple(paths), tables, verdicts, driven, figures, left_out)
 
 

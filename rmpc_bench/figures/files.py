@@ -55,7 +55,17 @@ def save_as(figure: MplFigure, file: Path) -> None:
         with style():
             figure.savefig(file, format=ending[1:], **FORMATS[ending])
         return
+    file.write_text(svg_of(figure), encoding="utf-8", newline="\n")
+
+
+def svg_of(figure: MplFigure) -> str:
+    """Return a picture as SVG, the same text every time.
+
+    Parameters
+    ----------
+    figure : the picture
+    """
     text = StringIO()
     with style():
-        figure.savefig(text, format="svg", **FORMATS[ending])
-    file.write_text(stable_svg(text.getvalue()), encoding="utf-8", newline="\n")
+        figure.savefig(text, format="svg", **FORMATS[".svg"])
+    return stable_svg(text.getvalue())

@@ -62,9 +62,9 @@ def screen_lines(trials: Trials, directory: object) -> list[str]:
     directory : where the results are
     """
     lines: list[str] = []
-    failed = [(table, method, run) for table in trials.each for method, run in _failed(table)]
+    failed = [(table, method, run) for table in trials.each for method, run in failed_runs(table)]
     for number, (table, method, run) in enumerate(failed[:MOST_ON_SCREEN]):
-        lines.append(f"{'failed' if number == 0 else '':12}{_of_run(table, method, run)}")
+        lines.append(f"{'failed' if number == 0 else '':12}{of_run(table, method, run)}")
         lines.append(f"{'':12}    {show_command(table, directory, method, run)}")
     left = len(failed) - MOST_ON_SCREEN
     lines += [f"{'':12}and {left} more: tables/summary.md and failures/"] if left > 0 else []
@@ -92,7 +92,7 @@ def failure_files(
     files: dict[str, str] = {}
     for table in trials.each:
         counts: dict[str, int] = {}
-        for method, run in _failed(table):
+        for method, run in failed_runs(table):
             counts[method] = counts.get(method, 0) + 1
             if counts[method] <= MOST_FILES:
                 point = f"{_word(table.title)}-" if table.title else ""
@@ -111,7 +111,8 @@ def show_command(trials: Trials, directory: object, method: str, run: int) -> st
     return shlex.join(command)
 
 
-def _failed(trials: Trials) -> list[tuple[str, int]]:
+def failed_runs(trials: Trials) -> list[tuple[str, int]]:
+    """Return method and run of every failed trial of one point."""
     rows = trials.frame.loc[trials.frame["status"] != Status.OK.word, ["method", "run"]]
     return [(str(method), int(run)) for method, run in rows.itertuples(index=False)]
 
@@ -121,7 +122,7 @@ def _failure(trials: Trials, method: str, run: int) -> RunFailure | None:
     return next((each for each in notes.failures if each.run == run), None) if notes else None
 
 
-def _of_run(trials: Trials, method: str, run: int) -> str:
+def of_run(trials: Trials, method: str, run: int) -> str:
     """Say in one line what happened to a run."""
     failure = _failure(trials, method, run)
     where = f" at {trials.title}" if trials.title else ""

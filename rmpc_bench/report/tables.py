@@ -38,9 +38,9 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
     after a smoke run, it has sizes and statuses only
     """
     table = metric_table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
-    columns = {"name": [_quantity(table.info), *(line.shown for line in table.lines)]}
+    columns = {"name": [quantity(table.info), *(line.shown for line in table.lines)]}
     if not trials.with_verdicts:
-        return "\n".join([*_laid_out({**columns, "n": ["n/n_failed", *cells.sizes(table)]}), *_statuses(trials)])
+        return "\n".join([*_laid_out({**columns, "n": ["n/n_failed", *cells.sizes(table)]}), *status_lines(trials)])
     # The heads of mean and change leave room for a sign.
     columns["mean"] = [" did not occur" if table.may_not_occur else " mean", *cells.means(table)]
     columns["median"] = ["median [quartiles]", *cells.medians(table)]
@@ -58,7 +58,7 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
         columns["pairs"] = ["pairs", *cells.pairs(table)]
     if table.with_comparisons:
         columns["verdict"] = ["", *cells.verdicts(table)]
-    return "\n".join(_laid_out(columns) + _legend(table, on_screen=True))
+    return "\n".join(_laid_out(columns) + legend(table, on_screen=True))
 
 
 def _laid_out(columns: Mapping[str, Sequence[str]]) -> list[str]:
@@ -92,10 +92,10 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     parts = [f"# {name}", f"One run of each method at each of {runs} points, all there are." if trials.alike else size]
     for info in trials.metrics:
         table = metric_table(trials, summary, comparisons, info)
-        parts.append(f"## {_quantity(info)}, {BEST.get(info.direction, info.direction + ' is better')}")
-        parts.append(markdown_table(_markdown_columns(table)))
-        legend = _legend(table, on_screen=False)
-        parts += ["\n".join(legend)] if legend else []
+        parts.append(f"## {quantity(info)}, {BEST.get(info.direction, info.direction + ' is better')}")
+        parts.append(markdown_table(metric_columns(table)))
+        below = legend(table, on_screen=False)
+        parts += ["\n".join(below)] if below else []
         rows = [line.compared for line in table.lines if line.compared]
         if rows and trials.with_verdicts:
             parts.append("\n".join(f"- {sentence(row, info, trials)}" for row in rows))
@@ -103,12 +103,16 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
         parts.append(explanation(trials))
     worst = worst_runs_columns(trials)
     parts += ["## Worst runs", markdown_table(worst)] if worst else []
-    for head, lines in (("Failed runs", _statuses(trials)), ("Checks that are meant to fail", _declared(trials))):
+    for head, lines in (
+        ("Failed runs", status_lines(trials)),
+        ("Checks that are meant to fail", declared_lines(trials)),
+    ):
         parts += [f"## {head}", "\n".join(lines)] if lines else []
     return "\n\n".join([*parts, *notes_markdown(trials)]) + "\n"
 
 
-def _markdown_columns(table: MetricTable) -> dict[str, list[str]]:
+def metric_columns(table: MetricTable) -> dict[str, list[str]]:
+    """Return the columns of the table of one metric, head -> cells."""
     trials, lines = table.trials, table.lines
     columns = {"method": [line.shown for line in lines]}
     labels = [trials.labels.get(line.method, line.method) for line in lines]
@@ -141,7 +145,7 @@ def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:
     return "\n".join([texts[0], "|" + " --- |" * len(columns), *texts[1:]])
 
 
-def _legend(table: MetricTable, *, on_screen: bool) -> list[str]:
+def legend(table: MetricTable, *, on_screen: bool) -> list[str]:
     """Say what the columns and brackets mean, with those of the first row that has any."""
     trials, compared = table.trials, [line.compared for line in table.lines if line.compared]
     parts = _legend_of_pairs(table, compared, on_screen=on_screen) if compared and trials.with_verdicts else []
@@ -177,7 +181,7 @@ def _legend_of_pairs(table: MetricTable, compared: Sequence[Mapping[str, object]
     return [*parts, "tied = equal" if margin.split()[0] == "0" else f"tied = within {margin}"]
 
 
-def _statuses(trials: Trials) -> list[str]:
+def status_lines(trials: Trials) -> list[str]:
     """List the failed runs by method and status; nothing where all runs ended well."""
     failed = trials.frame.loc[trials.frame["status"] != Status.OK.word, ["method", "status"]]
     counts = failed.value_counts().to_dict()
@@ -190,7 +194,7 @@ def _statuses(trials: Trials) -> list[str]:
     return rows
 
 
-def _declared(trials: Trials) -> list[str]:
+def declared_lines(trials: Trials) -> list[str]:
     """List the checks that own components declare to fail, with the reason."""
     return [
         f"- {method}: `{check}` ({reason})"
@@ -203,7 +207,8 @@ def _count(n: int, noun: str) -> str:
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
-def _quantity(info: MetricInfo) -> str:
+def quantity(info: MetricInfo) -> str:
+    """Write a metric with its unit."""
     return f"{info.name} [{info.unit}]" if info.unit else info.name
 
 

@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from rmpc_bench.analysis.number_text import interval_text
-from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.pairs import distance_from_best, name_of_distance
 from rmpc_bench.analysis.tails import tails
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
@@ -33,6 +35,24 @@ def worst_runs_columns(trials: Trials) -> dict[str, list[str]]:
         for head, cell in _cells(trials, row, infos[row["metric"]]).items():
             columns.setdefault(head, []).append(cell)
     return columns
+
+
+def worst_runs(trials: Trials, info: MetricInfo) -> dict[str, tuple[float, int]]:
+    """Return method -> distance from the best value and index of its worst finished run, the first of equal ones.
+
+    Parameters
+    ----------
+    trials : the table of one point
+    info : the metric
+    """
+    found = {}
+    for method in trials.methods:
+        values = distance_from_best(trials.column(info.name, method), info.direction)
+        if np.isnan(values).all():
+            continue
+        place = int(np.nanargmin(values) if info.direction == "higher" else np.nanargmax(values))
+        found[method] = float(values[place]), int(trials.runs[place])
+    return found
 
 
 def _cells(trials: Trials, row: Mapping[Any, Any], info: MetricInfo) -> dict[str, str]:

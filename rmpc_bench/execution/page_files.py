@@ -1,0 +1,166 @@
+"""report.html and report.md of an experiment, with the figures that only the page shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rmpc_bench.claims.record import ExperimentRecord
+from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.config.method_differences import method_differences, short_value
+from rmpc_bench.config.reader import load
+from rmpc_bench.config.tree import plain
+from rmpc_bench.execution.figure_files import WrittenFigure, write_more
+from rmpc_bench.execution.manifest import read
+from rmpc_bench.execution.results import Results
+from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.report.page.context import page_context
+from rmpc_bench.report.page.rendering import render_html, render_markdown
+from rmpc_bench.report.page.source import PageFigure, PageSource
+from rmpc_bench.report.summary import Summary
+from rmpc_bench.types import ConfigError
+
+CONFIGURATION = "config.resolved.yaml"
+SHARED = {
+    "time": "Time",
+    "plant": "Plant",
+    "model": "Design model",
+    "uncertainty": "Uncertain quantities",
+    "noise": "Noise",
+    "initial": "Initial values",
+    "reference": "Reference",
+    "input": "Input",
+}
+"""Keys that hold for all methods -> their name on the page."""
+LONGEST = 300
+"""Characters of a value that the page shows; the configuration below it has all."""
+
+
+class Drawn(NamedTuple):
+    """The figures of an experiment."""
+
+    figures: Sequence[WrittenFigure]
+    left_out: Sequence[str]
+    """Those that could not be drawn, with the reason."""
+    rendering: Rendering
+
+
+def write_page(
+    results: Results,
+    tables: Summary,
+    verdicts: Sequence[ClaimVerdict],
+    record: ExperimentRecord,
+    drawn: Drawn,
+    paths: Sequence[Path],
+    directory: Path,
+) -> list[Path]:
+    """Write report.html and report.md.
+
+    Parameters
+    ----------
+    results : of the experiment
+    tables : summary and comparisons
+    verdicts : the finding of every claim
+    record : name, seed, hash and command of the experiment
+    drawn : its figures
+    paths : files that are written already
+    directory : where to write
+
+    Returns
+    -------
+    the files
+    """
+    more = write_more(results, _wanted(results, drawn.figures), directory / "figures", drawn.rendering)
+    figures = [*drawn.figures, *more]
+    written = [path for figure in more for path in figure.paths]
+    text, configuration = _configuration(results.directory)
+    methods = configuration.get("methods", {})
+    differences = method_differences(methods) if methods else {}
+    source = PageSource(
+        record=record,
+        trials=results.trials,
+        tables=tables,
+        verdicts=verdicts,
+        figures=[_page_figure(figure, directory) for figure in figures],
+        place=place_of(results.directory),
+        left_out=drawn.left_out,
+        incomplete=results.incomplete,
+        overrides=results.overrides,
+        manifest=read(results.directory),
+        differences={
+            name: {key: short_value(value) for key, value in keys.items()} for name, keys in differences.items()
+        },
+        shared=_shared(configuration, differences),
+        confounded=_confounded(differences, results.experiment.baseline),
+        configuration=text,
+        timings=results.timings,
+        files=[path.relative_to(directory).as_posix() for path in [*paths, *written]],
+    )
+    context = page_context(source)
+    pages = [directory / "report.html", directory / "report.md"]
+    pages[0].write_text(render_html("page.html", context), encoding="utf-8", newline="\n")
+    pages[1].write_text(render_markdown("page.md", context), encoding="utf-8", newline="\n")
+    return [*written, *pages]
+
+
+def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[str, Any]]:
+    """Name the figures that a page has even where the configuration does not: paired change and trajectories."""
+    there = {figure.kind for figure in figures}
+    trials = results.trials.each[0]
+    wanted = []
+    if len(trials.methods) > 1 and len(trials.runs) > 1 and trials.with_verdicts:
+        wanted.append("paired")
+    if trials.traces and not there & {"tubes", "plane"}:
+        wanted.append("trajectories")
+    return [{"kind": kind} for kind in wanted if kind not in there]
+
+
+def _page_figure(figure: WrittenFigure, directory: Path) -> PageFigure:
+    files = [path.relative_to(directory).as_posix() for path in figure.paths]
+    return PageFigure(figure.name, figure.kind, figure.caption, figure.svg, files)
+
+
+def place_of(directory: Path) -> str:
+    """Return a directory of results as commands name it: from ``results`` on, else its last part.
+
+    Parameters
+    ----------
+    directory : of the results
+    """
+    parts = directory.resolve().parts
+    where = max((number for number, part in enumerate(parts) if part == "results"), default=len(parts) - 1)
+    return "/".join(parts[where:])
+
+
+def _configuration(directory: Path) -> tuple[str, Mapping[str, Any]]:
+    """Return the configuration with every default as text and as data; both empty if it is not there."""
+    file = directory / CONFIGURATION
+    try:
+        data = plain(load(file))
+        return file.read_text(encoding="utf-8"), data if isinstance(data, dict) else {}
+    except (ConfigError, OSError):
+        return "", {}
+
+
+def _shared(configuration: Mapping[str, Any], differences: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """Describe what is the same for every method, in short."""
+    keys = {key for row in differences.values() for key in row}
+    found = {}
+    for key, name in SHARED.items():
+        if key in configuration and not any(each == key or each.startswith(f"{key}.") for each in keys):
+            text = short_value(configuration[key])
+            found[name] = text if len(text) <= LONGEST else f"{text[:LONGEST].rstrip()} ..."
+    return found
+
+
+def _confounded(differences: Mapping[str, Mapping[str, Any]], baseline: str) -> list[str]:
+    """Return the methods that differ from the baseline in the estimator and in the controller."""
+    if baseline not in differences:
+        return []
+    of_baseline, found = differences[baseline], []
+    for name, row in differences.items():
+        changed = {key.partition(".")[0] for key in {**row, **of_baseline} if row.get(key) != of_baseline.get(key)}
+        if {"estimator", "controller"} <= changed:
+            found.append(name)
+    return found

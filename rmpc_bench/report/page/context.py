@@ -1,0 +1,212 @@
+"""The template context of a page: head, then sections of blocks in their order, all of it plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.papers import IDENTIFIERS
+from rmpc_bench.figures.line_styles import line_styles
+from rmpc_bench.report.page.background import (
+    failure_blocks,
+    limitation_blocks,
+    method_blocks,
+    trust_blocks,
+)
+from rmpc_bench.report.page.blocks import (
+    Block,
+    Text,
+    bullets,
+    code,
+    folded,
+    heading,
+    link,
+    paragraph,
+    program,
+    section,
+    table,
+)
+from rmpc_bench.report.page.claim_items import claim_blocks
+from rmpc_bench.report.page.headline import headline
+from rmpc_bench.report.page.result_tables import result_blocks
+from rmpc_bench.report.page.source import PageFigure, PageSource
+from rmpc_bench.report.run_notes import show_command
+from rmpc_bench.report.worst_runs import worst_runs, worst_runs_columns
+
+OVER_TIME = ("trajectories", "tubes", "plane", "estimation-error", "nees", "series")
+"""Kinds of figures that stand among the trajectories."""
+DRIVERS = ("drivers", "uncertainty-scale")
+"""Kinds of figures that stand with what drives the result."""
+
+
+def page_context(source: PageSource) -> dict[str, Any]:
+    """Return all that the templates of a page lay out.
+
+    Parameters
+    ----------
+    source : tables, findings and figures of the experiment
+
+    Returns
+    -------
+    plain data: ``title``, ``subtitle``, ``provenance``, ``methods``, ``metrics`` and ``sections``, each with an id, a
+    title and blocks; sections without blocks are left out
+    """
+    trials = source.trials
+    parts = [
+        section("summary", "Summary", [paragraph(headline(source.tables), "lead")]),
+        section("result", "Result", _result_figures(source)),
+        section("table", "Table", result_blocks(source.tables)),
+        section("drivers", "What drives it", _driver_blocks(source)),
+        section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),
+        section("trajectories", "Trajectories and worst runs", _trajectory_blocks(source), "Trajectories"),
+        section(
+            "methods",
+            "What differs between the methods, and what was assumed",
+            method_blocks(source),
+            "Methods and assumptions",
+        ),
+        section("limitations", "Known limitations of this comparison", limitation_blocks(source), "Limitations"),
+        section("failures", "Failures and timing", failure_blocks(source)),
+        section("trust", "Why trust it", trust_blocks(source)),
+        section("files", "Configuration, files and citation", _file_blocks(source), "Files and citation"),
+    ]
+    return {
+        "version": source.record["version"],
+        "title": source.record["title"] or trials.name,
+        "name": "/".join(part for part in (source.record["paper"], trials.name) if part),
+        "provenance": _provenance(source),
+        "methods": _method_legend(trials),
+        "metrics": _metrics(trials),
+        "sections": [part for part in parts if part["blocks"]],
+    }
+
+
+def _has_paper(source: PageSource) -> bool:
+    return any(verdict.claim.of_paper for verdict in source.verdicts) and source.record["paper"] is not None
+
+
+def _metrics(trials: Trials) -> list[str]:
+    """Return the metrics that a reader can choose, the primary one first; none where there is nothing to choose."""
+    names = [info.name for info in sorted(trials.metrics, key=lambda info: info != trials.primary_info)]
+    return names if len(names) > 1 and len(trials.each[0].runs) else []
+
+
+def _method_legend(trials: Trials) -> list[Mapping[str, Any]]:
+    styles = line_styles(trials.methods, trials.methods)
+    return [
+        {"number": number, "name": name, "label": trials.labels.get(name, name), "colour": styles[name].color}
+        for number, name in enumerate(trials.methods)
+    ]
+
+
+def _provenance(source: PageSource) -> list[tuple[str, Text]]:
+    record, manifest = source.record, source.manifest
+    items: list[tuple[str, Text]] = []
+    if record["paper"]:
+        identifier = record["identifier"]
+        items.append(("Paper", [f"{record['paper']}, ", _identifier(identifier)] if identifier else record["paper"]))
+    trials, points = source.trials, len(source.trials.points)
+    runs = f"{record['runs']} runs per method" if record["runs"] else "exact moments, no runs"
+    items.append(
+        ("Size", f"{len(trials.methods)} methods, {runs}" + (f", {points} points of a sweep" if points else ""))
+    )
+    items += [("Seed", str(record["seed"])), ("Experiment", [code(record["hash"][:12])])]
+    items.append(
+        ("Computed with", f"rmpc-bench {record['version']}, numerics {record['numerics']}" + _versions(manifest))
+    )
+    git = manifest.get("git") or {}
+    if git.get("commit"):
+        dirty = " with uncommitted changes" if git.get("dirty") else ""
+        items.append(("Commit", [code(str(git["commit"])[:12]), dirty]))
+    started = next((session.get("start") for session in manifest.get("sessions", [])), None)
+    if isinstance(started, str):
+        items.append(("First computed", started[:10]))
+    return [*items, ("Command", [code(record["command"])])]
+
+
+def _versions(manifest: Mapping[str, Any]) -> str:
+    versions = manifest.get("versions") or {}
+    known = [f"{name} {versions[key]}" for key, name in (("python", "Python"), ("numpy", "NumPy")) if key in versions]
+    return f" ({', '.join(known)})" if known else ""
+
+
+def _identifier(text: str) -> Any:
+    scheme, _, number = text.partition(":")
+    return link(f"https://arxiv.org/abs/{number}", text) if scheme == "arXiv" else text
+
+
+def _figures(figures: Sequence[PageFigure], *, beside: bool = False) -> list[Block]:
+    if not figures:
+        return []
+    return [{"kind": "figures", "beside": beside and len(figures) > 1, "items": [each._asdict() for each in figures]}]
+
+
+def _first_figures(source: PageSource) -> list[PageFigure]:
+    """Return the first figure of the configuration and, where it is drawn, the paired change."""
+    first = [*source.figures[:1]]
+    if first and first[0].kind in DRIVERS:
+        first = []
+    return first + [each for each in source.figures if each.kind == "paired" and each not in first][:1]
+
+
+def _result_figures(source: PageSource) -> list[Block]:
+    """Return the first figure with the paired change beside it, then those that belong to no other section."""
+    first = _first_figures(source)
+    rest = [each for each in source.figures if each not in first and each.kind not in OVER_TIME + DRIVERS]
+    return [*_figures(first, beside=True), *_figures(rest, beside=True)]
+
+
+def _driver_blocks(source: PageSource) -> list[Block]:
+    return _figures([each for each in source.figures if each.kind in DRIVERS])
+
+
+def _trajectory_blocks(source: PageSource) -> list[Block]:
+    """Return the figures over time, and the worst run of every method with the command that shows it."""
+    first = _first_figures(source)
+    blocks = _figures([each for each in source.figures if each.kind in OVER_TIME and each not in first])
+    trials = source.trials.each[0]
+    info = trials.primary_info
+    if info is None or trials.alike or not trials.with_verdicts or len(trials.runs) < 2:
+        return blocks
+    found = worst_runs(trials, info)
+    rows = [
+        (method, f"{value:.4g}", str(run), show_command(trials, source.place, method, run))
+        for method, (value, run) in found.items()
+    ]
+    if not rows:
+        return blocks
+    unit = f" [{info.unit}]" if info.unit else ""
+    names, values, runs, commands = zip(*rows, strict=True)
+    columns: dict[str, list[Text]] = {
+        "method": [*names],
+        f"worst {name_of_distance(info)}{unit}": [*values],
+        "run": [*runs],
+        "command that shows it": [[code(command)] for command in commands],
+    }
+    where = f" ({trials.title})" if trials.title else ""
+    numbers = [trials.methods.index(name) for name in names]
+    blocks.append(table(f"Worst finished run of every method{where}", {**columns}, methods=numbers))
+    tails = worst_runs_columns(trials)
+    if tails:
+        shown = table("95 % quantile, mean of the worst 5 % of the runs, and worst run", {**tails})
+        blocks += folded("Worst runs in every metric", [shown])
+    return blocks
+
+
+def _file_blocks(source: PageSource) -> list[Block]:
+    record = source.record
+    blocks: list[Block] = []
+    if source.configuration:
+        blocks += folded("Configuration with every default", [program(source.configuration, "yaml")])
+    blocks += [heading("Files"), *bullets([[link(file, file)] for file in source.files])] if source.files else []
+    cite = (
+        f"rmpc-bench {record['version']}, experiment {record['name']} ({record['hash'][:12]}), seed {record['seed']}, "
+        f"n = {record['runs']}."
+    )
+    blocks += [heading("Citation"), paragraph(cite)]
+    identifier = IDENTIFIERS.get(record["paper"] or "")
+    if identifier:
+        blocks.append(paragraph(["The paper: ", _identifier(identifier)]))
+    return blocks

@@ -1,0 +1,104 @@
+"""The summary sentence of a page: how the methods compare with the baseline in the primary metric."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.sentences import AVERAGES, margin_text, size_text, verdict_text
+from rmpc_bench.report.summary import PointSummary, Summary
+from rmpc_bench.types import MetricInfo
+
+MOST_NAMED = 6
+"""Methods that the sentence names one by one."""
+SMOKE = "This is a smoke run: it is too short for verdicts, and its numbers mean nothing."
+
+
+def headline(tables: Summary) -> str:
+    """Say in one sentence how the methods compare with the baseline.
+
+    Parameters
+    ----------
+    tables : summary and comparisons
+
+    Returns
+    -------
+    the sentence, followed by one on what the numbers in it are
+    """
+    first = tables.points[0]
+    info = first.trials.primary_info
+    if not first.trials.with_verdicts:
+        return SMOKE
+    if info is None or not len(first.trials.frame):
+        return "Ensemble moments were computed without single runs; the table has bias and variance of the error."
+    rows = [_rows(point, info) for point in tables.points]
+    if not any(rows):
+        return _described(tables.pooled or first, info)
+    quantity = f"{info.name} [{info.unit}]" if info.unit else info.name
+    if len(rows) == 1:
+        return _one_point(first.trials, info, quantity, rows[0])
+    return _several_points(first.trials, quantity, rows)
+
+
+def _rows(point: PointSummary, info: MetricInfo) -> list[Mapping[Any, Any]]:
+    compared = point.compared
+    return [*compared[compared["metric"] == info.name].to_dict("records")] if len(compared) else []
+
+
+def _described(point: PointSummary, info: MetricInfo) -> str:
+    """Name the medians where nothing is compared."""
+    described = point.described[point.described["metric"] == info.name].to_dict("records")
+    unit = f" {info.unit}" if info.unit else ""
+    medians = [f"{row['method']} {row['median']:.4g}{unit}" for row in described[:MOST_NAMED]]
+    more = f", and {len(described) - MOST_NAMED} more" if len(described) > MOST_NAMED else ""
+    where = f", {point.trials.title}" if point.trials.title else ""
+    return f"Median {info.name}{where}: {', '.join(medians)}{more}."
+
+
+def _one_point(trials: Trials, info: MetricInfo, quantity: str, rows: Sequence[Mapping[Any, Any]]) -> str:
+    numbers = sorted({int(row["n_pairs"]) for row in rows})
+    pairs = f"{numbers[0]}" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"
+    parts = [_compared(trials, info, row) for row in rows[:MOST_NAMED]]
+    if len(rows) > MOST_NAMED:
+        parts.append(f"{len(rows) - MOST_NAMED} more methods are in the table")
+    text = f"Compared with {rows[0]['baseline']} in {quantity} over {pairs} paired runs, {_joined(parts)}."
+    averages = {str(row["average"]) for row in rows} - {""}
+    if len(averages) != 1:
+        return text
+    average = averages.pop()
+    simultaneous = "simultaneous " if any(row["ci_level"] > trials.confidence for row in rows) else ""
+    name = AVERAGES.get(average, "mean difference")
+    return f"{text} Numbers: {name} with {simultaneous}{100 * trials.confidence:g} % intervals."
+
+
+def _compared(trials: Trials, info: MetricInfo, row: Mapping[Any, Any]) -> str:
+    word, size = verdict_text(row, margin_text(trials, info, row)), size_text(row, info)
+    verb = word if word.startswith(("fails", "depends")) else f"is {word}"
+    numbers = f"{row['won']} runs won, {row['lost']} lost, {row['tied']} tied" if size == "-" else size
+    return f"{row['method']} {verb if word else 'has no verdict'} ({numbers})"
+
+
+def _several_points(trials: Trials, quantity: str, rows: Sequence[Sequence[Mapping[Any, Any]]]) -> str:
+    """Count the verdicts of every method over the points."""
+    counts: dict[str, Counter[str]] = {}
+    for row in (row for point in rows for row in point):
+        word = str(row["verdict"]).replace("-size-uncertain", "").replace("-", " ")
+        counts.setdefault(str(row["method"]), Counter())[word or "without a verdict"] += 1
+    parts = []
+    for method, words in [*counts.items()][:MOST_NAMED]:
+        n = sum(words.values())
+        texts = [f"{word} at {times} of {n}" for word, times in words.most_common()]
+        parts.append(f"{method} is {_joined(texts)} points")
+    if len(counts) > MOST_NAMED:
+        parts.append(f"{len(counts) - MOST_NAMED} more methods are in the table")
+    return f"Compared with {trials.baseline} in {quantity}, {_joined(parts, '; ')}."
+
+
+def _joined(parts: Sequence[str], separator: str = ", ") -> str:
+    if len(parts) < 2:
+        return "".join(parts)
+    if len(parts) == 2 and separator == ", ":
+        return f"{parts[0]} and {parts[1]}"
+    return f"{separator.join(parts[:-1])}{separator}and {parts[-1]}"

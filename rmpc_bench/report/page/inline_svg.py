@@ -1,0 +1,51 @@
+"""SVG files of matplotlib as elements of a page: ids that no other figure has, a title, and groups by method."""
+
+from __future__ import annotations
+
+import re
+from html import escape
+
+_METHOD = re.compile(r'\bid="method-(\d+)[^"]*"')
+_ID = re.compile(r'\bid="([^"]+)"')
+_REFERENCE = re.compile(r'(\b(?:xlink:)?href="#|url\(#)([^")]+)')
+_OPENING = re.compile(r"<svg\b[^>]*>", re.DOTALL)
+_SIZE = re.compile(r'\b(width|height)="([\d.]+)pt"')
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
+
+
+def inline_svg(text: str, name: str, title: str, description: str) -> str:
+    """Return the SVG element of a file for use in a page.
+
+    Groups whose id is ``method-2`` or begins so get ``data-method="2"`` instead, by which a script can hide them.
+
+    Parameters
+    ----------
+    text : content of an SVG file
+    name : unique among the figures of the page; put in front of every id
+    title, description : plain text of the picture for readers who cannot see it
+
+    Returns
+    -------
+    the element, without declarations, comments, dates and links
+    """
+    start = text.find("<svg")
+    text = _METADATA.sub("", _COMMENT.sub("", text[start:]))
+    text = _METHOD.sub(r'data-method="\1"', text)
+    text = _ID.sub(rf'id="{name}-\1"', text)
+    text = _REFERENCE.sub(rf"\g<1>{name}-\2", text)
+    opening = _OPENING.match(text)
+    if opening is None:
+        raise ValueError(f"{name}: not an SVG")
+    head = (
+        opening[0]
+        .replace(' xmlns:xlink="http://www.w3.org/1999/xlink"', "")
+        .replace(' xmlns="http://www.w3.org/2000/svg"', "")
+    )
+    # HTML knows the namespace; the size is that of the print, in CSS so that a narrow screen can reduce it.
+    width = next((float(found[2]) for found in _SIZE.finditer(head) if found[1] == "width"), 0.0)
+    head = re.sub(r"\s+", " ", _SIZE.sub("", head)).replace(" >", ">")
+    labels = f'role="img" aria-labelledby="{name}-title {name}-desc" style="max-width: {width:g}pt"'
+    body = f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-desc">{escape(description)}</desc>'
+    rest = text[opening.end() :].replace("xlink:href=", "href=").rstrip()
+    return f"{head[:-1]} {labels}>{body}{rest}"

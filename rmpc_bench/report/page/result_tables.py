@@ -1,0 +1,156 @@
+"""The tables of a page: every metric at every point of a sweep, or what fits on a page of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.cells import metric_table
+from rmpc_bench.report.ensemble_table import ensemble_rows
+from rmpc_bench.report.page.blocks import Block, Text, bullets, code, folded, heading, table
+from rmpc_bench.report.sentences import explanation, margin_text, sentence, size_text, verdict_text
+from rmpc_bench.report.summary import MOST_ON_SCREEN, PointSummary, Summary
+from rmpc_bench.report.tables import BEST, legend, metric_columns, quantity
+from rmpc_bench.types import MetricInfo
+
+MOST_ROWS = 200
+"""Rows of the table of a large sweep."""
+
+
+def result_blocks(tables: Summary) -> list[Block]:
+    """Return the tables: of all metrics at a few points; of a large sweep the primary metric at its first points.
+
+    Parameters
+    ----------
+    tables : summary and comparisons
+    """
+    points = [point for point in tables.points if len(point.trials.frame)]
+    blocks: list[Block] = []
+    if tables.pooled is not None:
+        blocks += [heading(f"All {len(tables.points)} points of the sweep together"), *_point_blocks(tables.pooled)]
+    if len(points) > MOST_ON_SCREEN:
+        blocks += _sweep_blocks(points)
+    else:
+        for point in points:
+            blocks += [heading(point.trials.title)] if point.trials.title else []
+            blocks += _point_blocks(point)
+    blocks += [block for point in tables.points[:MOST_ON_SCREEN] for block in _ensemble(point.trials)]
+    first = tables.points[0].trials
+    if points and len(first.methods) > 1 and first.with_verdicts:
+        blocks += folded("How to read these tables, and sentences to quote", _reading(tables, points))
+    return blocks
+
+
+def _point_blocks(point: PointSummary) -> list[Block]:
+    infos = sorted(point.trials.metrics, key=lambda info: info != point.trials.primary_info)
+    return [_metric_block(point, info) for info in infos]
+
+
+def _metric_block(point: PointSummary, info: MetricInfo) -> Block:
+    trials = point.trials
+    of = metric_table(trials, point.described, point.compared, info)
+    columns: dict[str, Sequence[Text]] = {**metric_columns(of)}
+    labels = columns.pop("label", None)
+    if labels is not None:
+        columns["method"] = [_named(name, label) for name, label in zip(columns["method"], labels, strict=True)]
+    numbers = [trials.methods.index(line.method) for line in of.lines]
+    best = BEST.get(info.direction, f"{info.direction} is better")
+    where = f" ({trials.title})" if trials.title else ""
+    return table(
+        f"{quantity(info)}, {best}{where}",
+        columns,
+        methods=numbers,
+        metric=info.name,
+        notes=legend(of, on_screen=False),
+    )
+
+
+def _named(name: Text, label: Text) -> Text:
+    """Write the label, with the name in front where the label does not begin with it."""
+    if not (isinstance(name, str) and isinstance(label, str)):
+        return name
+    return label if label.startswith(name) else f"{name}: {label}"
+
+
+def _sweep_blocks(points: Sequence[PointSummary]) -> list[Block]:
+    """Return one table of the primary metric with a row per point and method; summary.csv has all numbers."""
+    info = points[0].trials.primary_info
+    if info is None:
+        return []
+    columns: dict[str, list[Text]] = {}
+    methods: list[int | None] = []
+    n_rows = sum(len(point.trials.methods) for point in points)
+    for point in points:
+        of = metric_table(point.trials, point.described, point.compared, info)
+        found = metric_columns(of)
+        found.pop("label", None)
+        if methods and len(methods) + len(of.lines) > MOST_ROWS:
+            break
+        methods += [point.trials.methods.index(line.method) for line in of.lines]
+        for path, value in point.trials.point.items():
+            columns.setdefault(path, []).extend([value] * len(of.lines))
+        for head in ("method", "mean", "did not occur", "median [quartiles]", _change_column(found), "verdict"):
+            if head in found:
+                before: list[Text] = [""] * (len(methods) - len(of.lines))
+                columns.setdefault(head, before).extend(found[head])
+        for texts in columns.values():
+            texts += [""] * (len(methods) - len(texts))
+    left = n_rows - len(methods)
+    notes: list[Text] = [[f"{left} more rows are in ", code("summary.csv"), " and ", code("comparisons.csv"), "."]]
+    shown = table(
+        f"{quantity(info)} at {'the first' if left else 'all'} points of the sweep",
+        columns,
+        methods=methods,
+        metric=info.name,
+        notes=notes if left else [],
+    )
+    return folded(f"The {len(points)} points of the sweep, one by one", [shown])
+
+
+def _change_column(columns: Mapping[str, Sequence[str]]) -> str:
+    """Name the first column of changes; empty where nothing is compared."""
+    return next((head for head in columns if " vs " in head or head.startswith("difference from")), "")
+
+
+def _ensemble(trials: Trials) -> list[Block]:
+    rows = ensemble_rows(trials)
+    if not rows:
+        return []
+    heads = [head or "basis" for head in rows[0]]
+    columns = {head: [row[place] for row in rows[1:]] for place, head in enumerate(heads)}
+    columns = {"method": columns.pop(heads[0]), **columns}
+    where = f" ({trials.title})" if trials.title else ""
+    notes = ["Bias, variance and reported covariance by component."]
+    return [table(f"Error at the end{where}", {**columns}, notes=[*notes])]
+
+
+def _reading(tables: Summary, points: Sequence[PointSummary]) -> list[Block]:
+    """Explain the columns, and give each comparison of the primary metric as a sentence."""
+    sentences: list[Text] = []
+    for point in points[:MOST_ON_SCREEN]:
+        head = f"{point.trials.title}: " if point.trials.title else ""
+        infos = {info.name: info for info in point.trials.metrics}
+        rows: list[Mapping[Any, Any]] = [*point.compared.to_dict("records")] if len(point.compared) else []
+        primary = point.trials.primary_info
+        sentences += [
+            head + sentence(row, infos[row["metric"]], point.trials)
+            for row in rows
+            if primary is not None and row["metric"] == primary.name
+        ]
+    return [*bullets([explanation(tables.points[0].trials)]), *bullets(sentences)]
+
+
+def inconclusive(tables: Summary) -> list[str]:
+    """Name the comparisons of the primary metric that are inconclusive, with the runs that would decide."""
+    found = []
+    for point in tables.points:
+        info = point.trials.primary_info
+        rows: list[Mapping[Any, Any]] = [*point.compared.to_dict("records")] if len(point.compared) else []
+        for row in rows:
+            if info is None or row["metric"] != info.name or row["verdict"] != "inconclusive":
+                continue
+            where = f" at {point.trials.title}" if point.trials.title else ""
+            word = verdict_text(row, margin_text(point.trials, info, row))
+            found.append(f"{row['method']}{where}: {size_text(row, info)}, {word}")
+    return found

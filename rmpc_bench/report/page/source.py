@@ -1,0 +1,71 @@
+"""What the page of an experiment is made from: its tables, findings and figures, and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.claims.record import ExperimentRecord
+from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.report.summary import Summary
+
+
+class PageFigure(NamedTuple):
+    """A figure of the page."""
+
+    name: str
+    """File name without ending, such as ``boxplot-2``."""
+    kind: str
+    """Such as ``boxplot``, or the reference to a user's figure."""
+    caption: str
+    """What it shows, with formulas as ``$..$``."""
+    svg: str
+    """The picture."""
+    files: Sequence[str]
+    """Its files, relative to the page."""
+
+
+@dataclass(frozen=True, eq=False)
+class PageSource:
+    """Data of a page.
+
+    Parameters
+    ----------
+    record : name, seed, hash and command of the experiment
+    trials : the table of trials
+    tables : summary and comparisons
+    verdicts : the finding of every claim
+    figures : the figures of the page
+    place : directory of the results as commands name it, relative to where they are entered
+    left_out : figures that could not be drawn, with the reason
+    incomplete : methods of which runs are missing
+    overrides : options that changed the configuration
+    manifest : versions, machine and times of the computation; empty where it is not known
+    differences : method -> key of the configuration in which methods differ -> its value; empty where it is not known
+    shared : what is the same for every method: its name -> how the configuration describes it
+    confounded : methods that differ from the baseline in the estimator and in the controller
+    configuration : the configuration with every default, as YAML; empty where it is not known
+    timings : durations of the calls of own components
+    files : files of the directory, relative to the page
+    """
+
+    record: ExperimentRecord
+    trials: Trials
+    tables: Summary
+    verdicts: Sequence[ClaimVerdict]
+    figures: Sequence[PageFigure]
+    place: str
+    left_out: Sequence[str] = ()
+    incomplete: Sequence[str] = ()
+    overrides: Sequence[str] = ()
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+    differences: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    shared: Mapping[str, str] = field(default_factory=dict)
+    confounded: Sequence[str] = ()
+    configuration: str = ""
+    timings: pd.DataFrame = field(default_factory=pd.DataFrame)
+    files: Sequence[str] = ()

@@ -1,0 +1,88 @@
+"""Plain text with formulas between dollar signs, such as labels and captions, for HTML and Markdown."""
+
+from __future__ import annotations
+
+import re
+from html import escape
+
+from rmpc_bench.report.mathml import FormulaError, mathml
+
+_FORMULA = re.compile(r"(?<!\\)\$((?:\\.|[^$\\])+)\$", re.DOTALL)
+_MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$])")
+_LIST_MARK = re.compile(r"^(\s*)([-+]|\d+[.)])(?=\s)")
+
+
+def to_html(text: str) -> str:
+    r"""Write a text as HTML; formulas become MathML, and one that is not covered stays as it is.
+
+    Parameters
+    ----------
+    text : plain text with formulas as ``$..$``; ``\$`` is a dollar sign
+
+    Returns
+    -------
+    HTML in which everything else is escaped
+
+    Examples
+    --------
+    >>> to_html("R-MPC <1>, $c$")
+    'R-MPC &lt;1&gt;, <math><mi>c</mi></math>'
+    """
+    found, end = [], 0
+    for formula in _FORMULA.finditer(text):
+        try:
+            element = mathml(formula[1])
+        except FormulaError:
+            continue
+        found += [_plain(text[end : formula.start()]), element]
+        end = formula.end()
+    return "".join([*found, _plain(text[end:])])
+
+
+def _plain(text: str) -> str:
+    return escape(text.replace(r"\$", "$"))
+
+
+def to_markdown(text: str) -> str:
+    r"""Write a text as Markdown of one line; formulas stay, as code hosts set them, and everything else is escaped.
+
+    Parameters
+    ----------
+    text : plain text with formulas as ``$..$``
+
+    Examples
+    --------
+    >>> to_markdown("a|b_c *d*, $c_1$")
+    'a\\|b\\_c \\*d\\*, $c_1$'
+    """
+    line = " ".join(text.split())
+    found, end = [], 0
+    for formula in _FORMULA.finditer(line):
+        try:
+            mathml(formula[1])
+        except FormulaError:
+            continue
+        # A formula in a cell of a table must not end the cell.
+        found += [_literal(line[end : formula.start()]), formula[0].replace("|", r"\vert ")]
+        end = formula.end()
+    return _LIST_MARK.sub(r"\1\\\2", "".join([*found, _literal(line[end:])]))
+
+
+def _literal(text: str) -> str:
+    return _MARKDOWN.sub(r"\\\1", text.replace(r"\$", "$"))
+
+
+def plain_text(text: str) -> str:
+    r"""Write a text without the marks of formulas, for readers who hear it.
+
+    Parameters
+    ----------
+    text : plain text with formulas as ``$..$``
+
+    Examples
+    --------
+    >>> plain_text(r"in $\hat{x}_{1}$")
+    'in hat x_1'
+    """
+    words = re.sub(r"\\([A-Za-z]+)\{?", r" \1 ", text.replace(r"\$", "\0"))
+    return " ".join(re.sub(r"[{}$\\]", "", words).replace("\0", "$").split())
