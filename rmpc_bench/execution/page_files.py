@@ -21,6 +21,7 @@ from rmpc_bench.report.page.source import PageFigure, PageSource
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.types import ConfigError
 
+PAGE = "report.html"
 CONFIGURATION = "config.resolved.yaml"
 SHARED = {
     "time": "Time",
@@ -33,7 +34,7 @@ SHARED = {
     "input": "Input",
 }
 """Keys that hold for all methods -> their name on the page."""
-LONGEST = 300
+LONGEST = 600
 """Characters of a value that the page shows; the configuration below it has all."""
 
 
@@ -98,7 +99,7 @@ def write_page(
         files=[path.relative_to(directory).as_posix() for path in [*paths, *written]],
     )
     context = page_context(source)
-    pages = [directory / "report.html", directory / "report.md"]
+    pages = [directory / PAGE, directory / "report.md"]
     pages[0].write_text(render_html("page.html", context), encoding="utf-8", newline="\n")
     pages[1].write_text(render_markdown("page.md", context), encoding="utf-8", newline="\n")
     return [*written, *pages]
@@ -149,9 +150,17 @@ def _shared(configuration: Mapping[str, Any], differences: Mapping[str, Mapping[
     found = {}
     for key, name in SHARED.items():
         if key in configuration and not any(each == key or each.startswith(f"{key}.") for each in keys):
-            text = short_value(configuration[key])
+            text = _flow(configuration[key])
             found[name] = text if len(text) <= LONGEST else f"{text[:LONGEST].rstrip()} ..."
     return found
+
+
+def _flow(value: Any, *, inner: bool = False) -> str:
+    """Write keys and values in a row, those of an inner mapping in brackets."""
+    if not isinstance(value, dict):
+        return short_value(value)
+    text = ", ".join(f"{key}: {_flow(each, inner=True)}" for key, each in value.items())
+    return f"({text})" if inner else text
 
 
 def _confounded(differences: Mapping[str, Mapping[str, Any]], baseline: str) -> list[str]:

@@ -19,7 +19,7 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import drivers, judge, summarise
 from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.manifest import note_look, read
-from rmpc_bench.execution.page_files import Drawn, write_page
+from rmpc_bench.execution.page_files import PAGE, Drawn, write_page
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.report.drivers_table import DriversTable
@@ -79,8 +79,15 @@ class Publication:
             verdicts=self.verdicts,
             overrides=self.results.overrides,
             incomplete=self.results.incomplete,
-            figures=[path for path in self.paths if path.suffix == ".png"],
+            files=self._to_open(),
         )
+
+    def _to_open(self) -> list[str]:
+        """Name the page and the first figure: its PDF, or another format of it."""
+        first = self.figures[0].paths if self.figures else ()
+        picture = min(first, key=lambda path: (path.suffix != ".pdf", path.suffix != ".png"), default=None)
+        files = [self.directory / PAGE, *([] if picture is None else [picture])]
+        return [file.relative_to(self.directory).as_posix() for file in files]
 
     def __str__(self) -> str:
         return self.summary()

@@ -24,7 +24,7 @@ def end_screen(
     verdicts: Sequence[ClaimVerdict],
     overrides: Sequence[str],
     incomplete: Sequence[str],
-    figures: Sequence[Path],
+    files: Sequence[str],
 ) -> str:
     """Lay out the text at the end of a run; that of a smoke run has no verdicts and no findings.
 
@@ -39,7 +39,7 @@ def end_screen(
     verdicts : the finding of every claim
     overrides : options that changed the configuration
     incomplete : methods of which runs are missing
-    figures : pictures to name
+    files : files to open, relative to `directory`
     """
     lines = [_head(trials, directory, n_complete, n_runs, seconds), "", *_indented(table.split("\n")), ""]
     lines += _indented(driven)
@@ -48,7 +48,7 @@ def end_screen(
     else:
         lines += _indented(_claim_lines(verdicts, overrides, incomplete))
     lines += _indented(screen_lines(trials, directory))
-    lines += _indented(f"{'open' if path is figures[0] else '':12}{path}" for path in figures)
+    lines += _indented([f"{'open':12}{'   '.join(files)}"])
     return "\n".join(lines)
 
 

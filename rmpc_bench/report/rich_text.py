@@ -8,6 +8,12 @@ from html import escape
 from rmpc_bench.report.mathml import FormulaError, mathml
 
 _FORMULA = re.compile(r"(?<!\\)\$((?:\\.|[^$\\])+)\$", re.DOTALL)
+_MINUS = re.compile(r"(?<![\w.)\]])-(?=\d)")
+"""The sign of a number; hyphens in names such as R-MPC1 and in dates stay."""
+_INTERVAL = re.compile(r"\[[-+\u2212]?(?:\d[\d.e+-]*|inf), [-+\u2212]?(?:\d[\d.e+-]*|inf)\]")
+_PER_CENT = re.compile(r"(?<=\d) %(?: (?=\[)|)")
+_RAISED = re.compile(r"(?<=[A-Za-z])\^(-?\d+)")
+"""Exponent of a unit, such as rad^2."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$])")
 _LIST_MARK = re.compile(r"^(\s*)([-+]|\d+[.)])(?=\s)")
 
@@ -21,7 +27,7 @@ def to_html(text: str) -> str:
 
     Returns
     -------
-    HTML in which everything else is escaped
+    HTML in which everything else is escaped; numbers have a minus sign, and intervals are not broken
 
     Examples
     --------
@@ -40,7 +46,11 @@ def to_html(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    return escape(text.replace(r"\$", "$"))
+    text = _MINUS.sub("\u2212", text.replace(r"\$", "$"))
+    text = _INTERVAL.sub(lambda found: found[0].replace(" ", "\u00a0"), text)
+    return _RAISED.sub(
+        r"<sup>\1</sup>", escape(_PER_CENT.sub(lambda found: found[0].replace(" ", "\u00a0"), text))
+    ).replace("<sup>-", "<sup>\u2212")
 
 
 def to_markdown(text: str) -> str:

@@ -44,7 +44,7 @@ def test_what_a_run_leaves_behind(here):
     shown = "\n".join(rest)
     assert "mse [rad^2]" in shown and "change vs S-MPC" in shown
     assert "claims      claims.md: 1 statement of the paper" in shown
-    assert "open        results/p/tiny/figures/boxplot.png" in shown
+    assert "open        report.html   figures/boxplot." in shown
     assert not list(here.rglob("*.part"))
 
 

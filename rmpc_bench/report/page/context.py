@@ -18,7 +18,6 @@ from rmpc_bench.report.page.background import (
 from rmpc_bench.report.page.blocks import (
     Block,
     Text,
-    bullets,
     code,
     folded,
     heading,
@@ -37,6 +36,8 @@ from rmpc_bench.report.worst_runs import worst_runs, worst_runs_columns
 
 OVER_TIME = ("trajectories", "tubes", "plane", "estimation-error", "nees", "series")
 """Kinds of figures that stand among the trajectories."""
+MOST_FAILURES = 5
+"""Files of failed runs that the page links."""
 DRIVERS = ("drivers", "uncertainty-scale")
 """Kinds of figures that stand with what drives the result."""
 
@@ -195,12 +196,19 @@ def _trajectory_blocks(source: PageSource) -> list[Block]:
     return blocks
 
 
+def _file_links(source: PageSource) -> list[Text]:
+    """Link the files, of failed runs only the first ones."""
+    failures = [file for file in source.files if file.startswith("failures/")]
+    hidden = {*failures[MOST_FAILURES:]}
+    return [[link(file, file)] for file in source.files if file not in hidden]
+
+
 def _file_blocks(source: PageSource) -> list[Block]:
     record = source.record
     blocks: list[Block] = []
     if source.configuration:
         blocks += folded("Configuration with every default", [program(source.configuration, "yaml")])
-    blocks += [heading("Files"), *bullets([[link(file, file)] for file in source.files])] if source.files else []
+    blocks += [heading("Files"), {"kind": "files", "items": _file_links(source)}] if source.files else []
     cite = (
         f"rmpc-bench {record['version']}, experiment {record['name']} ({record['hash'][:12]}), seed {record['seed']}, "
         f"n = {record['runs']}."

@@ -14,6 +14,8 @@ from rmpc_bench.report.summary import MOST_ON_SCREEN, PointSummary, Summary
 from rmpc_bench.report.tables import BEST, legend, metric_columns, quantity
 from rmpc_bench.types import MetricInfo
 
+SUPPORTING = ("won/lost/tied", "superiority", "p", "n/n_failed", "held steps", "pairs")
+"""Columns behind the verdict."""
 MOST_ROWS = 200
 """Rows of the table of a large sweep."""
 
@@ -51,6 +53,9 @@ def _metric_block(point: PointSummary, info: MetricInfo) -> Block:
     trials = point.trials
     of = metric_table(trials, point.described, point.compared, info)
     columns: dict[str, Sequence[Text]] = {**metric_columns(of)}
+    # What a reader looks for comes before what supports it.
+    supporting = {head: columns.pop(head) for head in SUPPORTING if head in columns}
+    columns |= supporting
     labels = columns.pop("label", None)
     if labels is not None:
         columns["method"] = [_named(name, label) for name, label in zip(columns["method"], labels, strict=True)]

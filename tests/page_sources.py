@@ -1,0 +1,106 @@
+"""A page of a small table of trials, with hostile texts wherever a user writes them."""
+
+import re
+
+import numpy as np
+import pytest
+
+from rmpc_bench.claims.claim import Claim, Finding
+from rmpc_bench.claims.verdict import judge
+from rmpc_bench.report.page.context import page_context
+from rmpc_bench.report.page.rendering import render_html, render_markdown
+from rmpc_bench.report.page.source import PageFigure, PageSource
+from rmpc_bench.report.summary import summarise
+from rmpc_bench.types import MetricInfo
+
+HOSTILE = "<script>alert('x')</script> \"|` [a](http://evil) $\\href{http://evil}$"
+SVG = """<?xml version="1.0"?>
+<svg xmlns:xlink="http://www.w3.org/1999/xlink" width="252pt" height="180pt" viewBox="0 0 252 180"
+ xmlns="http://www.w3.org/2000/svg" version="1.1">
+ <defs><path id="m1" d="M 0 0"/></defs>
+ <g id="method-1-line"><use xlink:href="#m1" x="3"/></g>
+</svg>
+"""
+INFOS = (MetricInfo("mse", "rad^2", "lower"), MetricInfo("power", "V^2", "lower"))
+
+
+@pytest.fixture
+def make_source(make_trials):
+    """Return a function that makes the source of a page from labels and other fields of `PageSource`."""
+
+    def make(labels=None, n=40, **fields):
+        rng = np.random.default_rng(3)
+        mse = rng.lognormal(size=n)
+        power = rng.lognormal(size=n)
+        columns = {
+            "mse": {"A": mse.tolist(), "B": (0.8 * mse).tolist()},
+            "power": {"A": power.tolist(), "B": (power + 0.01).tolist()},
+        }
+        trials = make_trials(columns, infos=INFOS, labels=labels)
+        claims = (
+            Claim(
+                says=f"B is better {HOSTILE}",
+                source="Section 1",
+                check=("mean(mse[B]) < mean(mse[A])",),
+                finding=Finding.CONFIRMED,
+                quote=HOSTILE,
+                assumptions=(HOSTILE, "One."),
+                figures=("boxplot",),
+            ),
+            Claim(says="Not said there", source="additional result (ours)", check=("mean(mse[A]) < 0",)),
+        )
+        figures = [
+            PageFigure("boxplot", "boxplot", f"Boxes of $c_1$ {HOSTILE}", SVG, ["figures/boxplot.svg"]),
+            PageFigure("paired", "paired", "Changes.", SVG, ["figures/paired.svg"]),
+            PageFigure("trajectories", "trajectories", "Over time.", SVG, ["figures/trajectories.svg"]),
+        ]
+        usual = {
+            "record": {
+                "name": "tiny",
+                "title": f"A small one {HOSTILE}",
+                "paper": "zenere2018",
+                "identifier": "arXiv:1804.06746",
+                "runs": n,
+                "seed": 7,
+                "hash": "0123456789abcdef",
+                "version": "0.1.0",
+                "numerics": 2,
+                "command": "rmpc-bench run configs/zenere2018/tiny.yaml",
+                "final": True,
+            },
+            "trials": trials,
+            "tables": summarise(trials),
+            "verdicts": [judge(claim, trials) for claim in claims],
+            "figures": figures,
+            "place": "results/zenere2018/tiny",
+            "differences": {"A": {"estimator.kind": "kalman"}, "B": {"estimator.kind": HOSTILE}},
+            "shared": {"Plant": HOSTILE},
+            "configuration": f"title: {HOSTILE}\n```\n</code></pre><b>",
+            "manifest": {
+                "platform": {"system": "Linux", "cores": 2},
+                "git": {"commit": "a" * 40, "dirty": True},
+                "versions": {"python": "3.11.7"},
+                "sessions": [{"start": "2026-01-02T03:04:05+00:00", "stop": "2026-01-02T03:04:08+00:00"}],
+            },
+            "files": ["trials.csv", "tables/summary.md"],
+        }
+        return PageSource(**(usual | fields))
+
+    return make
+
+
+@pytest.fixture
+def html(make_source):
+    """Return the page with hostile labels."""
+    return render_html("page.html", page_context(make_source(labels={"B": HOSTILE})))
+
+
+@pytest.fixture
+def markdown(make_source):
+    """Return the same as Markdown."""
+    return render_markdown("page.md", page_context(make_source(labels={"B": HOSTILE})))
+
+
+def headings(html):
+    """Level and text of every heading."""
+    return [(int(level), re.sub("<[^>]+>", "", text)) for level, text in re.findall(r"<h(\d)[^>]*>(.*?)</h\d>", html)]
