@@ -15,6 +15,7 @@ from rmpc_bench.execution.figure_files import WrittenFigure, write_more
 from rmpc_bench.execution.manifest import read
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure, PageSource
@@ -52,6 +53,7 @@ def write_page(
     tables: Summary,
     verdicts: Sequence[ClaimVerdict],
     record: ExperimentRecord,
+    driven: DriversTable,
     drawn: Drawn,
     paths: Sequence[Path],
     directory: Path,
@@ -64,6 +66,7 @@ def write_page(
     tables : summary and comparisons
     verdicts : the finding of every claim
     record : name, seed, hash and command of the experiment
+    driven : what drives the differences
     drawn : its figures
     paths : files that are written already
     directory : where to write
@@ -72,7 +75,7 @@ def write_page(
     -------
     the files
     """
-    more = write_more(results, _wanted(results, drawn.figures), directory / "figures", drawn.rendering)
+    more = write_more(results, _wanted(results, drawn.figures, driven), directory / "figures", drawn.rendering)
     figures = [*drawn.figures, *more]
     written = [path for figure in more for path in figure.paths]
     text, configuration = _configuration(results.directory)
@@ -88,6 +91,7 @@ def write_page(
         left_out=drawn.left_out,
         incomplete=results.incomplete,
         overrides=results.overrides,
+        drivers=driven,
         manifest=read(results.directory),
         differences={
             name: {key: short_value(value) for key, value in keys.items()} for name, keys in differences.items()
@@ -105,8 +109,8 @@ def write_page(
     return [*written, *pages]
 
 
-def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[str, Any]]:
-    """Name the figures that a page has even where the configuration does not: paired change and trajectories."""
+def _wanted(results: Results, figures: Sequence[WrittenFigure], driven: DriversTable) -> list[Mapping[str, Any]]:
+    """Name figures that a page has even where the configuration does not: changes, trajectories and drivers."""
     there = {figure.kind for figure in figures}
     trials = results.trials.each[0]
     wanted = []
@@ -114,6 +118,8 @@ def _wanted(results: Results, figures: Sequence[WrittenFigure]) -> list[Mapping[
         wanted.append("paired")
     if trials.traces and not there & {"tubes", "plane"}:
         wanted.append("trajectories")
+    if driven.tables:
+        wanted.append("drivers")
     return [{"kind": kind} for kind in wanted if kind not in there]
 
 

@@ -138,7 +138,8 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     figures, left_out = write_figures(results, directory / "figures", made_with)
     paths += [path for figure in figures for path in figure.paths]
     record = _experiment(results)
-    paths += write_page(results, tables, verdicts, record, Drawn(figures, left_out, made_with), paths, directory)
+    drawn = Drawn(figures, left_out, made_with)
+    paths += write_page(results, tables, verdicts, record, driven, drawn, paths, directory)
     return Publication(results, directory, tuple(paths), tables, verdicts, driven, figures, left_out)
 
 

@@ -53,6 +53,12 @@ class DriversTable:
             found += [start + text for text in _of_methods(trials, frame)]
         return (*found, *self.turns)
 
+    @property
+    def tables(self) -> list[tuple[str, dict[str, list[str]], list[str]]]:
+        """Title, columns and sentences of every point with drivers, `MOST_POINTS` at most."""
+        filled = [(trials, frame) for trials, frame in self.points[:MOST_POINTS] if len(frame)]
+        return [(trials.title, _columns(trials, frame), [*_of_methods(trials, frame)]) for trials, frame in filled]
+
     def to_markdown(self) -> str:
         """Return a table and its sentences for every point; empty where nothing is uncertain and nothing turns."""
         parts = []

@@ -9,6 +9,7 @@ from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.figures.line_styles import line_styles
+from rmpc_bench.report.drivers_table import EXPLANATION
 from rmpc_bench.report.page.background import (
     failure_blocks,
     limitation_blocks,
@@ -18,6 +19,7 @@ from rmpc_bench.report.page.background import (
 from rmpc_bench.report.page.blocks import (
     Block,
     Text,
+    bullets,
     code,
     folded,
     heading,
@@ -160,7 +162,21 @@ def _result_figures(source: PageSource) -> list[Block]:
 
 
 def _driver_blocks(source: PageSource) -> list[Block]:
-    return _figures([each for each in source.figures if each.kind in DRIVERS])
+    """Return the figures of the drivers, the table and the sentences of the first point, and the others folded."""
+    blocks = _figures([each for each in source.figures if each.kind in DRIVERS], beside=True)
+    if source.drivers is None or not source.trials.with_verdicts:
+        return blocks
+    points: list[list[Block]] = []
+    for title, columns, sentences in source.drivers.tables:
+        shown = table(
+            f"Share of the variance that each uncertain quantity explains{f' ({title})' * bool(title)}", {**columns}
+        )
+        points.append([shown, *bullets([*sentences])])
+    blocks += [block for point in points[:1] for block in point]
+    blocks += bullets([*source.drivers.turns])
+    rest = [block for point in points[1:] for block in point]
+    blocks += folded(f"{len(points) - 1} more points of the sweep", rest)
+    return [*blocks, paragraph(EXPLANATION, "note")] if points else blocks
 
 
 def _trajectory_blocks(source: PageSource) -> list[Block]:

@@ -11,6 +11,7 @@ import pandas as pd
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.summary import Summary
 
 
@@ -49,6 +50,7 @@ class PageSource:
     shared : what is the same for every method: its name -> how the configuration describes it
     confounded : methods that differ from the baseline in the estimator and in the controller
     configuration : the configuration with every default, as YAML; empty where it is not known
+    drivers : what drives the differences; None where it is not known
     timings : durations of the calls of own components
     files : files of the directory, relative to the page
     """
@@ -67,5 +69,6 @@ class PageSource:
     shared: Mapping[str, str] = field(default_factory=dict)
     confounded: Sequence[str] = ()
     configuration: str = ""
+    drivers: DriversTable | None = None
     timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     files: Sequence[str] = ()
