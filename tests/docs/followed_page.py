@@ -3,7 +3,7 @@
 A block ```yaml NAME (or python, or another language) is a file.  A block ```console has one command per line, ``$ ..``.
 A block ```text after it is what the last of these commands prints to stdout.
 
-``python -m tests.docs.followed_page PAGE`` runs the commands and writes the ```text blocks of the page again.
+`make docs` runs the commands of the tutorial and writes its ```text blocks again.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SECONDS = re.compile(r"(?<= done in )\d+(?:\.\d+)? s(?= )")
 """The time that a run took, which is not the same again."""
@@ -33,7 +35,14 @@ class Step(NamedTuple):
     """The ```text block that follows, None without one."""
 
 
-def follow(page: Path, place: Path) -> Iterator[Step]:
+@cache
+def followed(page: Path) -> tuple[Step, ...]:
+    """Follow a page in a temporary directory, once per process."""
+    with tempfile.TemporaryDirectory() as place:
+        return tuple(_follow(page, Path(place)))
+
+
+def _follow(page: Path, place: Path) -> Iterator[Step]:
     """Write the named blocks of a page below ``place`` and run its commands there, in the order of the page."""
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
     for i, (language, name, text) in enumerate(blocks):
@@ -60,9 +69,7 @@ def comparable(text: str) -> str:
 
 def updated(page: Path) -> str:
     """Return the text of a page with every ```text block that follows a command made again."""
-    with tempfile.TemporaryDirectory() as place:
-        printed = [comparable(step.out) for step in follow(page, Path(place)) if step.shown is not None]
-    made = iter(printed)
+    made = iter([comparable(step.out) for step in followed(page) if step.shown is not None])
     last = ""
 
     def again(match: re.Match[str]) -> str:
@@ -71,8 +78,3 @@ def updated(page: Path) -> str:
         return f"```text\n{next(made)}```" if match[1] == "text" and before == "console" else match[0]
 
     return BLOCK.sub(again, page.read_text(encoding="utf-8"))
-
-
-if __name__ == "__main__":
-    for name in sys.argv[1:]:
-        Path(name).write_text(updated(Path(name)), encoding="utf-8")

@@ -1,16 +1,12 @@
-"""docs/tutorial.md, followed literally in an empty directory."""
-
-from pathlib import Path
+"""docs/tutorial.md, followed literally in an empty directory; test_generated_pages.py compares what is printed."""
 
 import pytest
-from docs.followed_page import comparable, follow
-
-PAGE = Path(__file__).parents[2] / "docs" / "tutorial.md"
+from docs.followed_page import TUTORIAL, followed
 
 
 @pytest.fixture(scope="module")
-def steps(tmp_path_factory):
-    return list(follow(PAGE, tmp_path_factory.mktemp("tutorial")))
+def steps():
+    return followed(TUTORIAL)
 
 
 def test_every_command_works(steps):
@@ -20,14 +16,10 @@ def test_every_command_works(steps):
         assert "Traceback" not in step.err
 
 
-def test_the_page_shows_what_is_printed(steps):
-    """Made again by `python -m tests.docs.followed_page docs/tutorial.md`."""
-    shown = [step for step in steps if step.shown is not None]
-    assert len(shown) >= 2
-    for step in shown:
-        assert comparable(step.out) == step.shown, f"docs/tutorial.md is stale: {step.line}"
+def test_the_page_shows_what_some_commands_print(steps):
+    assert sum(step.shown is not None for step in steps) >= 2
 
 
 def test_the_quickstart_of_the_page_exists():
-    assert "configs/quickstart.yaml" in PAGE.read_text("utf-8")
-    assert (PAGE.parents[1] / "configs" / "quickstart.yaml").is_file()
+    assert "configs/quickstart.yaml" in TUTORIAL.read_text("utf-8")
+    assert (TUTORIAL.parents[1] / "configs" / "quickstart.yaml").is_file()
