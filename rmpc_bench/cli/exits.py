@@ -69,6 +69,8 @@ def show(written: Publication, seconds: float | None = None) -> None:
     """Print what was published: the summary on stdout, what is missing in it on stderr."""
     if written.results.other_code:
         click.echo(f"{written.results.other_code}; `rmpc-bench run` computes them again", err=True)
+    for text in written.remarks:
+        click.echo(text, err=True)
     for text in written.left_out:
         click.echo(f"figure left out: {text}", err=True)
     click.echo(written.summary(seconds))

@@ -3,23 +3,77 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.types.report_choices import DEFAULT_FORMATS
+
+OPTIONS = {"metrics": "--metric"}
+"""Key of the section `report` -> its option, where that is not the key itself."""
+
+
+class Names(click.ParamType[list[str]]):
+    """Names with commas between them."""
+
+    name = "names"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> list[str]:
+        """Return the names without blanks around them."""
+        return value if isinstance(value, list) else [name.strip() for name in str(value).split(",") if name.strip()]
 
 
 @click.command()
 @click.argument("directories", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--to", type=click.Path(path_type=Path, file_okay=False), help="Directory to write to.  [default: DIR]")
+@click.option("--width", metavar="LENGTH", help="Width of all figures: 252pt, 88mm, 8.8cm, 3.5in (72.27 pt = 1 in).")
+@click.option(
+    "--metric", "metrics", type=Names(), metavar="M,..", help="Metrics of the tables; figures show the first."
+)
+@click.option("--order", type=Names(), metavar="A,B,..", help="Methods to show, in this order.")
+@click.option("--columns", type=Names(), metavar="C,..", help="Columns of the tables, such as mean,change,counts.")
+@click.option("--style", metavar="STYLE", help="bench (screen) or paper (printed column).")
+@click.option("--font", metavar="FONT", help="dejavu, stix or times.")
+@click.option(
+    "--format", type=Names(), metavar="F,..", help=f"Formats of figures.  [default: {','.join(DEFAULT_FORMATS)}]"
+)
 @exits.guarded
-def report(directories: tuple[Path, ...]) -> int:
-    """Write tables and figures again from stored trials; nothing is simulated."""
+def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> int:
+    """Write tables and figures again from stored trials; nothing is simulated.
+
+    The options replace the section `report` of the configuration.  With --to nothing in DIR changes; several
+    directories are then written to --to/PAPER/NAME.
+    """
     from rmpc_bench.execution.publish import publish
+    from rmpc_bench.execution.report_choices import choose
     from rmpc_bench.execution.results import load_results
 
+    places = _places(directories, to, choices)
     code = 0
-    for directory in directories:
-        written = publish(load_results(directory))
+    for directory, place in zip(directories, places, strict=True):
+        written = publish(choose(load_results(directory), **choices), to=place)
         exits.show(written)
         code = max(code, exits.code_of(written, strict=False))
     return code
+
+
+def _places(directories: tuple[Path, ...], to: Path | None, choices: dict[str, Any]) -> list[Path | None]:
+    """Return where to write the files of every directory; refuse what is wrong before anything is written."""
+    from rmpc_bench.execution.report_choices import wrong_choices
+    from rmpc_bench.execution.results import load_experiment
+
+    experiments = [load_experiment(directory) for directory in directories]
+    wrong = dict.fromkeys(pair for experiment in experiments for pair in wrong_choices(experiment, **choices))
+    if wrong:
+        lines = [f"{OPTIONS.get(key, f'--{key}')}: {message}" for key, message in wrong]
+        raise click.UsageError("\n".join(lines))
+    if to is None:
+        return [None for _ in directories]
+    if len(directories) == 1:
+        return [to]
+    places = [to / (experiment.paper or "") / experiment.name for experiment in experiments]
+    for place in places:
+        if places.count(place) > 1:
+            raise click.UsageError(f"--to: several directories belong to {place}; write them one by one")
+    return list(places)

@@ -70,6 +70,7 @@ def canonicalise(
         axes=sweep.axes,
         statistics=values["statistics"],
         execution=values["execution"],
+        report=values["report"],
         evaluate=tuple(values["evaluate"]),
         in_samples=values["time"].duration is None and values["time"].step == 1.0,
         labels={
@@ -152,6 +153,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "statistics": plain_data(values["statistics"]),
         "evaluate": values["evaluate"],
         "record": plain_data(values["record"]),
+        "report": plain_data(values["report"]),
         "figures": [set_keys(figure) for figure in draft.figures if figure is not None],
         "claims": [plain_data(keys) for keys in draft.claims if keys is not None],
         **({"plugins": values["plugins"]} if values["plugins"] else {}),

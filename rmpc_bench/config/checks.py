@@ -43,6 +43,7 @@ def check(
     # Points of a sweep repeat most warnings.
     first.warnings = sorted({warning for draft in drafts for warning in draft.warnings})
     _check_statistics(first)
+    _check_report(first)
     check_recording(first, [None if point is None else point.experiment for point in points])
     check_figures(first, layout)
     _check_columns(first, sweep)
@@ -71,3 +72,17 @@ def _check_statistics(draft: DraftConfig) -> None:
     for name in margins if isinstance(margins, Map) else ():
         if name not in names:
             draft.note(["statistics", "relevant", name], unknown(name, names, "metric of this configuration"))
+
+
+def _check_report(draft: DraftConfig) -> None:
+    """Refuse a method or a metric under `report` that does not exist."""
+    given = draft.tree.get("report")
+    if not isinstance(given, Map):
+        return
+    for key, known, noun in [
+        ("order", draft.methods, "method"),
+        ("metrics", draft.metric_names, "metric of this configuration"),
+    ]:
+        for number, name in enumerate(given[key] if isinstance(given.get(key), list) else ()):
+            if isinstance(name, str) and known and name not in known:
+                draft.note(["report", key, number], unknown(name, known, noun))

@@ -12,6 +12,7 @@ from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import ModelFacts
 from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.sections import Execution, Statistics
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
@@ -42,6 +43,7 @@ class ExperimentConfig:
     warnings : what is valid but probably not meant, each with its place
     model_facts : properties of the design models at the first point of the sweep
     own : the files of the user that the configuration uses
+    report : what tables and figures show, and how figures are written
     """
 
     path: Path
@@ -63,6 +65,7 @@ class ExperimentConfig:
     warnings: tuple[Problem, ...] = ()
     model_facts: tuple[ModelFacts, ...] = ()
     own: OwnCode = field(default_factory=OwnCode)
+    report: ReportKeys = field(default_factory=ReportKeys)
 
     @property
     def experiment(self) -> Experiment:

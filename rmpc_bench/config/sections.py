@@ -10,6 +10,7 @@ from pydantic import Field
 
 from rmpc_bench.claims.claim import CLOSE, FINDINGS, MAX_QUOTED_WORDS
 from rmpc_bench.claims.exact import printed_number
+from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.expressions.quantity import number
 from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.types import Count, NonNegative, Positive
@@ -305,6 +306,7 @@ SECTIONS: dict[str, Section] = {
         Evaluate, ["runs"], "What to compute: single runs, exact moments over all runs, or the ensemble."
     ),
     "record": Section(RecordKeys, RecordKeys(), "Trajectories to keep."),
+    "report": Section(ReportKeys, ReportKeys(), "What tables and figures show, and how figures are written."),
     "figures": Section(list[Any], ["boxplot"], "Figures to draw."),
     "claims": Section(list[Any], [], "Statements of a paper to check."),
     "plugins": Section(list[Text], [], "Python files whose code registers components; their names are then kinds."),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims import verdict
 from rmpc_bench.claims.verdict import ClaimVerdict
@@ -13,6 +14,9 @@ from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.tree import Map, Mark
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.figure_result import FigureResult
+from rmpc_bench.figures.paper import thin_lines
+from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.style import rendered
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.drivers_table import DriversTable, drivers_table
@@ -133,13 +137,14 @@ def judge(results: Results) -> tuple[ClaimVerdict, ...]:
     return tuple(verdict.judge(claim, results.trials) for claim in results.experiment.claims)
 
 
-def figure(results: Results, kind: str, **keys: Any) -> FigureResult:
+def figure(results: Results, kind: str, *, rendering: Rendering | None = None, **keys: Any) -> FigureResult:
     """Draw a figure from stored results.
 
     Parameters
     ----------
     results : from `run` or `load_results`
     kind : kind of the figure, such as ``boxplot``; see ``rmpc-bench list figures``
+    rendering : font, style and width; the usual ones unless given
     keys : keys of the figure as in a configuration; ``from_`` stands for ``from``
 
     Returns
@@ -161,7 +166,8 @@ def figure(results: Results, kind: str, **keys: Any) -> FigureResult:
     >>> picture.save(f"{directory}/settling_time.svg").name
     'settling_time.svg'
     """
-    return drawn(results, figure_component({"kind": kind, **{key.rstrip("_"): value for key, value in keys.items()}}))
+    component = figure_component({"kind": kind, **{key.rstrip("_"): value for key, value in keys.items()}})
+    return drawn(results, component, rendering)
 
 
 def figure_component(keys: Mapping[str, Any]) -> Component:
@@ -184,19 +190,27 @@ def figure_component(keys: Mapping[str, Any]) -> Component:
     return component
 
 
-def drawn(results: Results, component: Component) -> FigureResult:
+def drawn(results: Results, component: Component, rendering: Rendering | None = None) -> FigureResult:
     """Draw a figure whose keys are validated; see `figure_of`."""
-    made = figure_of(results, component)
-    return FigureResult(made.draw(results.plotted))
+    rendering = rendering or Rendering()
+    with rendered(rendering):
+        picture = figure_of(results, component, rendering).draw(results.plotted)
+        if rendering.style == "paper":
+            thin_lines(picture)
+    return FigureResult(picture, rendering)
 
 
-def figure_of(results: Results, component: Component) -> Figure:
-    """Build a figure whose keys are validated; a metric that is not named is the primary one.
+def figure_of(results: Results, component: Component, rendering: Rendering | None = None) -> Figure:
+    """Build a figure whose keys are validated, with what the section `report` says of all figures.
+
+    A metric that is not named is the first of the report, else the primary one.  The methods of the report are shown
+    in its order, those of them that the figure itself names, or can show.
 
     Parameters
     ----------
     results : what to draw
     component : the figure
+    rendering : with the width of all figures
 
     Raises
     ------
@@ -207,10 +221,22 @@ def figure_of(results: Results, component: Component) -> Figure:
     made: Figure | None = component.build(problems)
     if made is None:
         raise _error_of(problems)
-    primary: dict[str, Any] = {
-        key: results.experiment.primary for key in made.metric_keys if getattr(made, key) is None
-    }
-    return replace(made, **primary)
+    report = results.experiment.report
+    shown = (report.metrics or [results.experiment.primary])[0]
+    keys: dict[str, Any] = {key: shown for key in made.metric_keys if getattr(made, key) is None}
+    if rendering is not None and rendering.width is not None:
+        keys["width"] = rendering.width
+    made = replace(made, **keys)
+    return replace(made, order=_order(results, made, report.order)) if report.order else made
+
+
+def _order(results: Results, made: Figure, order: Sequence[str]) -> list[str] | None:
+    """Return the methods of the report that a figure names, or can show; its own ones where none is left."""
+    if made.order is not None:
+        return [name for name in order if name in made.order] or made.order
+    layout = layout_of(results.plotted)
+    shown = [name for name in order if not any(i.key == "order" for i in replace(made, order=[name]).check(layout))]
+    return shown or None
 
 
 def _error_of(problems: Sequence[Problem]) -> DesignError:

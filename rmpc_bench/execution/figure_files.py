@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.designs import is_built_in
@@ -12,12 +13,19 @@ from rmpc_bench.components.figure_names import figure_names
 from rmpc_bench.components.loading import user_code
 from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.execution.evaluation import figure_component, figure_of
+from rmpc_bench.execution.latex_files import write_caption
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.files import save, svg_of
+from rmpc_bench.figures.paper import thin_lines
 from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.types import DesignError
+from rmpc_bench.figures.style import rendered
+from rmpc_bench.types import DesignError, Figure
 
 OWN = "is not part of this package, and stored results are read without its code; `rmpc-bench run` draws it"
+
+
+Written: TypeAlias = "tuple[str, tuple[Path, ...], str]"
+"""Caption, files and SVG of a figure."""
 
 
 class WrittenFigure(NamedTuple):
@@ -58,7 +66,9 @@ def write_figures(
     for number, (kind, stem) in enumerate(zip(kinds, figure_names(kinds), strict=True)):
         keys = results.experiment.figures[number]
         try:
-            figures.append(WrittenFigure(stem, kind, keys, *_written(results, number, directory / stem, rendering)))
+            with rendered(rendering):
+                written = _written(results, number, directory / stem, rendering)
+            figures.append(WrittenFigure(stem, kind, keys, *written))
         except DesignError as error:
             # A method that the figure shows has not been computed yet.
             left_out.append(f"{kind}: {error}")
@@ -80,14 +90,15 @@ def write_more(
     rendering : width, font and style
     """
     figures = []
+    rendering = replace(rendering, formats=("svg",))
     for keys in wanted:
         try:
-            made = figure_of(results, figure_component(keys))
-            picture, caption = made.draw(results.plotted), str(made.caption(results.plotted))
+            with rendered(rendering):
+                made = figure_of(results, figure_component(keys), rendering)
+                written = _saved(made, results, directory / keys["kind"], rendering)
         except DesignError:
             continue
-        paths = save(picture, directory, keys["kind"], ("svg",))
-        figures.append(WrittenFigure(keys["kind"], keys["kind"], keys, caption, tuple(paths), _svg(picture, paths)))
+        figures.append(WrittenFigure(keys["kind"], keys["kind"], keys, *written))
     return tuple(figures)
 
 
@@ -97,25 +108,29 @@ def _svg(picture: Any, paths: Sequence[Path]) -> str:
     return svg_of(picture) if file is None else file.read_text(encoding="utf-8")
 
 
-def _written(results: Results, number: int, stem: Path, rendering: Rendering) -> tuple[str, tuple[Path, ...], str]:
-    """Draw a figure and write its files; return its caption, the files and the SVG."""
+def _written(results: Results, number: int, stem: Path, rendering: Rendering) -> Written:
+    """Find a figure of an experiment, draw it and write its files."""
     keys = results.experiment.figures[number]
     own = results.components.get(number)
     if own is not None:
         # The code of a user may raise anything; the tables and the other figures are written all the same.
         with user_code(None if own.code is None else own.code.path):
-            made = figure_of(results, own)
-            picture = made.draw(results.plotted)
-            if not hasattr(picture, "savefig"):
-                raise DesignError(f"draw returned {type(picture).__name__}, not a figure of matplotlib")
-            return _saved(str(made.caption(results.plotted)), picture, stem, rendering)
+            made = figure_of(results, own, rendering)
+            return _saved(made, results, stem, rendering)
     if FILE in keys or not is_built_in("figures", keys["kind"]):
         raise DesignError(OWN)
-    made = figure_of(results, figure_component(keys))
+    return _saved(figure_of(results, figure_component(keys), rendering), results, stem, rendering)
+
+
+def _saved(made: Figure, results: Results, stem: Path, rendering: Rendering) -> Written:
+    """Draw a figure and write its files."""
     picture = made.draw(results.plotted)
-    return _saved(made.caption(results.plotted), picture, stem, rendering)
-
-
-def _saved(caption: str, picture: Any, stem: Path, rendering: Rendering) -> tuple[str, tuple[Path, ...], str]:
-    paths = save(picture, stem.parent, stem.name, rendering.formats)
+    if not hasattr(picture, "savefig"):
+        raise DesignError(f"draw returned {type(picture).__name__}, not a figure of matplotlib")
+    if rendering.style == "paper":
+        thin_lines(picture)
+    caption = str(made.caption(results.plotted))
+    paths = save(picture, stem.parent, stem.name, rendering)
+    if {"pdf", "pgf"} & set(rendering.formats):
+        paths.append(write_caption(caption, stem))
     return caption, tuple(paths), _svg(picture, paths)

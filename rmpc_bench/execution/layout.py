@@ -81,6 +81,7 @@ class _Layout:
             claims=config.claims,
             points=tuple(self._point(point) for point in config.points),
             expected_failures=_declared(config),
+            report=config.report,
         )
 
     def _point(self, point: SweepPoint) -> StoredPoint:

@@ -18,9 +18,12 @@ from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import drivers, judge, summarise
 from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
+from rmpc_bench.execution.latex_files import write_latex
 from rmpc_bench.execution.manifest import note_look, read
 from rmpc_bench.execution.page_files import PAGE, Drawn, write_page
+from rmpc_bench.execution.report_choices import rendering_of
 from rmpc_bench.execution.results import Results
+from rmpc_bench.figures.fonts import remark_on
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.end_screen import end_screen
@@ -44,6 +47,7 @@ class Publication:
     drivers : what drives the primary metric
     figures : the figures with their captions and files
     left_out : figures that could not be drawn, each as ``kind: reason``
+    remarks : what a reader of the files should know, such as a font that is not installed
     """
 
     results: Results
@@ -54,6 +58,7 @@ class Publication:
     drivers: DriversTable
     figures: tuple[WrittenFigure, ...] = ()
     left_out: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def differing(self) -> tuple[ClaimVerdict, ...]:
@@ -70,7 +75,7 @@ class Publication:
         experiment, trials = self.results.experiment, self.results.trials
         return end_screen(
             trials,
-            self.tables.to_screen(experiment.primary),
+            self.tables.to_screen((experiment.report.metrics or [experiment.primary])[0]),
             directory=self.directory,
             n_complete=min(self.results.n_complete[name] for name in trials.methods),
             n_runs=experiment.n_wanted,
@@ -100,7 +105,7 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     ----------
     results : from `run` or `load_results`
     to : directory to write to, made if it is not there; the one of the results unless given
-    rendering : width, font, style and formats of the figures
+    rendering : width, font, style and formats of the figures; those of the section `report` unless given
 
     Returns
     -------
@@ -123,24 +128,33 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     """
     directory = results.directory if to is None else Path(to)
     (directory / "tables").mkdir(parents=True, exist_ok=True)
-    tables, verdicts, driven = summarise(results), judge(results), drivers(results)
+    rendering = rendering or rendering_of(results.experiment.report)
+    report = results.experiment.report
+    tables = summarise(results).shown(report.order, report.metrics)
+    verdicts, driven = judge(results), drivers(results)
     paths = [
         *_write_tables(results, tables, directory),
         *_write_drivers(driven, directory),
         *_write_traces(results.trials, directory / "traces.npz"),
-        *_write_claims(results, verdicts, directory, (rendering or Rendering()).formats),
+        *_write_claims(results, verdicts, directory, rendering.formats),
         *_write_timings(results, directory / "timings.csv"),
         *_write_failures(results, directory / "failures"),
     ]
-    if len(results.trials.runs) and results.trials.with_verdicts:
+    # Another directory says nothing else than this one, which stays as it is.
+    if len(results.trials.runs) and results.trials.with_verdicts and _is_same(directory, results.directory):
         note_look(results.directory, len(results.trials.runs))
-    made_with = rendering or Rendering()
-    figures, left_out = write_figures(results, directory / "figures", made_with)
-    paths += [path for figure in figures for path in figure.paths]
     record = _experiment(results)
-    drawn = Drawn(figures, left_out, made_with)
+    paths += write_latex(tables, record, directory / "tables", report.columns)
+    figures, left_out = write_figures(results, directory / "figures", rendering)
+    paths += [path for figure in figures for path in figure.paths]
+    drawn = Drawn(figures, left_out, rendering)
     paths += write_page(results, tables, verdicts, record, driven, drawn, paths, directory)
-    return Publication(results, directory, tuple(paths), tables, verdicts, driven, figures, left_out)
+    remarks = tuple(filter(None, [remark_on(rendering.font)]))
+    return Publication(results, directory, tuple(paths), tables, verdicts, driven, figures, left_out, remarks)
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
 
 
 def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Path]:

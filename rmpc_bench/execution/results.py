@@ -191,6 +191,21 @@ def load_results(directory: str | Path) -> Results:
         )
 
 
+def load_experiment(directory: str | Path) -> StoredExperiment:
+    """Load names and settings of a stored experiment, without its trials.
+
+    Raises
+    ------
+    MissingError
+        If there is no store in the directory, or an earlier version has written it.
+    """
+    place = Path(directory)
+    if not (place / FILE).exists():
+        raise MissingError(f"{place}: there is no {FILE}; fill the directory with `rmpc-bench run`")
+    with Store(place, writable=False) as store:
+        return read_experiment(store)
+
+
 def load_trials(directory: str | Path) -> Trials:
     """Load the table of trials of a directory that `run` or the command line has filled.
 

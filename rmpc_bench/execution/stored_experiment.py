@@ -13,6 +13,7 @@ from typing import Any
 
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.code_version import code_version
+from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.sweep_point import key_of_trials
 from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.store import Store
@@ -134,6 +135,7 @@ class StoredExperiment:
     claims : statements to check
     points : points of the sweep
     expected_failures : method -> check of `rmpc_bench.conformance` that its own components are meant to fail -> reason
+    report : what tables and figures show, and how figures are written
     """
 
     name: str
@@ -158,6 +160,7 @@ class StoredExperiment:
     claims: tuple[Claim, ...]
     points: tuple[StoredPoint, ...]
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    report: ReportKeys = field(default_factory=ReportKeys)
 
     @property
     def methods(self) -> tuple[str, ...]:

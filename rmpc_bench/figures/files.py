@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rmpc_bench.figures.pgf import as_latex
+from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.stable_svg import stable_svg
-from rmpc_bench.figures.style import style
+from rmpc_bench.figures.style import rendered, style
+from rmpc_bench.figures.svg_text import readable_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
@@ -17,11 +21,14 @@ FORMATS: dict[str, dict[str, Any]] = {
     ".svg": {"metadata": {"Date": None, "Creator": None}},
     ".png": {"metadata": {"Software": None}, "dpi": 200},
     ".pdf": {"metadata": {"CreationDate": None, "Creator": None, "Producer": None}},
+    ".pgf": {},
 }
 """Endings of files, with the settings that make their bytes the same every time."""
+LAYOUT_TABLES = ("GDEF", "GPOS", "GSUB")
+"""Tables of a font for the composition of texts, which a PDF has no use for; they take most of the time."""
 
 
-def save(figure: MplFigure, directory: Path, stem: str, formats: Sequence[str] = ("svg", "png")) -> list[Path]:
+def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | None = None) -> list[Path]:
     """Write a picture in several formats, PNG with 200 dpi, with the same bytes every time.
 
     Parameters
@@ -29,16 +36,18 @@ def save(figure: MplFigure, directory: Path, stem: str, formats: Sequence[str] =
     figure : the picture
     directory : where to write; made if it does not exist
     stem : file name without ending
-    formats : endings of the files
+    rendering : with the formats
 
     Returns
     -------
     the files
     """
+    rendering = rendering or Rendering()
     directory.mkdir(parents=True, exist_ok=True)
-    files = [directory / f"{stem}.{ending}" for ending in formats]
-    for file in files:
-        save_as(figure, file)
+    files = [directory / f"{stem}.{ending}" for ending in rendering.formats]
+    with rendered(rendering):
+        for file in files:
+            save_as(figure, file)
     return files
 
 
@@ -51,11 +60,18 @@ def save_as(figure: MplFigure, file: Path) -> None:
     file : ending with one of `FORMATS`; replaced
     """
     ending = file.suffix.lower()
-    if ending != ".svg":
-        with style():
-            figure.savefig(file, format=ending[1:], **FORMATS[ending])
-        return
-    file.write_text(svg_of(figure), encoding="utf-8", newline="\n")
+    options = FORMATS[ending]
+    with style():
+        if ending == ".svg":
+            file.write_text(svg_of(figure), encoding="utf-8", newline="\n")
+        elif ending == ".pdf":
+            with _small_fonts():
+                figure.savefig(file, format="pdf", **options)
+        elif ending == ".pgf":
+            with as_latex(figure):
+                figure.savefig(file, format="pgf", **options)
+        else:
+            figure.savefig(file, format=ending[1:], **options)
 
 
 def svg_of(figure: MplFigure) -> str:
@@ -68,4 +84,26 @@ def svg_of(figure: MplFigure) -> str:
     text = StringIO()
     with style():
         figure.savefig(text, format="svg", **FORMATS[".svg"])
-    return stable_svg(text.getvalue())
+    return readable_text(stable_svg(text.getvalue()))
+
+
+@contextmanager
+def _small_fonts() -> Iterator[None]:
+    """Embed fonts without the tables that only a text processor and a coarse screen use.
+
+    A picture with DejaVu Sans took 0.40 s of CPU with these tables, and takes 0.13 s without.
+    """
+    from fontTools import subset
+
+    usual = subset.Options
+
+    def smaller(**options: Any) -> Any:
+        made = usual(**{**options, "hinting": False})
+        made.drop_tables = [*made.drop_tables, *LAYOUT_TABLES]
+        return made
+
+    subset.Options = smaller
+    try:
+        yield
+    finally:
+        subset.Options = usual

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from rmpc_bench.figures.style import FONT, FONT_SIZE
+from rmpc_bench.figures.style import FONT_SIZE, font_family
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
@@ -65,6 +65,17 @@ def typeset(text: str) -> str:
     return text
 
 
+def is_formula(text: str) -> bool:
+    """Whether matplotlib can set a text as a formula, written without the dollar signs around it."""
+    from matplotlib.mathtext import MathTextParser
+
+    try:
+        MathTextParser("path").parse(f"${text}$")
+    except ValueError:
+        return False
+    return True
+
+
 def literal(text: str) -> str:
     """Protect every dollar sign of a text."""
     return text.replace(r"\$", "$").replace("$", r"\$")
@@ -119,7 +130,7 @@ def width(text: str) -> float:
     from matplotlib.textpath import TextToPath
 
     formula = is_math_text(text)
-    font = FontProperties(family=FONT, size=FONT_SIZE)
+    font = FontProperties(family=font_family(), size=FONT_SIZE)
     line = text if formula else text.replace(r"\$", "$")
     return float(TextToPath().get_text_width_height_descent(line, font, formula)[0])
 

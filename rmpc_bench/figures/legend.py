@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, typeset, width, wrapped
-from rmpc_bench.figures.style import FONT_SIZE
+from rmpc_bench.figures.style import FONT_SIZE, is_for_paper
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def finish(
     ----------
     figure : the picture, which becomes taller where legend and note need more than a line
     handles : label and sample of every entry of the legend
-    note : text above the panels
+    note : text above the panels; left out for a paper, where the caption says it
     keys : label and sample of every kind of line, which the legend shows in rows of their own
     columns : whether panels stand side by side; the note then stands above the legend, which must not be empty
     """
@@ -51,7 +51,7 @@ def finish(
         entries, n_columns = _in_rows(entries, others, limit)
     else:
         n_columns = _columns([max(map(width, lines)) for lines, _ in entries], limit)
-    lines = wrapped(literal(note), limit - 6 * FONT_SIZE) if note else []
+    lines = wrapped(literal(note), limit - 6 * FONT_SIZE) if note and not is_for_paper() else []
     if entries:
         figure.legend(
             [handle for _, handle in entries],

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
-Font = Literal["dejavu", "stix", "times"]
-Style = Literal["bench", "paper"]
-Format = Literal["pdf", "svg", "png", "pgf"]
+from rmpc_bench.types.report_choices import DEFAULT_FORMATS, Font, Format, Style
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,4 +22,4 @@ class Rendering:
     width: float | None = None
     font: Font = "dejavu"
     style: Style = "bench"
-    formats: tuple[Format, ...] = ("svg", "png")
+    formats: tuple[Format, ...] = DEFAULT_FORMATS

@@ -10,7 +10,7 @@ import re
 from decimal import Decimal
 
 DECIMALS = Decimal("0.001")
-_COORDINATES = re.compile(r'(?<=\s)(?:d|x|y|width|height|points)="[^"]*"|translate\([^)]*\)')
+_COORDINATES = re.compile(r'(?<=\s)(?:d|x|y|width|height|points|viewBox)="[^"]*"|(?:translate|rotate)\([^)]*\)')
 """Attributes that hold coordinates in points; a factor in `scale(...)` or a comment is left as it is."""
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{4,}")
 _HASHED_NAME = re.compile(r'(?<=id=")[a-z][0-9a-f]{10}(?=")')

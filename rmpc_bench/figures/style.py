@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
+
+from rmpc_bench.figures.fonts import family_of
+from rmpc_bench.figures.rendering import Rendering
 
 RED, BLUE, GREY = "#d7191c", "#0b5ba8", "#d9d9d9"
 BLACK, WHITE = "#000000", "#ffffff"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Palette of the methods, by Okabe and Ito: a colour-blind reader can distinguish them."""
 REFERENCE = "#7f7f7f"
-FONT, FONT_SIZE = "DejaVu Sans", 8  # comes with matplotlib
+FONT_SIZE = 8
+"""Size of all texts at the printed width [pt, of which an inch has 72]."""
 STYLE: dict[Any, Any] = {
-    "font.family": FONT,
     "font.size": FONT_SIZE,
     "axes.labelsize": FONT_SIZE,
     "axes.titlesize": FONT_SIZE,
@@ -25,9 +29,45 @@ STYLE: dict[Any, Any] = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "ytick.minor.width": 0.4,
-    "svg.fonttype": "path",  # the same picture in every viewer
+    "svg.fonttype": "none",  # text stays text, which can be searched and edited
+    "pdf.fonttype": 42,  # TrueType: the same in PDF
+    "pgf.rcfonts": False,  # the fonts are those of the document
     "svg.hashsalt": "rmpc-bench",
 }
+
+
+PAPER: dict[Any, Any] = {
+    "axes.linewidth": 0.5,
+    "xtick.major.width": 0.5,
+    "ytick.major.width": 0.5,
+    "xtick.minor.width": 0.3,
+    "ytick.minor.width": 0.3,
+}
+"""What the style `paper` changes."""
+MATHTEXT = {"dejavu": "dejavusans", "stix": "stix", "times": "stix"}
+"""Font -> formulas that fit to it."""
+_USUAL = Rendering()
+_CURRENT: ContextVar[Rendering] = ContextVar("rendering", default=_USUAL)
+
+
+@contextmanager
+def rendered(rendering: Rendering) -> Iterator[None]:
+    """Draw and write figures with this font and style inside the block."""
+    token = _CURRENT.set(rendering)
+    try:
+        yield
+    finally:
+        _CURRENT.reset(token)
+
+
+def font_family() -> str:
+    """Return the font family of the texts."""
+    return family_of(_CURRENT.get().font)
+
+
+def is_for_paper() -> bool:
+    """Whether figures are drawn for a paper, whose caption says what a note above the panels says on the screen."""
+    return _CURRENT.get().style == "paper"
 
 
 @contextmanager
@@ -38,4 +78,7 @@ def style() -> Iterator[None]:
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(STYLE)
+        matplotlib.rcParams.update(PAPER if is_for_paper() else {})
+        fontset = MATHTEXT[_CURRENT.get().font]
+        matplotlib.rcParams.update({"font.family": font_family(), "mathtext.fontset": fontset})
         yield

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,6 +85,17 @@ class Summary(NamedTuple):
         """Sweep columns, then one row per comparison with the baseline."""
         return stacked([(point.trials, point.compared) for point in self.points])
 
+    def shown(self, order: Sequence[str] | None = None, metrics: Sequence[str] | None = None) -> Summary:
+        """Return the same statistics with fewer or reordered methods and metrics in the tables.
+
+        Parameters
+        ----------
+        order : methods to show; all if None
+        metrics : names of the metrics to show; all if None
+        """
+        points = [_reordered(point, order, metrics) for point in self.points]
+        return Summary(points, self.pooled and _reordered(self.pooled, order, metrics))
+
     def to_markdown(self) -> str:
         """Return the pages of tables: of all points together where there are many, and of each."""
         pages = [self.pooled] if self.pooled else []
@@ -110,6 +122,14 @@ class Summary(NamedTuple):
         left = len(self.points) - len(blocks)
         blocks += [f"and {left} more points of the sweep: tables/summary.md"] if left else []
         return "\n\n".join(blocks)
+
+
+def _reordered(point: PointSummary, order: Sequence[str] | None, metrics: Sequence[str] | None) -> PointSummary:
+    """Choose methods and metrics of a table whose statistics are computed."""
+    trials, infos = point.trials, {info.name: info for info in point.trials.metrics}
+    methods = trials.methods if order is None else tuple(name for name in order if name in trials.methods)
+    chosen = trials.metrics if metrics is None else tuple(infos[name] for name in metrics)
+    return point._replace(trials=replace(trials, methods=methods, metrics=chosen))
 
 
 def stacked(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:

@@ -1,0 +1,174 @@
+"""Captions of the tables of a paper: full sentences that define every column, the pairing, failures and verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.labels import with_unit
+from rmpc_bench.report import cells
+from rmpc_bench.report.cells import MetricTable, metric_table
+from rmpc_bench.report.latex import ALL_METRICS, USUAL, columns_of, shown_points
+from rmpc_bench.report.latex_text import to_latex
+from rmpc_bench.report.sentences import AVERAGES, margin_text
+from rmpc_bench.report.summary import Summary
+from rmpc_bench.types import MetricInfo
+from rmpc_bench.types.report_choices import Column
+
+BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is best", "one": "1 is best"}
+"""Direction of a metric -> words."""
+
+
+def latex_captions(summary: Summary, columns: Sequence[Column] | None = None) -> dict[str, str]:
+    """Return name -> LaTeX of the caption of every table that `latex.latex_tables` writes.
+
+    Parameters
+    ----------
+    summary : the statistics, with the methods and metrics to show
+    columns : columns behind the name of the method; the usual ones if None
+    """
+    points = shown_points(summary)
+    if not points:
+        return {}
+    infos = points[0].trials.metrics
+    tables = {info.name: [metric_table(*point, info) for point in points] for info in infos}
+    captions = {name: table_caption(each, columns) for name, each in tables.items()}
+    if len(infos) > 1:
+        captions[ALL_METRICS] = _caption_of_all([each[0] for each in tables.values()])
+    return {name: f"{to_latex(text)}%\n" for name, text in captions.items()}
+
+
+def table_caption(tables: Sequence[MetricTable], columns: Sequence[Column] | None = None) -> str:
+    """Say what a table of one metric shows: plain text with formulas between dollar signs.
+
+    Parameters
+    ----------
+    tables : of one metric, at every point of the sweep
+    columns : columns behind the name of the method; the usual ones if None
+    """
+    first = tables[0]
+    there = {name for table in tables for name in columns_of(table)}
+    shown = [name for name in columns or USUAL if name in there] or ["mean"]
+    sentences = [_subject(first, len(tables)), *_described(first, shown)]
+    if {"change", "other", "counts", "superiority", "p", "verdict"} & set(shown):
+        sentences += _of_comparison(first, shown)
+    return " ".join([*sentences, _failures(tables)])
+
+
+def _subject(table: MetricTable, n_points: int) -> str:
+    """Name metric, unit, direction, methods and runs."""
+    trials, info = table.trials, table.info
+    where = f" at {n_points} points of the sweep" if n_points > 1 else ""
+    methods = _counted(len(trials.methods), "method")
+    return f"{with_unit(_plain(info.name), info.unit)} of {methods} in {_runs(trials)}{where}; {BEST[info.direction]}."
+
+
+def _runs(trials: Trials) -> str:
+    if trials.alike and not trials.points and trials.title:
+        return f"one run at {_plain(trials.title)}"
+    return f"{_counted(len(trials.runs), 'run')} per method"
+
+
+def _described(table: MetricTable, shown: Sequence[Column]) -> Iterable[str]:
+    """Define the columns that describe one method."""
+    if "mean" in shown:
+        yield _mean(table)
+    if "median" in shown:
+        yield "Median: median of the finished runs, with the quartiles in brackets."
+    if "n" in shown:
+        yield "Runs/failed: number of finished runs and of failed runs."
+    if "held" in shown:
+        yield "Held steps: share of the steps in which a failed component kept its last value."
+
+
+def _mean(table: MetricTable) -> str:
+    if table.may_not_occur:
+        return "Did not occur: number and share of the runs in which the event did not occur."
+    bracket = any("(" in text for text in cells.means(table))
+    error = ", with the standard error of the last digits in parentheses" if bracket else ""
+    return f"Mean: average over the finished runs{error}."
+
+
+def _of_comparison(table: MetricTable, shown: Sequence[Column]) -> Iterable[str]:
+    """Define the columns that compare a method with the baseline, and the pairing that all of them rest on."""
+    trials, info = table.trials, table.info
+    rows = [line.compared for line in table.lines if line.compared]
+    baseline = _name(trials, trials.baseline)
+    yield f"Each run is paired with the run of {baseline} that has the same random parameters, initial state and noise."
+    if "change" in shown:
+        yield _change(table, cells.average_of(table), simultaneous=_is_simultaneous(trials, info, rows))
+    if "other" in shown:
+        yield f"The other change is the {AVERAGES[cells.other_average(table) or 'mean']}."
+    row = next((each for each in rows if each["average"]), None)
+    margin = _plain(margin_text(trials, info, row))
+    tied = "equal" if margin.split()[0] == "0" else f"within {margin}"
+    if "counts" in shown:
+        compared = "" if name_of_distance(info) == info.name else f", compared by {_plain(name_of_distance(info))}"
+        yield f"Won/lost/tied: number of runs in which the method is better, worse or {tied}{compared}."
+    if "superiority" in shown:
+        yield f"Superiority: share of the runs in which the method is better, those that are {tied} counted half."
+    if "p" in shown:
+        yield "$p$: Wilcoxon signed-rank test with the correction of Holm."
+    if "verdict" in shown:
+        yield _verdict(margin)
+
+
+def _is_simultaneous(trials: Trials, info: MetricInfo, rows: Sequence[Mapping[str, Any]]) -> bool:
+    return info == trials.primary_info and any(float(row["ci_level"]) > trials.confidence for row in rows)
+
+
+def _change(table: MetricTable, average: str, *, simultaneous: bool) -> str:
+    trials = table.trials
+    level = f"{100 * trials.confidence:g} % interval"
+    kind = f"simultaneous {level}s of all comparisons" if simultaneous else f"its {level}"
+    baseline = _name(trials, trials.baseline)
+    if average == "difference":
+        return f"Difference: mean difference from {baseline} over the paired runs, with {kind} in brackets."
+    return f"Change: relative to {baseline}, {AVERAGES.get(average, 'average')}, with {kind} in brackets."
+
+
+def _verdict(margin: str) -> str:
+    return (
+        f"Verdict: better or worse where the interval lies beyond the margin of {margin}, equivalent where it lies "
+        "within, size uncertain where it excludes 0 and reaches into the margin, inconclusive otherwise. "
+        "Fails more: the method fails in more runs."
+    )
+
+
+def _failures(tables: Sequence[MetricTable]) -> str:
+    """Name the failed runs of every method, and say how they count."""
+    counts: dict[str, int] = {}
+    for table in tables:
+        for line in table.lines:
+            counts[line.method] = counts.get(line.method, 0) + int(line.described["n_failed"])
+    failed = [f"{_name(tables[0].trials, name)} {n}" for name, n in counts.items() if n]
+    if not failed:
+        return "No run failed."
+    return f"Failed runs: {', '.join(failed)}; they are left out of averages, and count as worse than any finished run."
+
+
+def _caption_of_all(tables: Sequence[MetricTable]) -> str:
+    """Say what the table with a column per metric shows."""
+    trials = tables[0].trials
+    parts = [f"Metrics of {_counted(len(trials.methods), 'method')} in {_runs(trials)}.", _mean(tables[0])]
+    absent = [_plain(table.info.name) for table in tables if table.may_not_occur]
+    if absent and not tables[0].may_not_occur:
+        parts.append(f"{', '.join(absent)}: number and share of the runs in which the event did not occur.")
+    parts.append("; ".join(f"{_plain(table.info.name)}: {BEST[table.info.direction]}" for table in tables) + ".")
+    return " ".join([*parts, _failures(tables)])
+
+
+def _counted(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def _name(trials: Trials, method: str) -> str:
+    """Return the label of a method, which may have formulas."""
+    return trials.labels.get(method, _plain(method))
+
+
+def _plain(text: str) -> str:
+    """Protect the dollar signs of a name."""
+    return text.replace("$", r"\$")

@@ -1,0 +1,57 @@
+"""Cells of a table as LaTeX: the same digits as on the screen, set as formulas."""
+
+from __future__ import annotations
+
+import re
+
+from rmpc_bench.report.latex_text import to_latex, unit_latex
+
+_NUMBER = r"[-+]?(?:\d+(?:\.\d+)?|inf)(?:\(\d+\))?(?:e[-+]\d+)?"
+_TOKEN = re.compile(
+    rf"(?P<number>{_NUMBER})|(?P<percent>%)|(?P<word>[A-Za-z][\w^.-]*)|(?P<sign>[\[\],/<()])|(?P<gap>\s+)"
+)
+_EXPONENT = re.compile(r"e([-+])0*(\d+)")
+_IS_NUMBER = re.compile(rf"<?\s*{_NUMBER}")
+
+
+def number_latex(cell: str) -> str:
+    r"""Write a cell such as ``-10.9 % [-12.1, -9.7]`` as a formula; the digits are those of the cell.
+
+    Parameters
+    ----------
+    cell : numbers with error, interval, unit or counts; or words, which stay words
+
+    Examples
+    --------
+    >>> print(number_latex("-10.9 % [-12.1, -9.7]"), number_latex("1.2(3)e-05"), number_latex("-"), number_latex("inf"))
+    $-10.9\,\%\ [-12.1, -9.7]$ $1.2(3)\times 10^{-5}$ -- $\infty$
+    """
+    if cell.strip() in ("", "-"):
+        return "--"
+    if not _IS_NUMBER.match(cell):
+        return to_latex(cell.replace("$", r"\$"))
+    parts, end = [], 0
+    for token in _TOKEN.finditer(cell):
+        if token.start() > end:
+            return to_latex(cell.replace("$", r"\$"))
+        parts.append(_part(token, cell))
+        end = token.end()
+    return f"${''.join(parts)}$" if end == len(cell) else to_latex(cell.replace("$", r"\$"))
+
+
+def _part(token: re.Match[str], cell: str) -> str:
+    text = token[0]
+    if token["number"]:
+        power = _EXPONENT.sub(lambda found: rf"\times 10^{{{found[1].strip('+')}{found[2]}}}", text)
+        return power.replace("inf", r"\infty")
+    if token["percent"]:
+        return r"\%"
+    if token["word"]:
+        return rf"\mbox{{{unit_latex(text)}}}"
+    if token["gap"]:
+        # A comma of a formula has its own distance; a unit stands near its number, an interval further away.
+        before, after = cell[: token.start()], cell[token.end() :]
+        if before.endswith(",") or before.endswith("<"):
+            return " "
+        return r"\ " if after.startswith(("[", "(")) else r"\,"
+    return text

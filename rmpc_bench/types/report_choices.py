@@ -1,0 +1,16 @@
+"""Choices of a report: names of fonts, styles, formats and columns, shared by configuration, tables and figures."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Font = Literal["dejavu", "stix", "times"]
+Style = Literal["bench", "paper"]
+Format = Literal["svg", "pdf", "png", "pgf"]
+Column = Literal[
+    "label", "mean", "median", "change", "other", "counts", "superiority", "p", "verdict", "n", "held", "pairs"
+]
+"""Columns of the table of a metric behind the name of the method; `other` is the change of the other average."""
+DEFAULT_FORMATS: tuple[Format, ...] = ("svg", "pdf", "png")
+LEAST_WIDTH, MOST_WIDTH = 1.0, 100.0
+"""Narrowest and widest figure [in]."""
