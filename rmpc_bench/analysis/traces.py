@@ -10,6 +10,9 @@ import numpy as np
 from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.types import Array
 
+COVARIANCE = "P"
+"""Recorded signal: the covariance of x_hat - x that a method reports, row by row."""
+
 
 class Traces(NamedTuple):
     """The recorded runs of one method."""
@@ -17,7 +20,7 @@ class Traces(NamedTuple):
     runs: Array
     """(n,) indices of the runs, ascending."""
     signals: Mapping[str, Array]
-    """Signal -> (n, samples, components): ``y``, ``x``, ``x_hat`` at k = 0..N, ``u`` at k = 0..N-1.
+    """Signal -> (n, samples, components): ``y``, ``x``, ``x_hat``, ``P`` at k = 0..N, ``u`` at k = 0..N-1.
 
     What the method reports of itself is at k = 0..N if it comes from the estimator, else at k = 0..N-1; ``bursts`` is 1
     where the measurement noise is in one.

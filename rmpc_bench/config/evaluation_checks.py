@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.registry import unknown
-from rmpc_bench.simulation.closed_loop import BURSTS, SIGNALS
+from rmpc_bench.simulation.closed_loop import BURSTS, COVARIANCE, SIGNALS
 from rmpc_bench.simulation.moments import exact_laws
 from rmpc_bench.simulation.recording import has_bursts
 from rmpc_bench.simulation.scenario import Experiment
@@ -42,7 +42,7 @@ def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]
     found = [experiment for experiment in experiments if experiment is not None]
     if len(found) < len(experiments):
         return
-    there = list(SIGNALS)
+    there = [*SIGNALS, COVARIANCE]
     there += [name for experiment in found for method in experiment.methods for name in method.reports]
     there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
     for number, name in enumerate(draft.values["record"].signals):

@@ -9,7 +9,7 @@ import numpy as np
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.simulation.closed_loop import BURSTS
+from rmpc_bench.simulation.closed_loop import BURSTS, COVARIANCE
 from rmpc_bench.simulation.design_series import design_series
 from rmpc_bench.simulation.moments import Moments, signals
 from rmpc_bench.simulation.scenario import Experiment
@@ -61,7 +61,7 @@ def _signals(experiments: Sequence[Experiment]) -> dict[str, dict[str, tuple[int
     plant, recording = experiments[0].plant, experiments[0].recording
     if not recording.n_runs:
         return {}
-    known = {"y": (plant.ny,), "u": (plant.nu,), "x": (plant.nx,), "x_hat": None, BURSTS: (1,)}
+    known = {"y": (plant.ny,), "u": (plant.nu,), "x": (plant.nx,), "x_hat": None, COVARIANCE: None, BURSTS: (1,)}
     found: dict[str, dict[str, tuple[int, ...] | None]] = {}
     for experiment in experiments:
         for method in experiment.methods:

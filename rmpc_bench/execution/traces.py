@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from rmpc_bench.analysis.traces import Traces
+from rmpc_bench.analysis.traces import COVARIANCE, Traces
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredPoint
 
@@ -27,7 +28,11 @@ def traces_of(point: StoredPoint, store: Store, name: str) -> Traces | None:
     runs = sorted(set.intersection(*(set(stored) for stored, _ in found.values())))
     signals = {signal: array[np.isin(stored, runs)] for signal, (stored, array) in found.items()}
     r = store.array(point.reference)
-    return Traces(np.array(runs, dtype=np.int64), signals, r, method.shapes) if runs else None
+    shapes = dict(method.shapes)
+    if COVARIANCE in signals and COVARIANCE not in shapes:
+        n = math.isqrt(signals[COVARIANCE].shape[2])
+        shapes[COVARIANCE] = (n, n)
+    return Traces(np.array(runs, dtype=np.int64), signals, r, shapes) if runs else None
 
 
 def with_estimates(point: StoredPoint, texts: Mapping[str, str], traces: Iterable[Traces]) -> dict[str, str]:

@@ -32,6 +32,8 @@ from rmpc_bench.types import (
 
 BURSTS = "bursts"
 """Whether the measurement noise is in a burst, 0 or 1: recorded by itself wherever a law of it has bursts."""
+COVARIANCE = "P"
+"""The reported covariance of the estimation error, which is recorded row by row; NaN of a method that reports none."""
 SIGNALS = ("y", "u", "x", "x_hat")
 """Signals of every run; other recorded signals are reported by the method, or the bursts of the noise."""
 
@@ -71,6 +73,7 @@ def simulate_block(
     P, M = any(metric.needs_P for metric in experiment.metrics), any(metric.needs_M for metric in experiment.metrics)
     info = {name for metric in experiment.metrics for name in metric.needs_info}
     n_recorded = max(0, min(len(runs), recording.n_runs - runs.start))
+    P = P or (n_recorded > 0 and COVARIANCE in recording.signals)
     info |= set(recording.signals) - set(SIGNALS) if n_recorded else set()
     start = RunStart(experiment.scenario.seed, tuple(runs), Journal(), watch)
     record, status = simulate(
@@ -191,4 +194,14 @@ def _signal(record: Record, name: str) -> Float[Array, "runs _ _"] | None:
     """Trajectories of a signal; None where the method does not report it."""
     if name == BURSTS:
         return None if record.bursts is None else record.bursts[:, :, None].astype(float)
+    if name == COVARIANCE and name not in record.info:
+        return _covariances(record)
     return getattr(record, name) if name in SIGNALS else record.info.get(name)
+
+
+def _covariances(record: Record) -> Float[Array, "runs samples nn"]:
+    """Reported covariances of every run, row by row; NaN where the method reports none."""
+    runs, samples, n = record.x_hat.shape
+    if record.P is None:
+        return np.full((runs, samples, n * n), np.nan)
+    return np.broadcast_to(record.P, (runs, samples, n, n)).reshape(runs, samples, n * n)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rmpc_bench.simulation.closed_loop import BURSTS, SIGNALS
+from rmpc_bench.simulation.closed_loop import BURSTS, COVARIANCE, SIGNALS
 from rmpc_bench.simulation.scenario import Experiment, Recording, Scenario
 
 
@@ -32,5 +32,5 @@ def kept(experiment: Experiment, name: str) -> Recording:
     name : of the method
     """
     recording = experiment.recording
-    there = {*SIGNALS, BURSTS, *experiment.method(name).reports}
+    there = {*SIGNALS, BURSTS, COVARIANCE, *experiment.method(name).reports}
     return recording._replace(signals=tuple(signal for signal in recording.signals if signal in there))

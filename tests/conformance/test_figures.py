@@ -15,8 +15,10 @@ PARAMETERS = {
     "boxplot": [{}, {"metric": "power", "log": True, "width": 5.0}],
     "elements": [{"signal": "Q_yw", "width": 6.0}],
     "ellipses": [{"x": "mse", "y": "power"}],
+    "estimation-error": [{}, {"component": 1, "runs": 2}],
     "heat-map": [{}, {"show": "value", "log": True, "numbers": False}],
     "means": [{}],
+    "nees": [{}, {"of": "nis", "log": False}],
     "paired": [{}],
     "pareto": [{"x": "mse", "y": "power"}],
     "plane": [{"components": (0, 1), "marks": 1.0}],
@@ -43,11 +45,12 @@ def results(make_trials, with_series):
         for i in (0, 1):
             entries += [(method, name, f"{i},{j}", (2.0 + k) * (i == j), 0) for name in ("P", "cov(e)") for j in (0, 1)]
             entries += [(method, name, f"{i}", np.sin(k) + i, 0) for name in ("mean(x)", "mean(x_hat)")]
-    sizes = {"y": (2, STEPS + 1), "u": (1, STEPS), "x": (2, STEPS + 1), "x_hat": (2, STEPS + 1), "Q_yw": (4, STEPS)}
+    sizes = {"y": (2, STEPS + 1), "u": (1, STEPS), "x": (2, STEPS + 1), "x_hat": (2, STEPS + 1), "e": (1, STEPS + 1)}
+    sizes |= {"Q_yw": (4, STEPS), "S": (1, STEPS + 1)}
     traces = {
         method: Traces(
             np.arange(RUNS),
-            {name: rng.standard_normal((RUNS, n_samples, n)) for name, (n, n_samples) in sizes.items()},
+            {name: np.abs(rng.standard_normal((RUNS, n_samples, n))) for name, (n, n_samples) in sizes.items()},
             np.zeros((STEPS + 1, 2)),
             {"Q_yw": (2, 2)},
         )

@@ -8,9 +8,9 @@ import pytest
 from small_experiment import arrays_of, cli, ran, spied, write
 
 from rmpc_bench import load_config, load_trials, run, simulate
-from rmpc_bench.simulation.closed_loop import simulate_block
+from rmpc_bench.simulation.closed_loop import _signal, simulate_block
 from rmpc_bench.simulation.scenario import Recording
-from rmpc_bench.types import ConfigError
+from rmpc_bench.types import ConfigError, Record
 
 SIGNALS = ("y", "u", "x", "x_hat")
 EVERY = "{runs: all, signals: [y, u, x, x_hat]}"
@@ -183,3 +183,26 @@ def test_a_smoke_run_records_its_own_size(tmp_path):
     file.unlink()
     assert cli("report", tmp_path / "out").exit_code == 0
     assert file.read_bytes() == before
+
+
+def test_the_reported_covariance_of_every_run(load, tmp_path):
+    """Recorded row by row, as the estimator reports it; it is stored, and nothing is computed again."""
+    config = load(record="{runs: 2, signals: [x, x_hat, P]}")
+    results = run(config, directory=tmp_path / "out", jobs=1)
+    for name, traces in results.traces.items():
+        P = results.trials.matrix_series("P", name)
+        nx = P.shape[1]
+        assert traces.shapes["P"] == (nx, nx) and traces.signals["P"].shape[0] == 2
+        for row in traces.signals["P"]:
+            np.testing.assert_array_equal(row.reshape(-1, nx, nx), np.broadcast_to(P, (len(row), nx, nx)))
+    assert load_trials(tmp_path / "out").traces.keys() == results.traces.keys()
+
+
+def test_a_method_without_a_covariance_records_nan():
+    """One of every run is kept as it is; NaN stands for none, so that the runs count as complete."""
+    record = Record.of_run(x=[0.0, 1.0, 2.0], x_hat=[0.0, 1.0, 2.0])
+    assert _signal(record, "P").shape == (1, 3, 1) and np.isnan(_signal(record, "P")).all()
+    own = np.arange(3.0).reshape(1, 3, 1, 1)
+    np.testing.assert_array_equal(_signal(record._replace(P=own), "P"), own[:, :, 0])
+    # What a method reports itself under this name comes first.
+    assert _signal(record._replace(info={"P": own[:, :, 0] + 7}), "P")[0, 0, 0] == 7

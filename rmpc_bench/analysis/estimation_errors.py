@@ -1,0 +1,155 @@
+"""Estimation errors x_hat - x of recorded runs or of an ensemble, with the covariance that the method reports."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.nees import NormalisedSquares, average_of_moments, normalised_squares
+from rmpc_bench.analysis.traces import COVARIANCE
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.types import Array
+
+MEAN, SCATTER = "mean(e)", "cov(e)"
+"""Series of the ensemble; the error is x - x_hat there."""
+INNOVATION, INNOVATION_COVARIANCE = "e", "S"
+"""Recorded signals of methods that report them."""
+GAUSSIAN_SHARE = 0.0026997960632601866
+"""Probability that a Gaussian variable is more than three standard deviations from its mean."""
+
+
+class ErrorRuns(NamedTuple):
+    """Errors of the recorded runs that finished."""
+
+    runs: Array
+    """(runs,) indices."""
+    e: Array
+    """(runs, samples, n)"""
+    P: Array | None
+    """(samples, n, n) reported covariances, or (runs, samples, n, n) where every run has its own; None where there are
+    none."""
+    size: Array
+    """(runs, 1, n) size of the numbers whose difference is e."""
+    n_failed: int
+    """Recorded runs that failed, which are left out."""
+
+    def squares(self) -> NormalisedSquares:
+        """Return the normalised squares of all runs, (runs, samples)."""
+        assert self.P is not None, "asked of methods with a covariance only"
+        return normalised_squares(self.e, self.P, self.size)
+
+    def variances(self) -> Array:
+        """Return the reported variances of every run, (runs, samples, n)."""
+        assert self.P is not None, "asked of methods with a covariance only"
+        return np.broadcast_to(np.diagonal(self.P, axis1=-2, axis2=-1), self.e.shape)
+
+    def outside(self) -> Array:
+        """Whether an error is beyond three reported standard deviations, (runs, samples, n); rounding is not."""
+        beyond: Array = np.abs(self.e) > 3 * np.sqrt(np.maximum(self.variances(), 0.0))
+        return beyond & (np.abs(self.e) > 1e-9 * self.size)
+
+
+class ErrorMoments(NamedTuple):
+    """Mean and covariance of the errors over the runs of an ensemble."""
+
+    mean: Array
+    """(samples, n) of x_hat - x"""
+    cov: Array
+    """(samples, n, n)"""
+    n: int
+    """Number of runs; 0 where they are exact."""
+
+    @property
+    def std(self) -> Array:
+        """(samples, n) standard deviations."""
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.cov, axis1=1, axis2=2), 0.0)))
+
+    def squares(self, P: Array) -> NormalisedSquares:
+        """Return the average of the normalised squares over the runs, (samples,); the expected one of exact moments."""
+        second = self.cov * ((self.n - 1) / self.n if self.n else 1.0)
+        return average_of_moments(self.mean, second, P)
+
+
+def recorded_errors(point: Trials, method: str) -> ErrorRuns | None:
+    """Read the errors of the recorded runs; None where x or x_hat is not recorded, or they have other lengths.
+
+    Parameters
+    ----------
+    point : the table of an experiment, or of a point of its sweep
+    method : name of the method
+    """
+    traces = point.traces.get(method)
+    if traces is None or not {"x", "x_hat"} <= set(traces.signals):
+        return None
+    x, x_hat = traces.signals["x"], traces.signals["x_hat"]
+    if x.shape != x_hat.shape:
+        return None
+    rows, n_failed = _finished(point, method, traces.runs)
+    own = traces.signals.get(COVARIANCE)
+    P = reported_covariance(point, method, x.shape[1])
+    if own is not None:
+        matrices = own[rows].reshape(len(rows), *x.shape[1:], x.shape[2])
+        # A method that reports none has recorded NaN only.
+        P = matrices if np.isfinite(matrices).any() else P
+    size = np.maximum(np.abs(x[rows]), np.abs(x_hat[rows])).max(axis=1, initial=0.0)[:, None, :]
+    return ErrorRuns(traces.runs[rows], x_hat[rows] - x[rows], P, size, n_failed)
+
+
+def recorded_innovations(point: Trials, method: str) -> ErrorRuns | None:
+    """Read the innovations and their covariances; None where one of them is not recorded.
+
+    Parameters
+    ----------
+    point : the table of an experiment, or of a point of its sweep
+    method : name of the method
+    """
+    traces = point.traces.get(method)
+    if traces is None or not {INNOVATION, INNOVATION_COVARIANCE} <= set(traces.signals):
+        return None
+    rows, n_failed = _finished(point, method, traces.runs)
+    e, S = traces.signals[INNOVATION][rows], traces.signals[INNOVATION_COVARIANCE][rows]
+    size = np.nanmax(np.abs(e), axis=1, initial=0.0)[:, None, :]
+    return ErrorRuns(traces.runs[rows], e, S.reshape(*e.shape, e.shape[2]), size, n_failed)
+
+
+def ensemble_errors(point: Trials, method: str, *, exact: bool) -> ErrorMoments | None:
+    """Read the moments of the errors over an ensemble; None where there are none.
+
+    Parameters
+    ----------
+    point : the table of an experiment, or of a point of its sweep
+    method : name of the method
+    exact : the exact moments, and not those from runs
+    """
+    series = point.series
+    chosen = (series["method"] == method) & series["quantity"].isin((MEAN, SCATTER))
+    rows = series[chosen & ((series["n"] == 0) == exact)]
+    if set(rows["quantity"]) != {MEAN, SCATTER}:
+        return None
+    only = replace(point, series=rows)
+    mean, cov = (only.matrix_series(name, method) for name in (MEAN, SCATTER))
+    return ErrorMoments(-mean, cov, only.n_of(MEAN, method))
+
+
+def reported_covariance(point: Trials, method: str, n_samples: int) -> Array | None:
+    """Read the covariance that a design reports, (samples, n, n); None where it has none.
+
+    Parameters
+    ----------
+    point : the table of an experiment, or of a point of its sweep
+    method : name of the method
+    n_samples : number of samples, over which a constant one is repeated
+    """
+    try:
+        P = point.matrix_series(COVARIANCE, method)
+    except KeyError:
+        return None
+    return np.repeat(P, n_samples, axis=0) if len(P) == 1 else P[:n_samples]
+
+
+def _finished(point: Trials, method: str, runs: Array) -> tuple[Array, int]:
+    """Positions of the recorded runs that finished, and the number of those that failed."""
+    failed = np.isin(runs, point.runs[point.failed(method)])
+    return np.flatnonzero(~failed), int(failed.sum())
