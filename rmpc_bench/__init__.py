@@ -31,6 +31,7 @@ _PUBLIC: dict[str, str] = {
     "summarise": "rmpc_bench.execution.evaluation",
     "compare": "rmpc_bench.execution.evaluation",
     "drivers": "rmpc_bench.execution.evaluation",
+    "requirements": "rmpc_bench.execution.evaluation",
     "judge": "rmpc_bench.execution.evaluation",
     "figure": "rmpc_bench.execution.evaluation",
     "publish": "rmpc_bench.execution.publish",

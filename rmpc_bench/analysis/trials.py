@@ -13,6 +13,7 @@ from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.types import Array, MetricInfo, Status
+from rmpc_bench.types.requirement import Requirement
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,7 @@ class Trials:
     declared : all methods of the experiment, also those that have no stored runs; `methods` if empty
     notes : method -> failures, held steps and warnings of its runs
     uncertainty : column ``run`` and one per named uncertain quantity; empty for a whole sweep, whose points have it
+    requirements : what the metric of a run must keep
     random_besides : what else is random in a run, such as ``noise``; None where the store does not say
     groups : method -> moments over the runs by groups of runs, where they are not exact
     expected_failures : method -> check of its components that is meant to fail -> reason
@@ -94,6 +96,7 @@ class Trials:
     notes: Mapping[str, RunNotes] = field(default_factory=dict)
     uncertainty: pd.DataFrame = field(default_factory=pd.DataFrame)
     random_besides: tuple[str, ...] | None = None
+    requirements: tuple[Requirement, ...] = ()
     declared: tuple[str, ...] = ()
 
     @property

@@ -141,7 +141,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
     return {
         **head,
         "time": {"step": time.step, **length},
-        "uncertainty": uncertainty_data(draft),
+        "uncertainty": uncertainty_data(draft, canonical=False),
         "plant": plant_data(draft),
         "model": set_keys(draft.model) if draft.model else {},
         "noise": noise_data(draft, experiment),

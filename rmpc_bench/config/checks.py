@@ -10,6 +10,7 @@ from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.evaluation_checks import check_evaluation, check_recording
 from rmpc_bench.config.figure_checks import check_figures
 from rmpc_bench.config.labels import labels_of
+from rmpc_bench.config.requirements import check_requirements
 from rmpc_bench.config.result_layout import layout_of
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
@@ -44,6 +45,7 @@ def check(
     first.warnings = sorted({warning for draft in drafts for warning in draft.warnings})
     _check_statistics(first)
     _check_report(first)
+    check_requirements(first)
     check_recording(first, [None if point is None else point.experiment for point in points])
     check_figures(first, layout)
     _check_columns(first, sweep)

@@ -78,7 +78,10 @@ class DraftConfig:
     access: CodeAccess = NO_ACCESS
     """Which files of the user may be loaded."""
     values: dict[str, Any] = field(default_factory=dict)
-    uncertainty: dict[str, distributions.Distribution] = field(default_factory=dict)
+    laws: dict[str, distributions.Distribution] = field(default_factory=dict)
+    """Laws of the uncertain quantities as given."""
+    scale: float = 1.0
+    """Factor on the spread of all of them."""
     parameter_changes: dict[str, ParameterChange] = field(default_factory=dict)
     plant: Component | None = None
     plant_range: dict[str, Any] = field(default_factory=dict)
@@ -106,6 +109,11 @@ class DraftConfig:
     metrics: list[Component | None] = field(default_factory=list)
     figures: list[Component | None] = field(default_factory=list)
     claims: list[ClaimKeys | None] = field(default_factory=list)
+
+    @property
+    def uncertainty(self) -> dict[str, distributions.Distribution]:
+        """Laws of the uncertain quantities with the scale applied."""
+        return {name: law.scaled(self.scale) for name, law in self.laws.items()}
 
     @property
     def metric_names(self) -> list[str]:

@@ -135,9 +135,18 @@ def set_keys(component: Component, write: Writer = as_given) -> dict[str, Any]:
     return {name: value for name, value in keys.items() if value is not None and later.get(name) != value}
 
 
-def uncertainty_data(draft: DraftConfig) -> dict[str, Any]:
-    """Return the distributions of the uncertain quantities as plain data."""
-    return {name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in draft.uncertainty.items()}
+def uncertainty_data(draft: DraftConfig, *, canonical: bool = True) -> dict[str, Any]:
+    """Return the distributions of the uncertain quantities as plain data.
+
+    Parameters
+    ----------
+    draft : with valid laws
+    canonical : whether the scale is applied to the laws, so that a range of 20 % at scale 2 is one of 40 %; else it
+        stands beside them, unless it is 1
+    """
+    laws = draft.uncertainty if canonical else draft.laws
+    data = {name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in laws.items()}
+    return data if canonical or draft.scale == 1 else {**data, "scale": draft.scale}
 
 
 def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]:

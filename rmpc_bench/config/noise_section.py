@@ -33,11 +33,22 @@ _SAME: Any = dict[str, NonNegative]
 _CROSS: Any = float | list[list[float]]
 
 _TAKEN = ("run", "pi", "sqrt", "sin", "cos")
+SCALE = "scale"
+"""Key of `uncertainty` that is no quantity: the factor on the spread of all of them."""
+
+
+def uncertain_names(draft: DraftConfig) -> list[str]:
+    """Return the names of the uncertain quantities of a configuration."""
+    return [name for name in draft.values["uncertainty"] or {} if name != SCALE]
 
 
 def read_uncertainty(draft: DraftConfig) -> None:
-    """Read the distributions of the uncertain quantities."""
-    for name, value in (draft.values["uncertainty"] or {}).items():
+    """Read the distributions of the uncertain quantities and the scale of their spread."""
+    section = draft.values["uncertainty"] or {}
+    if SCALE in section:
+        _read_scale(draft, section[SCALE])
+    for name in uncertain_names(draft):
+        value = section[name]
         path: list[str | int] = ["uncertainty", name]
         if not re.fullmatch(r"[A-Za-z_]\w*", name):
             draft.note(path, "a name consists of letters, digits and _, and begins with a letter or _", key=True)
@@ -45,7 +56,24 @@ def read_uncertainty(draft: DraftConfig) -> None:
             draft.note(path, f"{name!r} is reserved; choose another name", key=True)
         law = _distribution(draft, value, path)
         if law is not None:
-            draft.uncertainty[name] = law
+            draft.laws[name] = law
+
+
+def _read_scale(draft: DraftConfig, value: Any) -> None:
+    """Read the factor on the spread of all quantities; a law under its name is a quantity with a reserved name."""
+    path: list[str | int] = ["uncertainty", SCALE]
+    try:
+        factor = quantity.number(value)
+    except quantity.QuantityError:
+        factor = None
+    if factor is None or factor < 0:
+        message = "is the factor on the spread of all quantities, a number >= 0"
+        hint = "; choose another name for a quantity" if factor is None else ""
+        draft.note(path, f"{message} (got {shown(value)}){hint}")
+    elif not uncertain_names(draft):
+        draft.note(path, "has no effect: no uncertain quantity is named", key=True)
+    else:
+        draft.scale = factor
 
 
 def _distribution(draft: DraftConfig, value: Any, path: list[str | int]) -> distributions.Distribution | None:

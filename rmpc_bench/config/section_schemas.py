@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from rmpc_bench.config.annotation_schema import CODE, Schema, record_schema
-from rmpc_bench.config.noise_section import DISTRIBUTIONS
+from rmpc_bench.config.noise_section import DISTRIBUTIONS, SCALE
 
 NUMBER: Schema = {"type": ["number", "string"]}
 _EXPRESSIONS: Schema = {
@@ -53,7 +53,9 @@ def uncertainty() -> Schema:
         law["properties"] = {"dist": {"const": name, "description": first}, **law["properties"]}
         laws.append({**law, "required": ["dist", *law.get("required", ())]})
     spread: Schema = {"type": "string", "description": "a range about 0, such as +-10%: uniform"}
-    return {"type": "object", "additionalProperties": {"anyOf": [spread, *laws]}}
+    about = "factor on the spread of all quantities about their centres, 1 unless given; no quantity has this name"
+    scale: Schema = {"minimum": 0, **NUMBER, "description": about}
+    return {"type": "object", "properties": {SCALE: scale}, "additionalProperties": {"anyOf": [spread, *laws]}}
 
 
 def law(kinds: Iterable[str]) -> Schema:

@@ -78,6 +78,8 @@ class Statistics:
     confidence : level of all intervals, such as 95%
     relevant : smallest difference that matters: a relative change for all metrics, or a number per metric
     average : averages of the paired runs, the geometric mean of their ratios or the ratio of the means
+    requirement : what the metric of a run must keep, such as settling_time < 20, or a list of such texts; the share of
+        runs that pass is counted
     """
 
     primary: Text | None = None
@@ -85,6 +87,12 @@ class Statistics:
     confidence: Annotated[float, Gt(0), Lt(1)] = 0.95
     relevant: Relevant = DEFAULT_RELEVANT
     average: Literal["geometric", "mean", "both"] = "both"
+    requirement: Text | list[Text] = field(default_factory=list)
+
+    @property
+    def requirements(self) -> list[str]:
+        """The requirements as a list."""
+        return [self.requirement] if isinstance(self.requirement, str) else self.requirement
 
     @property
     def relevant_change(self) -> float:
@@ -284,7 +292,10 @@ SECTIONS: dict[str, Section] = {
         Time, ..., "Sampling time `step` [s] with `duration` [s] or a number of `steps`; samples are k = 0..N."
     ),
     "uncertainty": Section(
-        dict[str, Any], {}, "Random quantities, one value per run, the same for every method: +-10% or {dist: .., ..}."
+        dict[str, Any],
+        {},
+        "Random quantities, one value per run, the same for every method: +-10% or {dist: .., ..}. The key `scale` is "
+        "a factor on the spread of all of them.",
     ),
     "plant": Section(dict[str, Any], ..., "The true system."),
     "model": Section(dict[str, Any], ..., "Design model of estimators and controllers; the default of all methods."),

@@ -15,7 +15,7 @@ from rmpc_bench.config import plant_range
 from rmpc_bench.config.component import Component, read_component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents, ParameterChange
 from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty
+from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty, uncertain_names
 from rmpc_bench.config.recorded_data import refuse_sections
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
 from rmpc_bench.config.short_forms import with_kind
@@ -142,7 +142,7 @@ def _plant(draft: DraftConfig) -> None:
                     message = f"write the range under `uncertainty`, {{eps: {text}}}, and {name}: 1 + eps here"
                     draft.note(path, message)
                     continue
-                expression = quantity.parse(text, draft.values["uncertainty"] or {})
+                expression = quantity.parse(text, uncertain_names(draft))
             except quantity.QuantityError as error:
                 draft.note(path, str(error))
                 continue

@@ -20,6 +20,7 @@ from rmpc_bench.figures.style import rendered
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.drivers_table import DriversTable, drivers_table
+from rmpc_bench.report.requirements_table import RequirementsTable, requirements_table
 from rmpc_bench.types import DesignError, Figure, Problem
 
 
@@ -110,6 +111,31 @@ def drivers(results: Results | Trials) -> DriversTable:
     ['driven by   not resolved: 4 runs, it takes 50']
     """
     return drivers_table(results if isinstance(results, Trials) else results.trials)
+
+
+def requirements(results: Results | Trials) -> RequirementsTable:
+    """Count the runs that meet the requirements of the configuration, per method and paired with the baseline.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`, or their table of trials
+
+    Returns
+    -------
+    the table, with `frame`, `sentences` and `to_markdown()`
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config(
+    ...     "configs/quickstart.yaml", runs=4, overrides=["statistics.requirement=settling_time < 20"]
+    ... )
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1, only=["S-MPC", "R-MPC"])
+    >>> requirements(results).frame["n"].tolist()
+    [4, 4]
+    """
+    return requirements_table(results if isinstance(results, Trials) else results.trials)
 
 
 def judge(results: Results) -> tuple[ClaimVerdict, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.identity import set_keys
+from rmpc_bench.config.requirements import read_requirement
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.tree import plain
 from rmpc_bench.execution.store import Store
@@ -19,6 +20,7 @@ from rmpc_bench.simulation.randomness import random_besides
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Method
+from rmpc_bench.types.requirement import Requirement
 
 BUILT_IN = ("rmpc_bench.estimators.", "rmpc_bench.controllers.")
 
@@ -82,6 +84,7 @@ class _Layout:
             points=tuple(self._point(point) for point in config.points),
             expected_failures=_declared(config),
             report=config.report,
+            requirements=_requirements(config),
         )
 
     def _point(self, point: SweepPoint) -> StoredPoint:
@@ -151,6 +154,11 @@ class _Layout:
         name = sha256(repr(array.shape).encode() + array.tobytes()).hexdigest()
         self.arrays[name] = array
         return name
+
+
+def _requirements(config: ExperimentConfig) -> tuple[Requirement, ...]:
+    names = [info.name for info in config.experiment.metric_infos]
+    return tuple(read_requirement(text, names) for text in config.statistics.requirements)
 
 
 def _declared(config: ExperimentConfig) -> dict[str, dict[str, str]]:

@@ -16,7 +16,7 @@ from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.execution.evaluation import drivers, judge, summarise
+from rmpc_bench.execution.evaluation import drivers, judge, requirements, summarise
 from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.latex_files import write_latex
 from rmpc_bench.execution.manifest import note_look, read
@@ -28,6 +28,7 @@ from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
+from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.summary import Summary, trials_csv, write_csv
 from rmpc_bench.types import Array
@@ -45,6 +46,7 @@ class Publication:
     tables : summary and comparisons
     verdicts : the finding of every claim
     drivers : what drives the primary metric
+    requirements : runs that meet the requirements
     figures : the figures with their captions and files
     left_out : figures that could not be drawn, each as ``kind: reason``
     remarks : what a reader of the files should know, such as a font that is not installed
@@ -56,6 +58,7 @@ class Publication:
     tables: Summary
     verdicts: tuple[ClaimVerdict, ...]
     drivers: DriversTable
+    requirements: RequirementsTable
     figures: tuple[WrittenFigure, ...] = ()
     left_out: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
@@ -131,10 +134,12 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     rendering = rendering or rendering_of(results.experiment.report)
     report = results.experiment.report
     tables = summarise(results).shown(report.order, report.metrics)
-    verdicts, driven = judge(results), drivers(results)
+    verdicts = judge(results)
+    driven, demanded = drivers(results), requirements(results)
     paths = [
         *_write_tables(results, tables, directory),
-        *_write_drivers(driven, directory),
+        *_write_table(driven, directory, "drivers"),
+        *_write_table(demanded, directory, "requirements"),
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory, rendering.formats),
         *_write_timings(results, directory / "timings.csv"),
@@ -150,7 +155,7 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     drawn = Drawn(figures, left_out, rendering)
     paths += write_page(results, tables, verdicts, record, driven, drawn, paths, directory)
     remarks = tuple(filter(None, [remark_on(rendering.font)]))
-    return Publication(results, directory, tuple(paths), tables, verdicts, driven, figures, left_out, remarks)
+    return Publication(results, directory, tuple(paths), tables, verdicts, driven, demanded, figures, left_out, remarks)
 
 
 def _is_same(one: Path, other: Path) -> bool:
@@ -168,13 +173,14 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
     return [directory / name for name in names]
 
 
-def _write_drivers(table: DriversTable, directory: Path) -> list[Path]:
-    """Write drivers.csv and tables/drivers.md; neither where nothing is uncertain and nothing is swept."""
-    files, text = [directory / "drivers.csv", directory / "tables" / "drivers.md"], table.to_markdown()
+def _write_table(table: DriversTable | RequirementsTable, directory: Path, name: str) -> list[Path]:
+    """Write NAME.csv and tables/NAME.md; what has no content is not written, and an earlier file is removed."""
+    files, frame = [directory / f"{name}.csv", directory / "tables" / f"{name}.md"], table.frame
+    text = table.to_markdown()
     for file in files:
         file.unlink(missing_ok=True)
-    if len(table.frame):
-        write_csv(table.frame, files[0])
+    if len(frame):
+        write_csv(frame, files[0])
     if text:
         files[1].write_text(text, encoding="utf-8")
     return [file for file in files if file.exists()]

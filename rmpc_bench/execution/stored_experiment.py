@@ -20,6 +20,7 @@ from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_method import StoredMethod, each_once
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import MetricInfo
+from rmpc_bench.types.requirement import Requirement
 
 KEY = "layout"
 WAY_OUT = "`rmpc-bench run` with its configuration adds it and computes nothing again"
@@ -136,6 +137,7 @@ class StoredExperiment:
     points : points of the sweep
     expected_failures : method -> check of `rmpc_bench.conformance` that its own components are meant to fail -> reason
     report : what tables and figures show, and how figures are written
+    requirements : what the metric of a run must keep
     """
 
     name: str
@@ -161,6 +163,7 @@ class StoredExperiment:
     points: tuple[StoredPoint, ...]
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     report: ReportKeys = field(default_factory=ReportKeys)
+    requirements: tuple[Requirement, ...] = ()
 
     @property
     def methods(self) -> tuple[str, ...]:

@@ -111,6 +111,7 @@ def _table(
         declared=tuple(experiment.methods),
         uncertainty=_quantities(experiment, point, store, quantities),
         random_besides=point.random_besides,
+        requirements=experiment.requirements,
     )
 
 

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
+from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import held_cells, notes_markdown
 from rmpc_bench.report.sentences import AVERAGES, explanation, margin_text, sentence
 from rmpc_bench.report.worst_runs import worst_runs_columns
@@ -101,6 +103,8 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
             parts.append("\n".join(f"- {sentence(row, info, trials)}" for row in rows))
     if len(trials.methods) > 1 and trials.with_verdicts:
         parts.append(explanation(trials))
+    demanded = requirement_columns(trials, pass_rates(trials))
+    parts += ["## Requirements", markdown_table(demanded), REQUIREMENTS_NOTE] if demanded else []
     worst = worst_runs_columns(trials)
     parts += ["## Worst runs", markdown_table(worst)] if worst else []
     for head, lines in (
