@@ -167,7 +167,7 @@ def _shares(A: Array, y: Array, weights: Array, kept: Sequence[Sequence[int]]) -
     whole = _residual(gram, moments, squares, range(n_columns)) / (n - n_columns)
     rest = [_residual(gram, moments, squares, columns) / (n - len(columns)) - whole for columns in kept]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.stack([*rest, whole], axis=2) / total[:, :, None]
+        return np.asarray(np.stack([*rest, whole], axis=2) / total[:, :, None])
 
 
 def _residual(gram: Array, moments: Array, squares: Array, columns: Sequence[int]) -> Array:

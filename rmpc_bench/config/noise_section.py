@@ -63,7 +63,8 @@ def _read_scale(draft: DraftConfig, value: Any) -> None:
     """Read the factor on the spread of all quantities; a law under its name is a quantity with a reserved name."""
     path: list[str | int] = ["uncertainty", SCALE]
     try:
-        factor = quantity.number(value)
+        # `+-10%` would be read as the number -0.1.
+        factor = None if isinstance(value, str) and quantity.spread(value) is not None else quantity.number(value)
     except quantity.QuantityError:
         factor = None
     if factor is None or factor < 0:
