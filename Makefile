@@ -25,7 +25,7 @@ test-slow: setup  ## run the tests that take minutes
 smoke: setup  ## run every configuration at its small size
 	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh || exit; done
 
-docs: setup  ## make the generated pages of docs/ again
+docs: setup  ## make the generated parts of README and docs again
 	PYTHONPATH=tests $(BIN)/python -m docs.pages
 
 lint: setup  ## check style and format

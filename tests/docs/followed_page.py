@@ -3,7 +3,7 @@
 A block ```yaml NAME (or python, or another language) is a file.  A block ```console has one command per line, ``$ ..``.
 A block ```text after it is what the last of these commands prints to stdout.
 
-`make docs` runs the commands of the tutorial and writes its ```text blocks again.
+`make docs` runs the commands of README and tutorial and writes their ```text blocks again.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+README = Path(__file__).parents[2] / "README.md"
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SECONDS = re.compile(r"(?<= done in )\d+(?:\.\d+)? s(?= )")
@@ -39,10 +40,10 @@ class Step(NamedTuple):
 def followed(page: Path) -> tuple[Step, ...]:
     """Follow a page in a temporary directory, once per process."""
     with tempfile.TemporaryDirectory() as place:
-        return tuple(_follow(page, Path(place)))
+        return tuple(follow(page, Path(place)))
 
 
-def _follow(page: Path, place: Path) -> Iterator[Step]:
+def follow(page: Path, place: Path) -> Iterator[Step]:
     """Write the named blocks of a page below ``place`` and run its commands there, in the order of the page."""
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
     for i, (language, name, text) in enumerate(blocks):
@@ -68,7 +69,16 @@ def comparable(text: str) -> str:
 
 
 def updated(page: Path) -> str:
-    """Return the text of a page with every ```text block that follows a command made again."""
+    """Return the text of a page with every ```text block that follows a command made again.
+
+    Raises
+    ------
+    RuntimeError
+        If a command of the page fails.
+    """
+    failed = [f"{step.line}: exit code {step.code}\n{step.out}{step.err}" for step in followed(page) if step.code != 0]
+    if failed:
+        raise RuntimeError("\n".join(failed))
     made = iter([comparable(step.out) for step in followed(page) if step.shown is not None])
     last = ""
 

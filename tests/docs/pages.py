@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from docs.markdown import ROOT
+
 from docs import components_page, followed_page, reference_page, reproductions_page, worked_comparisons
 
 PAGES: Mapping[Path, Callable[[], str]] = {
     components_page.PAGE: components_page.generated,
     reference_page.PAGE: reference_page.generated,
     reproductions_page.PAGE: reproductions_page.generated,
+    followed_page.README: lambda: followed_page.updated(followed_page.README),
     followed_page.TUTORIAL: lambda: followed_page.updated(followed_page.TUTORIAL),
     worked_comparisons.PAGE: lambda: worked_comparisons.updated(worked_comparisons.PAGE.read_text(encoding="utf-8")),
 }
@@ -23,7 +26,7 @@ def main() -> None:
         text = make()
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
-            print(f"written docs/{path.name}")
+            print(f"written {path.relative_to(ROOT)}")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
 """The generated pages are what `make docs` writes now, and have every key, component and option."""
 
 import itertools
+import shutil
 
 import pytest
 from docs.equations import EQUATIONS, IN_WORDS
 from docs.examples_of_keys import EXAMPLES
 from docs.pages import PAGES
+from docs.test_methods import compiled
 from jsonschema import Draft7Validator
 
 from docs import components_page, reference_page
@@ -73,6 +75,11 @@ def test_equations_have_balanced_braces_and_no_escaped_punctuation():
         assert equation.count("{") == equation.count("}"), name
         assert equation.count(r"\left") == equation.count(r"\right"), name
         assert not any(f"\\{mark}" in equation for mark in "{},;!#_"), name
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
+def test_equations_compile(tmp_path):
+    assert compiled([*EQUATIONS.values()], tmp_path) == ""
 
 
 def test_the_index_finds_every_key(schema):
