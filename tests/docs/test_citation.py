@@ -25,4 +25,4 @@ def test_every_paper_is_a_reference_with_its_identifier():
         assert all(author["family-names"] in PAPERS[key] for author in each["authors"])
         found = [identifier["value"] for identifier in each.get("identifiers", ())]
         found += [f"ISBN {each['isbn']}"] if "isbn" in each else []
-        assert found == [IDENTIFIERS[key]] * (key in IDENTIFIERS) and "doi" not in each
+        assert found == [IDENTIFIERS[name] for name in [key] if name in IDENTIFIERS] and "doi" not in each
