@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from docs.equations import EQUATIONS
-from docs.markdown import DOCS, anchor, heading, key_table, page, table, text
+from docs.markdown import DOCS, anchor, heading, kept_figures, key_table, page, table, text
 
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
@@ -26,6 +26,8 @@ those of installed packages included. [own-components.md](own-components.md) des
 Names: x state, u input, y output, r reference, w process noise, v measurement noise, k index of the sample, N number of
 control periods, Ts sampling time, ' transposed. [glossary.md](glossary.md) explains the terms,
 [reference.md](reference.md) the keys of a configuration that belong to no component."""
+PREFERRED = "zenere2018"
+"""Paper whose figures are shown where there is a choice."""
 ABOUT = {
     "plants": "The true system, `plant: {kind: NAME, ..}`.",
     "models": "The design model of estimators and controllers, `model: {kind: NAME, ..}`.",
@@ -69,7 +71,15 @@ def _component(group: str, kind: str) -> list[str]:
     short = [f"Short form: {form}"] if form else []
     equation = EQUATIONS.get((group, kind), "")
     formula = [f"$$\n{equation.strip()}\n$$"] if equation else []
-    return [heading(3, kind, group, kind), *_texts(manual, formula), *short, *keys, *examples]
+    return [heading(3, kind, group, kind), *_texts(manual, formula), *_picture(group, kind), *short, *keys, *examples]
+
+
+def _picture(group: str, kind: str) -> list[str]:
+    """A figure of this kind among those that git keeps."""
+    kept = [path for path in kept_figures() if group == "figures" and path.endswith(f"/{kind}.svg")]
+    shown = min(kept, key=lambda path: (PREFERRED not in path, path), default="")
+    experiment = "/".join(shown.split("/")[1:3])
+    return [f"![{kind} of {experiment}](../{shown})", f"Figure of {experiment}."] if shown else []
 
 
 def _texts(manual: Manual, formula: list[str]) -> list[str]:

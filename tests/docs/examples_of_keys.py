@@ -8,6 +8,7 @@ EXAMPLES: dict[str, str] = {
     "paper": "paper: zenere2018",
     "title": "title: MSE of the load angle over 200 perturbed servomechanisms (Fig. 7)",
     "summary": "summary: The medians are 0.114 and 0.103 rad^2; R-MPC is 11 % below S-MPC.",
+    "extends": "extends: fig7.yaml",
     "seed": "seed: 20180418",
     "runs": "runs: 200",
     "time": "time: {step: 0.1, duration: 20}        # or {steps: 1500}",
@@ -19,7 +20,8 @@ EXAMPLES: dict[str, str] = {
     "uncertainty": """uncertainty:
   eps_min: +-10%
   eps_max: {dist: normal, std: 5%, truncate: 3}
-  eps_jl: {dist: choice, values: [-0.8, 0, 0.8]}""",
+  eps_jl: {dist: choice, values: [-0.8, 0, 0.8]}
+  scale: 1                                      # 2 doubles the spread of all of them""",
     "noise": """noise:
   process: none
   measurement: {sum: [{gaussian: {std: 0.01}}, {uniform: {radius: 0.02}}]}""",
@@ -45,6 +47,7 @@ EXAMPLES: dict[str, str] = {
     check: mean(mse[R-MPC]) < mean(mse[S-MPC])
     finding: confirmed""",
     "figures": "figures: [boxplot, {kind: trajectories, signals: [y, u], runs: 3}]",
+    "report": "report: {order: [R-MPC, S-MPC], metrics: [mse], width: 252pt, style: paper}",
     "execution": "execution: {workers: 2, timeout: {run: 60 s}, max_failures: 0}",
     "smoke": "smoke: {runs: 4, steps: 20}",
 }

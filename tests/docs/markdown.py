@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 
 from rmpc_bench.config.component_manual import KeyEntry
@@ -84,3 +85,10 @@ def heading(level: int, title: str, *words: str) -> str:
 def page(*parts: str) -> str:
     """Join the paragraphs of a page."""
     return "\n\n".join([MADE, *(part for part in parts if part)]) + "\n"
+
+
+@cache
+def kept_figures() -> list[str]:
+    """Return the figures that git keeps; others may lie beside them after a run."""
+    lines = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    return [line.removeprefix("!") for line in lines if line.startswith("!results/") and line.endswith(".svg")]

@@ -101,7 +101,7 @@ def _details(name: str) -> list[str]:
 def keys_of_section(name: str, schema: Mapping[str, Any]) -> Sequence[KeyEntry]:
     """Keys of a section, or the entry of its value."""
     if name == "uncertainty":
-        return _laws(schema)
+        return [*keys_of_schema(schema), *_laws(schema)]
     if name == "methods":
         return [key._replace(keys=()) for key in keys_of_schema(schema["additionalProperties"])]
     if name in COMPONENTS and name != "noise":

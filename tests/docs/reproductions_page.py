@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from docs.markdown import DOCS, ROOT, anchor, code, heading, page, table, text
+from docs.markdown import DOCS, ROOT, anchor, code, heading, kept_figures, page, table, text
 
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.evidence import number_text
@@ -194,13 +193,6 @@ def _links(configuration: Configuration, claim: dict[str, Any] | None = None) ->
     found += [f"[figure](../{path})" for path in kept if Path(path).stem in shown]
     found += [f"figure `{name}`" for name in shown if f"{folder}/{name}.svg" not in kept]
     return ", ".join(found)
-
-
-@cache
-def kept_figures() -> list[str]:
-    """Return the figures that git keeps; others may lie beside them after a run."""
-    lines = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
-    return [line.removeprefix("!") for line in lines if line.startswith("!results/") and line.endswith(".svg")]
 
 
 def _overview(found: Sequence[Configuration]) -> str:

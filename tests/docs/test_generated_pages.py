@@ -37,8 +37,9 @@ def schema():
 
 def test_every_section_has_an_example_that_follows_the_schema(schema, tmp_path):
     """An editor would accept each of them."""
-    assert [*EXAMPLES] and {*schema["properties"]} == {*EXAMPLES}
-    for name, example in EXAMPLES.items():
+    assert {*schema["properties"]} <= {*EXAMPLES}
+    for name in schema["properties"]:
+        example = EXAMPLES[name]
         file = tmp_path / f"{name}.yaml"
         file.write_text(example, encoding="utf-8")
         section = {**schema["properties"][name], "definitions": schema["definitions"]}
