@@ -31,9 +31,16 @@ def distance_from_best(values: Array, direction: str) -> Array:
     return values
 
 
-def name_of_distance(info: MetricInfo) -> str:
-    """Name the quantity that `distance_from_best` returns."""
-    return {"zero": f"|{info.name}|", "one": f"max({info.name}, 1/{info.name})"}.get(info.direction, info.name)
+def name_of_distance(info: MetricInfo, words: str = "") -> str:
+    """Name the quantity that `distance_from_best` returns.
+
+    Parameters
+    ----------
+    info : the metric
+    words : what stands for the metric; its label, else its name, if empty
+    """
+    words = words or info.label or info.name
+    return {"zero": f"|{words}|", "one": f"max({words}, 1/{words})"}.get(info.direction, words)
 
 
 def is_signed(trials: Trials, info: MetricInfo) -> bool:

@@ -91,7 +91,7 @@ def _metrics(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[s
     table = {}
     for metric, component in zip(experiment.metrics, draft.metrics, strict=True):
         keys = set_keys(component, without_path) if component is not None else {}
-        keys = {name: value for name, value in keys.items() if name not in ("from", "to", "at")}
+        keys = {name: value for name, value in keys.items() if name not in ("from", "to", "at", "label")}
         code = own.identity({"metric": component}, whole=False)
         keys |= {"code": code} if code else {}
         table[metric.name] = {**keys, "window": list(metric.window(experiment.metric_layout))}

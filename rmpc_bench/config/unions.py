@@ -12,6 +12,8 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, cre
 from rmpc_bench import registry
 from rmpc_bench.types import FromCode, FromData
 
+BOOLEAN = "true or false"
+
 
 def _shape(value: Any) -> str:
     if value is None:
@@ -39,6 +41,8 @@ def union(members: Sequence[Any], checked: Callable[[Any], Any]) -> Any:
     def choose(value: Any) -> str:
         if isinstance(value, str) and value in words:
             return "a word"
+        if isinstance(value, bool) and BOOLEAN in tagged:
+            return BOOLEAN
         if isinstance(value, str) and ("text" in tagged or "a number" not in tagged):
             return "text" if "text" in tagged else "a word"
         shape = _shape(value)
@@ -63,6 +67,8 @@ def _by_shape(members: Sequence[Any], checked: Callable[[Any], Any]) -> dict[str
         elif get_origin(core) in (list, tuple):
             inner = get_args(core)[0]
             tagged["a matrix" if get_origin(inner) in (list, tuple) else "a list"] = checked(member)
+        elif core is bool:
+            tagged[BOOLEAN] = member
         elif core in (float, int):
             tagged["a number"] = checked(member)
         elif core is str:

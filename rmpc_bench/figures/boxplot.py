@@ -5,23 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import FAR, make_logarithmic
-from rmpc_bench.figures.labels import (
-    DID_NOT_OCCUR,
-    POINTS_PER_INCH,
-    literal,
-    metric_of,
-    typeset,
-    width,
-    with_unit,
-    wrapped,
+from rmpc_bench.figures.box_labels import counts_of, label_panels
+from rmpc_bench.figures.captions import (
+    changes_sentence,
+    infinite_sentence,
+    joined,
+    label_of,
+    medians_sentence,
+    quantity,
+    runs_sentence,
+    sentences,
 )
-from rmpc_bench.figures.style import BLUE, FONT_SIZE, GREY, RED, style
+from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_label, metric_of, wrapped
+from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
+from rmpc_bench.figures.style import BLACK, FONT_SIZE, GREY, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.figure import SweepFigure
@@ -29,6 +32,7 @@ from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
     from matplotlib.text import Text
@@ -37,22 +41,33 @@ if TYPE_CHECKING:
 
 WHISKER = 1.5
 """Longest whisker, in interquartile ranges."""
+FLAT = 0.02
+"""Height of a box, as a share of a linear axis, below which its quartiles cannot be distinguished."""
+WIDE = 10.0
+"""Ratio of the largest to the smallest value from which on a logarithmic axis makes flat boxes higher."""
+FILL = 0.75
+"""Share of white in the inside of a box."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Boxplot(SweepFigure):
-    """One box per method: red median, blue quartiles, whiskers to 1.5 interquartile ranges, red outliers.
+    """One box per method in its colour: black median, quartiles, whiskers to 1.5 interquartile ranges, outliers.
 
-    Below each box are the number of runs, as n/total if some runs failed, and the number of runs without a finite
-    value, such as runs that did not settle.  The latter are not part of the box.  The points of a sweep are panels with
-    a common axis, one below the other.  If all panels have the same numbers, only the last panel shows them.
+    One line below the boxes gives the number of runs if it is the same for all; else it stands below each box, as
+    n/total if some runs failed.  Also below a box is the number of runs without a finite value, such as runs that did
+    not settle.  They are not part of the box.  The points of a sweep are panels with a common axis, one below the
+    other.  If all panels have the same numbers, only the last panel shows them.  A label that is wider than its box is
+    broken into lines.  If it then has more than 5 lines, or is taller than the panel, all labels are rotated by 45
+    degrees, or numbers with a key below replace them.
 
     Parameters
     ----------
     metric : name of the metric; the primary one if not given
-    log : logarithmic axis; linear, with a remark, if a value is not positive
-    height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep; labels
-        wider than their box are rotated and need additional height
+    log : logarithmic axis; linear, with a remark, if a value is not positive; `auto` is logarithmic if all values are
+        positive, the largest is at least 10 times the smallest, and some box with different quartiles would be lower
+        than 2 % of a linear axis
+    height : height of the whole picture [in]; if not given 2.4 plus 1.4 for every further point of a sweep; labels of
+        more than two lines, rotated labels and a key need additional height
     order : methods to show, from left to right; all if not given
     at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
     """
@@ -61,7 +76,7 @@ class Boxplot(SweepFigure):
     metric_keys: ClassVar[tuple[str, ...]] = ("metric",)
 
     metric: str | None = None
-    log: bool = False
+    log: bool | Literal["auto"] = "auto"
 
     def check(self, layout: ResultLayout) -> Iterator[Issue]:
         """Add to the common checks: no more points than panels fit."""
@@ -71,12 +86,63 @@ class Boxplot(SweepFigure):
         n = layout.n_points_at(self.at)
         yield from layout.require_at_most(MOST_PANELS, n, "points of the sweep", "at" if self.at else "", advice)
 
+    def caption(self, results: Trials) -> str:
+        """Define the boxes, count the runs, and state medians and changes; see `Figure.caption`."""
+        from rmpc_bench.analysis.comparison import levels
+
+        points, info = points_at(results, self.at), metric_of(results, self.metric)
+        methods = self.order or list(results.methods)
+        is_log, remark = axis_of(self.log, _panels(points, info, methods))
+        scale = (
+            ", on a logarithmic axis" if is_log else ", on a linear axis as some values are not positive" * bool(remark)
+        )
+        where = f" at {len(points)} points of the sweep" if len(points) > 1 else ""
+        where = where or (f" at {short_title(points[0])}" if points[0].point else "")
+        changes = changes_sentence(points[0], methods, info, levels(results)) if len(points) == 1 else ""
+        return sentences(
+            f"Distribution of {quantity(info)} over the runs for {joined(label_of(results, name) for name in methods)}"
+            f"{where}{scale}",
+            "A box extends from the lower to the upper quartile, the line in it is the median, the whiskers reach to "
+            f"the last values within {WHISKER:g} interquartile ranges of the box, and crosses are values beyond them",
+            runs_sentence(points, methods),
+            infinite_sentence(points, methods, info),
+            medians_sentence(points, methods, info),
+            changes,
+        )
+
     def draw(self, results: Trials) -> MplFigure:
         """Draw the boxes of the points from top to bottom; see `Figure.draw`."""
         self.require(layout_of(results))
         points, info = points_at(results, self.at), metric_of(results, self.metric)
-        size = self.size(1.0 + 1.4 * len(points))
-        return _draw(points, info, self.order or results.methods, size, log=self.log)
+        methods = self.order or list(results.methods)
+        styles = line_styles(results.all_methods, methods)
+        return _draw(self, points, info, styles, self.size(1.0 + 1.4 * len(points)))
+
+
+def axis_of(log: bool | Literal["auto"], panels: Sequence[Sequence[Array]]) -> tuple[bool, str]:
+    """Choose the scale of the axis.
+
+    Parameters
+    ----------
+    log : the key of the figure
+    panels : columns of the metric by panel and method
+
+    Returns
+    -------
+    whether the axis is logarithmic, and the remark if a logarithmic one was asked for and is not possible
+    """
+    boxes = [column[np.isfinite(column)] for column in chain(*panels)]
+    drawn = np.concatenate([np.zeros(0), *boxes])
+    if not len(drawn) or log is False:
+        return False, ""
+    positive = bool((drawn > 0).all())
+    if log is True:
+        return positive, "" if positive else " (linear: some values <= 0)"
+    if not positive or drawn.max() < WIDE * drawn.min():
+        return False, ""
+    reach = float(min(drawn.max(), FAR) - drawn.min())
+    heights = [float(np.subtract(*np.percentile(np.minimum(values, FAR), [75, 25]))) for values in boxes if len(values)]
+    return any(0 < height < FLAT * reach for height in heights), ""
 
 
 def box_of(values: Array) -> dict[str, Any]:
@@ -99,31 +165,34 @@ def box_of(values: Array) -> dict[str, Any]:
     return {"q1": q1, "med": median, "q3": q3, "whislo": low, "whishi": high, "fliers": outliers}
 
 
+def _panels(points: Sequence[Trials], info: MetricInfo, methods: Sequence[str]) -> list[list[Array]]:
+    return [[point.column(info.name, method) for method in methods] for point in points]
+
+
 def _draw(
-    points: Sequence[Trials], info: MetricInfo, methods: Sequence[str], size: tuple[float, float], *, log: bool
+    keys: Boxplot, points: Sequence[Trials], info: MetricInfo, styles: dict[str, LineStyle], size: tuple[float, float]
 ) -> MplFigure:
     from matplotlib.figure import Figure as MplFigure
 
-    panels = [[point.column(info.name, method) for method in methods] for point in points]
-    drawn = np.concatenate([column[np.isfinite(column)] for column in chain(*panels)])
-    positive = bool((drawn > 0).all())
+    panels = _panels(points, info, list(styles))
+    is_log, remark = axis_of(keys.log, panels)
     with style():
         figure = MplFigure(figsize=size, layout="constrained")
         rows = list(figure.subplots(len(panels), sharey=True, squeeze=False)[:, 0])
         for axes, columns, point in zip(rows, panels, points, strict=True):
-            _draw_boxes(axes, columns)
+            _draw_boxes(axes, columns, list(styles.values()))
             axes.set_title("\n".join(wrapped(literal(short_title(point)), 0.8 * size[0] * POINTS_PER_INCH)))
-        if not len(drawn):
+        if not any(np.isfinite(column).any() for column in chain(*panels)):
             rows[0].set_yticks([])
-        elif log and positive:
+        elif is_log:
             make_logarithmic(rows[0])
-        note = " (linear: some values <= 0)" if log and not positive else ""
-        name = _name_axis(figure, rows, with_unit(literal(info.name), info.unit) + note)
+        name = _name_axis(figure, rows, metric_label(info) + remark)
         # The first layout gives the width of a box.
         figure.draw_without_rendering()
-        slot = rows[0].get_position().width * size[0] * POINTS_PER_INCH / len(methods) - FONT_SIZE / 2
-        labels = [typeset(points[0].labels.get(method, method)) for method in methods]
-        _label_panels(rows, labels, panels, slot)
+        slot = rows[0].get_position().width * size[0] * POINTS_PER_INCH / len(styles) - FONT_SIZE / 2
+        labels = [label_of(points[0], method) for method in styles]
+        counts = [[counts_of(column) for column in columns] for columns in panels]
+        label_panels(rows, labels, counts, slot, [_sample(look) for look in styles.values()])
         # The layout is made once, at one resolution, or a second save would move it.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
@@ -135,64 +204,37 @@ def _draw(
 def _name_axis(figure: MplFigure, rows: Sequence[Axes], text: str) -> Text:
     """Label the axis of a single panel, or the one that panels share."""
     if len(rows) == 1:
-        rows[0].set_ylabel(text)
+        rows[0].set_ylabel("\n".join(wrapped(text, 0.8 * figure.get_figheight() * POINTS_PER_INCH)))
         return rows[0].yaxis.label
     return figure.supylabel(text, fontsize=FONT_SIZE)
 
 
-def _draw_boxes(axes: Axes, columns: Sequence[Array]) -> None:
-    boxes, positions = [], []
-    for position, column in enumerate(columns, start=1):
+def _sample(look: LineStyle) -> Artist:
+    """Make a small box for the key."""
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor=paler(look.color, FILL), edgecolor=look.color, linewidth=1.0)
+
+
+def _draw_boxes(axes: Axes, columns: Sequence[Array], looks: Sequence[LineStyle]) -> None:
+    for position, (column, look) in enumerate(zip(columns, looks, strict=True), start=1):
         values = column[np.isfinite(column)]
-        if len(values):
-            boxes.append(box_of(np.clip(values, -FAR, FAR)))
-            positions.append(position)
-    axes.bxp(
-        boxes,
-        positions=positions,
-        widths=0.5,
-        manage_ticks=False,
-        boxprops={"color": BLUE, "linewidth": 1.0},
-        medianprops={"color": RED, "linewidth": 1.4},
-        whiskerprops={"color": "black", "linewidth": 0.7, "linestyle": (0, (4, 2))},
-        capprops={"color": "black", "linewidth": 0.7},
-        flierprops={"marker": "+", "markeredgecolor": RED, "markersize": 4, "markeredgewidth": 0.7},
-    )
+        if not len(values):
+            continue
+        axes.bxp(
+            [box_of(np.clip(values, -FAR, FAR))],
+            positions=[position],
+            widths=0.5,
+            manage_ticks=False,
+            patch_artist=True,
+            boxprops={"edgecolor": look.color, "facecolor": paler(look.color, FILL), "linewidth": 1.0},
+            medianprops={"color": BLACK, "linewidth": 1.4},
+            whiskerprops={"color": look.color, "linewidth": 0.9},
+            capprops={"color": look.color, "linewidth": 0.9},
+            flierprops={"marker": "+", "markeredgecolor": look.color, "markersize": 4, "markeredgewidth": 0.7},
+        )
     axes.set_xlim(0.5, len(columns) + 0.5)
     axes.set_xticks([])
     axes.tick_params(axis="x", length=0)
     axes.grid(axis="y", color=GREY, linewidth=0.4)
     axes.set_axisbelow(True)
-
-
-def _label_panels(rows: Sequence[Axes], labels: Sequence[str], panels: Sequence[Sequence[Array]], slot: float) -> None:
-    """Write labels and counts below the last panel; counts below the others too if they differ."""
-    counts = [[_counts(column) for column in columns] for columns in panels]
-    for axes, lines in zip(rows[:-1], counts[:-1], strict=True):
-        if any(other != lines for other in counts):
-            _label_boxes(axes, None, lines, slot)
-    _label_boxes(rows[-1], labels, counts[-1], slot)
-
-
-def _label_boxes(axes: Axes, labels: Sequence[str] | None, counts: Sequence[list[str]], slot: float) -> None:
-    """Write label and counts below each box, upright on one line if they do not fit into `slot` points."""
-    heads = [wrapped(label, slot) for label in labels] if labels else [[] for _ in counts]
-    feet = [[line for text in lines for line in wrapped(text, slot)] for lines in counts]
-    blocks = [head + foot for head, foot in zip(heads, feet, strict=True)]
-    upright = any(width(line) > slot for line in chain(*blocks))
-    if upright:
-        heads = [label.splitlines() for label in labels] if labels else heads
-        blocks = [[", ".join(head + lines)] for head, lines in zip(heads, counts, strict=True)]
-        figure = axes.get_figure(root=True)
-        assert figure is not None
-        figure.set_figheight(figure.get_figheight() + max(width(line) for (line,) in blocks) / POINTS_PER_INCH)
-    texts = ["\n".join(block) for block in blocks]
-    axes.set_xticks(range(1, len(texts) + 1), texts, rotation=90 if upright else 0)
-
-
-def _counts(column: Array) -> list[str]:
-    n, n_infinite = int((~np.isnan(column)).sum()), int(np.isinf(column).sum())
-    lines = [f"n={n}" if n == len(column) else f"{n}/{len(column)}"]
-    if n_infinite:
-        lines.append(f"{n_infinite} {DID_NOT_OCCUR}")
-    return lines if n else ["no value", *lines]

@@ -11,6 +11,7 @@ import numpy as np
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures import burst_bands
 from rmpc_bench.figures.axes import STEPS, drawable
+from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
 from rmpc_bench.figures.labels import symbol
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import LineStyle, are_rough, legend_sample, line_styles
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 THINNER = 0.7
 """Width of lines in these small panels, as a share of that in others."""
-ANY = "\N{MIDDLE DOT}"
+ANY = r"\cdot"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +89,27 @@ class Elements(OnePointFigure):
         least = 0.5 + 0.9 * n
         if self.width < least:
             yield Issue("width", f"{n} columns need a width of {least:g} inches (got {self.width:g})")
+
+    def caption(self, results: Trials) -> str:
+        """Name the matrix, the run and the axes, and state the mean of every element; see `Figure.caption`."""
+        point, title = point_at(results, self.at)
+        signals = layout_of(point).signals
+        methods = self.order or [name for name in signals if self.signal in signals[name]]
+        matrices = {name: matrix_of(point, name, self.signal, self.run) for name in methods}
+        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
+        rows = {name: np.flatnonzero(point.traces[name].runs == self.run) for name in methods}
+        bursts = burst_bands.spans(burst_bands.bursts_of(point, rows), window)
+        means = [f"{label_of(point, name)} {_means(matrix, window)}" for name, matrix in matrices.items()]
+        failed = [f"{label_of(point, name)} {each.status}" for name, each in matrices.items() if each.status != "ok"]
+        return sentences(
+            f"Elements of the matrix {symbol(self.signal)} of {joined(label_of(point, name) for name in methods)} in "
+            f"run {self.run}, {span_of(window)}, a panel for each, as in the matrix; indices count from 0",
+            place(point, title),
+            "The panels of the diagonal have one vertical axis, all others another one",
+            "Bursts of the noise are shaded" if bursts else "",
+            f"Mean over time, row by row: {'; '.join(means)}",
+            f"Failed: {joined(failed)}" if failed else "",
+        )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the matrices of one run at one point; see `Figure.draw`."""
@@ -193,6 +215,14 @@ def _draw_elements(
         if names is not first:
             for axes, limit in zip(grid.ravel(), limits, strict=True):
                 axes.set_ylim(limit)
+
+
+def _means(matrix: RecordedMatrix, window: TimeWindow) -> str:
+    """Write the means of all elements over the samples that have values."""
+    values = matrix.values[window.slice]
+    finite = values[np.isfinite(values).all(axis=(1, 2))]
+    rows = finite.mean(axis=0) if len(finite) else np.full(values.shape[1:], np.nan)
+    return "[" + "; ".join(" ".join(f"{value:.3g}" for value in row) for row in rows) + "]"
 
 
 def _note(title: str, run: int, matrices: Mapping[str, RecordedMatrix]) -> str:

@@ -13,6 +13,9 @@ N_POINTS = 181
 FLAT = 1e-12
 """Distance from 1 of the correlation of a segment: the rounding of a singular P."""
 
+THIN = 0.02
+"""Width of an ellipse, relative to its length in units of the standard deviations, below which it looks like a line."""
+
 
 class Ellipse(NamedTuple):
     """The ellipse (z - centre)' P^-1 (z - centre) = 1."""
@@ -21,6 +24,22 @@ class Ellipse(NamedTuple):
     """(2,)."""
     P: Array
     """(2, 2) covariance or shape matrix."""
+
+    @property
+    def shape(self) -> str:
+        """What it looks like: ``ellipse``, ``segment``, ``point``, or ``none`` where P is no covariance or not finite.
+
+        An ellipse so thin that both of its sides coincide on paper counts as a segment.
+        """
+        if outline(self, 1.0) is None:
+            return "none"
+        deviations = np.sqrt(np.diag(self.P))
+        if not deviations.any():
+            return "point"
+        if not deviations.all():
+            return "segment"
+        correlation = min(1.0, abs(self.P[0, 1] + self.P[1, 0]) / 2 / float(deviations.prod()))
+        return "segment" if math.sqrt(1 - correlation**2) < THIN else "ellipse"
 
 
 def outline(ellipse: Ellipse, radius: float) -> Array | None:

@@ -12,6 +12,7 @@ from annotated_types import Len
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
+from rmpc_bench.figures.captions import joined, label_of, place, quantity, runs_sentence, sentences
 from rmpc_bench.figures.ellipse_outline import Ellipse, outline
 from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of
 from rmpc_bench.figures.legend import Handle, finish
@@ -39,6 +40,17 @@ RINGS: tuple[dict[str, Any], ...] = (
 """Lines of the radii, the first one first."""
 Radii = Annotated[tuple[Positive, ...], Len(1, len(RINGS))]
 DOTS: dict[str, Any] = {"ls": "", "marker": "o", "ms": 1.7, "mew": 0.0}
+BROAD = 2.0
+"""Factor of the width of the lines of a segment, which a thin ellipse is not."""
+END: dict[str, Any] = {"marker": "D", "ms": 3.0, "mew": 0.0}
+POINT: dict[str, Any] = {"marker": "x", "ms": 8.0, "mew": 2.0}
+REMARKS = {
+    "ellipse": "",
+    "segment": " (segment: $P$ is singular)",
+    "point": " (point: $P = 0$)",
+    "none": " (no ellipse)",
+}
+"""What the legend says of a shape."""
 SERIES = ("mean(x_hat)", "P")
 """Series that give the centre and the shape of an ellipse."""
 
@@ -48,9 +60,10 @@ class Ellipses(OnePointFigure):
     """Covariance ellipses of the methods among the runs, one dot each.
 
     The centre of an ellipse (a cross) is the mean of the method's estimates, and its radius is s times the standard
-    deviation of the reported covariance P: (z - c)' P^-1 (z - c) = s^2.  If P is singular, it is a segment.  The dots
-    are grey if all methods have the same values, such as true states; else each method has its own.  Runs that failed
-    have none; the title counts them.
+    deviation of the reported covariance P: (z - c)' P^-1 (z - c) = s^2.  If P is singular, or so
+    nearly that both sides of the ellipse coincide, it is a segment, drawn broad with marks at its ends.  If P is 0, it
+    is a point, drawn as a large cross.  The legend says so.  The dots are grey if all methods have the same values,
+    such as true states; else each method has its own.  Runs that failed have none; the title counts them.
 
     Parameters
     ----------
@@ -84,6 +97,28 @@ class Ellipses(OnePointFigure):
         yield from layout.require_pair("state", self.components, "components")
         if not 1 <= len(self.sigmas) <= len(RINGS) or not all(0 < radius < math.inf for radius in self.sigmas):
             yield Issue("sigmas", f"must be 1 to {len(RINGS)} positive numbers")
+
+    def caption(self, results: Trials) -> str:
+        """Define ellipses and dots, and count the runs; see `Figure.caption`."""
+        point, title = point_at(results, self.at)
+        methods = self.order or layout_of(point).methods_having(*SERIES)
+        x, y = metric_of(point, self.x), metric_of(point, self.y)
+        k, ellipses = ellipses_of(point, methods, self.components, self.k)
+        radii = joined(f"{radius:g}" for radius in self.sigmas)
+        special = [
+            f"{label_of(point, name)}{REMARKS[ellipse.shape]}"
+            for name, ellipse in ellipses.items()
+            if ellipse.shape != "ellipse"
+        ]
+        return sentences(
+            f"Ellipses of the covariance $P$ that {joined(label_of(point, name) for name in methods)} report at "
+            f"k = {k}, "
+            f"with the radii {radii} standard deviations about the mean of the estimates (crosses)",
+            place(point, title),
+            f"Dots are the runs in the plane of {quantity(x)} and {quantity(y)}",
+            runs_sentence([point], methods),
+            f"Not an ellipse: {joined(special)}" if special else "",
+        )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw ellipses and runs of one point; see `Figure.draw`."""
@@ -182,9 +217,8 @@ def _draw(
         few_ticks(axes)
         handles: list[Handle] = []
         for name, ellipse in ellipses.items():
-            seen = _draw_ellipse(axes, ellipse, radii, styles[name].color, styles[name].zorder)
-            label = point.labels.get(name, name) + ("" if seen else " (no ellipse)")
-            handles.append((label, Line2D([], [], color=styles[name].color, lw=1.3)))
+            sample = _draw_ellipse(axes, ellipse, radii, styles[name].color, styles[name].zorder)
+            handles.append((label_of(point, name) + REMARKS[ellipse.shape], Line2D([], [], **sample)))
         keys: list[Handle] = [
             (rf"${radius:g}\sigma$", Line2D([], [], color=REFERENCE, **ring))
             for radius, ring in zip(radii, RINGS, strict=False)
@@ -213,17 +247,26 @@ def _dots(x: Array, y: Array, n_failed: int) -> Dots:
     return Dots(drawable(x[finite]), drawable(y[finite]), n_failed, n_infinite)
 
 
-def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: str, zorder: float) -> bool:
-    """Draw one ellipse per radius and its centre; return whether there is one."""
-    outlines = [outline(ellipse, radius) for radius in radii]
-    for points, ring in zip(outlines, RINGS, strict=False):
+def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: str, zorder: float) -> dict[str, Any]:
+    """Draw one ellipse per radius and its centre; return the keywords of its sample in the legend."""
+    look: dict[str, Any] = {"color": color}
+    shape = ellipse.shape
+    if shape == "none":
+        return {**look, "lw": 1.3}
+    if shape == "point":
+        axes.plot(*drawable(ellipse.centre), ls="", zorder=zorder, **look, **POINT)
+        return {**look, "ls": "", **POINT}
+    broad = BROAD if shape == "segment" else 1.0
+    for radius, ring in zip(radii, RINGS, strict=False):
+        points = outline(ellipse, radius)
         if points is not None:
             x, y = drawable(points).T
-            axes.plot(x, y, color=color, zorder=zorder, solid_capstyle="round", **ring)
-    if outlines[0] is None:
-        return False
-    axes.plot(*drawable(ellipse.centre), color=color, zorder=zorder, marker="+", ms=4, mew=0.9)
-    return True
+            axes.plot(x, y, zorder=zorder, solid_capstyle="butt", **look, **{**ring, "lw": broad * ring["lw"]})
+            if shape == "segment":
+                ends = [0, len(x) // 2 if len(x) > 2 else 1]
+                axes.plot(x[ends], y[ends], ls="", zorder=zorder, **look, **END)
+    axes.plot(*drawable(ellipse.centre), zorder=zorder, marker="+", ms=4, mew=0.9, **look)
+    return {**look, "lw": 1.3 * broad, **(END if shape == "segment" else {})}
 
 
 def _draw_dots(axes: Axes, dots: Mapping[str, Dots], colours: Mapping[str, str]) -> list[Handle]:

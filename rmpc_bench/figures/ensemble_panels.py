@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,12 +13,13 @@ from rmpc_bench.figures.samples import Curve, SeriesComponent, cut
 from rmpc_bench.figures.style import BLACK, REFERENCE, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS
 from rmpc_bench.figures.window import TimeWindow
-from rmpc_bench.types import NonNegative
+from rmpc_bench.types import Array, NonNegative
 from rmpc_bench.types.figure import Index, OnePointFigure
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
     from rmpc_bench.analysis.trials import Trials
@@ -36,6 +37,8 @@ ROUGH = 0.7
 """Factor of the width of a main line that is from runs."""
 EDGE = 1.6
 """Factor of the width of the true state's line."""
+INTERVAL = 0.8
+"""Share of white in the area of an interval."""
 BOUND = "reported covariance"
 
 
@@ -83,6 +86,8 @@ class MomentLine(NamedTuple):
     curve: Curve
     n_runs: frozenset[int] = frozenset()
     """Numbers of runs; empty for an exact line."""
+    half: Array | None = None
+    """Half the width of the interval of every value that is from runs; None without one."""
 
 
 class MomentPanel(NamedTuple):
@@ -97,11 +102,18 @@ def count_states(found: Iterable[dict[str, SeriesComponent]]) -> int:
     return 1 + max(int(component.split(",")[0]) for entries in found for component in entries)
 
 
-def lines_of(name: str, values: SeriesComponent) -> list[MomentLine]:
-    """Make the lines of a method: the exact values, with those from runs behind them; or these alone as main line."""
+def lines_of(name: str, values: SeriesComponent, half: Array | None = None) -> list[MomentLine]:
+    """Make the lines of a method: the exact values, with those from runs behind them; or these alone as main line.
+
+    Parameters
+    ----------
+    name : the method, or `COMMON`
+    values : of one component
+    half : half the width of the interval of every value from runs
+    """
     if values.exact is None:
-        return [MomentLine(name, "main", values.best, values.n_runs)]
-    behind = [MomentLine(name, "runs", values.runs, values.n_runs)] if values.runs else []
+        return [MomentLine(name, "main", values.best, values.n_runs, half)]
+    behind = [MomentLine(name, "runs", values.runs, values.n_runs, half)] if values.runs else []
     return [*behind, MomentLine(name, "main", values.exact)]
 
 
@@ -135,6 +147,7 @@ def draw_moments(
     log : logarithmic axes if all values are positive
     """
     from matplotlib.figure import Figure as MplFigure
+    from matplotlib.patches import Patch
 
     styles = line_styles(point.all_methods, methods)
     colours = {name: styles[name].color for name in methods} | {COMMON: BLACK}
@@ -146,6 +159,7 @@ def draw_moments(
         for axes, panel in zip(rows, panels, strict=True):
             pieces = [(line, cut(line.curve, window)) for line in panel.lines]
             shown = [line._replace(curve=piece) for line, piece in pieces if piece is not None]
+            _draw_intervals(axes, panel.lines, window, colours)
             for line in shown:
                 values = drawable(line.curve.values)
                 axes.plot(
@@ -156,8 +170,37 @@ def draw_moments(
             drawn += shown
         rows[-1].set_xlim(*window.limits)
         rows[-1].set_xlabel(window.label)
-        finish(figure, _of_colours(point, methods, drawn, colours), title, keys=_of_kinds(drawn, words))
+        keys = _of_kinds(drawn, words)
+        if any(line.half is not None for panel in panels for line in panel.lines):
+            keys.append((interval_words(point), Patch(facecolor=paler(REFERENCE, INTERVAL), lw=0)))
+        finish(figure, _of_colours(point, methods, drawn, colours), title, keys=keys)
     return figure
+
+
+def source_of(lines: Sequence[MomentLine]) -> str:
+    """Say for a caption which lines are exact and which are from runs."""
+    mains = [line for line in lines if line.kind == "main"]
+    runs = _from_runs(line for line in lines if line.n_runs)
+    if all(line.n_runs for line in mains):
+        return f"All of them are {runs}"
+    behind = any(line.kind == "runs" for line in lines)
+    return f"Main lines are exact; thin pale lines behind them are {runs}" if behind else "They are exact"
+
+
+def interval_words(point: Trials) -> str:
+    """Name the areas about means from runs."""
+    return f"{100 * point.confidence:g} % interval of the mean"
+
+
+def _draw_intervals(axes: Axes, lines: Sequence[MomentLine], window: TimeWindow, colours: Mapping[str, str]) -> None:
+    """Draw the intervals of values that are from runs as areas behind the lines."""
+    for line in lines:
+        if line.half is not None:
+            inside = (line.curve.k >= window.first) & (line.curve.k <= window.last)
+            middle, half = line.curve.values[inside], line.half[inside]
+            low, high = drawable(middle - half), drawable(middle + half)
+            area: dict[str, Any] = {"color": paler(colours[line.method], INTERVAL), "lw": 0, "zorder": 1.8}
+            axes.fill_between(window.sample * line.curve.k[inside], low, high, **area)
 
 
 def _look(line: MomentLine, color: str, place: float) -> dict[str, Any]:

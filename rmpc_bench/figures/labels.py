@@ -29,7 +29,7 @@ def metric_of(trials: Trials, name: str | None) -> MetricInfo:
 
 def metric_label(info: MetricInfo) -> str:
     """Label an axis with a metric and its unit."""
-    return with_unit(literal(info.name), info.unit)
+    return with_unit(typeset(info.words), info.unit)
 
 
 def unit_of(trials: Trials, component: str) -> str:
@@ -38,14 +38,14 @@ def unit_of(trials: Trials, component: str) -> str:
 
 
 def component_label(trials: Trials, signal: str, component: int, place: str, *, prefix: str = "") -> str:
-    """Label an axis with a component of a signal and its unit: by its name, else ``$y$[0]``.
+    """Label an axis with a component of a signal and its unit: by its name, else ``$y_0$``.
 
     Parameters
     ----------
     trials : with names and units
     signal : such as ``y`` or ``x_hat``
     component : which one, counted from 0
-    place : how it is written in brackets; empty without brackets
+    place : its index as it is written; empty for a signal of one component
     prefix : words in front, such as ``mean``
     """
     key = f"{signal}.{component}"
@@ -90,8 +90,13 @@ def with_unit(name: str, unit: str) -> str:
 def symbol(name: str, component: str = "") -> str:
     """Typeset a signal or a quantity, such as x_hat, and the component of it that is shown (counted from 0)."""
     formula = _formula(name)
-    shown = f"${formula}$" if formula else literal(name)
-    return f"{shown}[{component}]" if component else shown
+    if not component:
+        return f"${formula}$" if formula else literal(name)
+    if not formula:
+        return f"{literal(name)}[{component}]"
+    # A letter has one index only: that of an entry stands behind parentheses where the name has one.
+    index = component if len(component) == 1 else f"{{{component}}}"
+    return f"$({formula})_{index}$" if "_{" in formula else f"${formula}_{index}$"
 
 
 def _formula(name: str) -> str:

@@ -50,7 +50,7 @@ def finish(
         others = [(wrapped(typeset(label), limit - (HANDLE + PAD) * FONT_SIZE), handle) for label, handle in keys]
         entries, n_columns = _in_rows(entries, others, limit)
     else:
-        n_columns = _columns([max(map(width, lines)) for lines, _ in entries], limit)
+        n_columns = columns_that_fit([max(map(width, lines)) for lines, _ in entries], limit)
     lines = wrapped(literal(note), limit - 6 * FONT_SIZE) if note and not is_for_paper() else []
     if entries:
         figure.legend(
@@ -77,7 +77,7 @@ def finish(
     figure.set_layout_engine("none")
 
 
-def _columns(widths: Sequence[float], limit: float) -> int:
+def columns_that_fit(widths: Sequence[float], limit: float) -> int:
     """Count the columns of a legend: as few rows as fit into `limit` points, then as few columns as these need."""
     for n in range(len(widths), 1, -1):
         if _fits(np.array_split(widths, n), limit):

@@ -10,11 +10,12 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import FAR, drawable, scale_by_ratio, stacked_panels
+from rmpc_bench.figures.captions import changes_sentence, joined, label_of, quantity, sentences
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, typeset, with_unit, wrapped
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles
 from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
+from rmpc_bench.figures.sweep_points import points_at, short_title
 from rmpc_bench.types import DesignError, MetricInfo, ResultLayout
 from rmpc_bench.types.figure import SweepFigure
 from rmpc_bench.types.issue import Issue
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.comparison import Levels
     from rmpc_bench.analysis.trials import Trials
 
+MOST_POINTS = 8
+"""Points of a sweep, whose panels are lower than those of other figures."""
 BAND = "#ebebeb"
 """Colour of the margin of relevance, paler than the grid."""
 ROW, PANEL, LINE = 0.24, 0.42, 0.14
@@ -62,7 +65,7 @@ class Paired(SweepFigure):
     height : height of the whole picture [in]; if not given 0.5 plus 0.42 for every panel plus 0.24 for every row, and
         more for a long label
     order : methods to show, from top to bottom, the baseline left out; all if not given
-    at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
+    at : points of the sweep to show, from top to bottom, each by values of its paths; all (8 at most) if not given
     """
 
     needs_runs: ClassVar[bool] = True
@@ -76,7 +79,33 @@ class Paired(SweepFigure):
         if len(layout.methods) < 2:
             yield Issue("", "compares methods with the baseline: needs at least two methods")
         n = layout.n_points_at(self.at)
-        yield from layout.require_at_most(MOST_PANELS, n, "points of the sweep", "at", "choose some with `at`")
+        yield from layout.require_at_most(MOST_POINTS, n, "points of the sweep", "at", "choose some with `at`")
+
+    def caption(self, results: Trials) -> str:
+        """Define markers, intervals and band, and state the changes with their verdicts; see `Figure.caption`."""
+        from rmpc_bench.analysis.comparison import levels
+
+        points, info = points_at(results, self.at), metric_of(results, self.metric)
+        methods = [name for name in self.order or results.methods if name != results.baseline]
+        of = levels(results)
+        changes = [changes_of(point, info, methods, of) for point in points]
+        kinds = _kinds(changes)
+        marks = {"geometric": "circles", "mean": "squares", "difference": "circles"}
+        averages = joined(f"{AVERAGES[kind]} ({marks[kind]})" for kind in kinds)
+        interval = _level(points[0], changes)
+        margin = _margin_text(points[0], info, kinds)
+        texts = []
+        for point in points:
+            where = f"At {short_title(point)}: " if len(points) > 1 else ""
+            texts.append(where + changes_sentence(point, methods, info, of))
+        return sentences(
+            f"Paired change of {quantity(info)} against {label_of(results, results.baseline)}: a run of a method is "
+            "compared with the run of the baseline that has the same index",
+            f"Markers are the {averages}, lines the {interval}s" if kinds else "",
+            f"The grey band is the margin of relevance, {margin}" if margin else "",
+            joined(_runs(point, rows) for point, rows in zip(points, changes, strict=True)) if len(points) == 1 else "",
+            *texts,
+        )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the changes at the points from top to bottom; see `Figure.draw`."""
@@ -226,8 +255,7 @@ def _keys(point: Trials, changes: Sequence[Sequence[Change]], kinds: Sequence[st
     """Explain the markers; with two averages each has its name here, else the label of the axis names it."""
     from matplotlib.lines import Line2D
 
-    together = "simultaneous " if any(each.simultaneous for rows in changes for each in rows) else ""
-    level = f"{together}{100 * point.confidence:g} % interval"
+    level = _level(point, changes)
     line: dict[str, Any] = {"color": REFERENCE, "lw": 1.3, "ms": MARKER["ms"]}
     if len(kinds) < 2:
         return [(level, Line2D([], [], marker=MARKERS[kinds[0] if kinds else "geometric"], **line))]
@@ -235,12 +263,18 @@ def _keys(point: Trials, changes: Sequence[Sequence[Change]], kinds: Sequence[st
     return [*markers, (level, Line2D([], [], **line))]
 
 
+def _level(point: Trials, changes: Sequence[Sequence[Change]]) -> str:
+    """Name the intervals."""
+    together = "simultaneous " if any(each.simultaneous for rows in changes for each in rows) else ""
+    return f"{together}{100 * point.confidence:g} % interval"
+
+
 def _axis_label(point: Trials, info: MetricInfo, kinds: Sequence[str], limit: float) -> list[str]:
     """Name what is compared, the average if there is only one, and the better side, in lines of `limit` points."""
     from rmpc_bench.analysis.pairs import name_of_distance
 
     better = "higher" if info.direction == "higher" else "lower"
-    name, baseline = literal(name_of_distance(info)), literal(point.baseline)
+    name, baseline = typeset(name_of_distance(info, info.words)), literal(point.baseline)
     signed = "difference" in kinds
     quantity = with_unit(f"difference of {name} from {baseline}", info.unit) if signed else ""
     lines = wrapped(quantity or f"change of {name} against {baseline} [%]", limit)

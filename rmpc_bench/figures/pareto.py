@@ -10,8 +10,9 @@ import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, make_logarithmic, stacked_panels
+from rmpc_bench.figures.captions import joined, label_of, quantity, runs_sentence, sentences
 from rmpc_bench.figures.direct_labels import Label, write
-from rmpc_bench.figures.labels import LINEAR, literal, metric_of, with_unit
+from rmpc_bench.figures.labels import LINEAR, literal, metric_of, typeset, with_unit
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
 from rmpc_bench.figures.pareto_front import Dot, dots_of, not_dominated
@@ -78,6 +79,26 @@ class Pareto(SweepFigure):
         advice = "choose some points of the sweep, or fewer methods"
         yield from layout.require_at_most(MOST_DOTS, n, "points of methods", "at", advice)
 
+    def caption(self, results: Trials) -> str:
+        """Define points, bars and front, and name the methods that are not dominated; see `Figure.caption`."""
+        infos = metric_of(results, self.x), metric_of(results, self.y)
+        points, methods = points_at(results, self.at), self.order or list(results.methods)
+        dots = dots_of(points, methods, infos, self.bars)
+        shown = [dot for dot in dots if dot.is_finite]
+        best = [
+            ", ".join(filter(None, [label_of(results, dot.method), short_title(dot.point)]))
+            for dot in not_dominated(shown, infos)
+        ]
+        left_out = dict.fromkeys(label_of(results, dot.method) for dot in dots if not dot.is_finite)
+        return sentences(
+            f"{quantity(infos[1])} against {quantity(infos[0])}, one point for every method"
+            + (" and point of the sweep" if len(points) > 1 else ""),
+            f"Points are {MEANING[self.bars]}",
+            runs_sentence(points, methods),
+            f"Filled points, connected by the step line, are not dominated: {'; '.join(best)}" if self.front else "",
+            f"Left out, as a value is infinite: {joined(left_out)}" if left_out else "",
+        )
+
     def draw(self, results: Trials) -> MplFigure:
         """Draw the points of all methods; see `Figure.draw`."""
         self.require(layout_of(results))
@@ -138,7 +159,7 @@ def _set_limits(axes: Axes, shown: Sequence[Dot], infos: tuple[MetricInfo, Metri
         if log and positive:
             make_logarithmic(axes, horizontal=place == 0)
         remark = LINEAR if log and not positive else ""
-        label = with_unit(literal(name_of_distance(info)), unit) + remark
+        label = with_unit(typeset(name_of_distance(info, info.words)), unit) + remark
         if place:
             axes.set_ylabel(label)
         else:

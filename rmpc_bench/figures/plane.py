@@ -12,6 +12,7 @@ import numpy as np
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures import burst_bands
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
+from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
 from rmpc_bench.figures.direct_labels import Label, write
 from rmpc_bench.figures.labels import component_label, unit_of
 from rmpc_bench.figures.legend import Handle, finish
@@ -83,6 +84,34 @@ class Plane(OnePointFigure):
         if self.marks and layout.end and (last - first) / self.marks > MOST_MARKS:
             yield Issue("marks", TOO_CLOSE)
         yield from layout.require_window(self.from_, self.to)
+
+    def caption(self, results: Trials) -> str:
+        """Name the run, the marks and the magnification, and state the largest distances; see `Figure.caption`."""
+        point, title = point_at(results, self.at)
+        methods = self.order or list(layout_of(point).signals)
+        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
+        paths = {name: path_of(point, name, self.run, self.components, window) for name in methods}
+        outputs = joined(component_label(point, "y", i, str(i)) for i in self.components)
+        unit = {unit_of(point, f"y.{component}") for component in self.components}
+        largest = [
+            f"{label_of(point, name)} {np.hypot(*(path.y - path.r).T).max():.3g} {unit.copy().pop()}".rstrip()
+            for name, path in paths.items()
+            if not path.failed and len(unit) == 1
+        ]
+        failed = [f"{label_of(point, name)} {path.status}" for name, path in paths.items() if path.failed]
+        enlarged = (
+            f"Control errors are enlarged {self.magnify:g} times: the lines show $r + {self.magnify:g}\\,(y - r)$"
+        )
+        every = f"{self.marks:g} {'s' if window.in_seconds else 'samples'}"
+        return sentences(
+            f"Path of the outputs {outputs} in run {self.run} for {joined(label_of(point, name) for name in methods)}, "
+            f"{span_of(window)}; the grey dashed line is the reference",
+            place(point, title),
+            enlarged if self.magnify != 1.0 else "",
+            f"Circles mark every {every} on the reference, dots the same times on the paths" if self.marks else "",
+            f"Largest distance from the reference: {joined(largest)}" if largest else "",
+            f"Failed: {joined(failed)}" if failed else "",
+        )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the paths of one run at one point; see `Figure.draw`."""
@@ -204,8 +233,8 @@ def _draw(
                 axes.set_ylim(limits[1])
         axes.plot(*reference[places].T, **MARK)
         axes.margins(0.1)
-        axes.set_xlabel(_label(point, keys.components[0]))
-        axes.set_ylabel(_label(point, keys.components[1]))
+        axes.set_xlabel(_label(point, keys, keys.components[0]))
+        axes.set_ylabel(_label(point, keys, keys.components[1]))
         if equal:
             axes.set_aspect("equal", adjustable="datalim")
         handles: list[Handle] = [(point.labels.get(name, name), legend_sample(styles[name])) for name in paths]
@@ -218,8 +247,10 @@ def _draw(
     return figure
 
 
-def _label(point: Trials, component: int) -> str:
-    return component_label(point, "y", component, str(component))
+def _label(point: Trials, keys: Plane, component: int) -> str:
+    """Label an axis; that of enlarged errors is no axis of the output alone."""
+    label = component_label(point, "y", component, str(component))
+    return label if keys.magnify == 1.0 else f"{label}, errors \N{MULTIPLICATION SIGN}{keys.magnify:g}"
 
 
 def _draw_reference(
@@ -239,10 +270,8 @@ def _draw_reference(
 
 
 def _note(keys: Plane, paths: Mapping[str, OutputPath], window: TimeWindow) -> str:
-    """Name the run, explain marks and enlarged errors, and name the methods that failed."""
+    """Name the run, explain the marks, and name the methods that failed."""
     parts = [f"run {keys.run}"]
     if keys.marks:
         parts.append(f"marks every {keys.marks:g} {'s' if window.in_seconds else 'samples'}")
-    if keys.magnify != 1.0:
-        parts.append(f"errors \N{MULTIPLICATION SIGN}{keys.magnify:g}")
     return ", ".join([*parts, *(f"{name} {path.status}" for name, path in paths.items() if path.failed)])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rmpc_bench.figures.axes import drawable
 from rmpc_bench.figures.window import TimeWindow
-from rmpc_bench.types import Array, Status
+from rmpc_bench.types import Array, DesignError, Status
 
 if TYPE_CHECKING:
     from rmpc_bench.analysis.traces import Traces
@@ -72,6 +74,45 @@ def select_runs(point: Trials, method: str) -> RunSelection:
     failed = np.isin(runs, table.loc[table["status"] != Status.OK.word, "run"].to_numpy())
     rows = np.arange(len(runs)) if failed.all() else np.flatnonzero(~failed)
     return RunSelection(rows, bool(failed.all()), int(failed.sum()))
+
+
+def differences(point: Trials, methods: Sequence[str]) -> Trials:
+    """Subtract the baseline's signals of the same run from those of other methods.
+
+    Parameters
+    ----------
+    point : the table that is shown
+    methods : methods to compare with the baseline
+
+    Returns
+    -------
+    the table with the traces of these methods, each with the runs and signals that the baseline has, too, as far as
+    the baseline finished them; with a reference of 0
+
+    Raises
+    ------
+    DesignError
+        when the baseline and a method share no recorded run
+    """
+    base = point.traces.get(point.baseline)
+    if base is None:
+        raise DesignError(f"no run of the baseline '{point.baseline}' is recorded", "difference")
+    table = point.frame[point.frame["method"] == point.baseline]
+    finished = table.loc[table["status"] == Status.OK.word, "run"].to_numpy()
+    traces = {}
+    for name in methods:
+        own = point.traces[name]
+        shared = np.intersect1d(own.runs, base.runs[np.isin(base.runs, finished)])
+        if not len(shared):
+            raise DesignError(f"'{name}' and the baseline '{point.baseline}' share no recorded run", "difference")
+        rows, others = np.searchsorted(own.runs, shared), np.searchsorted(base.runs, shared)
+        signals = {
+            signal: values[rows] - base.signals[signal][others]
+            for signal, values in own.signals.items()
+            if signal in base.signals and base.signals[signal].shape[1:] == values.shape[1:]
+        }
+        traces[name] = own._replace(runs=shared, signals=signals, r=np.zeros_like(own.r))
+    return replace(point, traces=traces)
 
 
 def find_run(point: Trials, method: str, run: int) -> tuple[int, str]:

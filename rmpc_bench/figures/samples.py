@@ -33,6 +33,8 @@ class SeriesComponent(NamedTuple):
     runs: Curve | None
     n_runs: frozenset[int] = frozenset()
     """Numbers of runs, more than one where it changes from sample to sample."""
+    counts: Array | None = None
+    """(samples,) numbers of runs at the samples of `runs`."""
 
     @property
     def best(self) -> Curve:
@@ -51,7 +53,8 @@ def component_of(rows: pd.DataFrame) -> SeriesComponent:
     """
     rows = rows.sort_values(["k", "n"])
     exact, sampled = rows[rows["n"] == 0], rows[rows["n"] > 0].drop_duplicates("k", keep="last")
-    return SeriesComponent(_curve(exact), _curve(sampled), frozenset(map(int, sampled["n"])))
+    counts = sampled["n"].to_numpy(dtype=np.int64)
+    return SeriesComponent(_curve(exact), _curve(sampled), frozenset(map(int, counts)), counts)
 
 
 def components(

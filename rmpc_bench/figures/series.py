@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, make_logarithmic_if_positive, stacked_panels
+from rmpc_bench.figures.captions import MOST_NUMBERS, joined, label_of, place, sentences, span_of
 from rmpc_bench.figures.labels import symbol
 from rmpc_bench.figures.legend import finish
 from rmpc_bench.figures.line_styles import legend_sample, line_styles
@@ -64,6 +65,26 @@ class Series(OnePointFigure):
             yield Issue("component", _no_component(self.quantity, self.component, shape))
         yield from layout.require_series_of(self.order, self.quantity)
         yield from layout.require_window(self.from_, self.to)
+
+    def caption(self, results: Trials) -> str:
+        """Name the series and state its last values; see `Figure.caption`."""
+        point, title = point_at(results, self.at)
+        layout = layout_of(point)
+        methods = self.order or layout.methods_having(self.quantity)
+        lines = lines_of(point, methods, self.quantity, None if self.component is None else str(self.component))
+        last = int(max(curve.k[-1] for drawn in lines.values() for curve in drawn.values()))
+        window = window_of(point, last, self.from_, self.to)
+        texts = []
+        for component, drawn in within(lines, window).items():
+            values = (f"{label_of(point, name)} {curve.values[-1]:.4g}" for name, curve in drawn.items())
+            texts.append(f"{symbol(self.quantity, component)}: {', '.join(values)}")
+        return sentences(
+            f"Series {symbol(self.quantity)} of {joined(label_of(point, name) for name in methods)} over time, "
+            f"{span_of(window)}; indices count from 0",
+            place(point, title),
+            f"Last values shown: {'; '.join(texts)}" if len(texts) * len(methods) <= MOST_NUMBERS else "",
+            "The axis is logarithmic if all values are positive" if self.log else "",
+        )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the series of one point; see `Figure.draw`."""

@@ -11,6 +11,7 @@ from annotated_types import Gt, Len, Lt
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
+from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
 from rmpc_bench.figures.ellipse_outline import Ellipse, outline
 from rmpc_bench.figures.labels import POINTS_PER_INCH, component_label, typeset, wrapped
 from rmpc_bench.figures.legend import Handle, finish
@@ -110,6 +111,30 @@ class Tubes(OnePointFigure):
         advice = "name fewer methods or states"
         yield from layout.require_at_most(MOST_PANELS, len(shown) * self.panels_per_method, "panels", "order", advice)
         yield from layout.require_window(self.from_, self.to)
+
+    def caption(self, results: Trials) -> str:
+        """Define sets and marks, and count the states outside; see `Figure.caption`."""
+        point, title = point_at(results, self.at)
+        methods = self.order or list(_sizes(layout_of(point)))
+        window = window_of(point, last_sample(point, methods[0]), self.from_, self.to)
+        tubes = {name: tube_of(point, name, self.run, self.components, window, self.level) for name in methods}
+        sets = [
+            f"{label_of(point, name)}: {f'{100 * self.level:g} % of $P$' if tube.gaussian else 'set $M$'}"
+            for name, tube in tubes.items()
+        ]
+        outside = [
+            f"{label_of(point, name)} {int(tube.outside().sum())} of {len(tube.x)}" for name, tube in tubes.items()
+        ]
+        states = joined(component_label(point, "x", i, str(i)) for i in self.components)
+        what = "ellipses of some samples" if self.over == "plane" else "bands from the smallest to the largest value"
+        return sentences(
+            f"State {states} (black) of run {self.run} and the sets that the methods report for it, {span_of(window)}: "
+            f"{what} in the set about the estimate (coloured line)",
+            place(point, title),
+            f"Sets: {'; '.join(sets)}",
+            "Hollow circles are true states outside of the projection of their set",
+            f"States outside, at all samples of the window: {'; '.join(outside)}",
+        )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw one run at one point; see `Figure.draw`."""
@@ -219,13 +244,13 @@ def _draw_states(axes: Axes, x: Array, y: Array, outside: Array) -> None:
 
 def _align(panels: Sequence[Axes], places: Sequence[int | None], ok: Sequence[bool]) -> None:
     """Give panels of the same states the same limits, which a failed run does not change: its values may be huge."""
-    for place in set(places):
-        group = [number for number, each in enumerate(places) if each == place]
+    for state in set(places):
+        group = [number for number, each in enumerate(places) if each == state]
         good = [panels[number].dataLim for number in group if ok[number]] or [panels[group[0]].dataLim]
         limits = _padded([box.intervaly for box in good])
         for number in group:
             panels[number].set_ylim(*limits)
-        if place is None:
+        if state is None:
             panels[0].set_xlim(*_padded([box.intervalx for box in good]))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
 from rmpc_bench.figures.ensemble_panels import (
     EnsembleFigure,
     MomentLine,
@@ -15,11 +16,12 @@ from rmpc_bench.figures.ensemble_panels import (
     draw_moments,
     last_sample,
     lines_of,
+    source_of,
 )
 from rmpc_bench.figures.labels import symbol, unit_of, with_unit
-from rmpc_bench.figures.samples import components
+from rmpc_bench.figures.samples import components, cut
 from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.window import window_of
+from rmpc_bench.figures.window import TimeWindow, window_of
 from rmpc_bench.types.issue import Issue
 from rmpc_bench.types.result_layout import ResultLayout
 
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
 MOMENT, COVARIANCE = "cov(e)", "P"
+ROUNDING = 1e-9
+"""Relative distance above a reported variance up to which the variance counts as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +57,22 @@ class VarianceWithBound(EnsembleFigure):
         yield from layout.require_series(MOMENT, COVARIANCE)
         yield from layout.require_series_of(self.order, MOMENT)
         yield from self.check_states(layout, MOMENT)
+
+    def caption(self, results: Trials) -> str:
+        """Define lines and bounds, and count the samples where a bound is exceeded; see `Figure.caption`."""
+        point, title = point_at(results, self.at)
+        methods = self.order or layout_of(point).methods_having(MOMENT)
+        panels = variance_panels(point, methods, self.component)
+        window = window_of(point, last_sample(panels), self.from_, self.to)
+        lines = [line for panel in panels for line in panel.lines]
+        return sentences(
+            f"Variance of the estimation error (solid) and its reported value, the diagonal of $P$ (dashed), for "
+            f"{joined(label_of(point, name) for name in methods)} over time, {span_of(window)}",
+            place(point, title),
+            source_of(lines),
+            _exceeded(point, methods, panels, window),
+            "The axis is logarithmic" if self.log else "",
+        )
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw variances and bounds of one point; see `Figure.draw`."""
@@ -90,3 +110,25 @@ def variance_panels(point: Trials, methods: Sequence[str], component: int | None
         label = with_unit(f"var {symbol('e', str(i) if n > 1 else '')}", squared)
         panels.append(MomentPanel(label, tuple(lines)))
     return panels
+
+
+def _exceeded(point: Trials, methods: Sequence[str], panels: Sequence[MomentPanel], window: TimeWindow) -> str:
+    """Count for a caption the samples at which some variance lies above its reported value."""
+    found = []
+    for name in methods:
+        above: set[int] = set()
+        shown: set[int] = set()
+        for panel in panels:
+            lines = {line.kind: cut(line.curve, window) for line in panel.lines if line.method == name}
+            main, bound = lines.get("main"), lines.get("bound")
+            if main is None or bound is None:
+                continue
+            limits = {int(k): float(value) for k, value in zip(bound.k, bound.values, strict=True)}
+            constant = float(bound.values[0]) if len(set(bound.values.tolist())) == 1 else float("nan")
+            for k, value in zip(main.k.tolist(), main.values.tolist(), strict=True):
+                limit = limits.get(k, constant)
+                shown |= {k}
+                above |= {k} if value > limit * (1 + ROUNDING) else set()
+        if shown:
+            found.append(f"{label_of(point, name)} at {len(above)} of {len(shown)}")
+    return f"A variance exceeds its reported value for {joined(found)} samples" if found else ""

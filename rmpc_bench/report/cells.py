@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from rmpc_bench.analysis.comparison_text import contradicting, margin_text, size_text, verdict_text
 from rmpc_bench.analysis.number_text import decimals, median_text, with_error
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
-from rmpc_bench.report.sentences import AVERAGES, contradicting, margin_text, size_text, verdict_text
+from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.types import MetricInfo
 
 

@@ -2,104 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
-import pandas as pd
-
+from rmpc_bench.analysis.comparison_text import contradicting, margin_text, size_text, verdict_text
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.types import MetricInfo
 
 AVERAGES = {"geometric": "geometric mean of the paired ratios", "mean": "ratio of the means"}
 """What a change in per cent is an average of."""
-
-MOST_RUNS = 1e6
-"""Runs beyond which a number of runs that would decide is not given."""
-
-
-def size_text(row: Mapping[str, Any], info: MetricInfo, average: str = "") -> str:
-    """Write the average difference of a comparison with its interval.
-
-    Parameters
-    ----------
-    row : a row of `comparison.comparisons`
-    info : the metric of the row
-    average : ``geometric`` or ``mean``; the one that the verdict rests on if empty
-
-    Returns
-    -------
-    such as "-10.2 % [-11.3, -9.0]", or a difference in the unit of a signed metric; "-" where there is none
-    """
-    if row["average"] == "difference":
-        names, unit = ("difference", "difference_low", "difference_high"), info.unit
-    elif average:
-        names, unit = (f"{average}_pct", f"{average}_low", f"{average}_high"), "%"
-    else:
-        names, unit = ("change_pct", "ci_low", "ci_high"), "%"
-    return interval_text(*(float(row[name]) for name in names), unit=unit)
-
-
-def contradicting(row: Mapping[str, Any]) -> bool:
-    """Whether geometric mean and ratio of the means have opposite signs."""
-    return float(row["geometric_pct"]) * float(row["mean_pct"]) < 0
-
-
-def verdict_text(row: Mapping[str, Any], margin: str) -> str:
-    """Write a verdict in words, with the numbers that it needs.
-
-    Parameters
-    ----------
-    row : a row of `comparison.comparisons`
-    margin : the smallest relevant difference as text, such as "1 %"
-
-    Returns
-    -------
-    such as "equivalent (within 1 %)"; empty where there is no verdict
-    """
-    word = str(row["verdict"])
-    if word == Verdict.FAILS_MORE:
-        alone = row["failed_only"]
-        return f"fails more (alone in {alone} runs, {row['baseline']} alone in {row['baseline_failed_only']})"
-    if word == Verdict.EQUIVALENT:
-        return f"equivalent (within {margin})"
-    if word == Verdict.INCONCLUSIVE:
-        return _inconclusive(row)
-    return {
-        str(Verdict.BETTER_SIZE_UNCERTAIN): "better, size uncertain",
-        str(Verdict.WORSE_SIZE_UNCERTAIN): "worse, size uncertain",
-        str(Verdict.DEPENDS_ON_AVERAGE): "depends on the average",
-    }.get(word, word)
-
-
-def _inconclusive(row: Mapping[str, Any]) -> str:
-    """Name about how many runs would decide, for each word."""
-    numbers = [
-        (row["runs_for_direction"], "better or worse"),
-        (row["runs_for_equivalence"], "equivalent"),
-    ]
-    known = [f"{_about(n)} for {word}" for n, word in numbers if not pd.isna(n)]
-    return f"inconclusive (runs needed: {', '.join(known)})" if known else "inconclusive"
-
-
-def _about(runs: float) -> str:
-    """Write a number of runs with two digits, as it is an estimate."""
-    number = float(runs)
-    if number >= MOST_RUNS:
-        return f"more than {MOST_RUNS:.0f}"
-    digits = max(0, math.floor(math.log10(max(number, 1))) - 1)
-    return f"about {math.ceil(number / 10**digits) * 10**digits:.0f}"
-
-
-def margin_text(trials: Trials, info: MetricInfo, row: Mapping[str, Any] | None = None) -> str:
-    """Write the smallest relevant difference of a metric: in per cent, or in the unit of a signed metric."""
-    signed = row is not None and row["average"] == "difference"
-    if signed:
-        return f"{trials.relevant_of(info.name, default=0.0):g} {info.unit}".strip()
-    return f"{100 * trials.relevant_of(info.name):g} %"
 
 
 def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:

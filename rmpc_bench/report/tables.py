@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from rmpc_bench.analysis.comparison_text import margin_text
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
 from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import held_cells, notes_markdown
-from rmpc_bench.report.sentences import AVERAGES, explanation, margin_text, sentence
+from rmpc_bench.report.sentences import AVERAGES, explanation, sentence
 from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo, Status
 
@@ -213,7 +214,8 @@ def _count(n: int, noun: str) -> str:
 
 def quantity(info: MetricInfo) -> str:
     """Write a metric with its unit."""
-    return f"{info.name} [{info.unit}]" if info.unit else info.name
+    name = f"{info.label} ({info.name})" if info.label else info.name
+    return f"{name} [{info.unit}]" if info.unit else name
 
 
 def _signed(text: str) -> str:

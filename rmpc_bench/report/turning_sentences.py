@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rmpc_bench.analysis.comparison import levels
+from rmpc_bench.analysis.comparison_text import size_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.rounding import significant_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.turning_points import Track, failed_shares, numeric_paths, tracks
-from rmpc_bench.report.sentences import size_text
 from rmpc_bench.types import MetricInfo
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
@@ -26,6 +27,10 @@ Direction: TypeAlias = Literal["lower", "higher", "zero", "one"]
 """Which value is better: a lower or a higher one, the one closest to 0 (signed), the one closest to 1 (a ratio)."""
 
 
+ACRONYMS = frozenset(("mse", "rmse", "mae", "nees", "nis", "iae", "ise"))
+"""Words of the names of metrics that are written in capitals."""
+
+
 class MetricInfo(NamedTuple):
     """Name, unit and direction of the column of a metric."""
 
@@ -37,6 +42,23 @@ class MetricInfo(NamedTuple):
     """Which value is better, see `Direction`."""
     may_not_occur: bool = False
     """Whether the measured event may not occur in a run (inf); such a metric has a share and a median but no mean."""
+    label: str = ""
+    """Words for figures, tables and captions; made from the name if empty."""
+
+    @property
+    def words(self) -> str:
+        """What a reader sees in place of the name: the label, else the name with blanks, such as ``settling time``.
+
+        Examples
+        --------
+        >>> [MetricInfo(name, "", "lower").words for name in ("settling_time", "estimation_mse", "x_0", "mse")]
+        ['settling time', 'estimation MSE', '$x_0$', 'MSE']
+        """
+        if self.label:
+            return self.label
+        if re.fullmatch(r"[A-Za-z]_\d", self.name):
+            return f"${self.name}$"
+        return " ".join(word.upper() if word in ACRONYMS else word for word in self.name.split("_"))
 
 
 class SampleWindow(NamedTuple):
@@ -154,9 +176,11 @@ class Metric:
     Parameters
     ----------
     name : name of the column in tables and in claims
+    label : words for figures, tables and captions; the name with blanks if not given
     """
 
     name: str
+    label: str | None = None
 
     bounds: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
     """Smallest and largest possible value."""
@@ -194,7 +218,7 @@ class Metric:
 
     def info(self, layout: MetricLayout) -> MetricInfo:
         """Describe the column of the metric."""
-        return MetricInfo(self.name, self.unit(layout), self.better, self.may_not_occur)
+        return MetricInfo(self.name, self.unit(layout), self.better, self.may_not_occur, self.label or "")
 
     def window(self, layout: MetricLayout) -> SampleWindow:
         """Return the samples that it reads: all of them."""

@@ -3,11 +3,13 @@
 import re
 from pathlib import Path
 
+import pytest
 from small_experiment import cli, write
 
 import rmpc_bench
 from rmpc_bench.components.figure_names import figure_names
 
+CONFIGS = sorted(Path("configs").rglob("*.yaml"))
 CHECK = "check: 'mean(mse[R-MPC]) < 1e9'"
 
 
@@ -44,3 +46,10 @@ def test_the_figure_is_in_claims_json_and_a_link_in_claims_md(tmp_path: Path) ->
     text = (tmp_path / "out" / "claims.md").read_text(encoding="utf-8")
     (target,) = re.findall(r"- figure: \[boxplot\]\((.*)\)", text)
     assert (tmp_path / "out" / target).is_file()
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_every_claim_that_a_paper_makes_from_a_figure_has_a_figure_here(path: Path) -> None:
+    claims = rmpc_bench.load_config(path).claims
+    without = [claim.says for claim in claims if claim.of_paper and "Fig" in claim.source and not claim.figures]
+    assert not without

@@ -219,3 +219,16 @@ def test_a_key_without_an_annotation_is_read_as_a_number_where_its_default_is_on
     checked = validate(model_of("estimators", "plain"), tree, [], [])
     assert (checked.factor, checked.Ne, checked.word, checked.anything) == (0.05, 6, "5%", "5%")
     assert isinstance(checked.Ne, int)
+
+
+@pytest.mark.parametrize("given", [True, False, "auto"])
+def test_a_key_may_be_true_false_or_a_word(given):
+    """The scale of a boxplot: logarithmic, linear, or chosen by its values."""
+    assert model_of("figures", "boxplot").model_validate({"log": given}).log == given
+
+
+@pytest.mark.parametrize("given", ["maybe", 3, [True], {"a": True}])
+def test_other_values_of_such_a_key_are_refused(given):
+    """The message names what is accepted."""
+    with pytest.raises(ValueError, match="auto|true or false or a word"):
+        model_of("figures", "boxplot").model_validate({"log": given})

@@ -29,6 +29,11 @@ def lines(figure, panel=0, **wanted):
     return found
 
 
+def boxes_of(figure, panel=0):
+    """Return the corners of the boxes of a panel."""
+    return [np.array(patch.get_path().vertices[:4]) for patch in figure.axes[panel].patches]
+
+
 def labels(figure, panel=0):
     return [text.get_text() for text in figure.axes[panel].get_xticklabels()]
 
@@ -53,10 +58,12 @@ def test_boxes_against_brute_force(make_trials):
     rng = np.random.default_rng(3)
     columns = {name: list(rng.standard_t(2, 101)) for name in "ABC"}
     figure = boxplot(make_trials({"mse": columns}))
-    medians = lines(figure, color=style.RED, linestyle="-")
-    boxes = lines(figure, color=style.BLUE)
-    outliers = lines(figure, marker="+")
-    whiskers = [line for line in lines(figure, color="black", linestyle="--")]
+    medians, boxes, outliers = lines(figure, color=style.BLACK), boxes_of(figure), lines(figure, marker="+")
+    colours = [colour for colour in style.COLOURS[:3] for _ in range(4)]
+    others = [line for line in figure.axes[0].lines if line.get_color() in colours and line.get_marker() != "+"]
+    assert [line.get_color() for line in others] == colours
+    # Two whiskers and two caps of each box.
+    whiskers = [np.array(line.get_xydata()) for line in others if np.ptp(line.get_xdata()) == 0]
     assert len(medians) == len(boxes) == len(outliers) == 3 and len(whiskers) == 6
     for position, values in enumerate(columns.values(), start=1):
         q25, median, q75, low, high, outside = brute_force(values)
@@ -66,7 +73,7 @@ def test_boxes_against_brute_force(make_trials):
         ends = [whisker[1, 1] for whisker in whiskers if whisker[0, 0] == position]
         assert ends == [low, high]
         assert sorted(outliers[position - 1][:, 1]) == outside and outside
-    assert labels(figure) == ["A\nn=101", "B\nn=101", "C\nn=101"]
+    assert labels(figure) == ["A", "B", "C"] and figure.axes[0].get_xlabel() == "n = 101 for all"
 
 
 def test_failed_and_infinite(make_trials):
@@ -79,7 +86,7 @@ def test_failed_and_infinite(make_trials):
     }
     figure = boxplot(make_trials({"mse": columns}))
     assert labels(figure) == ["A\nn=4\n1 did not\noccur", "B\nno value\n0/4", "C\nn=4\n4 did not\noccur", "D\n2/4"]
-    medians = lines(figure, color=style.RED, linestyle="-")
+    medians = lines(figure, color=style.BLACK)
     assert [(line[:, 0].mean(), line[0, 1]) for line in medians] == [(1, 2), (4, 1.5)]
     assert figure.axes[0].get_xlim() == (0.5, 4.5)
 
@@ -96,10 +103,10 @@ def test_metric_order_size_and_log(make_trials):
     infos = [MetricInfo("mse", "rad^2", "lower"), MetricInfo("input_power", "V^2*s^-1", "lower")]
     trials = make_trials({"mse": {"A": [1, 2], "B": [3, 4]}, "input_power": {"A": [5, 6], "B": [7, -8]}}, infos)
     figure = boxplot(trials)
-    assert figure.axes[0].get_ylabel() == "mse [rad$^{2}$]" and figure.axes[0].get_yscale() == "linear"
+    assert figure.axes[0].get_ylabel() == "MSE [rad$^{2}$]" and figure.axes[0].get_yscale() == "linear"
     figure = boxplot(trials, metric="input_power", order=["B"], width=5, height=3)
-    assert figure.axes[0].get_ylabel() == "input_power [V$^{2}$*s$^{-1}$]"
-    assert (labels(figure), list(figure.get_size_inches())) == (["B\nn=2"], [5, 3])
+    assert figure.axes[0].get_ylabel() == "input power [V$^{2}$*s$^{-1}$]"
+    assert (labels(figure), list(figure.get_size_inches())) == (["B"], [5, 3])
     assert boxplot(trials, log=True).axes[0].get_yscale() == "log"
     figure = boxplot(trials, metric="input_power", log=True)
     assert figure.axes[0].get_yscale() == "linear" and "linear" in figure.axes[0].get_ylabel()
@@ -139,23 +146,86 @@ def test_errors_name_the_parameter(make_trials, given, message):
 def test_labels(make_trials, tmp_path, label, shown):
     """Formulas where they can be set, else the text as it is."""
     figure = boxplot(make_trials({"mse": {"A": [1.0, 2.0]}}, labels={"A": label}))
-    assert labels(figure) == [f"{shown}\nn=2"]
+    assert labels(figure) == [shown] and figure.axes[0].get_xlabel() == "n = 2"
     save(figure, tmp_path, "labels")
 
 
-def test_labels_never_overlap(make_trials):
-    """Long ones break at blanks outside formulas, longer ones stand upright and make the picture taller."""
-    four = {name: [1.0, 2.0] for name in "ABCD"}
-    figure = boxplot(make_trials({"mse": four}, labels={"A": "robust MPC, $c = 10^{-1}$"}))
-    assert labels(figure)[0] == "robust MPC,\n$c = 10^{-1}$\nn=2" and labels(figure)[1] == "B\nn=2"
-    many = {f"method number {i}": [1.0, 2.0] for i in range(12)}
-    for columns in (four, many):
-        figure = boxplot(make_trials({"mse": columns}))
-        boxes = [text.get_window_extent() for text in figure.axes[0].get_xticklabels()]
-        assert all(left.x1 <= right.x0 for left, right in zip(boxes, boxes[1:], strict=False))
-        assert min(box.y0 for box in boxes) >= 0
-    assert labels(figure)[0] == "method number 0, n=2" and figure.get_figheight() > 2.4
-    assert figure.get_figwidth() == 3.5
+def distances_along_the_axis(figure):
+    """Distances between the ends of neighbouring labels, across the direction of their lines [pixels]."""
+    places = [text.get_transform().transform(text.get_position())[0] for text in figure.axes[-1].get_xticklabels()]
+    return np.diff(places) * math.sin(math.radians(45))
+
+
+def test_wide_labels_are_broken_into_lines(make_trials):
+    """At blanks outside formulas."""
+    figure = boxplot(
+        make_trials({"mse": {name: [1.0, 2.0] for name in "ABCD"}}, labels={"A": "robust MPC, $c = 10^{-1}$"})
+    )
+    assert labels(figure) == ["robust MPC,\n$c = 10^{-1}$", "B", "C", "D"]
+    boxes = [text.get_window_extent() for text in figure.axes[0].get_xticklabels()]
+    assert all(left.x1 <= right.x0 for left, right in zip(boxes, boxes[1:], strict=False))
+    assert min(box.y0 for box in boxes) >= 0
+
+
+def test_labels_that_cannot_be_broken_are_rotated(make_trials):
+    """The picture becomes higher, and the lines keep a distance."""
+    many = {f"method-number-{i}": [1.0, 2.0] for i in range(10)}
+    figure = boxplot(make_trials({"mse": many}))
+    texts = figure.axes[0].get_xticklabels()
+    assert {text.get_rotation() for text in texts} == {45.0} and labels(figure) == [*many]
+    assert figure.get_figheight() > 2.4 and figure.get_figwidth() == 3.5
+    size = texts[0].get_fontsize() * figure.dpi / 72
+    assert min(distances_along_the_axis(figure)) > size
+    assert min(text.get_window_extent().y0 for text in texts) >= 0
+    assert min(text.get_window_extent().x0 for text in texts) >= 0
+
+
+@pytest.mark.parametrize("n", [4, 24])
+def test_labels_that_would_be_taller_than_the_panel_are_numbers_with_a_key(make_trials, n):
+    """A key below the panel has the labels, each with the colour of its box."""
+    long = "a filter with a very long name, which nobody would want to read upright beside a panel"
+    many = {f"M{i}": [1.0, 2.0] for i in range(n)}
+    figure = boxplot(make_trials({"mse": many}, labels={f"M{i}": f"{long} {i}" for i in range(n)}), height=2.4)
+    assert labels(figure) == [str(number) for number in range(1, n + 1)]
+    (key,) = figure.legends
+    texts = [" ".join(text.get_text().split()) for text in key.get_texts()]
+    assert texts == [f"{number} {long} {number - 1}" for number in range(1, n + 1)]
+    assert figure.axes[0].get_position().height * figure.get_figheight() > 1.0
+    ticks = [text.get_window_extent() for text in figure.axes[0].get_xticklabels()]
+    assert key.get_window_extent().y1 <= min(tick.y0 for tick in ticks) and key.get_window_extent().y0 >= 0
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [
+        # The lower box would have 0.06 % of a linear axis.
+        ({"A": [1.0, 1.1, 1.2, 1.3], "B": [150.0, 200.0, 230.0, 250.0]}, "log"),
+        # Its quartiles are equal, so no axis makes it higher.
+        ({"A": [1.0, 1.0, 1.0, 1.0], "B": [150.0, 200.0, 230.0, 250.0]}, "linear"),
+        # The values differ by less than a factor of ten.
+        ({"A": [1.0, 1.01, 1.02, 1.03], "B": [5.0, 6.0, 7.0, 8.0]}, "linear"),
+        # Some value is not positive.
+        ({"A": [0.0, 1.1, 1.2, 1.3], "B": [150.0, 200.0, 230.0, 250.0]}, "linear"),
+        ({"A": [1.0, 2.0, 3.0, 4.0], "B": [5.0, 10.0, 15.0, 20.0]}, "linear"),
+    ],
+)
+def test_the_axis_is_logarithmic_where_a_linear_one_would_flatten_boxes(make_trials, values, scale):
+    """The rule of the docstring; `log: false` switches it off."""
+    trials = make_trials({"mse": values})
+    assert boxplot(trials).axes[0].get_yscale() == scale
+    assert boxplot(trials, log=False).axes[0].get_yscale() == "linear"
+    assert ("logarithmic" in Boxplot().caption(trials)) == (scale == "log")
+
+
+def test_the_caption_defines_every_mark_and_states_the_numbers(make_trials):
+    """Oracle: by hand; failed runs and runs without the event are counted."""
+    columns = {"A": [1.0, 2.0, 3.0, 4.0, 5.0], "B": [2.0, 4.0, "diverged", INF, 6.0]}
+    text = Boxplot().caption(make_trials({"mse": columns}, labels={"B": "robust, $c=1$"}))
+    assert text.startswith("Distribution of MSE [rad^2] over the runs for A and robust, $c=1$.")
+    assert "whiskers reach to the last values within 1.5 interquartile ranges" in text and "crosses" in text
+    assert "n = 5 runs of every method; failed runs are left out (robust, $c=1$ 1)." in text
+    assert "Runs in which it did not occur are not part of a box (robust, $c=1$ 1)." in text
+    assert "Medians [quartiles] in rad^2: A 3.0 [2.0, 4.0]" in text
 
 
 def hp_hu(*pairs):
@@ -173,14 +243,15 @@ def test_points_of_a_sweep_are_panels(make_trials, make_sweep):
     figure = boxplot(sweep)
     assert [axes.get_title() for axes in figure.axes] == ["Hp=10, Hu=8", "Hp=15, Hu=3"]
     for panel, columns in enumerate(values):
-        medians = lines(figure, panel, color=style.RED, linestyle="-")
+        medians = lines(figure, panel, color=style.BLACK)
         assert [line[0, 1] for line in medians] == [np.median(column) for column in columns.values()]
     assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim()
-    assert labels(figure, 0) == [] and labels(figure, 1) == ["A\nn=3", "B\nn=3"]
+    assert labels(figure, 0) == [] and labels(figure, 1) == ["A", "B"]
+    assert figure.axes[1].get_xlabel() == "n = 3 for all"
     assert list(figure.get_size_inches()) == [3.5, 3.8]
     shared = figure.get_supylabel()
     tops, bottoms = zip(*((axes.get_position().y1, axes.get_position().y0) for axes in figure.axes), strict=True)
-    assert shared == "mse [rad$^{2}$]"
+    assert shared == "MSE [rad$^{2}$]"
     assert figure._supylabel.get_position()[1] == pytest.approx((max(tops) + min(bottoms)) / 2)
     assert boxplot(sweep, log=True).axes[1].get_yscale() == "log"
 

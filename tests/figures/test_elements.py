@@ -74,8 +74,8 @@ def test_an_entry_is_in_its_place(trials, matrices):
             np.testing.assert_array_equal(drawn.get_ydata(), np.append(Q[1, :, i, j], Q[1, -1, i, j]))
             np.testing.assert_array_equal(drawn.get_xdata(), 0.1 * np.arange(N + 1))
             assert drawn.get_drawstyle() == "steps-post"
-    assert [panel(figure, 0, j).get_title() for j in range(3)] == [f"$Q_{{yw}}$[·,{j}]" for j in range(3)]
-    assert [panel(figure, i, 0).get_ylabel() for i in range(3)] == [f"$Q_{{yw}}$[{i},·]" for i in range(3)]
+    assert [panel(figure, 0, j).get_title() for j in range(3)] == [rf"$(Q_{{yw}})_{{\cdot,{j}}}$" for j in range(3)]
+    assert [panel(figure, i, 0).get_ylabel() for i in range(3)] == [rf"$(Q_{{yw}})_{{{i},\cdot}}$" for i in range(3)]
     assert legend(figure) == ["constant", "tuned", "burst"]
     assert figure.legends[0].get_title().get_text() == "run 1"
     assert figure.get_supxlabel() == "$t$ [s]"

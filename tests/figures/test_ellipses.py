@@ -103,7 +103,7 @@ def test_dots_axes_and_legend(trials, runs):
     """The values of the runs, once, as they are the same for both; names with units; the radii by their lines."""
     figure = ellipses(trials, x="x0_end", y="x1_end")
     assert list(dots(figure)) == [REFERENCE] and np.array_equal(dots(figure)[REFERENCE], runs)
-    assert figure.axes[0].get_xlabel() == "x0_end [m]" and figure.axes[0].get_ylabel() == "x1_end [m/s$^{2}$]"
+    assert figure.axes[0].get_xlabel() == "x0 end [m]" and figure.axes[0].get_ylabel() == "x1 end [m/s$^{2}$]"
     assert sorted(legend(figure)) == [r"$1\sigma$", r"$3\sigma$", "30 runs", "classic", "robust"]
     (box,) = figure.legends
     samples = dict(zip((text.get_text() for text in box.get_texts()), box.get_lines(), strict=True))
@@ -186,6 +186,36 @@ def test_what_is_no_covariance_has_no_ellipse(trials, tmp_path, P):
     assert "robust (no ellipse)" in legend(figure) and len(rings(figure, COLOURS[0])) == 2
     assert rings(figure, COLOURS[1]) == []
     save(figure, tmp_path, "none")
+
+
+@pytest.mark.parametrize(
+    ("P", "shape"),
+    [
+        ([[4.0, 1.0], [1.0, 9.0]], "ellipse"),
+        ([[4.0, -6.0], [-6.0, 9.0]], "segment"),
+        # The sides of this ellipse are 0.01 standard deviations from its axis.
+        ([[1.0, 0.99995], [0.99995, 1.0]], "segment"),
+        ([[4.0, 0.0], [0.0, 0.0]], "segment"),
+        ([[0.0, 0.0], [0.0, 0.0]], "point"),
+        ([[1.0, 2.0], [2.0, 1.0]], "none"),
+    ],
+)
+def test_a_degenerate_ellipse_is_seen_and_named(trials, tmp_path, P, shape):
+    """A broad line with marks at its ends, or a large cross, and the legend has its own text for it."""
+    assert Ellipse(np.zeros(2), np.array(P)).shape == shape
+    series = trials.series.copy()
+    for i in (0, 1):
+        for j in (0, 1):
+            its = (series["method"] == "robust") & (series["quantity"] == "P") & (series["component"] == f"{i},{j}")
+            series.loc[its, "value"] = P[i][j]
+    figure = ellipses(replace(trials, series=series), x="x0_end", y="x1_end")
+    mine = [line for line in figure.axes[0].lines if line.get_color() == COLOURS[1]]
+    broad = [line for line in mine if line.get_linewidth() > 2.0 and line.get_linestyle() != "None"]
+    crosses = [line for line in mine if line.get_marker() == "x" and line.get_markersize() >= 8]
+    assert bool(broad) == (shape == "segment") and bool(crosses) == (shape == "point")
+    text = {"segment": " (segment: $P$ is singular)", "point": " (point: $P = 0$)", "none": " (no ellipse)"}
+    assert f"robust{text.get(shape, '')}" in [each.replace("\n", " ") for each in legend(figure)]
+    save(figure, tmp_path, shape)
 
 
 def test_centres_from_runs_where_there_are_no_exact_ones(trials):

@@ -93,7 +93,7 @@ def test_variance_and_bound(trials):
             assert np.array_equal(pale, np.stack([K, rough(variance(method, i))], axis=1))
             shown = [[0, 9.0 + i], [30, 9.0 + i]] if method == "A" else np.stack([K, 9.0 + i + K], axis=1)
             assert np.array_equal(dashed, shown)
-    assert [axes.get_ylabel() for axes in figure.axes] == ["var $e$[0]", "var $e$[1]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["var $e_0$", "var $e_1$"]
     assert [axes.get_xlabel() for axes in figure.axes] == ["", "$k$"]
     assert figure.axes[0].get_xlim() == (0, 30) and list(figure.get_size_inches())[0] == 3.5
 
@@ -135,7 +135,7 @@ def test_means(trials):
             assert np.array_equal(solid[:, 1], x_hat(method, i)) and np.array_equal(pale[:, 1], rough(x_hat(method, i)))
     assert sorted(legend(figure)) == ["A", "exact", "from 500 runs", "robust", "true state"]
     assert sample(figure, "true state").get_color() == BLACK
-    assert [axes.get_ylabel() for axes in figure.axes] == ["mean $x$[0]", "mean $x$[1]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["mean $x_0$", "mean $x_1$"]
 
 
 @pytest.mark.parametrize(("factor", "n_true"), [(1 + 1e-13, 1), (1.5, 2)])
@@ -214,9 +214,9 @@ def test_window_units_component_and_order(trials):
     (solid,) = drawn(figure, 0, COLOURS[1], linestyle="-")
     assert np.array_equal(solid, np.stack([0.5 * K[10:21], variance("B", 1)[10:21]], axis=1))
     assert len(figure.axes) == 1 and figure.axes[0].get_xlabel() == "$t$ [s]"
-    assert figure.axes[0].get_ylabel() == "var $e$[1] [rad$^{2}$]" and "A" not in legend(figure)
-    assert variance_with_bound(timed).axes[0].get_ylabel() == "var $e$[0] [(m/s)$^{2}$]"
-    assert [axes.get_ylabel() for axes in means(timed).axes] == ["mean $x$[0] [m/s]", "mean $x$[1] [rad]"]
+    assert figure.axes[0].get_ylabel() == "var $e_1$ [rad$^{2}$]" and "A" not in legend(figure)
+    assert variance_with_bound(timed).axes[0].get_ylabel() == "var $e_0$ [(m/s)$^{2}$]"
+    assert [axes.get_ylabel() for axes in means(timed).axes] == ["mean $x_0$ [m/s]", "mean $x_1$ [rad]"]
 
 
 def test_a_point_of_a_sweep(trials, make_sweep):

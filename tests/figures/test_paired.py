@@ -85,7 +85,7 @@ def test_band_and_zero_line(trials):
     assert [list(line.get_xdata()) for line in zero] == [[0, 0]]
     # Those of R and T hold together.
     assert legend(figure) == ["simultaneous 90 % interval", "within 5 %"]
-    text = "change of mse against S [%] (geometric mean of the ratios; lower is better)"
+    text = "change of MSE against S [%] (geometric mean of the ratios; lower is better)"
     assert axes.get_xlabel().replace("\n", " ") == text
     assert axes.get_title() == "20 paired runs"
 

@@ -152,7 +152,7 @@ def test_metrics_that_are_best_at_zero_or_one(make_trials):
     figure = pareto(table, x="bias", y="nees")
     ((x, y, _),) = dots(figure)[COLOURS[0]]
     np.testing.assert_allclose([x, y], [2.0, 2.0], **ROUND)
-    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("|bias| [mm]", "max(nees, 1/nees)")
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("|bias| [mm]", "max(NEES, 1/NEES)")
 
 
 def test_failed_and_infinite(make_trials):

@@ -116,7 +116,7 @@ def test_what_one_method_reports(trials):
     assert (Q.get_drawstyle(), r.get_drawstyle()) == ("steps-post", "default")
     assert lines(figure, 0, "A") == lines(figure, 1, "A") == [] and len(lines(figure, 2, "A")) == 1
     assert legend(figure) == ["A", "B", "reference"]
-    assert [axes.get_ylabel() for axes in figure.axes] == ["$Q_{yw}$[0,1]", r"$\breve{r}$[1]", "$y$ [rad]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["$(Q_{yw})_{0,1}$", r"$\breve{r}_1$", "$y$ [rad]"]
     assert legend(trajectories(trials, signals=["Q_yw.0"])) == ["B"]
     assert len(trajectories(trials, signals=["Q_yw"]).axes) == 4
 
@@ -126,7 +126,7 @@ def test_units_of_components(trials):
     table = replace(trials, units={"x": "m", "x.1": "rad", "y.0": "mm"})
     figure = trajectories(table, signals=["x", "e"])
     labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels == ["$x$[0] [m]", "$x$[1] [rad]", "$x$[2] [m]", "$e$ [mm]"]
+    assert labels == ["$x_0$ [m]", "$x_1$ [rad]", "$x_2$ [m]", "$e$ [mm]"]
 
 
 def test_bursts_are_bands(trials):
@@ -175,8 +175,8 @@ def test_nothing_changes_without_bursts(trials, tmp_path):
 @pytest.mark.parametrize(
     ("name", "component", "expected"),
     [
-        ("x_hat", "2", r"$\hat{x}$[2]"),
-        ("Q_yw", "0,1", "$Q_{yw}$[0,1]"),
+        ("x_hat", "2", r"$\hat{x}_2$"),
+        ("Q_yw", "0,1", "$(Q_{yw})_{0,1}$"),
         ("C_y", "", "$C_{y}$"),
         ("rho_breve", "", r"$\breve{\rho}$"),
         ("Pi", "", r"$\Pi$"),

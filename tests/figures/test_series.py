@@ -57,14 +57,14 @@ def test_a_component_over_k(trials):
         assert np.array_equal(x, np.arange(31)) and np.array_equal(y, 2 * np.arange(31) / scale)
     x, y = line(figure, 0, "A")
     assert (list(x), list(y)) == ([0, 30], [1.5, 1.5])
-    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("$k$", "$L$[1,0]")
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("$k$", "$L_{1,0}$")
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["A", "B", "C"]
 
 
 def test_all_components_are_panels(trials):
     """Where none is chosen and they fit."""
     figure = series(trials, quantity="L")
-    assert [axes.get_ylabel() for axes in figure.axes] == ["$L$[0,0]", "$L$[1,0]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["$L_{0,0}$", "$L_{1,0}$"]
     assert line(figure, 1, "B")[1][-1] == 2 * line(figure, 0, "B")[1][-1] == 12
 
 

@@ -140,7 +140,7 @@ def test_signals_and_order(make_trials, record):
     """Components by their number, whole signals as one panel per component; a method keeps its colour."""
     trials = record(make_trials(TWO), {"A": 1, "B": 1})
     figure = trajectories(trials, signals=["x_hat.1", "x"], order=["B"])
-    assert [axes.get_ylabel() for axes in figure.axes] == [r"$\hat{x}$[1]", "$x$[0]", "$x$[1]", "$x$[2]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == [r"$\hat{x}_1$", "$x_0$", "$x_1$", "$x_2$"]
     (first,) = drawn(figure, 0, COLOURS[1])
     assert np.array_equal(first.get_ydata(), trials.traces["B"].signals["x_hat"][0, :, 1])
     assert drawn(figure, 0, COLOURS[0]) == [] and legend(figure) == ["B"]

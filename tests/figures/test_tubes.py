@@ -97,9 +97,9 @@ def test_a_plane_shows_the_states_and_the_reported_sets(trials, states):
             gap, S = ring - x_hat[name][1][k, :2], reported(name, k)[:2, :2]
             np.testing.assert_allclose(np.einsum("pi,ij,pj->p", gap, np.linalg.inv(S), gap), 1.0, rtol=1e-9)
             np.testing.assert_allclose(gap.max(axis=0), np.sqrt(np.diag(S)), rtol=1e-3)  # between two of 181 points
-        assert axes.get_ylabel() == "$x$[1] [m]" and axes.texts[0].get_text() == name
+        assert axes.get_ylabel() == "$x_1$ [m]" and axes.texts[0].get_text() == name
         assert to_hex(axes.texts[0].get_color()) == color
-    assert figure.axes[-1].get_xlabel() == "$x$[0] [m]"
+    assert figure.axes[-1].get_xlabel() == "$x_0$ [m]"
     assert figure.axes[0].get_title() == "run 1, t = 0 to 20 s, ellipses every 10 samples"
 
 
@@ -154,7 +154,7 @@ def test_over_time_the_band_is_as_wide_as_the_set(trials, states, components, or
         beyond = np.abs(x[0][k, i] - centre) > half
         np.testing.assert_array_equal(dots(axes)[WHITE], true_state[beyond])
         assert len(dots(axes)[BLACK]) == 0
-        assert axes.get_ylabel() == f"$x$[{i}] [m]" and axes.texts[0].get_text() == name
+        assert axes.get_ylabel() == f"$x_{i}$ [m]" and axes.texts[0].get_text() == name
     assert figure.axes[-1].get_xlabel() == "$t$ [s]" and figure.axes[-1].get_xlim() == (5.0, 20.0)
     assert figure.axes[0].get_title() == "run 0"
 

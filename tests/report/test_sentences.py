@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from rmpc_bench.report.sentences import sentence, verdict_text
+from rmpc_bench.analysis.comparison_text import verdict_text
+from rmpc_bench.report.sentences import sentence
 from rmpc_bench.types import MetricInfo
 
 MSE = MetricInfo("mse", "rad^2", "lower")

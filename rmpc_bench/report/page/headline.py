@@ -6,8 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.sentences import AVERAGES, margin_text, size_text, verdict_text
+from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.report.summary import PointSummary, Summary
 from rmpc_bench.types import MetricInfo
 

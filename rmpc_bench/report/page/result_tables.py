@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.cells import metric_table
 from rmpc_bench.report.ensemble_table import ensemble_rows
 from rmpc_bench.report.page.blocks import Block, Text, bullets, code, folded, heading, table
-from rmpc_bench.report.sentences import explanation, margin_text, sentence, size_text, verdict_text
+from rmpc_bench.report.sentences import explanation, sentence
 from rmpc_bench.report.summary import MOST_ON_SCREEN, PointSummary, Summary
 from rmpc_bench.report.tables import BEST, legend, metric_columns, quantity
 from rmpc_bench.types import MetricInfo
