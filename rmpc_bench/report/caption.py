@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from rmpc_bench.analysis.comparison_text import margin_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import with_unit
@@ -12,7 +13,7 @@ from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
 from rmpc_bench.report.latex import ALL_METRICS, USUAL, columns_of, shown_points
 from rmpc_bench.report.latex_text import to_latex
-from rmpc_bench.report.sentences import AVERAGES, margin_text
+from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
