@@ -8,8 +8,10 @@ A block ```text after it is what the last of these commands prints to stdout.
 
 from __future__ import annotations
 
+import atexit
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -36,11 +38,20 @@ class Step(NamedTuple):
     """The ```text block that follows, None without one."""
 
 
+class Followed(NamedTuple):
+    """A page that was followed."""
+
+    place: Path
+    """Directory with its files and with what its commands have written, until the process ends."""
+    steps: tuple[Step, ...]
+
+
 @cache
-def followed(page: Path) -> tuple[Step, ...]:
+def followed(page: Path) -> Followed:
     """Follow a page in a temporary directory, once per process."""
-    with tempfile.TemporaryDirectory() as place:
-        return tuple(follow(page, Path(place)))
+    place = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, place)
+    return Followed(place, tuple(follow(page, place)))
 
 
 def follow(page: Path, place: Path) -> Iterator[Step]:
@@ -76,10 +87,11 @@ def updated(page: Path) -> str:
     RuntimeError
         If a command of the page fails.
     """
-    failed = [f"{step.line}: exit code {step.code}\n{step.out}{step.err}" for step in followed(page) if step.code != 0]
+    steps = followed(page).steps
+    failed = [f"{step.line}: exit code {step.code}\n{step.out}{step.err}" for step in steps if step.code != 0]
     if failed:
         raise RuntimeError("\n".join(failed))
-    made = iter([comparable(step.out) for step in followed(page) if step.shown is not None])
+    made = iter([comparable(step.out) for step in steps if step.shown is not None])
     last = ""
 
     def again(match: re.Match[str]) -> str:

@@ -1,12 +1,15 @@
 """docs/tutorial.md, followed literally in an empty directory; test_generated_pages.py compares what is printed."""
 
+import shutil
+import subprocess
+
 import pytest
 from docs.followed_page import TUTORIAL, followed
 
 
 @pytest.fixture(scope="module")
 def steps():
-    return followed(TUTORIAL)
+    return followed(TUTORIAL).steps
 
 
 def test_every_command_works(steps):
@@ -23,3 +26,12 @@ def test_the_page_shows_what_some_commands_print(steps):
 def test_the_quickstart_of_the_page_exists():
     assert "configs/quickstart.yaml" in TUTORIAL.read_text("utf-8")
     assert (TUTORIAL.parents[1] / "configs" / "quickstart.yaml").is_file()
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
+def test_the_document_of_the_page_compiles():
+    place = followed(TUTORIAL).place
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"]
+    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert (place / "paper.pdf").stat().st_size > 10_000
