@@ -26,6 +26,7 @@ def test_public_names_are_the_documented_ones():
         *("LinearModel", "Scenario", "Experiment", "Method", "Status", "Trials", "Results"),
         *("simulate", "run", "replay", "load_config", "load_results", "load_trials"),
         *("summarise", "compare", "drivers", "requirements", "judge", "figure", "publish"),
+        *("compare_results", "compare_improvements"),
         *("register", "plant", "model", "estimator", "controller"),
         *("single_run", "SolverError", "Estimator", "Controller", "Plant", "Metric", "Figure"),
     }

@@ -77,11 +77,11 @@ def _inconclusive(row: Mapping[str, Any]) -> str:
         (row["runs_for_direction"], "better or worse"),
         (row["runs_for_equivalence"], "equivalent"),
     ]
-    known = [f"{_about(n)} for {word}" for n, word in numbers if not pd.isna(n)]
+    known = [f"{about(n)} for {word}" for n, word in numbers if not pd.isna(n)]
     return f"inconclusive (runs needed: {', '.join(known)})" if known else "inconclusive"
 
 
-def _about(runs: float) -> str:
+def about(runs: float) -> str:
     """Write a number of runs with two digits, as it is an estimate."""
     number = float(runs)
     if number >= MOST_RUNS:
@@ -92,7 +92,18 @@ def _about(runs: float) -> str:
 
 def margin_text(trials: Trials, info: MetricInfo, row: Mapping[str, Any] | None = None) -> str:
     """Write the smallest relevant difference of a metric: in per cent, or in the unit of a signed metric."""
-    signed = row is not None and row["average"] == "difference"
+    return margin_of(trials, info, signed=row is not None and row["average"] == "difference")
+
+
+def margin_of(trials: Trials, info: MetricInfo, *, signed: bool) -> str:
+    """Write the smallest relevant difference of a metric.
+
+    Parameters
+    ----------
+    trials : the table
+    info : the metric
+    signed : whether differences have the unit of the metric
+    """
     if signed:
         return f"{trials.relevant_of(info.name, default=0.0):g} {info.unit}".strip()
     return f"{100 * trials.relevant_of(info.name):g} %"

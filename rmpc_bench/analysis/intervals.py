@@ -47,6 +47,31 @@ def student(values: Array, confidence: float) -> Interval:
     return mean - reach, mean + reach
 
 
+def welch(a: Array, b: Array, confidence: float) -> Interval:
+    """Welch interval of the difference of the means of two independent samples.
+
+    Parameters
+    ----------
+    a, b : (n,), (m,) samples
+    confidence : level, such as 0.95
+
+    Returns
+    -------
+    low, high; NaN below two values of either or where one is infinite; the difference itself where neither has spread
+    """
+    from scipy import stats
+
+    squares = standard_error(a) ** 2, standard_error(b) ** 2
+    if math.isnan(sum(squares)):
+        return NONE
+    gap = float(np.mean(a) - np.mean(b))
+    if not sum(squares):
+        return gap, gap
+    degrees = sum(squares) ** 2 / (squares[0] ** 2 / (len(a) - 1) + squares[1] ** 2 / (len(b) - 1))
+    reach = float(stats.t.ppf((1 + confidence) / 2, degrees)) * math.sqrt(sum(squares))
+    return gap - reach, gap + reach
+
+
 def geometric(a: Array, b: Array, confidence: float) -> tuple[float, Interval]:
     """Geometric mean of the ratios a/b and its interval, Student t on the logs.
 

@@ -99,6 +99,7 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += [f"  {name:14}{text}" for name, text in _differences(config)]
     remarks = _remarks(config)
     lines += ["", "  remarks", *remarks] if remarks else []
+    lines += ["", "  inherited and left out", *(f"  {text}" for text in config.left_out)] if config.left_out else []
     warned = warning_texts(config)
     lines += ["", "  warnings", *(f"  {text}" for text in warned)] if warned else []
     # Several claims may have an assumption in common.

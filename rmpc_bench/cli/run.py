@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import count
@@ -58,23 +58,32 @@ class Request:
     progress: str
     allow_code: tuple[Path, ...]
     engine: Literal["joblib", "serial"] | None
+    add_methods: tuple[str, ...]
 
     def changes(self) -> list[str]:
         """Options that change what is computed."""
         texts = [f"-s {shlex.quote(text)}" for text in self.overrides if not text.startswith("execution.")]
         texts += [f"--runs {self.runs}"] if self.runs is not None else []
-        return texts + [f"--only {shlex.quote(name)}" for name in self.only] + ["--smoke"] * self.smoke
+        texts += [f"--only {shlex.quote(name)}" for name in self.only] + ["--smoke"] * self.smoke
+        return texts + [f"--add-method {shlex.quote(text)}" for text in self.add_methods]
 
     def command(self, directory: Path) -> str:
         """Return the same command for another directory."""
         allowed = [f"--allow-code {shlex.quote(str(path))}" for path in self.allow_code]
         return " ".join(["rmpc-bench run", shlex.quote(str(self.config)), *self.changes(), *allowed, f"-o {directory}"])
 
-    def load(self, *, overridden: bool = True) -> ExperimentConfig:
-        """Load the configuration, with or without the overrides and the number of runs."""
+    def load(self, *, overridden: bool = True, add_methods: Sequence[str] = ()) -> ExperimentConfig:
+        """Load the configuration, with or without the overrides and the number of runs.
+
+        Parameters
+        ----------
+        overridden : whether to use the overrides and the number of runs
+        add_methods : texts of methods to add
+        """
         from rmpc_bench.config.load import load_config
 
         changes: dict[str, Any] = {"overrides": self.overrides, "runs": self.runs} if overridden else {}
+        changes["add_methods"] = add_methods
         return load_config(self.config, smoke=self.smoke, allow_code=self.allow_code, **changes)
 
 
@@ -85,6 +94,13 @@ class Request:
 @click.option("-s", "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Replace one value of the file.")
 @click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the file.")
 @click.option("--only", multiple=True, metavar="METHOD", help="Compute this method only; may be repeated.")
+@click.option(
+    "--add-method",
+    "add_methods",
+    multiple=True,
+    metavar="'NAME: {...}'",
+    help="Add a method to those of the file; the directory keeps it.  May be repeated.",
+)
 @click.option("--smoke", is_flag=True, help="Use the size of the section `smoke`; results go to results/smoke.")
 @click.option("--strict", is_flag=True, help="Exit with 1 if the finding of a claim differs from its record.")
 @click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
@@ -124,11 +140,10 @@ def run(**options: Any) -> int:
         from rmpc_bench.execution.results import run as run_experiment
 
     request = Request(**options)
-    config = request.load()
+    config, directory = configured(request)
     for text in warning_texts(config):
         click.echo(f"warning: {text}", err=True)
     _check_names(request.only, config)
-    directory = request.output or _directory(request, config)
     try:
         if request.dry_run:
             return _show_plan(config, directory, request.only)
@@ -159,6 +174,55 @@ def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
     for name in only:
         if name not in config.methods:
             raise click.BadParameter(unknown(name, config.methods, "method"), param_hint="--only")
+
+
+def configured(request: Request) -> tuple[ExperimentConfig, Path]:
+    """Load the configuration with the methods that its directory has, and say what is added or left out."""
+    config = request.load()
+    directory = request.output or _directory(request, config)
+    stored = {} if request.fresh else _stored_methods(directory, config)
+    if request.add_methods:
+        # Before those of the directory, so that an error names the text that is given now.
+        config = request.load(add_methods=request.add_methods)
+    if stored:
+        config = request.load(add_methods=[*{**stored, **config.added}.values()])
+    for line in _said(config, stored, directory):
+        click.echo(line, err=True)
+    for text in config.left_out:
+        click.echo(f"left out: {text}", err=True)
+    return config, directory
+
+
+def _stored_methods(directory: Path, config: ExperimentConfig) -> dict[str, str]:
+    """Return methods that were added to the results of this experiment and that its configuration does not have."""
+    from rmpc_bench.execution.database import FILE, MissingError
+    from rmpc_bench.execution.store import Store
+    from rmpc_bench.execution.stored_experiment import added_methods
+
+    if not (directory / FILE).exists():
+        return {}
+    try:
+        with Store(directory, writable=False) as store:
+            found = added_methods(store) if store.meta("experiment") == config.hash else {}
+    except MissingError:
+        # An earlier version, which could not add methods, has written the store.
+        return {}
+    return {name: text for name, text in found.items() if name not in config.methods}
+
+
+def _said(config: ExperimentConfig, stored: Mapping[str, str], directory: Path) -> Iterator[str]:
+    """Say which methods are added, and what follows for the intervals."""
+    if not config.added:
+        return
+    for name, text in config.added.items():
+        if name not in stored:
+            yield f"added: {name}"
+        elif text == stored[name]:
+            yield f"added before and kept: {name} (a directory without it: -o DIR, or --fresh)"
+        else:
+            yield f"added: {name}, in place of another method of this name in {directory}, whose trials are kept"
+    n = len(config.methods) - 1
+    yield f"claims rest on the methods that they name; intervals of verdicts are simultaneous for {n} methods now"
 
 
 def _directory(request: Request, config: ExperimentConfig) -> Path:

@@ -24,8 +24,8 @@ from rmpc_bench.types.issue import nearest
 NO_CODE = "RMPC_BENCH_NO_CODE"
 """Environment variable that refuses all Python files when it is 1."""
 
-_OVERRIDE = "-s "
-"""Start of the file name in the place of a value that was given on the command line."""
+_OPTIONS = ("-s ", "--add-method ")
+"""Starts of the file name in the place of a value that was given on the command line."""
 
 _CODE = (".py", ".so", ".pyd")
 """Endings of modules."""
@@ -69,7 +69,7 @@ class CodeAccess:
         ----------
         written_in : file in which the path stands; an override stands in the configuration
         """
-        if not written_in or written_in.startswith(_OVERRIDE):
+        if not written_in or written_in.startswith(_OPTIONS):
             return self.directory or Path.cwd()
         return Path(written_in).absolute().parent
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from rmpc_bench.claims.claim import Claim
@@ -40,6 +41,7 @@ def canonicalise(
     *,
     smoke: bool,
     overrides: tuple[str, ...] = (),
+    added: Mapping[str, str] = MappingProxyType({}),
 ) -> ExperimentConfig:
     """Return a configuration without errors in its final form.
 
@@ -53,6 +55,7 @@ def canonicalise(
     own : the files of the user that the points use; gets those of plugins and figures
     smoke : whether the sizes are those of a smoke run
     overrides : options of the command line that change the experiment against its file
+    added : methods that the command line adds
     """
     values, experiment = draft.values, points[0].experiment
     first_point = _first_point(draft, experiment, smoke=smoke)
@@ -60,6 +63,8 @@ def canonicalise(
     return ExperimentConfig(
         path=path,
         overrides=overrides,
+        added=added,
+        left_out=tuple(draft.left_out),
         warnings=(*draft.warnings, *own.warnings),
         own=own,
         model_facts=draft.model_facts,
@@ -115,7 +120,7 @@ def _sections_kept_by_rows(
 
     At the first point such a section may have the value of the first row.
     """
-    rows = tree["sweep"].get("zip")
+    rows = (tree["sweep"] or {}).get("zip")
     rows = rows if isinstance(rows, Items) else ()
     kept = {path for path in columns(rows) if path != NAME and any(path not in row for row in rows)}
     found: dict[str, Any] = {}

@@ -10,16 +10,22 @@ from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.evaluation_checks import check_evaluation, check_recording
 from rmpc_bench.config.figure_checks import check_figures
 from rmpc_bench.config.labels import labels_of
+from rmpc_bench.config.left_out import Inherited, drop_statistics, leave_out
 from rmpc_bench.config.requirements import check_requirements
 from rmpc_bench.config.result_layout import layout_of
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import Map
+from rmpc_bench.config.tree import Map, locate
 from rmpc_bench.registry import unknown
 
 
 def check(
-    sweep: Sweep, drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None], *, lenient: bool
+    sweep: Sweep,
+    drafts: Sequence[DraftConfig],
+    points: Sequence[SweepPoint | None],
+    inherited: Inherited,
+    *,
+    lenient: bool,
 ) -> tuple[Claim, ...]:
     """Check what the sections say of each other; the errors are added to the problems of the drafts.
 
@@ -28,6 +34,8 @@ def check(
     sweep : the trees of the points
     drafts : the sections of every point; figures and claims are those of the first
     points : the designs of every point; None where one could not be made
+    inherited : which places of the file are inherited; a claim, a figure or a setting of the comparison there is left
+        out where it does not fit
     lenient : whether figures and claims may reach beyond the end of a run, as in a smoke run
 
     Returns
@@ -36,18 +44,21 @@ def check(
     """
     first = drafts[0]
     layout = layout_of(drafts, points, is_valid=not sweep.problems, lenient=lenient)
+    drop_statistics(first, inherited)
+    before = len(first.problems)
     claims = read_claims(first, layout)
+    check_figures(first, layout)
+    _check_report(first)
+    check_requirements(first)
+    claims = leave_out(first, claims, before, inherited)
     for draft, point in zip(drafts, points, strict=True):
         if point is not None:
             check_evaluation(draft, point.experiment)
-    first.labels = labels_of(drafts)
+    first.labels = labels_of(drafts, inherited)
     # Points of a sweep repeat most warnings.
     first.warnings = sorted({warning for draft in drafts for warning in draft.warnings})
-    _check_statistics(first)
-    _check_report(first)
-    check_requirements(first)
+    _check_statistics(first, inherited)
     check_recording(first, [None if point is None else point.experiment for point in points])
-    check_figures(first, layout)
     _check_columns(first, sweep)
     return claims
 
@@ -61,18 +72,23 @@ def _check_columns(draft: DraftConfig, sweep: Sweep) -> None:
             draft.note(["metrics", number], f"{name!r} is a column of the sweep already; choose another name")
 
 
-def _check_statistics(draft: DraftConfig) -> None:
-    """Refuse a primary metric, a baseline or a metric with a margin that does not exist."""
+def _check_statistics(draft: DraftConfig, inherited: Inherited) -> None:
+    """Refuse a primary metric, a baseline or a metric with a margin that does not exist; inherited ones are dropped."""
     given, names = draft.tree.get("statistics"), draft.metric_names
     if not isinstance(given, Map):
         return
-    if isinstance(given.get("primary"), str) and given["primary"] not in names:
+
+    def gone(*steps: str) -> bool:
+        return inherited(locate(given, steps))
+
+    if isinstance(given.get("primary"), str) and given["primary"] not in names and not gone("primary"):
         draft.note(["statistics", "primary"], unknown(given["primary"], names, "metric of this configuration"))
-    if isinstance(given.get("baseline"), str) and draft.methods and given["baseline"] not in draft.methods:
-        draft.note(["statistics", "baseline"], unknown(given["baseline"], draft.methods, "method"))
+    baseline = given.get("baseline")
+    if isinstance(baseline, str) and draft.methods and baseline not in draft.methods and not gone("baseline"):
+        draft.note(["statistics", "baseline"], unknown(baseline, draft.methods, "method"))
     margins = given.get("relevant")
     for name in margins if isinstance(margins, Map) else ():
-        if name not in names:
+        if name not in names and not gone("relevant", name):
             draft.note(["statistics", "relevant", name], unknown(name, names, "metric of this configuration"))
 
 

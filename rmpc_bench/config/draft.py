@@ -104,6 +104,8 @@ class DraftConfig:
     """Method -> its label with the values of the parameters."""
     warnings: list[Problem] = field(default_factory=list)
     """What is valid but probably not meant."""
+    left_out: list[str] = field(default_factory=list)
+    """What is inherited and does not fit, in words."""
     model_facts: tuple[ModelFacts, ...] = ()
     """Properties of the design models, once they are built."""
     metrics: list[Component | None] = field(default_factory=list)

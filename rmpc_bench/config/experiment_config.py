@@ -40,6 +40,8 @@ class ExperimentConfig:
     resolved : the whole configuration with every default filled in; it loads to an equal configuration
     first_point : the same at the first point of the sweep, where ``resolved`` leaves swept components as given
     overrides : what changes the experiment against its file, as options of the command line, such as ``--smoke``
+    added : method that the command line adds -> its text
+    left_out : claims, figures and settings that are inherited and do not fit, in words
     warnings : what is valid but probably not meant, each with its place
     model_facts : properties of the design models at the first point of the sweep
     own : the files of the user that the configuration uses
@@ -62,6 +64,8 @@ class ExperimentConfig:
     resolved: Mapping[str, Any]
     first_point: Mapping[str, Any]
     overrides: tuple[str, ...] = ()
+    added: Mapping[str, str] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
     warnings: tuple[Problem, ...] = ()
     model_facts: tuple[ModelFacts, ...] = ()
     own: OwnCode = field(default_factory=OwnCode)

@@ -11,16 +11,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rmpc_bench.config.added_methods import with_methods
+from rmpc_bench.config.extension import read_extended
 from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.plant_source import FILE, PATH, SECTIONS_OF_A_PLANT, lay_over_source, open_section
-from rmpc_bench.config.reader import Override, load
+from rmpc_bench.config.reader import Override
 from rmpc_bench.config.source import GivenConfig
 from rmpc_bench.config.tree import Items, Map, Mark, assign, locate, split
 from rmpc_bench.types import ConfigError, Problem
 
 
 def inherit(source: GivenConfig) -> Map:
-    """Return the tree of a configuration with overrides and files in place.
+    """Return the tree of a configuration with overrides, files and added methods in place.
 
     Overrides that name a file are laid first, the others after the files have been read, so that they can replace
     values of these files.
@@ -41,6 +43,7 @@ def inherit(source: GivenConfig) -> Map:
     if not problems:
         tree = _FileReader(problems).read_all(tree, source.path, ())
     tree = _override(tree, others, problems)
+    tree = with_methods(tree, source.added, problems)
     if problems:
         raise ConfigError(problems)
     return tree
@@ -73,7 +76,7 @@ class _FileReader:
         Parameters
         ----------
         tree : a configuration
-        path : its file; the names are relative to its directory
+        path : its file; a name is relative to the file it stands in
         including : the files that led to this one
         """
         including = (*including, path.resolve())
@@ -123,9 +126,10 @@ class _FileReader:
     def _sections(self, text: str, mark: Mark, path: Path, including: tuple[Path, ...]) -> Any:
         """Return the sections that a plant brings along; the name itself where the file cannot be used."""
         try:
-            tree = _plant_file(text, mark, path.parent / text, including)
+            file = mark.directory(path) / text
+            tree = _plant_file(text, mark, file, including)
             before = len(self.problems)
-            tree = self.read_all(tree, path.parent / text, including)
+            tree = self.read_all(tree, file, including)
             if len(self.problems) > before:
                 return text
             tree = lay_over_source(tree)
@@ -146,7 +150,7 @@ def _plant_file(text: str, mark: Mark, file: Path, including: tuple[Path, ...]) 
     if file.resolve() in including:
         raise ConfigError([Problem(*mark, PATH, f"{text}: includes itself")])
     try:
-        tree = load(file)
+        tree = read_extended(file)
     except ConfigError as error:
         at_the_name = [Problem(*mark, PATH, f"{each.file}: {each.message}") for each in error.problems]
         raise ConfigError(error.problems if file.is_file() else at_the_name) from None

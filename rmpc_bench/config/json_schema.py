@@ -44,8 +44,14 @@ def json_schema() -> Schema:
         "title": "Configuration of rmpc-bench",
         "type": "object",
         "properties": properties,
-        # The model may come with the plant of another file.
-        "required": [name for name, section in SECTIONS.items() if section.default is ... and name != "model"],
+        # A file that extends another one may leave out whatever it inherits.
+        "if": {"required": ["extends"]},
+        "then": {"required": ["name"]},
+        "else": {
+            # The model may come with the plant of another file.
+            "required": [name for name, section in SECTIONS.items() if section.default is ... and name != "model"],
+            "properties": {name: _one_of(f"{name}s", partial=False) for name in ("plant", "reference", "input")},
+        },
         "additionalProperties": False,
         "definitions": {**_definitions(), "law": section_schemas.law(_usable("noises"))},
     }
@@ -125,10 +131,10 @@ def _methods() -> Schema:
 
 
 _SPECIAL: dict[str, Any] = {
-    "plant": lambda: _one_of("plants", partial=False),
+    "plant": lambda: _one_of("plants", partial=True),
     "model": lambda: _one_of("models", partial=True),
-    "reference": lambda: _one_of("references", partial=False),
-    "input": lambda: _one_of("inputs", partial=False),
+    "reference": lambda: _one_of("references", partial=True),
+    "input": lambda: _one_of("inputs", partial=True),
     "estimator": lambda: _one_of("estimators", partial=True),
     "controller": lambda: _one_of("controllers", partial=True),
     "methods": _methods,

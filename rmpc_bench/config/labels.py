@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rmpc_bench.config.component import Component, plain_data
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.tree import Mark, locate
 from rmpc_bench.registry import unknown
 
 MAX_ADDED = 2
@@ -39,12 +40,13 @@ class LabelError(ValueError):
     """A template that cannot be filled in."""
 
 
-def labels_of(drafts: Sequence[DraftConfig]) -> dict[str, str]:
+def labels_of(drafts: Sequence[DraftConfig], inherited: Callable[[Mark], bool] | None = None) -> dict[str, str]:
     """Return the label of every method; an error in a template is added to the problems of the first draft.
 
     Parameters
     ----------
     drafts : the sections of every point of the sweep; the labels are the same at all points
+    inherited : whether the value at a place is inherited; such a template is dropped where it cannot be filled in
     """
     first = drafts[0]
     labels = {}
@@ -58,7 +60,13 @@ def labels_of(drafts: Sequence[DraftConfig]) -> dict[str, str]:
             elif _is_valid(components):
                 labels[name] = fill(components.label, name, points[name])
         except LabelError as error:
-            first.note(["methods", name, "label"], str(error))
+            path: list[str | int] = ["methods", name, "label"]
+            if inherited is None or not inherited(locate(first.tree, path)):
+                first.note(path, str(error))
+                continue
+            components.label = None
+            labels[name] = _derived(name, points)
+            first.left_out.append(f"label of {name}: {error}")
     return labels
 
 

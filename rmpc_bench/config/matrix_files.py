@@ -129,7 +129,7 @@ class _Reader:
 
     def _content(self, text: str, mark: Mark) -> Mapping[str, Array]:
         """Return the matrices of a file by their names."""
-        base = Path(mark.file).parent if not mark.file.startswith("-s ") else self.path.parent
+        base = mark.directory(self.path)
         file = base / text
         if file not in self._read:
             self._read[file] = _read(file, text)

@@ -1,7 +1,8 @@
 """Parser of YAML 1.2 (core schema) whose trees contain the position of every key and value.
 
 PyYAML only scans the text and delivers events.  The tree (tree.py) is built here without recursion and without tags, so
-that a text cannot construct objects, exhaust memory through aliases or overflow the stack.
+that a text cannot construct objects, exhaust memory through aliases or overflow the stack.  The only tag is `!delete`,
+the value of a key that a file with `extends` does not inherit.
 """
 
 from __future__ import annotations
@@ -16,14 +17,18 @@ from typing import Any, NamedTuple
 
 import yaml  # type: ignore[import-untyped]
 
-from rmpc_bench.config.tree import MAX_DEPTH, Items, Map, Mark, join, scalar, split
+from rmpc_bench.config.tree import DELETE, MAX_DEPTH, Items, Map, Mark, join, scalar, split
 from rmpc_bench.types import ConfigError, Problem
 
 MAX_NODES = 100_000
 _CORE = "tag:yaml.org,2002:"
+_DELETE = "!delete"
+_BEHIND_DELETE = "\0 \t\r\n\x85\u2028\u2029,}]"
+EXTENDS = "extends"
+"""Key of the file that a configuration extends."""
 
 
-def parse(text: str, file: str, *, column: int = 1) -> Any:
+def parse(text: str, file: str, *, column: int = 1, may_extend: bool = False) -> Any:
     """Read a text that holds one document.
 
     Parameters
@@ -31,12 +36,13 @@ def parse(text: str, file: str, *, column: int = 1) -> Any:
     text : the YAML text
     file : the name that errors and marks show
     column : column of the first character of the text
+    may_extend : whether the text is a configuration, which may extend another one
 
     Returns
     -------
     Map, Items or scalar.  The value of an alias is shared, not copied.
     """
-    return _TreeBuilder(text.removeprefix("\ufeff"), file, column).build()
+    return _TreeBuilder(text.removeprefix("\ufeff"), file, column, may_extend).build()
 
 
 def load(path: str | Path) -> Any:
@@ -53,7 +59,7 @@ def load(path: str | Path) -> Any:
     """
     where = Path(path)
     try:
-        return parse(where.read_bytes().decode("utf-8-sig"), str(path))
+        return parse(where.read_bytes().decode("utf-8-sig"), str(path), may_extend=True)
     except FileNotFoundError:
         siblings = sorted(other.name for other in where.parent.glob("*.yaml"))
         near = get_close_matches(where.name, siblings, n=1, cutoff=0.0)
@@ -119,17 +125,31 @@ class _Stop(Exception):
     """An error that ends the parsing: index in the text, message."""
 
 
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """PyYAML's scanner, which takes the comma behind a tag for a part of it, except behind ``!delete``."""
+
+    def scan_tag(self) -> Any:
+        """Return the token of a tag."""
+        if self.prefix(len(_DELETE)) != _DELETE or self.peek(len(_DELETE)) not in _BEHIND_DELETE:
+            return super().scan_tag()
+        start = self.get_mark()
+        self.forward(len(_DELETE))
+        return yaml.TagToken(("!", _DELETE[1:]), start, self.get_mark())
+
+
 class _TreeBuilder:
     """Builds the tree from events and collects problems."""
 
-    def __init__(self, text: str, file: str, column: int) -> None:
-        self.text, self.file, self.column = text, file, column
+    def __init__(self, text: str, file: str, column: int, may_extend: bool) -> None:
+        self.text, self.file, self.column, self.may_extend = text, file, column, may_extend
         self.starts = [0, *(end.end() for end in re.finditer(r"\r\n|\r|\n", text))]
         self.problems: list[Problem] = []
         self.anchors: dict[str, _Node] = {}
         self.stack: list[_Node] = []
         self.root: _Node | None = None
         self.total = 0
+        self.deletions: list[Problem] = []
+        """Errors for every `!delete`, in a file that extends no other."""
 
     def build(self) -> Any:
         """Return the value of the only document, or raise all problems."""
@@ -141,6 +161,9 @@ class _TreeBuilder:
         except _Stop as stop:
             mark = self._mark(stop.args[0])
             self.problems.append(Problem(*mark, "", stop.args[1]))
+        root = None if self.root is None else self.root.value
+        if not (self.may_extend and isinstance(root, Map) and EXTENDS in root):
+            self.problems += self.deletions
         if self.problems or self.root is None:
             raise ConfigError(self.problems)
         return self.root.value
@@ -148,7 +171,7 @@ class _TreeBuilder:
     def _events(self) -> Iterator[Any]:
         loader: Any = None
         try:
-            loader = yaml.SafeLoader(self.text)
+            loader = _Loader(self.text)
             while loader.check_event():
                 yield loader.get_event()
         except yaml.reader.ReaderError as error:
@@ -198,6 +221,8 @@ class _TreeBuilder:
 
     def _scalar(self, event: Any, mark: Mark) -> Any:
         text = event.value
+        if event.tag == _DELETE:
+            return self._deletion(text, mark)
         if not text.isascii() and re.search("[\ud800-\udfff]", text):
             self._problem(mark, "half of a surrogate pair is not a character; write \\U and eight digits")
         try:
@@ -216,6 +241,16 @@ class _TreeBuilder:
         except (ValueError, OverflowError) as error:
             self._problem(mark, str(error))
         return None
+
+    def _deletion(self, text: str, mark: Mark) -> Any:
+        """Return the value `!delete` of a key."""
+        parent = self.stack[-1] if self.stack else None
+        if text or parent is None or parent.wants_key or not isinstance(parent.value, Map):
+            self._problem(mark, "!delete stands alone, as the value of a key that is not inherited")
+            return None
+        message = f"tags are not allowed (!delete, which removes an inherited key, needs `{EXTENDS}: FILE`)"
+        self.deletions.append(Problem(*mark, self._path(), message))
+        return DELETE
 
     def _alias(self, name: str, mark: Mark, index: int) -> _Node:
         node = self.anchors.get(name)

@@ -278,6 +278,12 @@ class Section(NamedTuple):
 
 SECTIONS: dict[str, Section] = {
     "version": Section(Literal[1], ..., "Version of this format; always 1."),
+    "extends": Section(
+        Text | None,
+        None,
+        "Configuration that this one is laid over, key by key; `key: !delete` removes an inherited key (editors need "
+        "the custom tag `!delete scalar`). The name and the claims are not inherited.",
+    ),
     "name": Section(
         Name, ..., "Name of the experiment; letters, digits, _, - and a point. It names the results directory."
     ),

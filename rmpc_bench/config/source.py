@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from rmpc_bench.config.added_methods import read_methods
+from rmpc_bench.config.extension import read_extended
 from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.reader import Override, load, parse_override
-from rmpc_bench.config.tree import Map
+from rmpc_bench.config.reader import EXTENDS, Override, parse_override
+from rmpc_bench.config.tree import Map, Mark, split
 from rmpc_bench.types import ConfigError, Problem
 
 
@@ -24,6 +26,8 @@ class GivenConfig(NamedTuple):
     """Errors in the text of overrides."""
     texts: tuple[str, ...] = ()
     """The overrides as given."""
+    added: Map = Map(mark=Mark("", 1, 1))
+    """Methods that are added to those of the file."""
 
     def options(self, runs: int | None, *, smoke: bool) -> tuple[str, ...]:
         """Return the options of the command line that change the experiment against its file.
@@ -38,20 +42,21 @@ class GivenConfig(NamedTuple):
         return (*found, *["--smoke"] * smoke)
 
 
-def read(path: str | Path, overrides: Sequence[str]) -> GivenConfig:
+def read(path: str | Path, overrides: Sequence[str], add_methods: Sequence[str] = ()) -> GivenConfig:
     """Read a file and the overrides.
 
     Parameters
     ----------
     path : the YAML file
     overrides : texts PATH=VALUE
+    add_methods : texts ``NAME: {..}``, each a method to add
 
     Raises
     ------
     ConfigError
         If the file cannot be read, is not valid YAML, or is not a mapping.
     """
-    tree = load(path)
+    tree = read_extended(path)
     if not isinstance(tree, Map):
         raise ConfigError([Problem(str(path), 1, 1, "", f"must be a mapping (got {shown(tree)})")])
     parsed: list[Override] = []
@@ -59,6 +64,10 @@ def read(path: str | Path, overrides: Sequence[str]) -> GivenConfig:
     for text in overrides:
         try:
             parsed.append(parse_override(text))
+            if split(parsed[-1].path, parsed[-1].mark)[0] == EXTENDS:
+                message = "cannot be set here: a file extends another before it is overridden"
+                problems.append(Problem(*parsed[-1].mark, EXTENDS, message))
         except ConfigError as error:
             problems += error.problems
-    return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems), tuple(overrides))
+    added = read_methods(add_methods, problems)
+    return GivenConfig(Path(path), tree, tuple(parsed), tuple(problems), tuple(overrides), added)

@@ -11,6 +11,8 @@ from rmpc_bench.types import ConfigError, Problem
 
 MAX_DEPTH = 50
 MAX_DIGITS = 1000
+OPTIONS = ("-s ", "--add-method ")
+"""Starts of the file name in the place of a value that was given on the command line."""
 _CONSTANTS: dict[str, bool | None] = dict.fromkeys(("", "~", "null", "Null", "NULL"))
 _CONSTANTS |= dict.fromkeys(("true", "True", "TRUE"), True) | dict.fromkeys(("false", "False", "FALSE"), False)
 _INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
@@ -19,12 +21,31 @@ _SPECIAL = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _STEP = re.compile(r'(?:"([^"]*)"|([^."][^.]*))(?:\.(?!$)|$)')
 
 
+class Deletion:
+    """The value ``!delete`` of a key, which removes an inherited key; there is one, `DELETE`."""
+
+    def __repr__(self) -> str:
+        return "!delete"
+
+
+DELETE = Deletion()
+
+
 class Mark(NamedTuple):
     """A place in a file; line and column count from 1."""
 
     file: str
     line: int
     column: int
+
+    def directory(self, config: Path) -> Path:
+        """Return the directory that a file name at this place is relative to.
+
+        Parameters
+        ----------
+        config : file of the configuration, in whose directory the options of the command line are read
+        """
+        return (config if self.file.startswith(OPTIONS) else Path(self.file)).parent
 
 
 class Map(dict[str, Any]):
@@ -127,7 +148,7 @@ def merge(base: Map, override: Map) -> Map:
     A mapping of another ``kind`` replaces the base whole.  Every value keeps its place; a merged mapping has the
     place of the override.
     """
-    if "kind" in base and "kind" in override and not _same_kind(base, override):
+    if "kind" in base and "kind" in override and not same_kind(base, override):
         return override.copy()
     result = base.copy()
     result.mark = override.mark
@@ -138,7 +159,7 @@ def merge(base: Map, override: Map) -> Map:
     return result
 
 
-def _same_kind(base: Map, override: Map) -> bool:
+def same_kind(base: Map, override: Map) -> bool:
     """Whether two mappings have the same `kind`; a name in a Python file is relative to the file it stands in."""
     if base["kind"] != override["kind"] or ".py:" not in str(base["kind"]):
         return bool(base["kind"] == override["kind"])

@@ -32,6 +32,18 @@ def dump(value: Any) -> str:
     return "\n".join(_block(value, _WIDTH, root=True)) + "\n"
 
 
+def one_line(value: Any) -> str:
+    """Write plain data as a YAML 1.2 text on one line that ``parse`` reads back to the same data.
+
+    Examples
+    --------
+    >>> one_line({"R-MPC": {"estimator": {"kind": "robust-kalman", "c": 0.03}}})
+    '{R-MPC: {estimator: {kind: robust-kalman, c: 0.03}}}'
+    """
+    _check(value, 0)
+    return _flow(value)
+
+
 def _inside(value: Any) -> Collection[Any]:
     if isinstance(value, dict):
         return value.values()

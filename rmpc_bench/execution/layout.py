@@ -13,7 +13,13 @@ from rmpc_bench.config.requirements import read_requirement
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.tree import plain
 from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment, StoredPoint, write_experiment
+from rmpc_bench.execution.stored_experiment import (
+    PointMethod,
+    StoredExperiment,
+    StoredPoint,
+    added_methods,
+    write_experiment,
+)
 from rmpc_bench.simulation.design_series import design_series
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.randomness import random_besides
@@ -53,6 +59,8 @@ class _Layout:
 
     def __init__(self, config: ExperimentConfig, store: Store, methods: Collection[str]) -> None:
         self._config = config
+        # A program that runs the configuration without the option leaves the record of added methods alone.
+        self._added = {**added_methods(store), **config.added}
         self._shown = {name for name in config.methods if name in methods or _has_results(config, store, name)}
         self._series: dict[tuple[str, str], tuple[dict[str, str], tuple[str, str] | None]] = {}
         self.arrays: dict[str, Array] = {}
@@ -85,6 +93,7 @@ class _Layout:
             expected_failures=_declared(config),
             report=config.report,
             requirements=_requirements(config),
+            added=self._added,
         )
 
     def _point(self, point: SweepPoint) -> StoredPoint:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+import shlex
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -21,11 +22,14 @@ from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.stored_experiment import added_methods
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 
+CONFIG = "config.yaml"
 RESOLVED = "config.resolved.yaml"
+_ADDED = "# this directory has more methods: --add-method "
 
 
 def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) -> list[Task]:
@@ -101,8 +105,11 @@ def compute(
     with Store(directory) as store:
         store.claim(config.hash, config.shared, config.own.names())
         check_versions(config, store, methods, accept=accept_versions)
-        _keep_configuration(config, directory)
+        for name in added_methods(store):
+            if name not in names:
+                progress.say(f"{name}, which was added to {directory}, is not in this configuration: no table shows it")
         keep_layout(config, store, methods)
+        _keep_configuration(config, directory, added_methods(store))
         tasks = pending(config, store, methods)
         with Session(directory, config, modified, progress.say):
             apart = rows_of_other_code(config, store, methods)
@@ -117,13 +124,22 @@ def compute(
                 _compute(config, store, tasks, chosen, progress, (total, total - left))
 
 
-def _keep_configuration(config: ExperimentConfig, directory: Path) -> None:
-    """Keep the configuration file, its resolved form and copies of the user's files with the trials."""
+def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mapping[str, str]) -> None:
+    """Keep the configuration file, its resolved form and copies of the user's files with the trials.
+
+    Methods that the command line has added are comments of the configuration file.
+    """
+    kept = directory / CONFIG
+    # The resolved configuration of the directory itself does not take the place of the one it was made from.
+    given = kept if config.path.resolve() == (directory / RESOLVED).resolve() and kept.exists() else config.path
     try:
         keep_sources(config.own, directory)
         resolved = in_directory(config.resolved, directory, config.own)
         (directory / RESOLVED).write_text(dump(plain(resolved)), encoding="utf-8")
-        (directory / "config.yaml").write_bytes(config.path.read_bytes())
+        lines = [line for line in given.read_bytes().splitlines(keepends=True) if not line.startswith(_ADDED.encode())]
+        comments = [f"{_ADDED}{shlex.quote(text)}\n".encode() for text in added.values()]
+        end = b"\n" if comments and lines and not lines[-1].endswith(b"\n") else b""
+        kept.write_bytes(b"".join([*lines, end, *comments]))
     except OSError as error:
         raise WriteError(str(error)) from None
 

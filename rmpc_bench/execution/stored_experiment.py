@@ -138,6 +138,7 @@ class StoredExperiment:
     expected_failures : method -> check of `rmpc_bench.conformance` that its own components are meant to fail -> reason
     report : what tables and figures show, and how figures are written
     requirements : what the metric of a run must keep
+    added : method that the command line has added -> its text; it stays in the directory when the option is left out
     """
 
     name: str
@@ -164,6 +165,7 @@ class StoredExperiment:
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     report: ReportKeys = field(default_factory=ReportKeys)
     requirements: tuple[Requirement, ...] = ()
+    added: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -208,6 +210,13 @@ def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping
         If it cannot be written.
     """
     store.set_layout(KEY, json.dumps(asdict(experiment)), arrays)
+
+
+def added_methods(store: Store) -> dict[str, str]:
+    """Return the methods that the command line has added to an experiment -> their texts."""
+    text = store.meta(KEY)
+    found = json.loads(text).get("added", {}) if text is not None else {}
+    return {str(name): str(method) for name, method in found.items()}
 
 
 def read_experiment(store: Store) -> StoredExperiment:

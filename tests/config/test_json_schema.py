@@ -63,3 +63,13 @@ def test_keys_have_description_and_default(schema):
     assert key["description"]
     assert schema["definitions"]["controllers.mpc"]["properties"]["Hp"]["description"]
     assert all(schema["properties"][name]["description"] for name in schema["properties"])
+
+
+def test_a_file_that_extends_another_needs_its_own_name_only(schema):
+    validator = Draft7Validator(schema)
+    own = {"extends": "fig7.yaml", "name": "more"}
+    assert validator.is_valid(own)
+    assert validator.is_valid({**own, "reference": {"value": 1}, "methods": {"A": {"estimator": {"c": 0.1}}}})
+    assert not validator.is_valid({"extends": "fig7.yaml"})
+    assert not validator.is_valid({**own, "runs": 0})
+    assert not validator.is_valid({"name": "more", "reference": {"value": 1}})

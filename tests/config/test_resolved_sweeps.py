@@ -44,3 +44,13 @@ def test_a_row_that_changes_what_another_leaves(tmp_path, row, order, smoke):
     assert [point.method_keys for point in loaded.points] == [point.method_keys for point in config.points]
     assert loaded.resolved == config.resolved
     assert len({(point.experiment_hash, *point.method_keys.values()) for point in config.points}) == 2
+
+
+def test_a_sweep_that_is_taken_away(tmp_path):
+    """The resolved configuration has none either."""
+    path = write(tmp_path, sweep="{zip: [{name: changed, seed: 3}, {name: as given}]}")
+    config = load_config(path, overrides=["sweep=null"])
+    (tmp_path / "again.yaml").write_text(dump(plain(config.resolved)))
+    loaded = load_config(tmp_path / "again.yaml")
+    assert [point.title for point in loaded.points] == [""]
+    assert loaded.full_hash == config.full_hash

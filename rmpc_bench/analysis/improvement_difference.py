@@ -1,0 +1,345 @@
+"""Difference of two paired improvements: a method against its baseline in one experiment, minus the same in another.
+
+Method  L_i is the log ratio of method and baseline in run i.  Both experiments draw the run from the same streams, so
+        the differences D_i = L_i(A) - L_i(B) are one sample: exp(mean of D) is the ratio of ratios, and its interval
+        is that of a mean of paired logs.  The difference of the two improvements, which is
+        exp(mean L(B)) - exp(mean L(A)) where low values are best, has the interval of its linearisation (delta
+        method), run by run.  For the ratio of the means the numbers L_i are those of the jackknife
+        (`pairs.Pairs.averages`), for a signed metric they are differences in its unit.
+Unpaired  With different seeds the runs have nothing in common: Welch's intervals.
+Verdict  As for a method against its baseline, of the ratio of ratios: `better` says that the method gains more in A.
+Limit   A baseline that is the same in all runs of both: the paired comparison of the method in A and in B.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.bootstrap import mean_interval
+from rmpc_bench.analysis.intervals import NONE, Interval, student, welch, wilson
+from rmpc_bench.analysis.looks import unplanned_level
+from rmpc_bench.analysis.pairs import Pairs, is_signed, pairs_of, worst_finished
+from rmpc_bench.analysis.runs_needed import runs_for_direction, runs_for_equivalence
+from rmpc_bench.analysis.simultaneous import held_level
+from rmpc_bench.analysis.superiority import shares_interval
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.verdict import FEW, Evidence, Failures, Verdict, verdict
+from rmpc_bench.types import Array, MetricInfo
+
+
+class Estimate(NamedTuple):
+    """A number with its interval; NaN where there is none."""
+
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+
+
+NO_ESTIMATE = Estimate(math.nan)
+
+_Both = tuple[Array, Array]
+"""Numbers of the runs of A and of B."""
+
+
+@dataclass(frozen=True)
+class AverageDifference:
+    """The difference of two improvements in one average.
+
+    Parameters
+    ----------
+    average : ``geometric`` mean of the paired ratios, ratio of the ``mean`` values, or mean ``difference``
+    in_a, in_b : change against the baseline in either experiment, in per cent or in the unit of a signed metric
+    difference : improvement in A minus improvement in B, in percentage points or in the unit of a signed metric; an
+        improvement is a change towards the best value
+    ratio : ratio of method and baseline in A over that in B; none for a signed metric
+    """
+
+    average: str
+    in_a: Estimate
+    in_b: Estimate
+    difference: Estimate
+    ratio: Estimate = NO_ESTIMATE
+
+
+@dataclass(frozen=True)
+class ImprovementDifference:
+    """A method against its baseline in two experiments, at one point.
+
+    Parameters
+    ----------
+    point : the point of the sweep in words; empty without a sweep
+    method, baseline, metric : names
+    paired : whether the runs of the two experiments are paired
+    n_a, n_b : runs of either experiment that averages rest on, finished by both methods; equal where they are paired
+    failed_a, failed_b : runs in which the method failed, of those that are compared
+    averages : the averages that were asked for and exist, the one that the verdict rests on first
+    superiority_a, superiority_b : P(better than the baseline) + P(tied)/2 in either experiment
+    superiority : their difference
+    verdict : word for the gain in A against that in B; empty but for the primary metric
+    level : level of the intervals of the difference
+    runs_for_direction, runs_for_equivalence : about how many runs would decide; NaN where it is decided
+    """
+
+    point: str
+    method: str
+    baseline: str
+    metric: str
+    paired: bool
+    n_a: int
+    n_b: int
+    failed_a: int
+    failed_b: int
+    averages: tuple[AverageDifference, ...]
+    superiority_a: float
+    superiority_b: float
+    superiority: Estimate
+    verdict: str
+    level: float
+    runs_for_direction: float = math.nan
+    runs_for_equivalence: float = math.nan
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """The pairs of method and baseline in both experiments, of the runs that are compared."""
+
+    trials: Trials
+    a: Pairs
+    b: Pairs
+    paired: bool
+    counted: tuple[Pairs, Pairs]
+    """The same with every failed run as the worst finished one of its experiment."""
+    values: Mapping[str, _Both] = field(default_factory=dict)
+    """Average -> numbers whose means are the improvements in A and in B."""
+
+
+def improvement_differences(
+    points: Sequence[tuple[Trials, Trials]], method: str, info: MetricInfo, *, paired: bool, is_primary: bool
+) -> list[ImprovementDifference]:
+    """Compare the improvement of a method in two experiments, at every point that they have in common.
+
+    Parameters
+    ----------
+    points : tables of the same point in A and in B; settings of the comparison are those of A
+    method : name of the method
+    info : the metric
+    paired : whether run i of both experiments has the same draws
+    is_primary : whether there is a verdict, from intervals that are simultaneous for all points
+    """
+    samples = [_sample(a, b, method, info, paired=paired) for a, b in points]
+    plain = points[0][0].confidence
+    if not is_primary:
+        return [_compared(sample, method, info, plain, with_verdict=False) for sample in samples]
+    whole = unplanned_level(plain, max(table.look for pair in points for table in pair))
+    held = _simultaneous(samples, whole)
+    return [_compared(sample, method, info, held, with_verdict=True) for sample in samples]
+
+
+def _simultaneous(samples: Sequence[_Sample], confidence: float) -> float:
+    """Return the level of each interval of the points such that all hold together."""
+    if len(samples) == 1:
+        return confidence
+    if not samples[0].paired:
+        return 1 - (1 - confidence) / len(samples)
+    runs = np.unique(np.concatenate([sample.a.runs for sample in samples]))
+    columns = np.full((len(runs), len(samples)), np.nan)
+    for number, sample in enumerate(samples):
+        if sample.values:
+            first, second = next(iter(sample.values.values()))
+            finished = sample.a.runs[sample.a.both & sample.b.both]
+            columns[np.searchsorted(runs, finished), number] = first - second
+    return held_level(columns, confidence, samples[0].trials.seed)
+
+
+def _sample(a: Trials, b: Trials, method: str, info: MetricInfo, *, paired: bool) -> _Sample:
+    found = [_pairs(table, method, info, a, signed=is_signed(a, info) or is_signed(b, info)) for table in (a, b)]
+    (one, counted_one), (other, counted_other) = found
+    if paired:
+        common = np.intersect1d(one.runs, other.runs)
+        one, counted_one, other, counted_other = (
+            _of_runs(pairs, common) for pairs in (one, counted_one, other, counted_other)
+        )
+    sample = _Sample(a, one, other, paired, (counted_one, counted_other))
+    return replace(sample, values=_values(a, one, other, paired=paired))
+
+
+def _pairs(table: Trials, method: str, info: MetricInfo, settings: Trials, *, signed: bool) -> tuple[Pairs, Pairs]:
+    """Pair method and baseline, with failed runs left out and counted; one margin and one kind of difference."""
+    found = pairs_of(table, method, info), pairs_of(table, method, info, failed=worst_finished(table, info))
+    margin = settings.relevant_of(info.name, default=0.0 if signed else None)
+    margin = margin if signed else round(math.log1p(margin), 9)
+    first, second = (replace(pairs, signed=signed, margin=margin) for pairs in found)
+    return first, second
+
+
+def _of_runs(pairs: Pairs, runs: Array) -> Pairs:
+    places = np.flatnonzero(np.isin(pairs.runs, runs))
+    return replace(pairs, a=pairs.a[places], b=pairs.b[places], runs=pairs.runs[places])
+
+
+def _values(settings: Trials, a: Pairs, b: Pairs, *, paired: bool) -> dict[str, _Both]:
+    """Return average -> numbers whose means are the improvements, of the runs that all finished where paired."""
+    if paired:
+        finished = a.runs[a.both & b.both]
+        a, b = _of_runs(a, finished), _of_runs(b, finished)
+    in_a, in_b = a.averages(), b.averages()
+    found = {name: (in_a[name], in_b[name]) for name in in_a if name in in_b}
+    if settings.average != "both":
+        found = {name: each for name, each in found.items() if name in (settings.average, "difference")} or found
+    return dict(sorted(found.items(), key=lambda item: item[0] != settings.headline))
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _compared(
+    sample: _Sample, method: str, info: MetricInfo, level: float, *, with_verdict: bool
+) -> ImprovementDifference:
+    n_a, n_b = _n_finished(sample)
+    word, planning = "", {}
+    if with_verdict:
+        found = _verdict(sample, level)
+        word, planning = str(found), _planning(sample, found, level)
+    scores = (1 + sample.a.scores) / 2, (1 + sample.b.scores) / 2
+    means = [float(each.mean()) if len(each) else math.nan for each in scores]
+    return ImprovementDifference(
+        point=sample.trials.title,
+        method=method,
+        baseline=sample.trials.baseline,
+        metric=info.name,
+        paired=sample.paired,
+        n_a=n_a,
+        n_b=n_b,
+        failed_a=int(np.isnan(sample.a.a).sum()),
+        failed_b=int(np.isnan(sample.b.a).sum()),
+        averages=tuple(_average(sample, name, level) for name in sample.values),
+        superiority_a=means[0],
+        superiority_b=means[1],
+        superiority=Estimate(means[0] - means[1], *_interval(scores, sample, "mean", level)),
+        verdict=word,
+        level=level,
+        **planning,
+    )
+
+
+def _n_finished(sample: _Sample) -> tuple[int, int]:
+    if sample.paired:
+        n = int((sample.a.both & sample.b.both).sum())
+        return n, n
+    return int(sample.a.both.sum()), int(sample.b.both.sum())
+
+
+def _average(sample: _Sample, name: str, level: float) -> AverageDifference:
+    a, b = sample.values[name]
+    gap = Estimate(float(a.mean() - b.mean()), *_interval((a, b), sample, name, level))
+    in_a, in_b = _mean(a, name, sample), _mean(b, name, sample)
+    if name == "difference":
+        return AverageDifference(name, in_a, in_b, _gain(gap, sample))
+    # The derivative of exp(mean L) with respect to the mean.
+    slope_a, slope_b = math.exp(in_a.value), math.exp(in_b.value)
+    points = slope_a - slope_b
+    linear = slope_a * (a - a.mean()), slope_b * (b - b.mean())
+    low, high = _interval(linear, sample, name, level)
+    # The linearised numbers have mean 0.
+    difference = Estimate(100 * points, 100 * (points + low), 100 * (points + high))
+    ratio = Estimate(*map(math.exp, gap))
+    return AverageDifference(name, _per_cent(in_a), _per_cent(in_b), _gain(difference, sample), ratio)
+
+
+def _gain(change: Estimate, sample: _Sample) -> Estimate:
+    """Turn a difference of changes into one of improvements."""
+    return change if sample.a.higher else Estimate(-change.value, -change.high, -change.low)
+
+
+def _mean(values: Array, average: str, sample: _Sample) -> Estimate:
+    """Return an improvement with its interval, which is the same as in the comparison of this experiment alone."""
+    return Estimate(float(values.mean()), *_of_mean(values, average, sample.trials.confidence, sample.trials.seed))
+
+
+def _per_cent(log_ratio: Estimate) -> Estimate:
+    return Estimate(*(100 * math.expm1(end) for end in log_ratio))
+
+
+def _interval(values: _Both, sample: _Sample, average: str, level: float) -> Interval:
+    """Interval of the difference of two means; none where most runs are equal and few differ."""
+    a, b = values
+    if not sample.paired:
+        return welch(a, b, level)
+    gap = a - b
+    n_equal = int(np.count_nonzero(gap == 0))
+    if n_equal > len(gap) / 2 and len(gap) - n_equal < FEW:
+        return NONE
+    return _of_mean(gap, average, level, sample.trials.seed)
+
+
+def _of_mean(values: Array, average: str, level: float, seed: int) -> Interval:
+    """Interval of one mean; bootstrap-t makes that of the ratio of the means worse."""
+    return student(values, level) if average == "mean" else mean_interval(values, level, seed)
+
+
+def _verdict(sample: _Sample, level: float) -> Verdict:
+    failed = np.isnan(sample.a.a), np.isnan(sample.b.a)
+    failures = None
+    if failed[0].any() or failed[1].any():
+        counted = replace(sample, a=sample.counted[0], b=sample.counted[1])
+        counted = replace(counted, values=_values(sample.trials, counted.a, counted.b, paired=sample.paired))
+        alone, interval = _failed(failed, sample, level)
+        failures = Failures(*alone, interval, _evidence(counted, level))
+    return verdict(_evidence(sample, level), failures)
+
+
+def _failed(failed: _Both, sample: _Sample, level: float) -> tuple[tuple[int, int], Interval]:
+    """Return in how many runs the method failed in one experiment only, and the interval of the shares' difference."""
+    a, b = failed
+    if sample.paired:
+        alone = int((a & ~b).sum()), int((b & ~a).sum())
+        return alone, shares_interval(*alone, len(a), level)
+    n_a, n_b = int(a.sum()), int(b.sum())
+    if not len(a) or not len(b):
+        return (n_a, n_b), NONE
+    # Newcombe, Statistics in Medicine 17 (1998) 873, method 10.
+    p, q = n_a / len(a), n_b / len(b)
+    low_p, high_p = wilson(n_a, len(a), level)
+    low_q, high_q = wilson(n_b, len(b), level)
+    gap = p - q
+    return (n_a, n_b), (gap - math.hypot(p - low_p, high_q - q), gap + math.hypot(high_p - p, q - low_q))
+
+
+def _evidence(sample: _Sample, level: float) -> Evidence:
+    """Collect the numbers from which the verdict follows, where a negative difference is a larger gain in A."""
+    higher = sample.a.higher
+    ends = []
+    for name, (a, b) in sample.values.items():
+        low, high = _interval((a, b), sample, name, level)
+        ends.append((-high, -low) if higher else (low, high))
+    scores = sample.a.scores / 2, sample.b.scores / 2
+    low, high = _interval(scores, sample, "mean", level)
+    n = min(_n_finished(sample))
+    first = next(iter(sample.values.values()), None)
+    with_pairs = sample.paired and first is not None
+    n_untied = int(np.count_nonzero(np.abs(first[0] - first[1]) > sample.a.margin)) if with_pairs and first else n
+    return Evidence(
+        interval=ends[0] if ends else NONE,
+        margin=sample.a.margin,
+        n_pairs=n,
+        n_untied=n_untied,
+        superiority=((1 + low) / 2, (1 + high) / 2),
+        other=ends[1] if len(ends) > 1 else NONE,
+    )
+
+
+def _planning(sample: _Sample, word: Verdict, level: float) -> dict[str, float]:
+    """Return about how many runs would decide an inconclusive difference; only where the runs are paired."""
+    first = next(iter(sample.values.values()), None)
+    if word != Verdict.INCONCLUSIVE or first is None or not sample.paired or len(first[0]) < 2:
+        return {}
+    gap = first[0] - first[1]
+    sd = float(np.std(gap, ddof=1))
+    found = {
+        "runs_for_direction": runs_for_direction(float(gap.mean()), sd, level),
+        "runs_for_equivalence": runs_for_equivalence(sd, sample.a.margin, level),
+    }
+    return {name: n if n > len(gap) else math.nan for name, n in found.items()}

@@ -1,0 +1,46 @@
+"""rmpc-bench compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rmpc_bench.cli import exits
+
+_DIRECTORY = click.Path(path_type=Path, exists=True, file_okay=False)
+
+
+@click.command()
+@click.argument("a", type=_DIRECTORY)
+@click.argument("b", type=_DIRECTORY)
+@click.option("--tol", type=click.FloatRange(min=0), help="Largest relative difference of equal values.  [default: 0]")
+@click.option("--of", "method", metavar="METHOD", help="Compare the improvement of this method on its baseline.")
+@click.option("--metric", metavar="METRIC", help="With --of: the metric.  [default: the primary one of A]")
+@exits.guarded
+def compare(a: Path, b: Path, tol: float | None, method: str | None, metric: str | None) -> int:
+    """Compare the results of two directories, paired by point of the sweep, method and run.
+
+    Prints what only one of them has, the statuses, metrics and findings that differ, and the settings that differ.  The
+    exit code is 1 when trials or findings differ by more than --tol, and 0 when they are equal.
+
+    With --of METHOD: the difference of the improvements of a method on its baseline, A minus B.
+    """
+    if method is None and metric is not None:
+        raise click.UsageError("--metric needs --of METHOD")
+    if method is not None and tol is not None:
+        raise click.UsageError("--tol compares all trials, and --of one method: give one of them")
+    from rmpc_bench.execution.results import load_results
+    from rmpc_bench.execution.two_results import compare_improvements, compare_results
+    from rmpc_bench.types import DesignError
+
+    first, second = load_results(a), load_results(b)
+    if method is None:
+        found = compare_results(first, second, tolerance=tol or 0.0)
+        click.echo(str(found))
+        return 0 if found.equal else exits.FINDING_DIFFERS
+    try:
+        click.echo(str(compare_improvements(first, second, method, metric=metric)))
+    except DesignError as error:
+        raise click.UsageError(str(error)) from None
+    return 0

@@ -1,0 +1,159 @@
+"""A configuration that extends another one: ``extends: other.yaml``.
+
+The file is laid over the other one, deep: a mapping is merged key by key, a list or a scalar replaces what is
+inherited, and ``key: !delete`` removes an inherited key.  A component of another kind, a noise of another law and a
+distribution of another name replace the inherited one whole.  The name and the claims are not inherited: results of two
+configurations need two names, and a claim is about the configuration in which it stands.
+
+Every value keeps its place, so that a path is relative to the file it stands in, and an error names that file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench.config.key_errors import shown
+from rmpc_bench.config.reader import EXTENDS, load
+from rmpc_bench.config.short_forms import with_kind
+from rmpc_bench.config.tree import DELETE, Items, Map, Mark, join, locate, locate_key, same_kind
+from rmpc_bench.registry import unknown
+from rmpc_bench.types import ConfigError, Problem
+
+NOT_INHERITED = ("name", "claims")
+"""Top-level keys that every configuration has of its own."""
+
+_COMPONENTS = {
+    **{"plant": "plants", "model": "models", "estimator": "estimators", "controller": "controllers"},
+    **{"reference": "references", "input": "inputs"},
+}
+"""Keys of components -> their groups."""
+
+
+def read_extended(path: str | Path, extended: tuple[Path, ...] = ()) -> Any:
+    """Read a configuration with all that it inherits.
+
+    Parameters
+    ----------
+    path : the YAML file
+    extended : the files that extend this one, resolved
+
+    Returns
+    -------
+    the tree without the key `extends`; not a mapping where the file is none
+
+    Raises
+    ------
+    ConfigError
+        If a file cannot be read, extends itself, or deletes what it does not inherit.
+    """
+    tree = load(path)
+    if not isinstance(tree, Map) or EXTENDS not in tree:
+        return tree
+    base = _base_of(tree, Path(path), (*extended, Path(path).resolve()))
+    own = tree.copy()
+    del own[EXTENDS]
+    for key in NOT_INHERITED:
+        base.pop(key, None)
+    merger = _Merger()
+    merged = merger.merged(base, own, [])
+    if merger.problems:
+        raise ConfigError(merger.problems)
+    return merged
+
+
+def _base_of(tree: Map, path: Path, extended: tuple[Path, ...]) -> Map:
+    """Read the configuration that a tree extends, and return it as an own copy."""
+    text, mark = tree[EXTENDS], locate(tree, [EXTENDS])
+    if not isinstance(text, str) or not text.strip():
+        raise ConfigError([Problem(*mark, EXTENDS, f"must be the name of a configuration (got {shown(text)})")])
+    file = path.parent / text
+    if file.resolve() in extended:
+        raise ConfigError([Problem(*mark, EXTENDS, f"{text}: extends itself")])
+    try:
+        base = read_extended(file, extended)
+    except ConfigError as error:
+        at_the_name = [Problem(*mark, EXTENDS, f"{each.file}: {each.message}") for each in error.problems]
+        raise ConfigError(error.problems if file.is_file() else at_the_name) from None
+    if not isinstance(base, Map):
+        raise ConfigError([Problem(*mark, EXTENDS, f"{text}: must be a mapping (got {shown(base)})")])
+    return base.copy()
+
+
+class _Merger:
+    """Lays one configuration over another and collects problems."""
+
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+
+    def merged(self, base: Map, own: Map, path: list[str | int]) -> Map:
+        """Lay a mapping over an inherited one; neither is changed.
+
+        Parameters
+        ----------
+        base, own : the two mappings
+        path : where they stand
+        """
+        result = base.copy()
+        result.mark = own.mark
+        _drop_other_length(result, own, path)
+        for key, value in own.items():
+            here = [*path, key]
+            if value is DELETE:
+                self._delete(result, base, own, here)
+                continue
+            inherited = base.get(key)
+            if isinstance(value, Map) and isinstance(inherited, Map) and not _replaces(inherited, value, here):
+                value = self.merged(inherited, value, here)
+            else:
+                self._refuse_deletions(value, here)
+            result.put(key, value, locate_key(own, [key]), locate(own, [key]))
+        return result
+
+    def _delete(self, result: Map, base: Map, own: Map, path: list[str | int]) -> None:
+        key = str(path[-1])
+        if key in base:
+            for each in (result, result.key_marks, result.value_marks):
+                each.pop(key, None)
+        else:
+            self._note(own, path, unknown(key, base, "inherited key"))
+
+    def _refuse_deletions(self, value: Any, path: list[str | int]) -> None:
+        """Report every `!delete` in a value that is laid over nothing."""
+        steps = list(value) if isinstance(value, Map) else range(len(value)) if isinstance(value, Items) else ()
+        for step in steps:
+            if value[step] is DELETE:
+                self._note(value, [*path, step], "there is nothing to delete: the value around it is not inherited")
+            else:
+                self._refuse_deletions(value[step], [*path, step])
+
+    def _note(self, own: Map | Items, path: list[str | int], message: str) -> None:
+        mark: Mark = locate(own, [path[-1]])
+        self.problems.append(Problem(*mark, join(path), message))
+
+
+def _drop_other_length(result: Map, own: Map, path: list[str | int]) -> None:
+    """Drop the inherited length of the runs where the other key for it is given."""
+    if path != ["time"]:
+        return
+    for given, other in (("steps", "duration"), ("duration", "steps")):
+        if given in own and other not in own:
+            result.pop(other, None)
+
+
+def _replaces(base: Map, own: Map, path: list[str | int]) -> bool:
+    """Whether a mapping stands for something of another kind than the inherited one."""
+    group = _COMPONENTS.get(str(path[-1])) if len(path) == 1 or (len(path) == 3 and path[0] == "methods") else None
+    if group is not None:
+        base, own = with_kind(group, base), with_kind(group, own)
+    if "kind" in base and "kind" in own:
+        return not same_kind(base, own)
+    if path[0] == "uncertainty" and len(path) == 2:
+        return base.get("dist") != own.get("dist") and "dist" in own
+    if path == ["plant", "uncertainty"]:
+        # The bounds of one law have no meaning for another.
+        return "law" in own
+    if path[0] == "noise" or path[:2] == ["initial", "x"]:
+        # A law is a mapping with its name as its only key.
+        return len(path) == 2 and not {*base} & {*own}
+    return False
