@@ -102,7 +102,8 @@ def _drop_entries(draft: DraftConfig, problems: list[Problem]) -> None:
         values = draft.values[section]
         given = getattr(values, key)
         kept = [name for name in ([given] if isinstance(given, str) else given) if name not in names]
-        draft.values[section] = replace(values, **{key: type(given)(kept) if isinstance(given, tuple) else kept})
+        # Without any entry of its own, a list under `report` shows everything.
+        draft.values[section] = replace(values, **{key: kept or None if section == "report" else kept})
 
 
 def _lines(draft: DraftConfig, found: dict[tuple[str, int], Problem]) -> list[str]:
