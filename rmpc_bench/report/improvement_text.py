@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from rmpc_bench.analysis.comparison_text import about, margin_of
 from rmpc_bench.analysis.improvement_difference import AverageDifference, Estimate, ImprovementDifference
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.report.results_text import Setting
-from rmpc_bench.report.sentences import AVERAGES, about, margin_of
+from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.types import MetricInfo
 
 FEW_SETTINGS = 2
