@@ -16,6 +16,7 @@ PAGE = DOCS / "components.md"
 _LABEL = re.compile(r"([A-Z][a-z]+) +(?=\S)")
 _INDENT = 8
 """Column at which the text of a labelled paragraph of a module begins."""
+_TERM = re.compile(r"(`?[a-z][a-z-]*`?) {2,}(?=\S)")
 _PAPER = re.compile(r"\b[a-z]+\d{4}\b")
 INTRODUCTION = """# Components
 
@@ -85,8 +86,32 @@ def _picture(group: str, kind: str) -> list[str]:
 def _texts(manual: Manual, formula: list[str]) -> list[str]:
     """Paragraphs of the docstrings; the labelled ones of the module as a list."""
     title, labelled = _labelled(manual.module)
-    items = [f"- **{label}** {text(words)}" for label, words in labelled]
+    items = [_item(label, words) for label, words in labelled]
     return [*_paragraphs(title), *_paragraphs(manual.text), *formula, "\n".join(items), *_methods(manual)]
+
+
+def _item(label: str, words: str) -> str:
+    """A labelled paragraph as an item of a list; its terms are items below it, its equations are code."""
+    found: list[tuple[str, list[str]]] = [("prose", [])]
+    for line in words.split("\n"):
+        inner = line.removeprefix(" " * _INDENT)
+        term = _TERM.match(inner)
+        kind = "equation" if inner.startswith("    ") and found[-1][0] in ("prose", "equation") else "prose"
+        if term:
+            found.append(("term", [f"`{term[1].strip('`')}` {inner[term.end() :]}"]))
+        elif found[-1][0] == kind or (found[-1][0] == "term" and inner.startswith(" ")):
+            found[-1][1].append(inner)
+        else:
+            found.append((kind, [inner]))
+    (_, first), *rest = [(kind, lines) for kind, lines in found if "".join(lines).strip() or kind == "prose"]
+    parts = [f"- **{label}** {text(' '.join(first))}".rstrip()]
+    for kind, lines in rest:
+        if kind == "equation":
+            inner = "\n".join(f"  {line.strip()}" for line in lines)
+            parts.append(f"\n  ```text\n{inner}\n  ```\n")
+        else:
+            parts.append(f"  {'- ' if kind == 'term' else ''}{text(' '.join(lines))}")
+    return "\n".join(parts)
 
 
 def _labelled(module: str) -> tuple[str, list[tuple[str, str]]]:

@@ -189,7 +189,8 @@ def _links(configuration: Configuration, claim: dict[str, Any] | None = None) ->
         found.append(f"[claims](../{claims.relative_to(ROOT).as_posix()})")
     folder = (configuration.results / "figures").relative_to(ROOT).as_posix()
     kept = [path for path in kept_figures() if path.startswith(f"{folder}/")]
-    shown = (claim or {}).get("figures") or [Path(path).stem for path in kept]
+    # A claims.json of an earlier version does not name the figures of a claim.
+    shown = (claim or {}).get("figures", [Path(path).stem for path in kept])
     found += [f"[figure](../{path})" for path in kept if Path(path).stem in shown]
     found += [f"figure `{name}`" for name in shown if f"{folder}/{name}.svg" not in kept]
     return ", ".join(found)
