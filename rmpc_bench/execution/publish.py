@@ -248,7 +248,8 @@ def _write_claims(
 def _experiment(results: Results) -> ExperimentRecord:
     """Describe the experiment by what is the same on every machine, since claims.json is kept under version control."""
     experiment = results.experiment
-    file = "/".join(part for part in ("configs", experiment.paper, f"{experiment.name}.yaml") if part)
+    # The directory of a user's own file is not known; those of papers have a place.
+    file = f"configs/{experiment.paper}/{experiment.name}.yaml" if experiment.paper else f"{experiment.name}.yaml"
     return {
         "name": experiment.name,
         "title": experiment.title,
