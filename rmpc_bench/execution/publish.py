@@ -149,7 +149,7 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     if len(results.trials.runs) and results.trials.with_verdicts and _is_same(directory, results.directory):
         note_look(results.directory, len(results.trials.runs))
     record = _experiment(results)
-    paths += write_latex(tables, record, directory / "tables", report.columns)
+    paths += write_latex(tables, record, directory / "tables", report)
     figures, left_out = write_figures(results, directory / "figures", rendering)
     paths += [path for figure in figures for path in figure.paths]
     drawn = Drawn(figures, left_out, rendering)

@@ -11,7 +11,8 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import with_unit
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
-from rmpc_bench.report.latex import ALL_METRICS, USUAL, columns_of, shown_points
+from rmpc_bench.report.latex import ALL_METRICS, WIDTH, shown_points
+from rmpc_bench.report.latex_columns import chosen_columns
 from rmpc_bench.report.latex_text import to_latex
 from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.report.summary import Summary
@@ -22,36 +23,35 @@ BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is 
 """Direction of a metric -> words."""
 
 
-def latex_captions(summary: Summary, columns: Sequence[Column] | None = None) -> dict[str, str]:
+def latex_captions(summary: Summary, columns: Sequence[Column] | None = None, width: float = WIDTH) -> dict[str, str]:
     """Return name -> LaTeX of the caption of every table that `latex.latex_tables` writes.
 
     Parameters
     ----------
     summary : the statistics, with the methods and metrics to show
-    columns : columns behind the name of the method; the usual ones if None
+    columns : columns behind the name of the method; the usual ones that fit if None
+    width : width for the usual columns [pt]
     """
     points = shown_points(summary)
     if not points:
         return {}
     infos = points[0].trials.metrics
     tables = {info.name: [metric_table(*point, info) for point in points] for info in infos}
-    captions = {name: table_caption(each, columns) for name, each in tables.items()}
+    captions = {name: table_caption(each, chosen_columns(each, columns, width)) for name, each in tables.items()}
     if len(infos) > 1:
         captions[ALL_METRICS] = _caption_of_all([each[0] for each in tables.values()])
     return {name: f"{to_latex(text)}%\n" for name, text in captions.items()}
 
 
-def table_caption(tables: Sequence[MetricTable], columns: Sequence[Column] | None = None) -> str:
+def table_caption(tables: Sequence[MetricTable], shown: Sequence[Column]) -> str:
     """Say what a table of one metric shows: plain text with formulas between dollar signs.
 
     Parameters
     ----------
     tables : of one metric, at every point of the sweep
-    columns : columns behind the name of the method; the usual ones if None
+    shown : its columns behind the name of the method
     """
     first = tables[0]
-    there = {name for table in tables for name in columns_of(table)}
-    shown = [name for name in columns or USUAL if name in there] or ["mean"]
     sentences = [_subject(first, len(tables)), *_described(first, shown)]
     if {"change", "other", "counts", "superiority", "p", "verdict"} & set(shown):
         sentences += _of_comparison(first, shown)
@@ -156,7 +156,7 @@ def _caption_of_all(tables: Sequence[MetricTable]) -> str:
     parts = [f"Metrics of {_counted(len(trials.methods), 'method')} in {_runs(trials)}.", _mean(tables[0])]
     absent = [_plain(table.info.name) for table in tables if table.may_not_occur]
     if absent and not tables[0].may_not_occur:
-        parts.append(f"{', '.join(absent)}: number and share of the runs in which the event did not occur.")
+        parts.append(f"{', '.join(absent)}: runs in which the event did not occur, of all finished ones.")
     parts.append("; ".join(f"{_plain(table.info.name)}: {BEST[table.info.direction]}" for table in tables) + ".")
     return " ".join([*parts, _failures(tables)])
 

@@ -6,28 +6,39 @@ laid out with a row per point and a column per method.  ``tables/all-metrics.tex
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.sweep_points import short_title
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
+from rmpc_bench.report.latex_columns import (
+    GAP,
+    bracketed,
+    chosen_columns,
+    columns_of,
+    head_of,
+    label_lines,
+    label_of,
+    name_lines,
+    rows_of,
+    stacked,
+)
 from rmpc_bench.report.latex_numbers import number_latex
-from rmpc_bench.report.latex_text import one_line, to_latex, unit_latex
-from rmpc_bench.report.run_notes import held_cells
+from rmpc_bench.report.latex_text import one_line, to_latex
+from rmpc_bench.report.latex_width import table_width
 from rmpc_bench.report.summary import PointSummary, Summary
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
-USUAL: tuple[Column, ...] = ("mean", "change", "counts", "verdict")
-"""Columns of a table unless others are chosen, as far as the experiment has them."""
 ALL_METRICS = "all-metrics"
 """Name of the table with a column per metric; no metric can have this name."""
 MOST_POINTS = 50
 """Points of a sweep that a table shows; with more of them there is no table."""
-_STACKED = r"\begin{{tabular}}[b]{{@{{}}c@{{}}}}{}\end{{tabular}}"
-_GAP = r"@{\hspace{0.9em}}"
+WIDTH = 252.0
+"""Width of a column of many journals [pt, of which an inch has 72.27]."""
+_GAP = rf"@{{\hspace{{{GAP}em}}}}"
 
 
 class Body(NamedTuple):
@@ -39,7 +50,10 @@ class Body(NamedTuple):
 
 
 def latex_tables(
-    summary: Summary, comments: Sequence[str] = (), columns: Sequence[Column] | None = None
+    summary: Summary,
+    comments: Sequence[str] = (),
+    columns: Sequence[Column] | None = None,
+    width: float = WIDTH,
 ) -> dict[str, str]:
     """Return name -> LaTeX of the table of every metric, and of all metrics together where there are several.
 
@@ -47,14 +61,15 @@ def latex_tables(
     ----------
     summary : the statistics, with the methods and metrics to show
     comments : lines at the head: version, hash, seed, number of runs, command
-    columns : columns behind the name of the method; `USUAL` if None
+    columns : columns behind the name of the method; the usual ones that fit if None
+    width : width for the usual columns in footnotesize [pt]
     """
     points = shown_points(summary)
     if not points:
         return {}
-    bodies = {info.name: body_of(points, info, columns) for info in points[0].trials.metrics}
+    bodies = {info.name: body_of(points, info, columns, width) for info in points[0].trials.metrics}
     if len(bodies) > 1:
-        bodies[ALL_METRICS] = _all_metrics(points)
+        bodies[ALL_METRICS] = _all_metrics(points, width)
     return {name: _written(body, comments, name) for name, body in bodies.items()}
 
 
@@ -65,102 +80,33 @@ def shown_points(summary: Summary) -> list[PointSummary]:
     return points if len(points) <= MOST_POINTS else []
 
 
-def body_of(points: Sequence[PointSummary], info: MetricInfo, columns: Sequence[Column] | None) -> Body:
+def body_of(
+    points: Sequence[PointSummary], info: MetricInfo, columns: Sequence[Column] | None, width: float = WIDTH
+) -> Body:
     """Lay out the table of one metric.
 
     Parameters
     ----------
     points : one, or the points of a sweep
     info : the metric
-    columns : columns behind the name of the method; `USUAL` if None
+    columns : columns behind the name of the method; the usual ones that fit if None
+    width : width for the usual columns [pt]
     """
     tables = [metric_table(*point, info) for point in points]
-    there = [columns_of(table) for table in tables]
-    wanted = [name for name in columns or USUAL if name != "label" and any(name in each for each in there)]
-    wanted = wanted or ["mean"]
+    wanted = chosen_columns(tables, columns, width)
     if len(points) > 1 and len(wanted) == 1:
-        return _methods_as_columns(tables, there, wanted[0])
+        return _methods_as_columns(tables, wanted[0])
     head = ["Method", *(head_of(tables[0], name) for name in wanted)]
-    groups = []
-    for table, cells_of in zip(tables, there, strict=True):
-        absent = ["--"] * len(table.lines)
-        rows = [*zip(*([_names(table)] + [cells_of.get(name, absent) for name in wanted]), strict=True)]
-        groups.append((_title(table.trials), rows))
+    groups = [(_title(table.trials), rows_of(table, columns_of(table), wanted)) for table in tables]
+    if table_width(head, [row for _, rows in groups for row in rows], GAP) > width:
+        groups = [(title, _with_short_labels(table, rows)) for table, (title, rows) in zip(tables, groups, strict=True)]
     return Body(head, groups)
 
 
-def columns_of(table: MetricTable) -> dict[Column, list[str]]:
-    """Return the columns that a table has, each as LaTeX.
-
-    Parameters
-    ----------
-    table : of one metric at one point
-    """
-    trials = table.trials
-    found: dict[Column, list[str]] = {"mean": cells.means(table), "median": cells.medians(table)}
-    if table.with_comparisons and trials.with_verdicts:
-        found["change"] = cells.changes(table)
-        if other := cells.other_average(table):
-            found["other"] = cells.changes(table, other)
-        found["counts"] = cells.counts(table)
-        found["superiority"] = cells.superiorities(table)
-        found["p"] = cells.p_values(table)
-        # What is needed for a decision stands in summary.md; the caption defines the margin.
-        words = [word.partition(" (")[0] for word in cells.verdicts(table)]
-        found |= {"verdict": [word or "-" for word in words]} if any(words) else {}
-        found["pairs"] = cells.pairs(table)
-    found["n"] = cells.sizes(table)
-    if held := held_cells(trials, [line.method for line in table.lines]):
-        found["held"] = held
-    # A column of hyphens says nothing.
-    return {
-        name: [number_latex(cell) for cell in texts]
-        for name, texts in found.items()
-        if name == "mean" or any(cell != "-" for cell in texts)
-    }
-
-
-def head_of(table: MetricTable, column: Column) -> str:
-    """Return the head of a column as LaTeX.
-
-    Parameters
-    ----------
-    table : of one metric
-    column : which one
-    """
-    average = cells.average_of(table)
-    unit = f"[{unit_latex(table.info.unit)}]" if table.info.unit else ""
-    if column == "mean":
-        return "Did not occur" if table.may_not_occur else _stacked("Mean", unit)
-    if column == "other":
-        return _stacked("Geometric", "mean") if average == "mean" else _stacked("Ratio of", "the means")
-    heads: dict[Column, str] = {
-        "median": _stacked("Median", f"[quartiles] {unit}".strip()),
-        "change": "Difference" if average == "difference" else "Change",
-        "counts": _stacked("Won/lost/", "tied"),
-        "superiority": "Superiority",
-        "p": "$p$",
-        "verdict": "Verdict",
-        "n": _stacked("Runs/", "failed"),
-        "held": _stacked("Held", "steps"),
-        "pairs": "Pairs",
-    }
-    return heads[column]
-
-
-def _stacked(above: str, below: str) -> str:
-    """Put the words of a head below each other, so that a column is as narrow as its numbers."""
-    return _STACKED.format(rf"{above}\\{{}}{below}") if below else above
-
-
-def _names(table: MetricTable) -> list[str]:
-    return [_label(table.trials, line.method) for line in table.lines]
-
-
-def _label(trials: Trials, method: str) -> str:
-    label = trials.labels.get(method, method)
-    marked = label if "(oracle)" in label or method not in trials.oracles else f"{label} (oracle)"
-    return to_latex(marked)
+def _with_short_labels(table: MetricTable, rows: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Break the labels of the methods behind a comma."""
+    labels = [_row_label(table.trials, line.method, short=True) for line in table.lines]
+    return [[label, *row[1:]] for label, row in zip(labels, rows, strict=True)]
 
 
 def _title(trials: Trials) -> str:
@@ -168,30 +114,61 @@ def _title(trials: Trials) -> str:
     return to_latex((short_title(trials) if trials.point else trials.title).replace("$", r"\$"))
 
 
-def _methods_as_columns(
-    tables: Sequence[MetricTable], there: Sequence[Mapping[Column, Sequence[str]]], column: Column
-) -> Body:
+def _methods_as_columns(tables: Sequence[MetricTable], column: Column) -> Body:
     """Lay a sweep out with a row per point and a column per method."""
+    trials = tables[0].trials
     methods = list(dict.fromkeys(line.method for table in tables for line in table.lines))
-    head = [head_of(tables[0], column), *(_label(tables[0].trials, method) for method in methods)]
+    head = [head_of(tables[0], column), *(stacked(label_lines(trials, method)) for method in methods)]
     rows = []
-    for table, cells_of in zip(tables, there, strict=True):
-        by_method = dict(zip((line.method for line in table.lines), cells_of.get(column, ()), strict=False))
+    for table in tables:
+        cells_of = columns_of(table).get(column, ["--"] * len(table.lines))
+        by_method = dict(zip((line.method for line in table.lines), cells_of, strict=True))
         rows.append([_title(table.trials), *(by_method.get(method, "--") for method in methods)])
     return Body(head, [("", rows)])
 
 
-def _all_metrics(points: Sequence[PointSummary]) -> Body:
-    """Lay out the means of all metrics, or the number of runs without the event."""
+def _all_metrics(points: Sequence[PointSummary], width: float) -> Body:
+    """Lay out the means of all metrics, a column or a row per metric: the first form that fits, or the narrowest."""
     infos = points[0].trials.metrics
-    units = [f"[{unit_latex(info.unit)}]" if info.unit else "" for info in infos]
-    head = ["Method", *(_stacked(to_latex(info.name), unit) for info, unit in zip(infos, units, strict=True))]
+    bodies = [
+        _metrics_as_columns(points, infos),
+        _metrics_as_rows(points, infos),
+        _metrics_as_columns(points, infos, short=True),
+    ]
+    widths = [table_width(body.head, [row for _, rows in body.groups for row in rows], GAP) for body in bodies]
+    fitting = (body for body, needed in zip(bodies, widths, strict=True) if needed <= width)
+    return next(fitting, bodies[widths.index(min(widths))])
+
+
+def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricInfo], *, short: bool = False) -> Body:
+    head = ["Method", *(stacked([*name_lines(info.name), bracketed(info.unit)]) for info in infos)]
     groups = []
     for point in points:
-        tables = [metric_table(*point, info) for info in infos]
-        columns = [[number_latex(cell) for cell in cells.means(table)] for table in tables]
-        groups.append((_title(point.trials), [*zip(_names(tables[0]), *columns, strict=True)]))
+        names = [_row_label(point.trials, method, short=short) for method in point.trials.methods]
+        groups.append((_title(point.trials), [list(row) for row in zip(names, *_means(point, infos), strict=True)]))
     return Body(head, groups)
+
+
+def _row_label(trials: Trials, method: str, *, short: bool) -> str:
+    """Return the label of a method, broken behind a comma if it has to be short."""
+    return stacked(label_lines(trials, method), place="t", align="l") if short else label_of(trials, method)
+
+
+def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]) -> Body:
+    trials = points[0].trials
+    head = ["Metric", *(stacked(label_lines(trials, method)) for method in trials.methods)]
+    names = [f"{to_latex(info.name)} {bracketed(info.unit)}".rstrip() for info in infos]
+    groups = []
+    for point in points:
+        rows = [[name, *numbers] for name, numbers in zip(names, _means(point, infos), strict=True)]
+        groups.append((_title(point.trials), rows))
+    return Body(head, groups)
+
+
+def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> list[list[str]]:
+    """Return the means of every metric, in the order of the methods; the number of runs without an event."""
+    texts = [cells.means(metric_table(*point, info)) for info in infos]
+    return [[number_latex(cell.partition(" (")[0]) for cell in column] for column in texts]
 
 
 def _written(body: Body, comments: Sequence[str], name: str) -> str:

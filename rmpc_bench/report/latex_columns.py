@@ -1,0 +1,173 @@
+"""Columns of a table in LaTeX: their cells, their heads, and which of them fit into a column of a paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report import cells
+from rmpc_bench.report.cells import MetricTable
+from rmpc_bench.report.latex_numbers import number_latex
+from rmpc_bench.report.latex_text import to_latex, unit_latex
+from rmpc_bench.report.latex_width import table_width
+from rmpc_bench.report.run_notes import held_cells
+from rmpc_bench.types.report_choices import Column
+
+USUAL: tuple[Column, ...] = ("mean", "change", "counts", "verdict")
+"""Columns of a table unless others are chosen; where they do not fit, the last ones are left out, but for two."""
+GAP = 0.9
+"""Distance between columns, in units of the size of the text."""
+LINE = 12
+"""Characters of a line in the head of a column."""
+_STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
+
+
+def chosen_columns(tables: Sequence[MetricTable], columns: Sequence[Column] | None, width: float) -> list[Column]:
+    """Return the columns behind the name of the method.
+
+    Parameters
+    ----------
+    tables : of one metric, at every point of the sweep
+    columns : those that are asked for; of these the ones that the experiment has are returned
+    width : the usual columns are limited to this width [pt]
+    """
+    there = [columns_of(table) for table in tables]
+    wanted = [name for name in columns or USUAL if any(name in each for each in there)] or ["mean"]
+    while columns is None and len(wanted) > 2 and _width(tables, there, wanted) > width:
+        wanted = wanted[:-1]
+    return list(wanted)
+
+
+def _width(
+    tables: Sequence[MetricTable], there: Sequence[Mapping[Column, Sequence[str]]], wanted: Sequence[Column]
+) -> float:
+    rows = [row for table, each in zip(tables, there, strict=True) for row in rows_of(table, each, wanted)]
+    return table_width(["Method", *(head_of(tables[0], name) for name in wanted)], rows, GAP)
+
+
+def rows_of(table: MetricTable, there: Mapping[Column, Sequence[str]], wanted: Sequence[Column]) -> list[list[str]]:
+    """Return the rows of a table: name of the method, then the columns."""
+    absent = ["--"] * len(table.lines)
+    names = [label_of(table.trials, line.method) for line in table.lines]
+    return [list(row) for row in zip(*[names, *(there.get(name, absent) for name in wanted)], strict=True)]
+
+
+def columns_of(table: MetricTable) -> dict[Column, list[str]]:
+    """Return the columns that a table has, each as LaTeX; the unit of a change stands in its head.
+
+    Parameters
+    ----------
+    table : of one metric at one point
+    """
+    trials = table.trials
+    found: dict[Column, list[str]] = {"mean": cells.means(table), "median": cells.medians(table)}
+    if table.with_comparisons and trials.with_verdicts:
+        unit = f" {_unit_of_change(table)}"
+        found["change"] = [cell.replace(unit, "", 1) for cell in cells.changes(table)]
+        if other := cells.other_average(table):
+            found["other"] = [cell.replace(" %", "", 1) for cell in cells.changes(table, other)]
+        found["counts"] = cells.counts(table)
+        found["superiority"] = cells.superiorities(table)
+        found["p"] = cells.p_values(table)
+        # How many runs would decide stands in summary.md, and the caption has the margin.
+        words = [word.partition(" (")[0] for word in cells.verdicts(table)]
+        found |= {"verdict": [word or "-" for word in words]} if any(words) else {}
+        found["pairs"] = cells.pairs(table)
+    found["n"] = cells.sizes(table)
+    if held := held_cells(trials, [line.method for line in table.lines]):
+        found["held"] = held
+    # A column of hyphens says nothing.
+    return {
+        name: [number_latex(cell) for cell in texts]
+        for name, texts in found.items()
+        if name == "mean" or any(cell != "-" for cell in texts)
+    }
+
+
+def _unit_of_change(table: MetricTable) -> str:
+    return table.info.unit if cells.average_of(table) == "difference" else "%"
+
+
+def head_of(table: MetricTable, column: Column) -> str:
+    """Return the head of a column as LaTeX.
+
+    Parameters
+    ----------
+    table : of one metric
+    column : which one
+    """
+    average = cells.average_of(table)
+    unit = bracketed(table.info.unit)
+    if column == "mean":
+        return "Did not occur" if table.may_not_occur else stacked(["Mean", unit])
+    if column == "other":
+        return stacked(["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"])
+    heads: dict[Column, list[str]] = {
+        "median": ["Median", f"[quartiles] {unit}".strip()],
+        "change": ["Difference" if average == "difference" else "Change", bracketed(_unit_of_change(table))],
+        "counts": ["Won/lost/", "tied"],
+        "superiority": ["Superiority"],
+        "p": ["$p$"],
+        "verdict": ["Verdict"],
+        "n": ["Runs/", "failed"],
+        "held": ["Held", "steps"],
+        "pairs": ["Pairs"],
+    }
+    return stacked(heads[column])
+
+
+def bracketed(unit: str) -> str:
+    """Write a unit in brackets; empty for a number without one."""
+    return f"[{unit_latex(unit)}]" if unit else ""
+
+
+def stacked(lines: Sequence[str], *, place: str = "b", align: str = "c") -> str:
+    """Put lines below each other, so that a column is as narrow as its numbers.
+
+    Parameters
+    ----------
+    lines : LaTeX; empty ones are left out
+    place : ``b`` for the last line at the height of the row, ``t`` for the first
+    align : ``c`` or ``l``
+    """
+    there = [line for line in lines if line]
+    # A bracket behind a line break would be read as its option.
+    return _STACKED.format(place, align, r"\\{}".join(there)) if len(there) > 1 else "".join(there)
+
+
+def name_lines(name: str) -> list[str]:
+    """Break a name such as ``steady_state_error`` at its underscores into short lines of LaTeX."""
+    lines: list[str] = []
+    for part in name.replace("_", "_\0").split("\0"):
+        if lines and len(lines[-1]) + len(part) <= LINE:
+            lines[-1] += part
+        else:
+            lines.append(part)
+    return [to_latex(line) for line in lines]
+
+
+def label_of(trials: Trials, method: str) -> str:
+    """Return the label of a method as LaTeX, where an oracle is marked.
+
+    Parameters
+    ----------
+    trials : with the labels
+    method : its name
+    """
+    return to_latex(_marked(trials, method))
+
+
+def label_lines(trials: Trials, method: str) -> list[str]:
+    """Break the label of a method behind its commas into lines of LaTeX, for the head of a column."""
+    label, comma, rest = _marked(trials, method).partition(", ")
+    # A comma in a formula is none of these.
+    return (
+        [to_latex(f"{label},"), to_latex(rest)]
+        if comma and label.count("$") % 2 == 0
+        else [to_latex(label + comma + rest)]
+    )
+
+
+def _marked(trials: Trials, method: str) -> str:
+    label = trials.labels.get(method, method)
+    return label if "(oracle)" in label or method not in trials.oracles else f"{label} (oracle)"
