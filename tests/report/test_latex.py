@@ -1,0 +1,119 @@
+"""Tables in LaTeX: rows, columns and numbers of the Markdown table, comments at the head, captions that define them."""
+
+import re
+
+import numpy as np
+import pytest
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.caption import latex_captions
+from rmpc_bench.report.latex import ALL_METRICS, latex_tables
+from rmpc_bench.report.latex_columns import name_lines, stacked
+from rmpc_bench.report.latex_width import width_of
+from rmpc_bench.report.summary import Summary, summarise
+from rmpc_bench.types import MetricInfo
+
+
+def rows_in(text: str) -> list[list[str]]:
+    """Cells of every row between the rules."""
+    body = text[text.index(r"\midrule") + 9 : text.index(r"\bottomrule")]
+    return [[cell.strip() for cell in line.removesuffix(r"\\").split(" & ")] for line in body.strip().split("\n")]
+
+
+def table(make_trials, factor: float = 1.0) -> Trials:
+    """Trials of three methods with two metrics, 30 runs each; the third method fails once."""
+    rng = np.random.default_rng(3)
+    base = factor * rng.lognormal(size=30)
+    mse = {"S_1": base, "R": 0.8 * base * rng.lognormal(0, 0.05, 30), "Q": list(1.01 * base)}
+    cost = {name: [each if isinstance(each, str) else 3e6 + 1e3 * float(each) for each in mse[name]] for name in mse}
+    mse["Q"][4] = cost["Q"][4] = "diverged"
+    infos = (MetricInfo("mse", "rad^2", "lower"), MetricInfo("input_cost", "V", "lower"))
+    return make_trials({"mse": mse, "input_cost": cost}, infos, labels={"R": "R, $c=10^{-1}$"})
+
+
+def summary_of(make_trials) -> tuple[Trials, Summary]:
+    """The trials and their statistics."""
+    trials = table(make_trials)
+    return trials, summarise(trials)
+
+
+def test_numbers_are_those_of_the_markdown_table(make_trials):
+    """Every digit of mean and change, in the same order."""
+    trials, summary = summary_of(make_trials)
+    text = latex_tables(summary, columns=["mean", "change", "counts", "n"])[trials.metrics[0].name]
+    markdown = summary.to_markdown()
+    for row, method in zip(rows_in(text), trials.methods, strict=True):
+        line = next(line for line in markdown.split("\n") if line.startswith(f"| {method} |"))
+        for cell in row[1:]:
+            assert cell == "--" or "".join(re.findall(r"[-+.\d]", cell)) in "".join(re.findall(r"[-+.\d|]", line))
+
+
+def test_head_of_the_file(make_trials):
+    """Comments come first, each on one line, and a hostile one stays a comment."""
+    _, summary = summary_of(make_trials)
+    text = next(iter(latex_tables(summary, ["version 1", "run\n\\input{x}"]).values())).split("\n")
+    assert text[0] == "% version 1" and text[1] == r"% run \input{x}" and text[2].startswith("% needs")
+    assert text[3].startswith(r"\begin{tabular}{@{}l") and text[4] == r"\toprule"
+
+
+def test_order_and_metrics(make_trials):
+    """Methods and metrics that are chosen, in that order."""
+    trials, summary = summary_of(make_trials)
+    order, metric = [*reversed(trials.methods)][:2], trials.metrics[-1].name
+    tables = latex_tables(summary.shown(order, [metric]))
+    assert list(tables) == [metric]
+    assert [row[0] for row in rows_in(tables[metric])] == ["Q", "R, $c=10^{-1}$"]
+
+
+def test_every_table_has_a_caption(make_trials):
+    """With the baseline, the pairing, the failures and every column that is shown."""
+    trials, summary = summary_of(make_trials)
+    tables, captions = latex_tables(summary), latex_captions(summary)
+    assert tables.keys() == captions.keys()
+    text = latex_captions(summary, ["mean", "median", "change", "counts", "superiority", "p", "verdict", "n"])
+    caption = text[trials.metrics[0].name]
+    for word in (
+        "Mean:",
+        "Median:",
+        "paired",
+        "Won/lost/tied:",
+        "Superiority:",
+        "Wilcoxon",
+        "Failed runs: Q 1",
+        r"S\_1",
+    ):
+        assert word in caption, word
+    assert (ALL_METRICS in tables) == (len(trials.metrics) > 1)
+
+
+def test_a_sweep_has_groups_of_rows_or_a_row_per_point(make_trials, make_sweep):
+    """A single column is laid out with the methods as columns."""
+    points = [({"plant.a": str(n)}, table(make_trials, n)) for n in (1.0, 2.0, 3.0)]
+    trials = make_sweep(*points)
+    summary = summarise(trials)
+    name, n = trials.metrics[0].name, len(trials.points)
+    groups = latex_tables(summary, columns=["mean", "n"])[name]
+    assert groups.count(r"\multicolumn") == n and groups.count(r"\addlinespace") == n - 1
+    rows = rows_in(latex_tables(summary, columns=["mean"])[name])
+    assert len(rows) == n and len(rows[0]) == 1 + len(trials.points[0].methods)
+
+
+@pytest.mark.parametrize("width", [120.0, 252.0, 1000.0])
+def test_the_usual_columns_depend_on_the_width(make_trials, width):
+    """More columns where there is room, never fewer than two numbers."""
+    trials, summary = summary_of(make_trials)
+    name = trials.metrics[0].name
+    n = len(rows_in(latex_tables(summary, width=width)[name])[0])
+    assert 3 <= n <= len(rows_in(latex_tables(summary, width=1000.0)[name])[0])
+
+
+def test_long_names_and_heads():
+    """Names break at underscores; lines stand below each other."""
+    assert name_lines("steady_state_error") == [r"steady\_", r"state\_error"] and name_lines("mse") == ["mse"]
+    assert stacked(["a", "", "b"]).count(r"\\") == 1 and stacked(["a", ""]) == "a"
+
+
+def test_estimated_widths():
+    """As wide as Computer Modern at 8 pt sets them, to a quarter (widths by TeX)."""
+    for cell, points in (("$-11.9\\ [-13.2, -10.6]$", 85.0), ("$0.1064(7)$", 37.5), ("Won/lost/", 33.0)):
+        assert 0.85 * points <= width_of(cell) <= 1.25 * points, (cell, width_of(cell))
