@@ -49,7 +49,8 @@ def _with_others(found: re.Match[str]) -> str:
 def _joined(found: re.Match[str]) -> str:
     """Join neighbours of one style and one height; each character keeps its horizontal position."""
     words: list[tuple[list[str], str, str, str]] = []
-    for x, y, style, character in _SPAN.findall(found[0]):
+    # matplotlib orders them by style; a reader of the text by position.
+    for x, y, style, character in sorted(_SPAN.findall(found[0]), key=lambda span: float(span[0])):
         if words and words[-1][1:3] == (y, style):
             words[-1] = ([*words[-1][0], x], y, style, words[-1][3] + character)
         else:

@@ -1,0 +1,165 @@
+"""Files of figures: text stays text of 8 pt, fonts are embedded, sizes are exact, bytes are the same everywhere."""
+
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from pypdf import PdfReader
+
+from rmpc_bench.execution.evaluation import figure
+from rmpc_bench.expressions.units import inches
+from rmpc_bench.figures import fonts, pgf
+from rmpc_bench.figures.boxplot import Boxplot
+from rmpc_bench.figures.figure_result import FigureResult
+from rmpc_bench.figures.files import save
+from rmpc_bench.figures.paper import LEAST, THINNER, thin_lines
+from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.style import font_family, is_for_paper, rendered
+from rmpc_bench.figures.svg_text import readable_text
+
+COLUMN = inches("252pt")
+SCRIPT = """
+import sys
+from matplotlib.figure import Figure
+from rmpc_bench.figures.files import save
+from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.style import rendered, style
+from pathlib import Path
+rendering = Rendering(font="stix", formats=("svg", "pdf", "png"))
+with rendered(rendering), style():
+    figure = Figure(figsize=(3.5, 2))
+    axes = figure.subplots()
+    axes.plot([1, 2, 3], label="R-MPC, $c=10^{-1}$")
+    axes.legend()
+save(figure, Path(sys.argv[1]), "a", rendering)
+"""
+
+
+def drawn(make_trials, **keys):
+    """A boxplot with a formula in a label, drawn as a report does."""
+    rendering = Rendering(width=COLUMN, **keys)
+    values = {"S-MPC": [1.0, 2.0, 3.0, 9.0], "R": [1.5, 2.5, 3.0, 4.0]}
+    trials = make_trials({"mse": values}, labels={"R": "R-MPC, $c=10^{-1}$"})
+    with rendered(rendering):
+        return Boxplot(width=COLUMN).draw(trials), rendering
+
+
+def text_sizes(page):
+    """Sizes of all texts of a page of a PDF [pt, of which an inch has 72]."""
+    sizes = []
+
+    def visit(text, cm, tm, font, size):
+        if text.strip():
+            sizes.append(round(size * abs(tm[0] * tm[3] - tm[1] * tm[2]) ** 0.5, 3))
+
+    page.extract_text(visitor_text=visit)
+    return sizes
+
+
+@pytest.mark.parametrize("font", ["dejavu", "stix", "times"])
+def test_pdf(make_trials, tmp_path, font):
+    """The width is exact, fonts are embedded as TrueType, texts are 8 pt and indices smaller, and there is no date."""
+    picture, rendering = drawn(make_trials, font=font, formats=("pdf",))
+    (file,) = save(picture, tmp_path, "a", rendering)
+    reader = PdfReader(file)
+    (page,) = reader.pages
+    assert float(page.mediabox.width) == pytest.approx(252 * 72 / 72.27, abs=1e-3)
+    assert "/CreationDate" not in (reader.metadata or {})
+    resources = page["/Resources"]["/Font"].values()
+    for each in resources:
+        descendant = each.get_object()["/DescendantFonts"].get_object()[0].get_object()
+        assert descendant["/Subtype"] == "/CIDFontType2" and "/FontFile2" in descendant["/FontDescriptor"].get_object()
+    sizes = text_sizes(page)
+    assert sizes and set(sizes) <= {8.0, 5.6} and sizes.count(8.0) > len(sizes) / 2
+    assert "S-MPC" in page.extract_text() and "n=4" in page.extract_text().replace(" ", "")
+
+
+def test_svg(make_trials, tmp_path):
+    """Text is text with fonts for other machines, the width is exact, and a formula is not cut into characters."""
+    picture, rendering = drawn(make_trials, formats=("svg",))
+    (file,) = save(picture, tmp_path, "a", rendering)
+    svg = file.read_text()
+    assert re.search(r'width="251\.059pt"', svg)
+    assert ">S-MPC</text>" in svg and ">=10</tspan>" in svg
+    assert "font-size: 8px; font-family: 'DejaVu Sans', 'Verdana', 'Geneva', sans-serif" in svg
+    assert {*re.findall(r"font-size: ([\d.]+)px", svg)} == {"8", "5.6"}
+
+
+def test_svg_without_changes():
+    """A picture without text stays as it is; characters with an escape count as one."""
+    assert readable_text('<svg width="1"><path d="M 0 0"/></svg>') == '<svg width="1"><path d="M 0 0"/></svg>'
+    one = '<tspan x="{}" y="0" style="font-size: 8px; font-family: \'DejaVu Sans\'">{}</tspan>'
+    text = (
+        "<svg ><text>"
+        + "\n".join(one.format(x, each) for x, each in ((1, "a"), (2, "&amp;"), (3, "b")))
+        + "</text></svg>"
+    )
+    assert '<tspan x="1 2 3" y="0">a&amp;b</tspan>' in readable_text(text)
+
+
+def test_the_same_bytes_in_every_process(tmp_path):
+    """Also where Python orders its sets in another way."""
+    found = []
+    for seed in ("1", "2"):
+        place = tmp_path / seed
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        subprocess.run([sys.executable, "-c", SCRIPT, str(place)], env=environment, check=True, timeout=120)
+        found.append({file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(place.iterdir())})
+    assert found[0] == found[1] and len(found[0]) == 3
+
+
+def test_the_same_bytes_twice(make_trials, tmp_path):
+    """Writing a picture does not change it."""
+    picture, rendering = drawn(make_trials, formats=("pdf", "svg", "png"))
+    first, again = (save(picture, tmp_path / name, "a", rendering) for name in "ab")
+    assert [file.read_bytes() for file in first] == [file.read_bytes() for file in again]
+
+
+@pytest.mark.skipif(pgf.latex_program() is None, reason="no LaTeX is installed, and it measures the texts of PGF")
+def test_pgf(make_trials, tmp_path):
+    """Texts are those of the document, at 8 pt."""
+    picture, rendering = drawn(make_trials, formats=("pgf",))
+    (file,) = save(picture, tmp_path, "a", rendering)
+    assert "S-MPC" in file.read_text() and r"\fontsize{8.000000}" in file.read_text()
+    assert [text.get_text() for text in picture.axes[0].get_xticklabels()][0].startswith("S-MPC")
+
+
+def test_pgf_without_latex(make_trials, tmp_path, monkeypatch):
+    """The error says what is missing."""
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    picture, _ = drawn(make_trials)
+    with pytest.raises(FileNotFoundError, match="pgf needs a LaTeX"):
+        FigureResult(picture).save(tmp_path / "a.pgf")
+
+
+def test_fonts(monkeypatch):
+    """Times is a Times of the system, else STIX with a remark; the choice ends with the block."""
+    with rendered(Rendering(font="stix", style="paper")):
+        assert font_family() == "STIXGeneral" and is_for_paper()
+    assert font_family() == "DejaVu Sans" and not is_for_paper()
+    monkeypatch.setattr(fonts, "_is_installed", lambda family: family == "Liberation Serif")
+    fonts.family_of.cache_clear()
+    assert fonts.family_of("times") == "Liberation Serif" and fonts.remark_on("times") == ""
+    monkeypatch.setattr(fonts, "_is_installed", lambda family: False)
+    fonts.family_of.cache_clear()
+    assert fonts.family_of("times") == "STIXGeneral" and "STIX" in fonts.remark_on("times")
+    fonts.family_of.cache_clear()
+    assert fonts.remark_on("dejavu") == ""
+
+
+def test_lines_of_a_paper_are_thinner(make_trials):
+    """By one factor, but not below what a printer shows."""
+    picture, _ = drawn(make_trials)
+    before = [line.get_linewidth() for line in picture.axes[0].lines]
+    thin_lines(picture)
+    after = [line.get_linewidth() for line in picture.axes[0].lines]
+    assert after == pytest.approx([max(min(LEAST, width), THINNER * width) for width in before])
+
+
+def test_public_function_is_exported():
+    """`figure` takes a rendering."""
+    assert "rendering" in figure.__annotations__
