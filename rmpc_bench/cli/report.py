@@ -32,7 +32,9 @@ class Names(click.ParamType[list[str]]):
     "--metric", "metrics", type=Names(), metavar="M,..", help="Metrics of the tables; figures show the first."
 )
 @click.option("--order", type=Names(), metavar="A,B,..", help="Methods to show, in this order.")
-@click.option("--columns", type=Names(), metavar="C,..", help="Columns of the tables, such as mean,change,counts.")
+@click.option(
+    "--columns", type=Names(), metavar="C,..", help="Columns of the LaTeX tables, such as mean,change,counts."
+)
 @click.option("--style", metavar="STYLE", help="bench (screen) or paper (printed column).")
 @click.option("--font", metavar="FONT", help="dejavu, stix or times.")
 @click.option(

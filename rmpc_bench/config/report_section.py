@@ -27,7 +27,8 @@ class ReportKeys:
     width : width of all figures, such as 252pt, 88mm or 3.5in, where 72.27 pt are an inch; that of each figure if not
         given
     metrics : metrics to show in tables, in this order; figures without a `metric` show the first; all if not given
-    columns : columns of the tables behind the name of the method; the usual ones if not given
+    columns : columns of the LaTeX tables behind the label of the method; the usual ones that fit into the width if not
+        given
     style : `bench` for the screen, or `paper` for a printed column: thinner lines and no text that the caption repeats
     font : font of the figures; `times` is a Times font of the system, and STIX where there is none
     format : formats of the figures, one or a list

@@ -68,7 +68,7 @@ def save_as(figure: MplFigure, file: Path) -> None:
             with _small_fonts():
                 figure.savefig(file, format="pdf", **options)
         elif ending == ".pgf":
-            with as_latex(figure):
+            with as_latex():
                 figure.savefig(file, format="pgf", **options)
         else:
             figure.savefig(file, format=ending[1:], **options)

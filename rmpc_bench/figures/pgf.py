@@ -6,15 +6,20 @@ import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MplFigure
+from typing import Any
 
 PROGRAMS = ("pdflatex", "xelatex", "lualatex")
 """Programs that measure the texts, the preferred one first."""
 NO_LATEX = f"pgf needs a LaTeX ({', '.join(PROGRAMS)}) on the search path, and there is none; choose pdf or svg"
-_SPECIAL = {"\\": r"\textbackslash{}", "#": r"\#", "&": r"\&", "~": r"\textasciitilde{}", "{": r"\{", "}": r"\}"}
+_SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "#": r"\#",
+    "&": r"\&",
+    "~": r"\textasciitilde{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+}
 _FORMULA = re.compile(r"((?<!\\)\$(?:\\.|[^$\\])*\$)")
 
 
@@ -24,8 +29,8 @@ def latex_program() -> str | None:
 
 
 @contextmanager
-def as_latex(figure: MplFigure) -> Iterator[None]:
-    """Let matplotlib measure texts with the LaTeX that is there, and write its special characters as text.
+def as_latex() -> Iterator[None]:
+    """Let matplotlib measure texts with the LaTeX that is there, and write their special characters as text.
 
     Raises
     ------
@@ -33,26 +38,34 @@ def as_latex(figure: MplFigure) -> Iterator[None]:
         If no LaTeX is installed.
     """
     import matplotlib
-    from matplotlib.text import Text
+    from matplotlib.backends.backend_pgf import RendererPgf
 
     program = latex_program()
     if program is None:
         raise FileNotFoundError(NO_LATEX)
-    changed = [(text, text.get_text()) for text in figure.findobj(Text)]
-    with matplotlib.rc_context({"pgf.texsystem": program}):
-        try:
-            for text, usual in changed:
-                text.set_text(_escaped(usual))
+    measure, draw = RendererPgf.get_text_width_height_descent, RendererPgf.draw_text
+
+    def measured(self: Any, s: str, prop: Any, ismath: Any) -> Any:
+        return measure(self, _escaped(s, ismath=bool(ismath)), prop, ismath)
+
+    def drawn(
+        self: Any, gc: Any, x: Any, y: Any, s: str, prop: Any, angle: Any, ismath: Any = False, **more: Any
+    ) -> None:
+        draw(self, gc, x, y, _escaped(s, ismath=bool(ismath)), prop, angle, ismath, **more)
+
+    # Labels of ticks are made while a figure is drawn, so its texts cannot be changed before.
+    RendererPgf.get_text_width_height_descent, RendererPgf.draw_text = measured, drawn
+    try:
+        with matplotlib.rc_context({"pgf.texsystem": program}):
             yield
-        finally:
-            for text, usual in changed:
-                text.set_text(usual)
+    finally:
+        RendererPgf.get_text_width_height_descent, RendererPgf.draw_text = measure, draw
 
 
-def _escaped(text: str) -> str:
+def _escaped(text: str, *, ismath: bool) -> str:
     """Write the characters as text that matplotlib leaves to LaTeX; it treats `_`, `^` and `%` itself."""
-    parts = _FORMULA.split(text)
+    parts = _FORMULA.split(text) if ismath else [text]
     for place in range(0, len(parts), 2):
         plain = parts[place].replace(r"\$", "$")
-        parts[place] = "".join(_SPECIAL.get(each, r"\$" if each == "$" else each) for each in plain)
+        parts[place] = "".join(_SPECIAL.get(each, each) for each in plain)
     return "".join(parts)

@@ -104,7 +104,7 @@ def body_of(
 
 
 def _with_short_labels(table: MetricTable, rows: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Break the labels of the methods behind a comma."""
+    """Break the labels of the methods into lines."""
     labels = [_row_label(table.trials, line.method, short=True) for line in table.lines]
     return [[label, *row[1:]] for label, row in zip(labels, rows, strict=True)]
 
@@ -150,7 +150,7 @@ def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricIn
 
 
 def _row_label(trials: Trials, method: str, *, short: bool) -> str:
-    """Return the label of a method, broken behind a comma if it has to be short."""
+    """Return the label of a method, broken into lines if it has to be short."""
     return stacked(label_lines(trials, method), place="t", align="l") if short else label_of(trials, method)
 
 

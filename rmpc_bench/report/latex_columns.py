@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.labels import typeset, wrapped
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable
 from rmpc_bench.report.latex_numbers import number_latex
@@ -19,6 +20,8 @@ GAP = 0.9
 """Distance between columns, in units of the size of the text."""
 LINE = 12
 """Characters of a line in the head of a column."""
+LABEL = 60.0
+"""Width of a line of a label that is broken [pt]."""
 _STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
 
 
@@ -158,14 +161,14 @@ def label_of(trials: Trials, method: str) -> str:
 
 
 def label_lines(trials: Trials, method: str) -> list[str]:
-    """Break the label of a method behind its commas into lines of LaTeX, for the head of a column."""
-    label, comma, rest = _marked(trials, method).partition(", ")
-    # A comma in a formula is none of these.
-    return (
-        [to_latex(f"{label},"), to_latex(rest)]
-        if comma and label.count("$") % 2 == 0
-        else [to_latex(label + comma + rest)]
-    )
+    """Break the label of a method at blanks outside its formulas into lines of LaTeX.
+
+    Parameters
+    ----------
+    trials : with the labels
+    method : its name
+    """
+    return [to_latex(line) for line in wrapped(typeset(_marked(trials, method)), LABEL)]
 
 
 def _marked(trials: Trials, method: str) -> str:

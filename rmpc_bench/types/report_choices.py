@@ -7,10 +7,8 @@ from typing import Literal
 Font = Literal["dejavu", "stix", "times"]
 Style = Literal["bench", "paper"]
 Format = Literal["svg", "pdf", "png", "pgf"]
-Column = Literal[
-    "label", "mean", "median", "change", "other", "counts", "superiority", "p", "verdict", "n", "held", "pairs"
-]
-"""Columns of the table of a metric behind the name of the method; `other` is the change of the other average."""
+Column = Literal["mean", "median", "change", "other", "counts", "superiority", "p", "verdict", "n", "held", "pairs"]
+"""Columns of the LaTeX table of a metric behind the label of the method; `other` is the change of the other average."""
 DEFAULT_FORMATS: tuple[Format, ...] = ("svg", "pdf", "png")
 LEAST_WIDTH, MOST_WIDTH = 1.0, 100.0
 """Narrowest and widest figure [in]."""
