@@ -14,6 +14,7 @@ NO_LATEX = f"pgf needs a LaTeX ({', '.join(PROGRAMS)}) on the search path, and t
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "#": r"\#",
+    "_": r"\_",
     "&": r"\&",
     "~": r"\textasciitilde{}",
     "{": r"\{",
@@ -43,7 +44,8 @@ def as_latex() -> Iterator[None]:
     program = latex_program()
     if program is None:
         raise FileNotFoundError(NO_LATEX)
-    measure, draw = RendererPgf.get_text_width_height_descent, RendererPgf.draw_text
+    renderer: Any = RendererPgf
+    measure, draw = renderer.get_text_width_height_descent, renderer.draw_text
 
     def measured(self: Any, s: str, prop: Any, ismath: Any) -> Any:
         return measure(self, _escaped(s, ismath=bool(ismath)), prop, ismath)
@@ -54,16 +56,16 @@ def as_latex() -> Iterator[None]:
         draw(self, gc, x, y, _escaped(s, ismath=bool(ismath)), prop, angle, ismath, **more)
 
     # Labels of ticks are made while a figure is drawn, so its texts cannot be changed before.
-    RendererPgf.get_text_width_height_descent, RendererPgf.draw_text = measured, drawn
+    renderer.get_text_width_height_descent, renderer.draw_text = measured, drawn
     try:
         with matplotlib.rc_context({"pgf.texsystem": program}):
             yield
     finally:
-        RendererPgf.get_text_width_height_descent, RendererPgf.draw_text = measure, draw
+        renderer.get_text_width_height_descent, renderer.draw_text = measure, draw
 
 
 def _escaped(text: str, *, ismath: bool) -> str:
-    """Write the characters as text that matplotlib leaves to LaTeX; it treats `_`, `^` and `%` itself."""
+    """Write the characters as text that matplotlib leaves to LaTeX; it treats `^` and `%` itself."""
     parts = _FORMULA.split(text) if ismath else [text]
     for place in range(0, len(parts), 2):
         plain = parts[place].replace(r"\$", "$")
