@@ -9,6 +9,7 @@ from typing import Any
 import click
 from docs.examples_of_keys import EXAMPLES
 from docs.markdown import DOCS, code, heading, key_table, page, table, text
+from docs.result_files import FILES
 
 from docs import components_page
 from rmpc_bench import registry
@@ -53,7 +54,9 @@ def generated() -> str:
     """Return the page."""
     schema = json_schema()["properties"]
     parts = [part for title, names in _groups(schema) for part in _group(title, names, schema)]
-    return page(INTRODUCTION, _contents(schema), NUMBERS, *parts, *_functions(), *_command_line(), *_index(schema))
+    return page(
+        INTRODUCTION, _contents(schema), NUMBERS, *parts, *_functions(), *_command_line(), *_files(), *_index(schema)
+    )
 
 
 def _groups(schema: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
@@ -71,7 +74,10 @@ def _contents(schema: Mapping[str, Any]) -> str:
         for more in [", [functions](#functions) of claims" if "claims" in names else ""]
     ]
     verbs = ", ".join(f"[{verb}](#verb-{verb})" for verb in _verbs())
-    return table(("about", "keys"), [*rows, ("Command line", f"{verbs}, [exit codes](#exit-codes)")])
+    return table(
+        ("about", "keys"),
+        [*rows, ("Command line", f"{verbs}, [exit codes](#exit-codes), [files](#files) of a results directory")],
+    )
 
 
 def _group(title: str, names: Iterable[str], schema: Mapping[str, Any]) -> list[str]:
@@ -167,6 +173,15 @@ def _command_line() -> list[str]:
     rows = [(str(number), text(meaning)) for number, meaning in exits.MEANINGS.items()]
     order = "If several apply, the first one in this table is the exit code."
     return [*parts, heading(3, "Exit codes", "exit-codes"), order, table(("code", "meaning"), rows)]
+
+
+def _files() -> list[str]:
+    about = (
+        "`run` writes to `results/PAPER/NAME`, or `results/NAME` without a paper. `report` writes all files but the "
+    )
+    about += "trial store again, without a simulation."
+    rows = [(", ".join(map(code, entry.split(", "))), text(meaning)) for entry, meaning in FILES.items()]
+    return [heading(2, "Files of a results directory", "files"), about, table(("file", "content"), rows)]
 
 
 def _verb(verb: str) -> list[str]:

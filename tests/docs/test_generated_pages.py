@@ -6,11 +6,12 @@ import shutil
 import pytest
 from docs.equations import EQUATIONS, IN_WORDS
 from docs.examples_of_keys import EXAMPLES
+from docs.followed_page import README, followed
 from docs.pages import PAGES
 from docs.test_methods import compiled
 from jsonschema import Draft7Validator
 
-from docs import components_page, reference_page
+from docs import components_page, reference_page, result_files
 from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
 from rmpc_bench.config.component_manual import manual_of
@@ -81,6 +82,12 @@ def test_equations_have_balanced_braces_and_no_escaped_punctuation():
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
 def test_equations_compile(tmp_path):
     assert compiled([*EQUATIONS.values()], tmp_path) == ""
+
+
+def test_every_file_of_a_run_is_on_the_page():
+    """Oracle: the directory that the commands of the README write."""
+    written = {path.name for path in (followed(README).place / "results" / "servo").iterdir()}
+    assert {"trials.sqlite", "summary.csv", "figures"} <= written <= {*result_files.names()}
 
 
 def test_the_index_finds_every_key(schema):

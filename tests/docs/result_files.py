@@ -1,0 +1,31 @@
+"""What a run leaves in its directory, for docs/reference.md; a test compares it with what a run writes."""
+
+from __future__ import annotations
+
+FILES: dict[str, str] = {
+    "report.html, report.md": "one page with everything: comparison, claims, figures, assumptions, limitations",
+    "summary.csv": "metrics of every method: mean, standard error, interval, median, quartiles, failed runs",
+    "comparisons.csv": "every method against the baseline: change, interval, runs won, lost and tied, verdict",
+    "drivers.csv": "share of the variance of the comparison that each uncertain quantity explains",
+    "requirements.csv": "runs that meet a requirement, with `statistics: {requirement: ..}`",
+    "claims.json, claims.md": "statements of a paper with findings, numbers and assumptions; for programs, for readers",
+    "tables/": "tables of the comparison as Markdown and LaTeX",
+    "figures/": "figures in the formats of `report.format`",
+    "trials.csv": "one row per method and run: status and metrics; `inf` where an event did not occur",
+    "uncertainty.csv": "one row per run: the values of the uncertain quantities",
+    "series.csv": "what is indexed by time: gains, reported covariances, moments; n = 0 means exact",
+    "traces.npz": "trajectories of the recorded runs, with `record`",
+    "timings.csv": "times of computation of own components",
+    "failures/": "one file per failed run, with the command that computes it again",
+    "logs/": "what own components print",
+    "code/": "copies of own Python files, as they were when the runs were computed",
+    "config.yaml, config.resolved.yaml": "the configuration as given, and with every default filled in",
+    "manifest.json": "experiment hash, seed, versions, platform and times of the sessions",
+    "trials.sqlite": "the trial store: all results, from which every other file is written",
+}
+"""Files and folders -> content; several names with one meaning are separated by a comma."""
+
+
+def names() -> list[str]:
+    """Return the names of all files and folders."""
+    return [name.strip("/") for entry in FILES for name in entry.split(", ")]
