@@ -197,6 +197,4 @@ def _explanation(row: ImprovementDifference) -> str:
         pairing = "Run i of A is paired with run i of B: equal seeds draw the same quantile of every random quantity."
     else:
         pairing = "The seeds differ, so the runs of A and B are not paired, and the intervals are Welch's."
-    return (
-        f"{pairing} The difference is A minus B, of changes against {row.baseline}; below 0 the metric falls more in A."
-    )
+    return f"{pairing} Differences are A minus B; above 0 {row.method} improves more on {row.baseline} in A."
