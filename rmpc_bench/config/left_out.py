@@ -1,4 +1,4 @@
-"""Claims, figures and settings of a file that do not fit what the command line or an extending file has changed.
+"""What an overridden or an extending configuration inherits although it does not fit there: it is left out and named.
 
 They belong to the configuration as its file states it: a claim about a method that was overridden away, or a figure of
 a metric that is not computed, is no mistake of the user.  It is left out and named.  What the override or the extending
@@ -7,8 +7,10 @@ file itself says is checked as ever.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.draft import DraftConfig
@@ -126,6 +128,79 @@ def _kind(draft: DraftConfig, number: int) -> str:
     figures = draft.tree.get("figures")
     given = figures[number] if isinstance(figures, Items) else "boxplot"
     return str(given.get("kind", given.get("file", "?"))) if isinstance(given, Map) else str(given)
+
+
+def fitting_metrics(tree: Map, problems: Sequence[Problem], inherited: Inherited) -> tuple[Map, list[str]]:
+    """Leave out inherited metrics that cannot be computed, such as one of a window behind the end of a shorter run.
+
+    Parameters
+    ----------
+    tree : a configuration
+    problems : its errors
+    inherited : which places are inherited
+
+    Returns
+    -------
+    the tree, and a line for each metric; none where no metric would be left
+    """
+    given = tree.get("metrics")
+    if not isinstance(given, Items):
+        return tree, []
+    found: dict[int, Problem] = {}
+    for problem in problems:
+        section, *steps = problem.path.split(".")
+        if section == "metrics" and steps and steps[0].isdigit() and inherited(locate(given, [steps[0]])):
+            found.setdefault(int(steps[0]), problem)
+    kept = [number for number in range(len(given)) if number not in found]
+    if not found or not kept:
+        return tree, []
+    result = tree.copy()
+    marks = [locate(given, [number]) for number in kept]
+    result["metrics"] = Items([given[number] for number in kept], mark=given.mark, value_marks=marks)
+    return result, [f"metric {problem.path}: {problem.message}" for problem in found.values()]
+
+
+def fitting_sweep(tree: Map, inherited: Inherited) -> tuple[Map, list[str]]:
+    """Leave out inherited paths of the sweep into methods that do not exist any more; they change nothing else.
+
+    Parameters
+    ----------
+    tree : a configuration
+    inherited : which places are inherited
+
+    Returns
+    -------
+    the tree, and a line for all these paths
+    """
+    sweep, methods = tree.get("sweep"), tree.get("methods")
+    if not isinstance(sweep, Map) or not isinstance(methods, Map):
+        return tree, []
+    gone: dict[str, None] = {}
+
+    def fitting(section: Any) -> Any:
+        if not isinstance(section, Map):
+            return section
+        result = section.copy()
+        for path in section:
+            steps = path.split(".")
+            if steps[0] == "methods" and len(steps) > 2 and inherited(locate(section, [path])):
+                if split(path, section.mark)[1] not in methods:
+                    del result[path]
+                    gone[path] = None
+        return result
+
+    result, kept = tree.copy(), sweep.copy()
+    result["sweep"] = kept
+    for key in ("grid", "zip"):
+        given = sweep.get(key)
+        if isinstance(given, Items):
+            marks = [locate(given, [number]) for number in range(len(given))]
+            kept[key] = Items([fitting(row) for row in given], mark=given.mark, value_marks=marks)
+        elif given is not None:
+            kept[key] = fitting(given)
+    return (
+        (result, [f"paths of the sweep into methods that do not exist here: {', '.join(gone)}"]) if gone else (tree, [])
+    )
 
 
 def drop_statistics(draft: DraftConfig, inherited: Inherited) -> None:

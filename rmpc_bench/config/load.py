@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.added_methods import texts_of
@@ -13,13 +14,14 @@ from rmpc_bench.config.checks import check
 from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.inheritance import inherit
-from rmpc_bench.config.left_out import Inherited
+from rmpc_bench.config.left_out import Inherited, fitting_metrics, fitting_sweep
 from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
-from rmpc_bench.config.source import read
+from rmpc_bench.config.source import GivenConfig, read
 from rmpc_bench.config.sweep import expand
+from rmpc_bench.config.tree import Map
 from rmpc_bench.config.validation import validate_sections
 from rmpc_bench.types import ConfigError
 
@@ -53,23 +55,52 @@ def load_config(
         If anything is wrong: all errors, sorted, each with its place.
     """
     source = read(path, overrides, add_methods)
-    tree = with_matrices(inherit(source), source.path)
     access = CodeAccess.of(source.path, allow_code)
+    size = Size(runs, smoke, lenient=smoke or bool(overrides))
+    inherited = Inherited(source.path, is_changed=bool(overrides) or runs is not None)
+    tree, left_out = fitting_sweep(with_matrices(inherit(source), source.path), inherited)
     load_plugins(tree, access)
+    try:
+        return _validated(source, tree, access, size, inherited, left_out)
+    except ConfigError as error:
+        tree, lines = fitting_metrics(tree, error.problems, inherited)
+        if not lines:
+            raise
+    return _validated(source, tree, access, size, inherited, [*left_out, *lines])
+
+
+class Size(NamedTuple):
+    """What the options of the command line say about the size of the experiment."""
+
+    runs: int | None
+    smoke: bool
+    lenient: bool
+    """Whether figures and claims may reach beyond the end of a run: they are written for the full size."""
+
+
+def _validated(
+    source: GivenConfig, tree: Map, access: CodeAccess, size: Size, inherited: Inherited, left_out: Sequence[str]
+) -> ExperimentConfig:
+    """Take a tree through the stages from its sweep on.
+
+    Raises
+    ------
+    ConfigError
+        All errors.
+    """
     sweep = expand(tree, source.overrides, access)
-    drafts = validate_sections(sweep.points, runs=runs, smoke=smoke, access=access)
+    drafts = validate_sections(sweep.points, runs=size.runs, smoke=size.smoke, access=access)
+    drafts[0].left_out += left_out
     join_findings(source.path, drafts[0])
     own = OwnCode(access)
-    points = build(drafts, own, smoke=smoke)
-    # Figures and claims are written for the full size; a reduced or overridden one may be too short for them.
-    inherited = Inherited(source.path, is_changed=bool(overrides) or runs is not None)
-    claims = check(sweep, drafts, points, inherited, lenient=smoke or bool(overrides))
+    points = build(drafts, own, smoke=size.smoke)
+    claims = check(sweep, drafts, points, inherited, lenient=size.lenient)
     built = [point for point in points if point is not None]
     problems = [*sweep.problems, *(problem for draft in drafts for problem in problems_at_origin(draft))]
     problems += own.problems
     if problems or len(built) < len(points):
         raise ConfigError(problems)
-    options = source.options(runs, smoke=smoke)
+    options, added = source.options(size.runs, smoke=size.smoke), texts_of(source.added)
     return canonicalise(
-        source.path, sweep, drafts[0], built, claims, own, smoke=smoke, overrides=options, added=texts_of(source.added)
+        source.path, sweep, drafts[0], built, claims, own, smoke=size.smoke, overrides=options, added=added
     )

@@ -115,6 +115,40 @@ def test_a_label_that_names_what_is_swept(tmp_path):
     assert config.left_out[0].startswith("label of R-MPC: ")
 
 
+def test_metrics_behind_the_end_of_a_shorter_run(tmp_path):
+    """They are left out at all points; one that the override gives is an error, and so is a file without any left."""
+    window = "{kind: mse, name: late, from: 6, to: 9}"
+    path = write(tmp_path, metrics=f"[{window}, mse]", sweep="{grid: {seed: [1, 2]}}")
+    config = load_config(path, overrides=["time.steps=4"])
+    assert [[info.name for info in point.experiment.metric_infos] for point in config.points] == [["mse"], ["mse"]]
+    [line] = config.left_out
+    assert line.startswith("metric metrics.0: the window from 6 to 9")
+    for overrides in (["time.steps=4", f"metrics=[{window}, mse]"], ["time.steps=4", f"metrics=[{window}]"]):
+        with pytest.raises(ConfigError, match="the window from 6 to 9"):
+            load_config(path, overrides=overrides)
+    alone = write(tmp_path, file="alone.yaml", metrics=f"[{window}]")
+    with pytest.raises(ConfigError, match="the window from 6 to 9"):
+        load_config(alone, overrides=["time.steps=4"])
+
+
+@pytest.mark.parametrize(
+    ("sweep", "n_points"),
+    [
+        ("{grid: {methods.R-MPC.estimator.c: [0.1, 0.2], seed: [1, 2]}}", 2),
+        ("{zip: [{name: a}, {name: b, methods.R-MPC.estimator.c: 0.2}, {name: c, seed: 5}]}", 3),
+        ("{zip: {methods.R-MPC.estimator.c: [0.1, 0.2], seed: [1, 2]}}", 2),
+    ],
+)
+def test_paths_of_the_sweep_into_a_method_that_is_gone(tmp_path, sweep, n_points):
+    """They are left out; the other paths stay."""
+    path = write(tmp_path, sweep=sweep)
+    config = load_config(path, overrides=[ONE])
+    assert len(config.points) == n_points
+    assert config.left_out == ("paths of the sweep into methods that do not exist here: methods.R-MPC.estimator.c",)
+    with pytest.raises(ConfigError, match="is not a known method"):
+        load_config(path, overrides=[ONE, "sweep={grid: {methods.R-MPC.estimator.c: [0.1]}}"])
+
+
 def test_the_command_line_says_what_is_left_out(path, tmp_path):
     """One line each on stderr; the run and its report work."""
     found = cli("run", path, "-s", ONE, "-o", tmp_path / "out", "-j", 1, "--progress", "none")
