@@ -161,14 +161,17 @@ def _verdict(row: ImprovementDifference, margin: str) -> str:
 
 
 def _verb(change: Estimate) -> str:
+    """Return the direction that the interval of a change supports."""
+    if change.low <= 0 <= change.high or not change.value:
+        return "changes"
     return "lowers" if change.value < 0 else "raises"
 
 
 def _changed(change: Estimate, each: AverageDifference, info: MetricInfo, *, sign: bool = False) -> str:
     """Write a change; a reduction as a positive number unless signs are shown."""
     unit = info.unit if each.average == "difference" else "%"
-    if sign or change.value >= 0:
-        return interval_text(*change, unit=unit, sign=sign)
+    if sign or _verb(change) != "lowers":
+        return interval_text(*change, unit=unit, sign=sign or _verb(change) == "changes")
     return interval_text(-change.value, -change.high, -change.low, unit=unit, sign=False)
 
 
