@@ -190,7 +190,8 @@ def _verb(verb: str) -> list[str]:
     context = click.Context(command, info_name=f"rmpc-bench {verb}")
     usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     options = [param for param in command.get_params(context) if isinstance(param, click.Option)]
-    records = [option.get_help_record(context) for option in options if option.name != "help"]
+    # The names of this option depend on the commands that this process has called before.
+    records = [option.get_help_record(context) for option in options if "--help" not in option.opts]
     rows = [(code(" ".join(each[0].split())), text(each[1])) for each in records if each]
     paragraphs = [text(each) for each in inspect.cleandoc(command.help or "").split("\n\n")]
     return [
