@@ -116,7 +116,11 @@ class EstimationError(OnePointFigure):
             f"covariance $P$ that the estimator reports{own}.",
             _runs_sentence(lines, self.runs),
         ]
-        sentences += [f"{found.label(name)}: {text}" for name, each in lines.items() if (text := _mean_sentence(each))]
+        sentences += [
+            f"{found.label(name)}: {text}"
+            for name, each in lines.items()
+            if (text := _mean_sentence(each, found.window))
+        ]
         sentences += [_shares_sentence(found), sets_sentence(found.point, lines)]
         return " ".join(filter(None, sentences))
 
@@ -249,17 +253,17 @@ def _runs_sentence(lines: dict[str, ErrorLines], n_single: int) -> str:
         return ""
     n, n_failed = max(len(each.runs) for each in recorded), sum(each.n_failed for each in recorded)
     failed = f"; {n_failed} failed runs are left out" if n_failed else ""
-    return f"Thin: the first {min(n_single, n)} of {n} recorded runs{failed}."
+    return f"Thin: {f'the first {min(n_single, n)} of {n} recorded runs' if n > 1 else 'the recorded run'}{failed}."
 
 
-def _mean_sentence(lines: ErrorLines) -> str:
+def _mean_sentence(lines: ErrorLines, window: TimeWindow) -> str:
     """Say what the solid lines are, and how the actual spread compares with the reported one."""
     moments = lines.moments
     if moments is None:
         return ""
     source = f"over {moments.n} runs" if moments.n else "exact"
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio: Array = 3 * moments.std / lines.band
+        ratio: Array = 3 * moments.std[window.slice] / lines.band[window.slice]
     known = ratio[np.isfinite(ratio)]
     text = f"solid: mean and mean $\\pm 3$ standard deviations, {source}"
     if not len(known):

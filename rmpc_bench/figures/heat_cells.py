@@ -180,8 +180,9 @@ def _places(grid: Grid) -> int | None:
     reaches = reaches[np.isfinite(reaches) & (reaches > 0)]
     if not len(reaches) or not len(sizes) or sizes.max() >= 1e5 or sizes.max() < 1e-3:
         return None
-    # One digit of the uncertainty is enough beside the hatch.
-    return max(0, decimals(float(np.median(reaches))) - 1)
+    # One digit of the uncertainty is enough beside the hatch, and four digits of a number are enough in a cell.
+    most = max(0, 3 - math.floor(math.log10(sizes.max())))
+    return min(most, max(0, decimals(float(np.median(reaches))) - 1))
 
 
 def _ink(shade: Any) -> str:

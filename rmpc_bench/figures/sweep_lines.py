@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.trials import Trials
 
-MOST_ROWS = 40
+MOST_ROWS = 48
 """Rows of methods in all categories that fit below each other."""
 
 
@@ -82,7 +82,8 @@ class SweepLines(SweepFigure):
             others = other_paths(layout.points, path)
             panels = {panel_title(point, others) for point in layout.points}
             yield from layout.require_at_most(MOST_PANELS, len(panels), "panels", "at", "choose points with `at`")
-            n_methods = len(self.order or layout.methods)
+            # The baseline has no change against itself.
+            n_methods = len(self.order or layout.methods[self.show == "change" :])
             axis = axis_of(layout.points, path, [str(place) for place in range(len(layout.points))])
             if axis.numbers is None:
                 n_rows = len(axis.texts) * n_methods * len(panels)

@@ -85,7 +85,7 @@ def test_no_change_and_the_margin_are_grey(sweep):
 def test_values(sweep):
     """Means on a scale from the least to the most, no hatch; one panel per method."""
     *panels, bar = HeatMap(show="value", width=5.0).draw(sweep).axes
-    assert [axes.get_title() for axes in panels] == ["A", "B"] and bar.get_ylabel() == "mse [rad$^{2}$]"
+    assert [axes.get_title() for axes in panels] == ["A", "B"] and bar.get_ylabel() == "MSE [rad$^{2}$]"
     means = [point.column("mse", method).mean() for point in sweep.points for method in "AB"]
     np.testing.assert_allclose(bar.get_ylim(), (min(means), max(means)), rtol=1e-12)
     assert all(not cells(axes)[1] for axes in panels)
