@@ -194,7 +194,7 @@ def _ink(shade: Any) -> str:
 def _quantity(trials: Trials, grid: Grid) -> str:
     if not grid.values.kind:
         return metric_label(grid.info)
-    return with_unit(literal(change_label(trials, grid.info, grid.values.kind)), grid.values.unit)
+    return with_unit(typeset(change_label(trials, grid.info, grid.values.kind)), grid.values.unit)
 
 
 def _note(trials: Trials, grid: Grid, limit: float) -> str:

@@ -42,7 +42,7 @@ def lines_caption(trials: Trials, content: SweepContent, spread: str) -> str:
     else:
         middle, ends = SPREADS[spread]
         unit = f" in {content.info.unit}" if content.info.unit else ""
-        what = f"{_sentence(content.info.name)}{unit} over {over}. Marks are the {middle} of the runs"
+        what = f"{_sentence(content.info.words)}{unit} over {over}. Marks are the {middle} of the runs"
         first = f"{what}, bands and bars show {ends.format(100 * trials.confidence)}; {runs_words(values)}."
     sentences = [first, margin_sentence(values)]
     sentences += [_extremes(trials, content, name, title) for title in content.panels for name in values.methods][
@@ -98,7 +98,7 @@ def cells_caption(trials: Trials, grid: Grid) -> str:
     else:
         unit = f" in {grid.info.unit}" if grid.info.unit else ""
         average = "Median" if grid.info.may_not_occur else "Mean"
-        sentences = [f"{average} {grid.info.name}{unit} {over}, {runs_words(values)}."]
+        sentences = [f"{average} {grid.info.words}{unit} {over}, {runs_words(values)}."]
     return " ".join(filter(None, [*sentences, *(_range_of(trials, grid, name) for name in values.methods)]))
 
 

@@ -116,7 +116,7 @@ def _quantity(trials: Trials, content: SweepContent) -> str:
     """Label the axis of the metric or its change."""
     if not content.values.kind:
         return metric_label(content.info)
-    return with_unit(literal(change_label(trials, content.info, content.values.kind)), content.values.unit)
+    return with_unit(typeset(change_label(trials, content.info, content.values.kind)), content.values.unit)
 
 
 def _sample(look: LineStyle, *, in_rows: bool) -> Line2D:

@@ -129,11 +129,13 @@ def changes_at(results: Trials, points: Sequence[Trials], info: MetricInfo, orde
 
 
 def change_label(trials: Trials, info: MetricInfo, kind: str) -> str:
-    """Name a change, such as ``change of mse against S-MPC``; not typeset, without its unit."""
+    """Name a change, such as ``change of MSE against S-MPC``, without its unit."""
     from rmpc_bench.analysis.pairs import name_of_distance
 
     word, link = ("difference", "from") if kind == "difference" else ("change", "against")
-    return f"{word} of {name_of_distance(info)} {link} {trials.labels.get(trials.baseline, trials.baseline)}"
+    return (
+        f"{word} of {name_of_distance(info, info.words)} {link} {trials.labels.get(trials.baseline, trials.baseline)}"
+    )
 
 
 def interval_words(trials: Trials, values: SweepValues) -> str:

@@ -61,7 +61,7 @@ def test_cells_are_the_numbers_of_comparisons_csv(sweep):
         assert float(texts[place]) == pytest.approx(row["change_pct"], abs=0.51)
         assert (place in hatched) == (row["ci_low"] <= 0 <= row["ci_high"])
     assert hatched == {(1, 0), (1, 1)}
-    assert bar.get_ylabel() == "change of mse against A [%]"
+    assert bar.get_ylabel() == "change of MSE against A [%]"
 
 
 def test_no_change_and_the_margin_are_grey(sweep):
@@ -101,11 +101,11 @@ def test_numbers_only_where_they_fit(sweep):
 def test_caption(sweep):
     """Where a method is best and worst, and how many cells are hatched."""
     caption = HeatMap().caption(sweep)
-    assert caption.startswith("Change of mse against A over Hp of the controller and scale of the uncertainty in %")
+    assert caption.startswith("Change of MSE against A over Hp of the controller and scale of the uncertainty in %")
     assert "Hatched cells: the simultaneous 95 % interval contains 0." in caption
     assert "(Hp = 5, scale = 2) to +300" in caption.replace("+300.0", "+300")
     assert caption.endswith("2 of 5 cells are hatched.")
-    assert HeatMap(show="value").caption(sweep).startswith("Mean mse in rad^2 over Hp")
+    assert HeatMap(show="value").caption(sweep).startswith("Mean MSE in rad^2 over Hp")
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def test_changes_and_intervals_are_those_of_comparisons_csv(sweep):
     ends = band(axes)
     for row in kept.to_dict("records"):
         np.testing.assert_allclose(ends[row[HP]], (row["ci_low"], row["ci_high"]), rtol=1e-5)
-    assert axes.get_ylabel().replace("\n", " ") == "change of mse against A [%]"
+    assert axes.get_ylabel().replace("\n", " ") == "change of MSE against A [%]"
     assert "simultaneous 95 % intervals; 29 to 30 paired runs, 1 failed" in axes.get_title().replace("\n", " ")
 
 
@@ -102,11 +102,11 @@ def test_caption_states_the_extremes(sweep):
     figure = SweepLines(show="change")
     kept = summarise(sweep).compared.set_index(HP)["change_pct"]
     caption = figure.caption(sweep)
-    assert caption.startswith("Change of mse against A over Hp of the controller. Marks are the geometric mean")
+    assert caption.startswith("Change of MSE against A over Hp of the controller. Marks are the geometric mean")
     assert "The grey band from -0.99 to +1 % is the margin of relevance." in caption
     low, high = f"{kept['5']:+.1f} %", f"{kept['20']:+.1f} %"
     assert f"B: from {low} [" in caption and f"to {high} [" in caption and caption.endswith("(Hp = 20).")
-    assert SweepLines().caption(sweep).startswith("Mse in rad^2 over Hp of the controller. Marks are the median")
+    assert SweepLines().caption(sweep).startswith("MSE in rad^2 over Hp of the controller. Marks are the median")
 
 
 @pytest.mark.parametrize(
