@@ -3,7 +3,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow smoke docs lint type perf clean zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks papers
+.PHONY: help setup run test test-slow smoke site docs lint type perf clean zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks papers
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -24,6 +24,9 @@ test-slow: setup  ## run the tests that take minutes
 
 smoke: setup  ## run every configuration at its small size
 	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh || exit; done
+
+site: setup  ## write the pages of all stored experiments and their index into results/site
+	$(BIN)/rmpc-bench report $$(find results -name trials.sqlite -o -name claims.json | grep -v -e /site/ -e /smoke/ -e '~' -e '\.2' | xargs -n 1 dirname | sort -u) --to results/site
 
 docs: setup  ## make the generated parts of README and docs again
 	PYTHONPATH=tests $(BIN)/python -m docs.pages

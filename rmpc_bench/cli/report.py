@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rmpc_bench.cli import exits
 from rmpc_bench.types.report_choices import DEFAULT_FORMATS
+
+if TYPE_CHECKING:
+    from rmpc_bench.execution.publish import Publication
+    from rmpc_bench.execution.site import KeptClaims
 
 OPTIONS = {"metrics": "--metric"}
 """Key of the section `report` -> its option, where that is not the key itself."""
@@ -45,22 +50,48 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     """Write tables and figures again from stored trials; nothing is simulated.
 
     The options replace the section `report` of the configuration.  With --to nothing in DIR changes; several
-    directories are then written to --to/PAPER/NAME.
+    directories are then written to --to/PAPER/NAME, with an index of their pages in --to/index.html.
     """
     from rmpc_bench.execution.publish import publish
     from rmpc_bench.execution.report_choices import choose
     from rmpc_bench.execution.results import load_results
 
-    places = _places(directories, to, choices)
+    several = to is not None and len(directories) > 1
+    kept = _kept_claims(directories) if several else {}
+    stored = [directory for directory in directories if directory not in kept]
+    places = _places(stored, to, choices, several=several)
     code = 0
-    for directory, place in zip(directories, places, strict=True):
+    published: dict[Path, Publication | KeptClaims] = {**kept}
+    for directory, place in zip(stored, places, strict=True):
         written = publish(choose(load_results(directory), **choices), to=place)
         exits.show(written)
         code = max(code, exits.code_of(written, strict=False))
+        published[directory] = written
+    if several and to is not None:
+        from rmpc_bench.execution.site import write_site
+
+        pages = write_site([published[directory] for directory in directories], to)
+        click.echo(f"index       {pages[0]}")
     return code
 
 
-def _places(directories: tuple[Path, ...], to: Path | None, choices: dict[str, Any]) -> list[Path | None]:
+def _kept_claims(directories: tuple[Path, ...]) -> dict[Path, KeptClaims]:
+    """Read the kept findings of experiments whose trials are not stored, and say which these are."""
+    from rmpc_bench.execution.database import FILE
+    from rmpc_bench.execution.site import kept_claims
+
+    missing = [directory for directory in directories if not (directory / FILE).exists()]
+    found = {directory: claims for directory in missing if (claims := kept_claims(directory)) is not None}
+    for directory, claims in found.items():
+        command = claims.record["experiment"]["command"]
+        text = f"{directory}: there is no {FILE}; the index shows its kept findings; `{command}` computes it"
+        click.echo(text, err=True)
+    return found
+
+
+def _places(
+    directories: Sequence[Path], to: Path | None, choices: dict[str, Any], *, several: bool
+) -> list[Path | None]:
     """Return where to write the files of every directory; refuse what is wrong before anything is written."""
     from rmpc_bench.execution.report_choices import wrong_choices
     from rmpc_bench.execution.results import load_experiment
@@ -72,7 +103,7 @@ def _places(directories: tuple[Path, ...], to: Path | None, choices: dict[str, A
         raise click.UsageError("\n".join(lines))
     if to is None:
         return [None for _ in directories]
-    if len(directories) == 1:
+    if not several:
         return [to]
     places = [to / (experiment.paper or "") / experiment.name for experiment in experiments]
     for place in places:

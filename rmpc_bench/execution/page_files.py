@@ -19,6 +19,7 @@ from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure, PageSource
+from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.types import ConfigError
 
@@ -48,25 +49,26 @@ class Drawn(NamedTuple):
     rendering: Rendering
 
 
+class Evaluated(NamedTuple):
+    """What is computed from the trials of an experiment."""
+
+    record: ExperimentRecord
+    """Name, seed, hash and command."""
+    tables: Summary
+    verdicts: Sequence[ClaimVerdict]
+    drivers: DriversTable
+    requirements: RequirementsTable
+
+
 def write_page(
-    results: Results,
-    tables: Summary,
-    verdicts: Sequence[ClaimVerdict],
-    record: ExperimentRecord,
-    driven: DriversTable,
-    drawn: Drawn,
-    paths: Sequence[Path],
-    directory: Path,
+    results: Results, evaluated: Evaluated, drawn: Drawn, paths: Sequence[Path], directory: Path
 ) -> list[Path]:
     """Write report.html and report.md.
 
     Parameters
     ----------
     results : of the experiment
-    tables : summary and comparisons
-    verdicts : the finding of every claim
-    record : name, seed, hash and command of the experiment
-    driven : what drives the differences
+    evaluated : its tables and findings
     drawn : its figures
     paths : files that are written already
     directory : where to write
@@ -75,23 +77,22 @@ def write_page(
     -------
     the files
     """
-    more = write_more(results, _wanted(results, drawn.figures, driven), directory / "figures", drawn.rendering)
+    more = write_more(
+        results, _wanted(results, drawn.figures, evaluated.drivers), directory / "figures", drawn.rendering
+    )
     figures = [*drawn.figures, *more]
     written = [path for figure in more for path in figure.paths]
     text, configuration = _configuration(results.directory)
     methods = configuration.get("methods", {})
     differences = method_differences(methods) if methods else {}
     source = PageSource(
-        record=record,
+        **evaluated._asdict(),
         trials=results.trials,
-        tables=tables,
-        verdicts=verdicts,
         figures=[_page_figure(figure, directory) for figure in figures],
         place=place_of(results.directory),
         left_out=drawn.left_out,
         incomplete=results.incomplete,
         overrides=results.overrides,
-        drivers=driven,
         manifest=read(results.directory),
         differences={
             name: {key: short_value(value) for key, value in keys.items()} for name, keys in differences.items()

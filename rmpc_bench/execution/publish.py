@@ -20,7 +20,7 @@ from rmpc_bench.execution.evaluation import drivers, judge, requirements, summar
 from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.latex_files import write_latex
 from rmpc_bench.execution.manifest import note_look, read
-from rmpc_bench.execution.page_files import PAGE, Drawn, write_page
+from rmpc_bench.execution.page_files import PAGE, Drawn, Evaluated, write_page
 from rmpc_bench.execution.report_choices import rendering_of
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.fonts import remark_on
@@ -148,12 +148,12 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     # Another directory says nothing else than this one, which stays as it is.
     if len(results.trials.runs) and results.trials.with_verdicts and _is_same(directory, results.directory):
         note_look(results.directory, len(results.trials.runs))
-    record = _experiment(results)
+    record = experiment_record(results)
     paths += write_latex(tables, record, directory / "tables", report)
     figures, left_out = write_figures(results, directory / "figures", rendering)
     paths += [path for figure in figures for path in figure.paths]
     drawn = Drawn(figures, left_out, rendering)
-    paths += write_page(results, tables, verdicts, record, driven, drawn, paths, directory)
+    paths += write_page(results, Evaluated(record, tables, verdicts, driven, demanded), drawn, paths, directory)
     remarks = tuple(filter(None, [remark_on(rendering.font)]))
     return Publication(results, directory, tuple(paths), tables, verdicts, driven, demanded, figures, left_out, remarks)
 
@@ -237,7 +237,7 @@ def _write_claims(
         file.unlink(missing_ok=True)
     if not verdicts:
         return []
-    record = claims_record(verdicts, _experiment(results))
+    record = claims_record(verdicts, experiment_record(results))
     files[0].write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     ending = "svg" if "svg" in formats else formats[0]
     text = claims_markdown(verdicts, informational=not results.is_final, ending=ending)
@@ -245,7 +245,7 @@ def _write_claims(
     return files
 
 
-def _experiment(results: Results) -> ExperimentRecord:
+def experiment_record(results: Results) -> ExperimentRecord:
     """Describe the experiment by what is the same on every machine, since claims.json is kept under version control."""
     experiment = results.experiment
     # The directory of a user's own file is not known; those of papers have a place.

@@ -24,6 +24,11 @@ def strong(text: str) -> dict[str, str]:
     return {"strong": text}
 
 
+def badge(text: str, style: str) -> dict[str, str]:
+    """Make a word in a coloured field; `style` is ``yes``, ``no`` or ``open``."""
+    return {"badge": text, "style": style}
+
+
 def link(target: str, text: str) -> dict[str, str]:
     """Make a link to a place of the page (``#id``) or a file beside it."""
     return {"link": target, "text": text}
@@ -66,6 +71,7 @@ def table(
     methods: Sequence[int | None] = (),
     metric: str = "",
     notes: Sequence[Text] = (),
+    prose: bool = False,
 ) -> Block:
     """Make a table whose first column names its rows.
 
@@ -76,6 +82,7 @@ def table(
     methods : number of the method of every row, so that the row can be hidden with it; None for none
     metric : name of the metric, so that the table can be chosen by it
     notes : lines below the table
+    prose : whether cells hold sentences, which are broken into lines
     """
     rows = [list(cells) for cells in zip(*columns.values(), strict=True)]
     numbers = [*methods] if methods else [None] * len(rows)
@@ -86,6 +93,7 @@ def table(
         "rows": [{"method": number, "cells": cells} for number, cells in zip(numbers, rows, strict=True)],
         "metric": metric,
         "notes": list(notes),
+        "prose": prose,
     }
 
 

@@ -30,13 +30,15 @@ from rmpc_bench.report.page.blocks import (
     table,
 )
 from rmpc_bench.report.page.claim_items import claim_blocks
-from rmpc_bench.report.page.headline import headline
+from rmpc_bench.report.page.headline import headline, shown_metric
 from rmpc_bench.report.page.result_tables import result_blocks
 from rmpc_bench.report.page.source import PageFigure, PageSource
+from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import show_command
+from rmpc_bench.report.summary import MOST_ON_SCREEN
 from rmpc_bench.report.worst_runs import worst_runs, worst_runs_columns
 
-OVER_TIME = ("trajectories", "tubes", "plane", "estimation-error", "nees", "series")
+OVER_TIME = ("trajectories", "tubes", "plane", "estimation-error", "nees", "nis", "series")
 """Kinds of figures that stand among the trajectories."""
 MOST_FAILURES = 5
 """Files of failed runs that the page links."""
@@ -60,8 +62,8 @@ def page_context(source: PageSource) -> dict[str, Any]:
     parts = [
         section("summary", "Summary", [paragraph(headline(source.tables), "lead")]),
         section("result", "Result", _result_figures(source)),
-        section("table", "Table", result_blocks(source.tables)),
-        section("drivers", "What drives it", _driver_blocks(source)),
+        section("table", "Table", result_blocks(source.tables, trials.methods)),
+        section("drivers", "What drives it", [*_driver_blocks(source), *_requirement_blocks(source)]),
         section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),
         section("trajectories", "Trajectories and worst runs", _trajectory_blocks(source), "Trajectories"),
         section(
@@ -80,8 +82,8 @@ def page_context(source: PageSource) -> dict[str, Any]:
         "title": source.record["title"] or trials.name,
         "name": "/".join(part for part in (source.record["paper"], trials.name) if part),
         "provenance": _provenance(source),
-        "methods": _method_legend(trials),
-        "metrics": _metrics(trials),
+        "methods": _method_legend(source),
+        "metrics": _metrics(source.tables.points[0].trials),
         "sections": [part for part in parts if part["blocks"]],
     }
 
@@ -96,11 +98,14 @@ def _metrics(trials: Trials) -> list[str]:
     return names if len(names) > 1 and len(trials.each[0].runs) else []
 
 
-def _method_legend(trials: Trials) -> list[Mapping[str, Any]]:
+def _method_legend(source: PageSource) -> list[Mapping[str, Any]]:
+    """Return the methods that the tables show, with their place among all methods and their colour."""
+    trials, shown = source.trials, source.tables.points[0].trials.methods
     styles = line_styles(trials.methods, trials.methods)
     return [
         {"number": number, "name": name, "label": trials.labels.get(name, name), "colour": styles[name].color}
         for number, name in enumerate(trials.methods)
+        if name in shown
     ]
 
 
@@ -179,12 +184,23 @@ def _driver_blocks(source: PageSource) -> list[Block]:
     return [*blocks, paragraph(EXPLANATION, "note")] if points else blocks
 
 
+def _requirement_blocks(source: PageSource) -> list[Block]:
+    """Return how many runs meet the requirements, at the first points of a sweep."""
+    points = [] if source.requirements is None else source.requirements.points[:MOST_ON_SCREEN]
+    blocks: list[Block] = []
+    for trials, frame in points:
+        if len(frame):
+            where = f" ({trials.title})" if trials.title else ""
+            blocks.append(table(f"Runs that meet the requirements{where}", {**requirement_columns(trials, frame)}))
+    return [*blocks, paragraph(REQUIREMENTS_NOTE, "note")] if blocks else []
+
+
 def _trajectory_blocks(source: PageSource) -> list[Block]:
     """Return the figures over time, and the worst run of every method with the command that shows it."""
     first = _first_figures(source)
     blocks = _figures([each for each in source.figures if each.kind in OVER_TIME and each not in first])
-    trials = source.trials.each[0]
-    info = trials.primary_info
+    trials = source.tables.points[0].trials
+    info = shown_metric(trials)
     if info is None or trials.alike or not trials.with_verdicts or len(trials.runs) < 2:
         return blocks
     found = worst_runs(trials, info)
@@ -203,7 +219,7 @@ def _trajectory_blocks(source: PageSource) -> list[Block]:
         "command that shows it": [[code(command)] for command in commands],
     }
     where = f" ({trials.title})" if trials.title else ""
-    numbers = [trials.methods.index(name) for name in names]
+    numbers = [source.trials.methods.index(name) for name in names]
     blocks.append(table(f"Worst finished run of every method{where}", {**columns}, methods=numbers))
     tails = worst_runs_columns(trials)
     if tails:

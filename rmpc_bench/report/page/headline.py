@@ -29,7 +29,7 @@ def headline(tables: Summary) -> str:
     the sentence, followed by one on what the numbers in it are
     """
     first = tables.points[0]
-    info = first.trials.primary_info
+    info = shown_metric(first.trials)
     if not first.trials.with_verdicts:
         return SMOKE
     if info is None or not len(first.trials.frame):
@@ -43,9 +43,17 @@ def headline(tables: Summary) -> str:
     return _several_points(first.trials, quantity, rows)
 
 
+def shown_metric(trials: Trials) -> MetricInfo | None:
+    """Return the primary metric, or the first one where tables do not show it; None without metrics."""
+    return trials.primary_info or next(iter(trials.metrics), None)
+
+
 def _rows(point: PointSummary, info: MetricInfo) -> list[Mapping[Any, Any]]:
     compared = point.compared
-    return [*compared[compared["metric"] == info.name].to_dict("records")] if len(compared) else []
+    if not len(compared):
+        return []
+    rows = compared[(compared["metric"] == info.name) & compared["method"].isin(point.trials.methods)]
+    return [*rows.to_dict("records")]
 
 
 def _described(point: PointSummary, info: MetricInfo) -> str:
@@ -82,24 +90,32 @@ def _compared(trials: Trials, info: MetricInfo, row: Mapping[Any, Any]) -> str:
 
 
 def _several_points(trials: Trials, quantity: str, rows: Sequence[Sequence[Mapping[Any, Any]]]) -> str:
-    """Count the verdicts of every method over the points."""
+    """Count the verdicts over the points, for all methods with the same counts together."""
     counts: dict[str, Counter[str]] = {}
     for row in (row for point in rows for row in point):
         word = str(row["verdict"]).replace("-size-uncertain", "").replace("-", " ")
-        counts.setdefault(str(row["method"]), Counter())[word or "without a verdict"] += 1
-    parts = []
-    for method, words in [*counts.items()][:MOST_NAMED]:
-        n = sum(words.values())
-        texts = [f"{word} at {times} of {n}" for word, times in words.most_common()]
-        parts.append(f"{method} is {_joined(texts)} points")
-    if len(counts) > MOST_NAMED:
-        parts.append(f"{len(counts) - MOST_NAMED} more methods are in the table")
-    return f"Compared with {trials.baseline} in {quantity}, {_joined(parts, '; ')}."
+        word = word.replace("depends on average", "dependent on the average") or "without a verdict"
+        counts.setdefault(str(row["method"]), Counter())[word] += 1
+    alike: dict[str, list[str]] = {}
+    for method, words in counts.items():
+        alike.setdefault(_counted(words), []).append(method)
+    parts = [f"{_joined(methods)}: {text}" for text, methods in alike.items()]
+    shown = parts[:MOST_NAMED]
+    if len(parts) > len(shown):
+        left = sum(len(methods) for methods in [*alike.values()][MOST_NAMED:])
+        shown.append(f"{left} more method{'' if left == 1 else 's'}: see the table")
+    return f"Compared with {trials.baseline} in {quantity} at {len(rows)} points of a sweep. {'; '.join(shown)}."
 
 
-def _joined(parts: Sequence[str], separator: str = ", ") -> str:
-    if len(parts) < 2:
-        return "".join(parts)
-    if len(parts) == 2 and separator == ", ":
-        return f"{parts[0]} and {parts[1]}"
-    return f"{separator.join(parts[:-1])}{separator}and {parts[-1]}"
+def _counted(words: Counter[str]) -> str:
+    """Write how often each verdict was given, such as ``better at 3 points, worse at 1``."""
+    if len(words) == 1:
+        return f"{next(iter(words))} at all {words.total()} points"
+    first, *rest = [f"{word} at {times}" for word, times in words.most_common()]
+    return ", ".join([f"{first} points" if not first.endswith(" at 1") else f"{first} point", *rest])
+
+
+def _joined(parts: Sequence[str]) -> str:
+    if len(parts) < 3:
+        return " and ".join(parts)
+    return f"{', '.join(parts[:-1])}, and {parts[-1]}"

@@ -94,6 +94,8 @@ def _inline_html(text: Any) -> Any:
             found.append(Markup(to_html(piece)))
         elif "code" in piece:
             found.append(Markup("<code>{}</code>").format(piece["code"]))
+        elif "badge" in piece:
+            found.append(Markup('<span class="badge {}">{}</span>').format(piece["style"], piece["badge"]))
         elif "strong" in piece:
             found.append(Markup("<strong>{}</strong>").format(Markup(to_html(piece["strong"]))))
         else:
@@ -112,6 +114,8 @@ def _inline_markdown(text: Any) -> str:
             found.append(f"{lead if piece.strip() else ''}{to_markdown(piece)}{blank}")
         elif "code" in piece:
             found.append(_code(piece["code"]))
+        elif "badge" in piece:
+            found.append(f"**{to_markdown(piece['badge'])}**")
         elif "strong" in piece:
             found.append(f"**{to_markdown(piece['strong'])}**")
         else:

@@ -10,6 +10,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.cells import metric_table
 from rmpc_bench.report.ensemble_table import ensemble_rows
 from rmpc_bench.report.page.blocks import Block, Text, bullets, code, folded, heading, table
+from rmpc_bench.report.page.headline import shown_metric
 from rmpc_bench.report.sentences import explanation, sentence
 from rmpc_bench.report.summary import MOST_ON_SCREEN, PointSummary, Summary
 from rmpc_bench.report.tables import BEST, legend, metric_columns, quantity
@@ -17,27 +18,31 @@ from rmpc_bench.types import MetricInfo
 
 SUPPORTING = ("won/lost/tied", "superiority", "p", "n/n_failed", "held steps", "pairs")
 """Columns behind the verdict."""
+MOST_OPEN = 3
+"""Tables besides that of the primary metric that are not folded."""
 MOST_ROWS = 200
 """Rows of the table of a large sweep."""
 
 
-def result_blocks(tables: Summary) -> list[Block]:
+def result_blocks(tables: Summary, methods: Sequence[str]) -> list[Block]:
     """Return the tables: of all metrics at a few points; of a large sweep the primary metric at its first points.
 
     Parameters
     ----------
     tables : summary and comparisons
+    methods : all methods of the experiment, by whose place a row can be hidden
     """
     points = [point for point in tables.points if len(point.trials.frame)]
     blocks: list[Block] = []
     if tables.pooled is not None:
-        blocks += [heading(f"All {len(tables.points)} points of the sweep together"), *_point_blocks(tables.pooled)]
+        title = heading(f"All {len(tables.points)} points of the sweep together")
+        blocks += [title, *_point_blocks(tables.pooled, methods)]
     if len(points) > MOST_ON_SCREEN:
-        blocks += _sweep_blocks(points)
+        blocks += _sweep_blocks(points, methods)
     else:
         for point in points:
             blocks += [heading(point.trials.title)] if point.trials.title else []
-            blocks += _point_blocks(point)
+            blocks += _point_blocks(point, methods)
     blocks += [block for point in tables.points[:MOST_ON_SCREEN] for block in _ensemble(point.trials)]
     first = tables.points[0].trials
     if points and len(first.methods) > 1 and first.with_verdicts:
@@ -45,12 +50,19 @@ def result_blocks(tables: Summary) -> list[Block]:
     return blocks
 
 
-def _point_blocks(point: PointSummary) -> list[Block]:
-    infos = sorted(point.trials.metrics, key=lambda info: info != point.trials.primary_info)
-    return [_metric_block(point, info) for info in infos]
+def _point_blocks(point: PointSummary, methods: Sequence[str]) -> list[Block]:
+    """Return the table of the primary metric, then those of the others, folded where they are many."""
+    primary = shown_metric(point.trials)
+    others = [info for info in point.trials.metrics if info != primary]
+    first = [] if primary is None else [_metric_block(point, primary, methods)]
+    rest = [_metric_block(point, info, methods) for info in others]
+    if len(rest) <= MOST_OPEN and not point.trials.title:
+        return [*first, *rest]
+    names = ", ".join(info.name for info in others)
+    return [*first, *folded(f"Other metrics: {names}", rest)]
 
 
-def _metric_block(point: PointSummary, info: MetricInfo) -> Block:
+def _metric_block(point: PointSummary, info: MetricInfo, methods: Sequence[str]) -> Block:
     trials = point.trials
     of = metric_table(trials, point.described, point.compared, info)
     columns: dict[str, Sequence[Text]] = {**metric_columns(of)}
@@ -60,16 +72,10 @@ def _metric_block(point: PointSummary, info: MetricInfo) -> Block:
     labels = columns.pop("label", None)
     if labels is not None:
         columns["method"] = [_named(name, label) for name, label in zip(columns["method"], labels, strict=True)]
-    numbers = [trials.methods.index(line.method) for line in of.lines]
+    numbers = [methods.index(line.method) for line in of.lines]
     best = BEST.get(info.direction, f"{info.direction} is better")
-    where = f" ({trials.title})" if trials.title else ""
-    return table(
-        f"{quantity(info)}, {best}{where}",
-        columns,
-        methods=numbers,
-        metric=info.name,
-        notes=legend(of, on_screen=False),
-    )
+    caption = f"{quantity(info)}, {best}"
+    return table(caption, columns, methods=numbers, metric=info.name, notes=[*legend(of, on_screen=False)])
 
 
 def _named(name: Text, label: Text) -> Text:
@@ -79,9 +85,9 @@ def _named(name: Text, label: Text) -> Text:
     return label if label.startswith(name) else f"{name}: {label}"
 
 
-def _sweep_blocks(points: Sequence[PointSummary]) -> list[Block]:
+def _sweep_blocks(points: Sequence[PointSummary], names: Sequence[str]) -> list[Block]:
     """Return one table of the primary metric with a row per point and method; summary.csv has all numbers."""
-    info = points[0].trials.primary_info
+    info = shown_metric(points[0].trials)
     if info is None:
         return []
     columns: dict[str, list[Text]] = {}
@@ -93,7 +99,7 @@ def _sweep_blocks(points: Sequence[PointSummary]) -> list[Block]:
         found.pop("label", None)
         if methods and len(methods) + len(of.lines) > MOST_ROWS:
             break
-        methods += [point.trials.methods.index(line.method) for line in of.lines]
+        methods += [names.index(line.method) for line in of.lines]
         for path, value in point.trials.point.items():
             columns.setdefault(path, []).extend([value] * len(of.lines))
         for head in ("method", "mean", "did not occur", "median [quartiles]", _change_column(found), "verdict"):
@@ -138,11 +144,11 @@ def _reading(tables: Summary, points: Sequence[PointSummary]) -> list[Block]:
         head = f"{point.trials.title}: " if point.trials.title else ""
         infos = {info.name: info for info in point.trials.metrics}
         rows: list[Mapping[Any, Any]] = [*point.compared.to_dict("records")] if len(point.compared) else []
-        primary = point.trials.primary_info
+        primary = shown_metric(point.trials)
         sentences += [
             head + sentence(row, infos[row["metric"]], point.trials)
             for row in rows
-            if primary is not None and row["metric"] == primary.name
+            if primary is not None and row["metric"] == primary.name and row["method"] in point.trials.methods
         ]
     return [*bullets([explanation(tables.points[0].trials)]), *bullets(sentences)]
 

@@ -12,6 +12,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.drivers_table import DriversTable
+from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.summary import Summary
 
 
@@ -51,6 +52,7 @@ class PageSource:
     confounded : methods that differ from the baseline in the estimator and in the controller
     configuration : the configuration with every default, as YAML; empty where it is not known
     drivers : what drives the differences; None where it is not known
+    requirements : how many runs meet the requirements; None where it is not known
     timings : durations of the calls of own components
     files : files of the directory, relative to the page
     """
@@ -70,5 +72,6 @@ class PageSource:
     confounded: Sequence[str] = ()
     configuration: str = ""
     drivers: DriversTable | None = None
+    requirements: RequirementsTable | None = None
     timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     files: Sequence[str] = ()

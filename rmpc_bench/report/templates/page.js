@@ -55,6 +55,9 @@
     });
   };
 
+  const unfold = (element) => {
+    for (let each = element.parentElement; each; each = each.parentElement) if (each.tagName === "DETAILS") each.open = true;
+  };
   const show = () => {
     const state = read();
     document.querySelectorAll("[data-method]").forEach((each) => {
@@ -62,7 +65,14 @@
     });
     const known = [...document.querySelectorAll(".of-metric")].some((each) => each.dataset.metric === state.metric);
     document.querySelectorAll(".of-metric").forEach((each) => {
-      each.classList.toggle("hidden", known && each.dataset.metric !== state.metric);
+      const chosen = known && each.dataset.metric === state.metric;
+      each.classList.toggle("hidden", known && !chosen);
+      if (chosen) unfold(each);
+    });
+    document.querySelectorAll("details").forEach((each) => {
+      const inside = [...each.querySelectorAll(".of-metric")];
+      const empty = inside.length > 0 && inside.every((one) => one.classList.contains("hidden"));
+      each.classList.toggle("hidden", empty);
     });
     if (controls) {
       controls.querySelectorAll("[name=method]").forEach((box) => { box.checked = !state.hide.includes(box.value); });
@@ -72,7 +82,7 @@
     sortTables(state.sort);
     const place = state.at && document.getElementById(state.at);
     if (place) {
-      for (let each = place.parentElement; each; each = each.parentElement) if (each.tagName === "DETAILS") each.open = true;
+      unfold(place);
       place.scrollIntoView();
     }
   };
