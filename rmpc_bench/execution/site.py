@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import rmpc_bench
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.record import ClaimsRecord
 from rmpc_bench.claims.table import claims_record
@@ -66,7 +67,7 @@ def write_site(published: Sequence[Publication | KeptClaims], to: Path) -> list[
     the files
     """
     to.mkdir(parents=True, exist_ok=True)
-    context = index_context([_entry(each, to) for each in published])
+    context = index_context([_entry(each, to) for each in published], rmpc_bench.__version__)
     pages = [to / "index.html", to / "index.md"]
     pages[0].write_text(render_html("page.html", context), encoding="utf-8", newline="\n")
     pages[1].write_text(render_markdown("page.md", context), encoding="utf-8", newline="\n")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import rmpc_bench
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ClaimRecord, ExperimentRecord
@@ -35,12 +34,13 @@ class IndexEntry(NamedTuple):
     """Its summary; empty where its trials are not stored."""
 
 
-def index_context(entries: Sequence[IndexEntry]) -> dict[str, Any]:
+def index_context(entries: Sequence[IndexEntry], version: str) -> dict[str, Any]:
     """Return all that the template of a page lays out for an index.
 
     Parameters
     ----------
     entries : the experiments, in the order in which they are listed
+    version : of this program
     """
     groups: dict[str, list[IndexEntry]] = {}
     for entry in entries:
@@ -49,7 +49,7 @@ def index_context(entries: Sequence[IndexEntry]) -> dict[str, Any]:
     order = [*known, *(name for name in groups if name not in known)]
     title = "Reproduced experiments" if len(order) != 1 else f"Experiments of {order[0]}"
     return {
-        "version": rmpc_bench.__version__,
+        "version": version,
         "title": title,
         "name": "rmpc-bench",
         "provenance": _provenance(entries),
