@@ -1,0 +1,152 @@
+"""The page in headless Chromium: no request, no error of the policy, the script's state, and the width of a phone."""
+
+import http.server
+import json
+import re
+import shutil
+import subprocess
+import threading
+
+import pytest
+
+from rmpc_bench.report.page.context import page_context
+from rmpc_bench.report.page.rendering import render_html
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+OPTIONS = (
+    "--headless --no-sandbox --disable-gpu --disable-background-networking --disable-component-update "
+    "--disable-sync --no-first-run --virtual-time-budget=3000"
+).split()
+# A starting browser takes seconds, on a busy machine ten times as many.
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")]
+PROBE = """<script>
+addEventListener("load", () => setTimeout(() => {
+  const shown = [...document.querySelectorAll("tbody tr")].filter((row) => row.getClientRects().length);
+  const first = document.querySelector("table");
+  document.title = JSON.stringify({
+    wide: document.documentElement.scrollWidth - innerWidth,
+    rows: shown.length,
+    of_b: shown.filter((row) => row.dataset.method === "1").length,
+    curves: [...document.querySelectorAll("svg [data-method='1']")].filter((part) => getComputedStyle(part).display !== "none").length,
+    order: [...first.tBodies[0].rows].map((row) => row.cells[0].textContent),
+    checked: [...document.querySelectorAll("[name=method]")].map((box) => box.checked),
+    metrics: [...document.querySelectorAll(".of-metric")].filter((each) => each.getClientRects().length).length,
+    back: getComputedStyle(document.body).backgroundColor,
+    hash: location.hash,
+  });
+}, 200));
+</script>"""
+BY_HAND = """<script>
+addEventListener("load", () => {
+  const box = document.querySelectorAll("[name=method]")[1];
+  box.checked = false;
+  box.dispatchEvent(new Event("change", { bubbles: true }));
+  const hidden = location.hash;
+  addEventListener("popstate", () => setTimeout(() => {
+    document.title = JSON.stringify({ hidden, after: location.hash, checked: box.checked });
+  }, 50));
+  history.back();
+});
+</script>"""
+
+
+def visited(directory, page, *options, fragment="", probe=PROBE):
+    """Open the page with a script of the test, and return what that script has found."""
+    # The policy allows the script of the page alone, so that the test has to take it away.
+    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page).replace("</body>", f"{probe}</body>")
+    file = directory / "probed.html"
+    file.write_text(text, encoding="utf-8")
+    profile = f"--user-data-dir={directory / 'profile'}"
+    command = [BROWSER, *OPTIONS, profile, *options, "--dump-dom", f"{file.as_uri()}{fragment}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    title = re.search(r"<title>(.*?)</title>", done.stdout, re.DOTALL)[1]
+    return json.loads(title.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+
+
+@pytest.fixture
+def page(make_source):
+    return render_html("page.html", page_context(make_source()))
+
+
+@pytest.mark.parametrize("width", [400, 1280])
+def test_no_page_is_wider_than_its_window(tmp_path, page, width):
+    """The browser has no window below 500 pixels, so that a narrow page stands in a frame."""
+    (tmp_path / "page.html").write_text(page, encoding="utf-8")
+    frame = (
+        f'<!DOCTYPE html><iframe id="f" src="page.html" style="width: {width}px; height: 900px; border: 0"></iframe>'
+    )
+    script = """<script>addEventListener("load", () => {
+      const inner = document.getElementById("f").contentDocument.documentElement;
+      document.title = JSON.stringify({ wide: inner.scrollWidth - inner.clientWidth });
+    });</script><title></title></body>"""
+    found = visited(tmp_path, f"{frame}<body>{script}", "--allow-file-access-from-files", probe="")
+    assert found["wide"] <= 0
+
+
+def test_the_fragment_holds_the_state(tmp_path, page):
+    plain = visited(tmp_path, page)
+    assert plain["checked"] == [True, True] and plain["of_b"] > 1 and plain["curves"] == 3
+    found = visited(tmp_path, page, fragment="#metric=power&hide=1&sort=0.1.up")
+    assert found["checked"] == [True, False] and found["of_b"] == 0 and found["curves"] == 0
+    assert found["metrics"] == 1 < plain["metrics"]
+
+
+def test_a_table_is_sorted_by_a_column_of_numbers(tmp_path, page):
+    up, down = (visited(tmp_path, page, fragment=f"#sort=0.1.{way}")["order"] for way in ("up", "down"))
+    assert sorted(up) == sorted(down) and up == down[::-1]
+
+
+def test_the_back_button_takes_back_a_choice(tmp_path, page):
+    found = visited(tmp_path, page, probe=BY_HAND)
+    assert found == {"hidden": "#hide=1", "after": "", "checked": True}
+
+
+def test_dark_mode(tmp_path, page):
+    light = visited(tmp_path, page, "--blink-settings=preferredColorScheme=1")["back"]
+    dark = visited(tmp_path, page, "--blink-settings=preferredColorScheme=0")["back"]
+    assert light == "rgb(255, 255, 255)" != dark
+
+
+def requests_of(directory, text):
+    """Open a page through a proxy; return the addresses that the proxy was asked for, and what the browser has said."""
+    seen = []
+
+    class Proxy(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            seen.append(self.path)
+            self.send_error(404)
+
+        do_CONNECT = do_GET
+
+        def log_message(self, *args):
+            pass
+
+    file = directory / "page.html"
+    file.write_text(text, encoding="utf-8")
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Proxy) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        proxy = f"--proxy-server=127.0.0.1:{server.server_address[1]}"
+        log = ["--enable-logging=stderr", "--v=0", f"--user-data-dir={directory / 'profile'}"]
+        command = [BROWSER, *OPTIONS, proxy, *log, "--dump-dom", file.as_uri()]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+        server.shutdown()
+        thread.join()
+    # The browser itself may ask for its updates.
+    return [path for path in seen if "google" not in path and "gstatic" not in path], done
+
+
+def test_the_page_makes_no_request(tmp_path, page):
+    """A proxy that all requests go through sees none, and the policy blocks nothing of the page."""
+    seen, done = requests_of(tmp_path, page)
+    assert seen == []
+    assert "hidden" not in re.search(r'<form id="controls"[^>]*>', done.stdout)[0], "the script has run"
+    assert "Content Security Policy" not in done.stderr
+
+
+def test_the_proxy_sees_a_request_that_is_made(tmp_path, page):
+    """So that the test above can fail; with the policy of the page the same picture is not asked for."""
+    picture = page.replace("</body>", '<img src="http://pictures.test/a.png" alt=""></body>')
+    assert requests_of(tmp_path, picture)[0] == []
+    free = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", picture)
+    assert requests_of(tmp_path, free)[0] == ["http://pictures.test/a.png"]
