@@ -15,6 +15,7 @@ from rmpc_bench.execution.figure_files import WrittenFigure, write_more
 from rmpc_bench.execution.manifest import read
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.figures.sweep_points import MOST_PANELS
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
@@ -114,14 +115,18 @@ def _wanted(results: Results, figures: Sequence[WrittenFigure], driven: DriversT
     """Name figures that a page has even where the configuration does not: changes, trajectories and drivers."""
     there = {figure.kind for figure in figures}
     trials = results.trials.each[0]
-    wanted = []
+    wanted: list[Mapping[str, Any]] = []
     if len(trials.methods) > 1 and len(trials.runs) > 1 and trials.with_verdicts:
-        wanted.append("paired")
+        # Of a large sweep the first points, as many as the figure has panels for.
+        points = results.trials.points
+        first = {"at": [dict(point.point) for point in points[:MOST_PANELS]]} if len(points) > MOST_PANELS else {}
+        wanted.append({"kind": "paired", **first})
+        wanted += [{"kind": "sweep-lines"}] if len(points) > MOST_PANELS else []
     if trials.traces and not there & {"tubes", "plane"}:
-        wanted.append("trajectories")
+        wanted.append({"kind": "trajectories"})
     if driven.tables:
-        wanted.append("drivers")
-    return [{"kind": kind} for kind in wanted if kind not in there]
+        wanted.append({"kind": "drivers"})
+    return [keys for keys in wanted if keys["kind"] not in there]
 
 
 def _page_figure(figure: WrittenFigure, directory: Path) -> PageFigure:

@@ -221,7 +221,7 @@ def _draw_boxes(axes: Axes, columns: Sequence[Array], looks: Sequence[LineStyle]
         values = column[np.isfinite(column)]
         if not len(values):
             continue
-        axes.bxp(
+        drawn = axes.bxp(
             [box_of(np.clip(values, -FAR, FAR))],
             positions=[position],
             widths=0.5,
@@ -233,6 +233,8 @@ def _draw_boxes(axes: Axes, columns: Sequence[Array], looks: Sequence[LineStyle]
             capprops={"color": look.color, "linewidth": 0.9},
             flierprops={"marker": "+", "markeredgecolor": look.color, "markersize": 4, "markeredgewidth": 0.7},
         )
+        for artist in chain(*drawn.values()):
+            artist.set_gid(look.gid)
     axes.set_xlim(0.5, len(columns) + 0.5)
     axes.set_xticks([])
     axes.tick_params(axis="x", length=0)

@@ -42,11 +42,14 @@ class LineStyle(NamedTuple):
     place: int = 0
     """Position among the shown methods, which moves its markers along the line."""
     n_shown: int = 1
+    gid: str | None = None
+    """Name of the groups of the method in an SVG, by which a page hides them."""
 
     def line(self, *, held: bool = False, rough: bool = False) -> dict[str, Any]:
         """Return the keywords of a line: steps for a held signal; no dashes for a rough one, where they are lost."""
         shape = {"ls": "-", "lw": self.stepwidth} if rough else {"ls": self.linestyle, "lw": self.linewidth}
-        return {"color": self.color, "zorder": self.zorder, "drawstyle": "steps-post" if held else "default", **shape}
+        look = {"color": self.color, "zorder": self.zorder, "drawstyle": "steps-post" if held else "default"}
+        return {**look, **shape, "gid": self.gid}
 
     def marks(self, n_samples: int, *, rough: bool = False) -> dict[str, Any]:
         """Return the keywords of some markers along a line over time; none where dashes distinguish the lines.
@@ -81,7 +84,9 @@ def line_styles(methods: Sequence[str], shown: Sequence[str]) -> dict[str, LineS
         stepwidth = 0.6 + min(0.3, 1.2 / len(shown)) * (len(shown) - 1 - place)
         color, dashes, marker, hatch = (each[number % len(each)] for each in (COLOURS, DASHES, MARKERS, HATCHES))
         zorder = 2.5 + 0.01 * place
-        found[name] = LineStyle(color, dashes, 1.3, stepwidth, zorder, marker, hatch, place, len(shown))
+        found[name] = LineStyle(
+            color, dashes, 1.3, stepwidth, zorder, marker, hatch, place, len(shown), f"method-{number}"
+        )
     return found
 
 

@@ -294,7 +294,7 @@ def _draw_rows(axes: Axes, point: Trials, changes: Sequence[Change], kinds: Sequ
     """Draw averages and intervals of every method, or the runs won, lost and tied if there is no average."""
     styles = line_styles(point.all_methods, [each.method for each in changes])
     for row, each in enumerate(changes):
-        color = styles[each.method].color
+        color, gid = styles[each.method].color, styles[each.method].gid
         averages = [average for average in each.averages if average.kind in kinds]
         if not averages:
             # They have no place on the axis of per cent, and need all of its width.
@@ -302,9 +302,9 @@ def _draw_rows(axes: Axes, point: Trials, changes: Sequence[Change], kinds: Sequ
             axes.text(0.5, row, each.counts, transform=place, ha="center", va="center", color=color, bbox=COUNTS_BOX)
         for average, offset in zip(averages, OFFSETS[len(averages)], strict=True):
             ends, y = drawable(np.array([average.low, average.high])), row + offset
-            axes.plot(ends, [y, y], color=color, lw=1.3, zorder=2.5)
+            axes.plot(ends, [y, y], color=color, lw=1.3, zorder=2.5, gid=gid)
             marker = {**MARKER, "marker": MARKERS[average.kind]}
-            axes.plot(drawable(np.array([average.value])), [y], color=color, zorder=2.6, **marker)
+            axes.plot(drawable(np.array([average.value])), [y], color=color, zorder=2.6, gid=gid, **marker)
 
 
 def _label(point: Trials, name: str, limit: float) -> str:

@@ -109,7 +109,7 @@ def _draw_band(
     if not below:
         inside = {"facecolor": "none", "edgecolor": paler(look.color, HATCHED), "hatch": look.hatch or "////"}
         inside["linewidth"] = 0.0
-    area = axes.fill_between(t, low, high, step=step, zorder=1.5 + (look.zorder - 2.5), **inside)
+    area = axes.fill_between(t, low, high, step=step, zorder=1.5 + (look.zorder - 2.5), gid=look.gid, **inside)
     area.set_hatch_linewidth(HATCH_WIDTH)
     thin = {key: value for key, value in main.items() if key not in ("marker", "ms", "mew", "mfc", "markevery")}
     for edge in (low, high) if options.edges else ():

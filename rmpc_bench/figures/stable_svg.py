@@ -7,12 +7,14 @@ numbers, so that an error of 1e-13 changes many lines of a file.  A thousandth o
 from __future__ import annotations
 
 import re
+from collections import Counter
 from decimal import Decimal
 
 DECIMALS = Decimal("0.001")
 _COORDINATES = re.compile(r'(?<=\s)(?:d|x|y|width|height|points|viewBox)="[^"]*"|(?:translate|rotate)\([^)]*\)')
 """Attributes that hold coordinates in points; a factor in `scale(...)` or a comment is left as it is."""
 _LONG_NUMBER = re.compile(r"-?\d+\.\d{4,}")
+_METHOD = re.compile(r'(?<=id=")method-\d+(?=")')
 _HASHED_NAME = re.compile(r'(?<=id=")[a-z][0-9a-f]{10}(?=")')
 
 
@@ -30,7 +32,19 @@ def stable_svg(text: str) -> str:
     text = _COORDINATES.sub(lambda part: _LONG_NUMBER.sub(_rounded, part[0]), text)
     names = dict.fromkeys(_HASHED_NAME.findall(text))
     numbers = {name: f"{name[0]}{number}" for number, name in enumerate(names, start=1)}
+    text = _METHOD.sub(_Counted(), text)
     return re.sub(r'(?<=["#])[a-z][0-9a-f]{10}(?=["\)])', lambda found: numbers.get(found[0], found[0]), text)
+
+
+class _Counted:
+    """Number the groups of a method, as an id may stand in a file once."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+
+    def __call__(self, found: re.Match[str]) -> str:
+        self._counts[found[0]] += 1
+        return f"{found[0]}-{self._counts[found[0]]}"
 
 
 def _rounded(number: re.Match[str]) -> str:

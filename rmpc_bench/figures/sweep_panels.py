@@ -158,7 +158,7 @@ def _draw_curves(
         place_of = {} if bands else {"transform": _shifted(axes, shift)}
         axes.plot(x, np.where(np.isfinite(middle), middle, np.nan), **_mark(look), **look.line(), **place_of)
         if bands:
-            axes.fill_between(x, low, high, color=look.color, alpha=ALPHA, linewidth=0, zorder=1.5)
+            axes.fill_between(x, low, high, color=look.color, alpha=ALPHA, linewidth=0, zorder=1.5, gid=look.gid)
             for edge in (low, high):
                 axes.plot(x, edge, **{**look.line(), "lw": 0.5, "zorder": 1.6})
         else:

@@ -59,3 +59,9 @@ def test_by_hand():
     assert stable_svg(text) == (
         '<path d="M 1 0 L 2.25 3.123"/><use x="7.2" transform="translate(1.235 5) scale(0.0156)"/>'
     )
+
+
+def test_groups_of_a_method_are_numbered():
+    """A page hides them by their name, and an id may stand in a file once."""
+    text = '<g id="method-1"><g id="method-1"><g id="method-10">'
+    assert stable_svg(text) == '<g id="method-1-1"><g id="method-1-2"><g id="method-10-1">'

@@ -44,7 +44,7 @@ def method_blocks(source: PageSource) -> list[Block]:
 
 
 def _number(source: PageSource, name: str) -> int | None:
-    return source.trials.methods.index(name) if name in source.trials.methods else None
+    return source.trials.all_methods.index(name) if name in source.trials.all_methods else None
 
 
 def limitation_blocks(source: PageSource) -> list[Block]:

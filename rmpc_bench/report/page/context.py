@@ -40,6 +40,8 @@ from rmpc_bench.report.worst_runs import worst_runs, worst_runs_columns
 
 OVER_TIME = ("trajectories", "tubes", "plane", "estimation-error", "nees", "nis", "series")
 """Kinds of figures that stand among the trajectories."""
+MOST_TURNS = 4
+"""Sentences on where the ranking turns that are not folded."""
 MOST_FAILURES = 5
 """Files of failed runs that the page links."""
 DRIVERS = ("drivers", "uncertainty-scale")
@@ -62,7 +64,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
     parts = [
         section("summary", "Summary", [paragraph(headline(source.tables), "lead")]),
         section("result", "Result", _result_figures(source)),
-        section("table", "Table", result_blocks(source.tables, trials.methods)),
+        section("table", "Table", result_blocks(source.tables, trials.all_methods)),
         section("drivers", "What drives it", [*_driver_blocks(source), *_requirement_blocks(source)]),
         section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),
         section("trajectories", "Trajectories and worst runs", _trajectory_blocks(source), "Trajectories"),
@@ -101,10 +103,10 @@ def _metrics(trials: Trials) -> list[str]:
 def _method_legend(source: PageSource) -> list[Mapping[str, Any]]:
     """Return the methods that the tables show, with their place among all methods and their colour."""
     trials, shown = source.trials, source.tables.points[0].trials.methods
-    styles = line_styles(trials.methods, trials.methods)
+    styles = line_styles(trials.all_methods, trials.all_methods)
     return [
         {"number": number, "name": name, "label": trials.labels.get(name, name), "colour": styles[name].color}
-        for number, name in enumerate(trials.methods)
+        for number, name in enumerate(trials.all_methods)
         if name in shown
     ]
 
@@ -178,7 +180,8 @@ def _driver_blocks(source: PageSource) -> list[Block]:
         )
         points.append([shown, *bullets([*sentences])])
     blocks += [block for point in points[:1] for block in point]
-    blocks += bullets([*source.drivers.turns])
+    turns = source.drivers.turns
+    blocks += bullets([*turns]) if len(turns) <= MOST_TURNS else folded("Where the ranking turns", bullets([*turns]))
     rest = [block for point in points[1:] for block in point]
     blocks += folded(f"{len(points) - 1} more points of the sweep", rest)
     return [*blocks, paragraph(EXPLANATION, "note")] if points else blocks
@@ -219,7 +222,7 @@ def _trajectory_blocks(source: PageSource) -> list[Block]:
         "command that shows it": [[code(command)] for command in commands],
     }
     where = f" ({trials.title})" if trials.title else ""
-    numbers = [source.trials.methods.index(name) for name in names]
+    numbers = [source.trials.all_methods.index(name) for name in names]
     blocks.append(table(f"Worst finished run of every method{where}", {**columns}, methods=numbers))
     tails = worst_runs_columns(trials)
     if tails:

@@ -20,6 +20,8 @@ SUPPORTING = ("won/lost/tied", "superiority", "p", "n/n_failed", "held steps", "
 """Columns behind the verdict."""
 MOST_OPEN = 3
 """Tables besides that of the primary metric that are not folded."""
+MOST_OPEN_ROWS = 60
+"""Rows of the table of a sweep that is not folded."""
 MOST_ROWS = 200
 """Rows of the table of a large sweep."""
 
@@ -100,8 +102,7 @@ def _sweep_blocks(points: Sequence[PointSummary], names: Sequence[str]) -> list[
         if methods and len(methods) + len(of.lines) > MOST_ROWS:
             break
         methods += [names.index(line.method) for line in of.lines]
-        for path, value in point.trials.point.items():
-            columns.setdefault(path, []).extend([value] * len(of.lines))
+        columns.setdefault("point", []).extend([point.trials.title] * len(of.lines))
         for head in ("method", "mean", "did not occur", "median [quartiles]", _change_column(found), "verdict"):
             if head in found:
                 before: list[Text] = [""] * (len(methods) - len(of.lines))
@@ -117,7 +118,9 @@ def _sweep_blocks(points: Sequence[PointSummary], names: Sequence[str]) -> list[
         metric=info.name,
         notes=notes if left else [],
     )
-    return folded(f"The {len(points)} points of the sweep, one by one", [shown])
+    return (
+        [shown] if n_rows <= MOST_OPEN_ROWS else folded(f"The {len(points)} points of the sweep, one by one", [shown])
+    )
 
 
 def _change_column(columns: Mapping[str, Sequence[str]]) -> str:

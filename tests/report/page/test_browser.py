@@ -27,7 +27,8 @@ addEventListener("load", () => setTimeout(() => {
     wide: document.documentElement.scrollWidth - innerWidth,
     rows: shown.length,
     of_b: shown.filter((row) => row.dataset.method === "1").length,
-    curves: [...document.querySelectorAll("svg [data-method='1']")].filter((part) => getComputedStyle(part).display !== "none").length,
+    curves: [...document.querySelectorAll("svg [data-method='1']")]
+      .filter((part) => getComputedStyle(part).display !== "none").length,
     order: [...first.tBodies[0].rows].map((row) => row.cells[0].textContent),
     checked: [...document.querySelectorAll("[name=method]")].map((box) => box.checked),
     metrics: [...document.querySelectorAll(".of-metric")].filter((each) => each.getClientRects().length).length,
