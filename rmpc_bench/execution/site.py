@@ -51,7 +51,11 @@ def _is_usable(data: Any) -> bool:
         texts += [claim["statement"], claim["source"], claim["id"] or "", Finding(claim["joined"]).value]
         if claim["kind"] not in KINDS:
             return False
-    return isinstance(experiment["runs"], int) and all(isinstance(text, str) for text in texts)
+    return (
+        isinstance(experiment["runs"], int)
+        and isinstance(experiment["final"], bool)
+        and all(isinstance(text, str) for text in texts)
+    )
 
 
 def write_site(published: Sequence[Publication | KeptClaims], to: Path) -> list[Path]:

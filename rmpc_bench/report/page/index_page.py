@@ -91,7 +91,7 @@ def _statements(entries: Sequence[IndexEntry]) -> list[Block]:
     blocks = []
     for kind, caption in KINDS.items():
         found: dict[tuple[str, ...], list[tuple[IndexEntry, ClaimRecord]]] = {}
-        for entry in entries:
+        for entry in filter(_counts, entries):
             for claim in entry.claims:
                 if claim["kind"] == kind:
                     found.setdefault(_key(entry, claim), []).append((entry, claim))
@@ -106,6 +106,11 @@ def _statements(entries: Sequence[IndexEntry]) -> list[Block]:
         if found:
             blocks.append(table(caption, {**columns}, prose=True))
     return blocks
+
+
+def _counts(entry: IndexEntry) -> bool:
+    """Whether the findings of an experiment count: it is the configuration as it stands, at full size."""
+    return bool(entry.record["final"])
 
 
 def _joined(pieces: Sequence[Piece]) -> list[Piece]:
@@ -126,9 +131,15 @@ def _experiments(entries: Sequence[IndexEntry]) -> Block:
         "experiment": [[_named(entry)] for entry in entries],
         "title": [entry.record["title"] for entry in entries],
         "runs": [str(entry.record["runs"]) if entry.record["runs"] else "exact" for entry in entries],
-        "summary": [entry.headline or _missing(entry.record) for entry in entries],
+        "summary": [_summary(entry) for entry in entries],
     }
     return table("Experiments", {**columns}, prose=True)
+
+
+def _summary(entry: IndexEntry) -> Text:
+    if not _counts(entry):
+        return f"Modified or not at full size: findings do not count. {entry.headline}".rstrip()
+    return entry.headline or _missing(entry.record)
 
 
 def _missing(record: Mapping[str, Any]) -> Text:
