@@ -10,8 +10,6 @@ _ID = re.compile(r'\bid="([^"]+)"')
 _REFERENCE = re.compile(r'(\b(?:xlink:)?href="#|url\(#)([^")]+)')
 _OPENING = re.compile(r"<svg\b[^>]*>", re.DOTALL)
 _SIZE = re.compile(r'\b(width|height)="([\d.]+)pt"')
-SCALE = 1.35
-"""Width on the screen, relative to that in print."""
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
 
@@ -44,10 +42,10 @@ def inline_svg(text: str, name: str, title: str, description: str) -> str:
         .replace(' xmlns:xlink="http://www.w3.org/1999/xlink"', "")
         .replace(' xmlns="http://www.w3.org/2000/svg"', "")
     )
-    # HTML knows the namespace; the size is that of the print, in CSS so that a narrow screen can reduce it.
+    # HTML knows the namespace; the width is that of the print, in CSS so that a screen can enlarge or reduce it.
     width = next((float(found[2]) for found in _SIZE.finditer(head) if found[1] == "width"), 0.0)
     head = re.sub(r"\s+", " ", _SIZE.sub("", head)).replace(" >", ">")
-    labels = f'role="img" aria-labelledby="{name}-title {name}-desc" style="max-width: {SCALE * width:g}pt"'
+    labels = f'role="img" aria-labelledby="{name}-title {name}-desc" style="--width: {width:g}pt"'
     body = f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-desc">{escape(description)}</desc>'
     rest = text[opening.end() :].replace("xlink:href=", "href=").rstrip()
     return f"{head[:-1]} {labels}>{body}{rest}"
