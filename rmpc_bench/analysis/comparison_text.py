@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.analysis.number_text import interval_text
-from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.types import MetricInfo
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Trials
 
 MOST_RUNS = 1e6
 """Runs beyond which a number of runs that would decide is not given."""
@@ -73,6 +73,8 @@ def verdict_text(row: Mapping[str, Any], margin: str) -> str:
 
 def _inconclusive(row: Mapping[str, Any]) -> str:
     """Name about how many runs would decide, for each word."""
+    import pandas as pd
+
     numbers = [
         (row["runs_for_direction"], "better or worse"),
         (row["runs_for_equivalence"], "equivalent"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -16,14 +16,14 @@ from rmpc_bench.figures.recorded_runs import (
     ERROR,
     OUTPUT,
     PanelSignal,
-    RunSelection,
     differences,
     last_sample,
     select_runs,
 )
+from rmpc_bench.figures.run_curves import CurveOptions
 from rmpc_bench.figures.sweep_points import point_at
-from rmpc_bench.figures.trajectory_panels import caption_of, draw_panels
-from rmpc_bench.figures.window import TimeWindow, window_of
+from rmpc_bench.figures.trajectory_panels import Content, caption_of, draw_panels
+from rmpc_bench.figures.window import window_of
 from rmpc_bench.figures.zoom import Zoom, automatic_zoom
 from rmpc_bench.types import DesignError, NonNegative
 from rmpc_bench.types.figure import OnePointFigure
@@ -42,17 +42,6 @@ MOST_PANELS_WITH_ZOOM = 3
 """Panels up to which an enlarged one is added automatically."""
 MOST_SIGNALS = 8
 """Panels, which may be low: four inputs and three errors are usual."""
-
-
-class Content(NamedTuple):
-    """What a figure of trajectories shows."""
-
-    point: Trials
-    title: str
-    panels: Sequence[PanelSignal]
-    window: TimeWindow
-    runs: dict[str, RunSelection]
-    zoom: tuple[PanelSignal, TimeWindow] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,13 +121,13 @@ class Trajectories(OnePointFigure):
 
     def caption(self, results: Trials) -> str:
         """Define lines and bands, count the runs and name the enlarged part; see `Figure.caption`."""
-        return caption_of(self, self._content(results))
+        return caption_of(self._content(results))
 
     def draw(self, results: Trials) -> MplFigure:
         """Draw the recorded runs of one point; see `Figure.draw`."""
         made = self._content(results)
         n = len(made.panels) + (made.zoom is not None)
-        return draw_panels(self, made, self.size(0.8 + 1.2 * n + 0.15 * (made.zoom is not None)))
+        return draw_panels(made, self.size(0.8 + 1.2 * n + 0.15 * (made.zoom is not None)))
 
     def _content(self, results: Trials) -> Content:
         point, title = point_at(results, self.at)
@@ -162,7 +151,8 @@ class Trajectories(OnePointFigure):
             zoom = panel, window_of(point, last_sample(point, methods[0]), self.zoom.from_, self.zoom.to)
         elif self.zoom == "auto" and len(panels) <= MOST_PANELS_WITH_ZOOM and not self.width_of_band:
             zoom = automatic_zoom(point, panels, window, runs)
-        return Content(point, title, panels, window, runs, zoom)
+        options = CurveOptions(self.runs, self.edges, self.width_of_band)
+        return Content(point, title, panels, window, runs, zoom, options, self.difference)
 
     def _names(self, layout: ResultLayout) -> Sequence[str]:
         """Signals to show; by default the usual ones that are recorded."""

@@ -3,30 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rmpc_bench.figures import burst_bands
 from rmpc_bench.figures.axes import stacked_panels
 from rmpc_bench.figures.captions import joined, label_of, place, sentences, span_of
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import legend_sample, line_styles
-from rmpc_bench.figures.recorded_runs import OUTPUT
+from rmpc_bench.figures.recorded_runs import OUTPUT, PanelSignal, RunSelection
 from rmpc_bench.figures.run_curves import CurveOptions, draw_curves, draw_reference, explanation, is_rough, mean_widths
 from rmpc_bench.figures.style import REFERENCE, style
+from rmpc_bench.figures.window import TimeWindow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MplFigure
 
-    from rmpc_bench.figures.trajectories import Content, Trajectories
+    from rmpc_bench.analysis.trials import Trials
 
 
-def draw_panels(keys: Trajectories, made: Content, size: tuple[float, float]) -> MplFigure:
+class Content(NamedTuple):
+    """What a figure of trajectories shows."""
+
+    point: Trials
+    title: str
+    panels: Sequence[PanelSignal]
+    window: TimeWindow
+    runs: dict[str, RunSelection]
+    zoom: tuple[PanelSignal, TimeWindow] | None
+    """The signal and the samples of the enlarged panel."""
+    options: CurveOptions
+    difference: bool
+    """Whether the signals are differences to the baseline."""
+
+
+def draw_panels(made: Content, size: tuple[float, float]) -> MplFigure:
     """Draw the panels of a figure of trajectories.
 
     Parameters
     ----------
-    keys : the figure
     made : what it shows
     size : width and height [in]
     """
@@ -34,7 +49,7 @@ def draw_panels(keys: Trajectories, made: Content, size: tuple[float, float]) ->
 
     point, window, runs = made.point, made.window, made.runs
     styles = line_styles(point.all_methods, list(runs))
-    options = CurveOptions(keys.runs, keys.edges, keys.width_of_band)
+    options = made.options
     views = [(panel, window) for panel in made.panels] + ([made.zoom] if made.zoom else [])
     rough = [is_rough(point, panel, shown, runs) for panel, shown in views]
     with style():
@@ -46,13 +61,13 @@ def draw_panels(keys: Trajectories, made: Content, size: tuple[float, float]) ->
             handles.append((label_of(point, name) + failed, legend_sample(styles[name], rough=all(rough))))
         reference: Handle | None = None
         for number, (axes, (panel, shown), solid) in enumerate(zip(panels, views, rough, strict=True)):
-            if keys.difference:
+            if made.difference:
                 axes.axhline(0.0, color=REFERENCE, lw=0.9, zorder=2.0)
-            elif panel.signal == OUTPUT and not keys.width_of_band:
+            elif panel.signal == OUTPUT and not made.options.width:
                 reference = "reference", draw_reference(axes, point.traces[next(iter(runs))], panel, shown)
             how = options._replace(enlarged=number == len(made.panels))
             draw_curves(axes, point, panel, shown, runs, styles, how, rough=solid)
-            axes.set_ylabel(_label(panel.label, keys))
+            axes.set_ylabel(_label(panel.label, made))
             rows = {name: each.rows for name, each in runs.items()}
             bursts = burst_bands.shade([axes], burst_bands.spans(burst_bands.bursts_of(point, rows), shown))
             axes.set_xlim(*shown.limits)
@@ -62,7 +77,7 @@ def draw_panels(keys: Trajectories, made: Content, size: tuple[float, float]) ->
             axes.set_xlabel(window.label)
         handles += [each for each in (reference, *bursts) if each is not None]
         note = explanation(point, runs, options)
-        base = f"difference to {label_of(point, point.baseline)}" if keys.difference else ""
+        base = f"difference to {label_of(point, point.baseline)}" if made.difference else ""
         finish(figure, handles, "\n".join(filter(None, [made.title, ", ".join(filter(None, [base, note]))])))
     return figure
 
@@ -78,10 +93,10 @@ def _panels(figure: MplFigure, n: int, n_all: int) -> list[Axes]:
     return panels
 
 
-def _label(label: str, keys: Trajectories) -> str:
-    if keys.width_of_band:
+def _label(label: str, made: Content) -> str:
+    if made.options.width:
         return f"width of {label}"
-    return f"\N{GREEK CAPITAL LETTER DELTA}{label}" if keys.difference else label
+    return f"\N{GREEK CAPITAL LETTER DELTA}{label}" if made.difference else label
 
 
 def _mark(panels: Sequence[Axes], made: Content) -> None:
@@ -95,27 +110,26 @@ def _mark(panels: Sequence[Axes], made: Content) -> None:
     panels[-1].set_title(f"enlarged{f', {run}' if run else ''}", loc="left", pad=2.0)
 
 
-def caption_of(keys: Trajectories, made: Content) -> str:
+def caption_of(made: Content) -> str:
     """Define lines and bands, count the runs and name the enlarged part.
 
     Parameters
     ----------
-    keys : the figure
     made : what it shows
     """
     what = joined(dict.fromkeys(each.label for each in made.panels))
-    if keys.difference:
+    if made.difference:
         what = f"difference of {what} to {label_of(made.point, made.point.baseline)}, run by run,"
-    elif keys.width_of_band:
+    elif made.options.width:
         what = f"width of the bands of {what}"
     with_reference = any(each.signal == OUTPUT for each in made.panels)
     return sentences(
         f"Recorded runs: {what} over time for {joined(label_of(made.point, name) for name in made.runs)}, "
         f"{span_of(made.window)}",
         place(made.point, made.title),
-        _meaning(keys, made),
+        _meaning(made),
         "The grey dashed line is the reference"
-        if with_reference and not (keys.difference or keys.width_of_band)
+        if with_reference and not (made.difference or made.options.width)
         else "",
         f"The last panel enlarges {made.zoom[0].label}, {span_of(made.zoom[1])}" if made.zoom else "",
     )
@@ -138,7 +152,7 @@ def first_runs(made: Content) -> str:
     return f"run {numbers.pop()}" if len(numbers) == 1 else "the first run that finished"
 
 
-def _meaning(keys: Trajectories, made: Content) -> str:
+def _meaning(made: Content) -> str:
     """Explain lines and bands of a caption, with the mean widths of the bands if these are shown."""
     counts = sorted({len(each.rows) for each in made.runs.values()})
     failed = [f"{label_of(made.point, name)} {each.n_failed}" for name, each in made.runs.items() if each.n_failed]
@@ -147,11 +161,11 @@ def _meaning(keys: Trajectories, made: Content) -> str:
         runs = {int(made.point.traces[name].runs[each.rows[0]]) for name, each in made.runs.items() if len(each.rows)}
         return f"One run of every method is shown (run {', '.join(map(str, sorted(runs)))}).{note}"
     n = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    if keys.width_of_band:
+    if made.options.width:
         text = f"A line is the distance between the 5 and the 95 % quantile of {n} runs"
         return f"{text}; its mean over the samples is, for {_widths(made)}.{note}"
-    single = f" Thin lines are the first {keys.runs} of them." if keys.runs > 1 else ""
-    single = " The thin line is one of them." if keys.runs == 1 else single
+    single = f" Thin lines are the first {made.options.n_single} of them." if made.options.n_single > 1 else ""
+    single = " The thin line is one of them." if made.options.n_single == 1 else single
     return f"Thick lines are medians of {n} runs, areas reach from their 5 to their 95 % quantile.{single}{note}"
 
 
