@@ -46,8 +46,12 @@ class LineStyle(NamedTuple):
     """Name of the groups of the method in an SVG, by which a page hides them."""
 
     def line(self, *, held: bool = False, rough: bool = False) -> dict[str, Any]:
-        """Return the keywords of a line: steps for a held signal; no dashes for a rough one, where they are lost."""
-        shape = {"ls": "-", "lw": self.stepwidth} if rough else {"ls": self.linestyle, "lw": self.linewidth}
+        """Return the keywords of a line: steps for a held signal; no dashes for a rough one, where they are lost.
+
+        Nor has a line dashes that is the only one: there is nothing to distinguish it from.
+        """
+        dashes = self.linestyle if self.n_shown > 1 else "-"
+        shape = {"ls": "-", "lw": self.stepwidth} if rough else {"ls": dashes, "lw": self.linewidth}
         look = {"color": self.color, "zorder": self.zorder, "drawstyle": "steps-post" if held else "default"}
         return {**look, **shape, "gid": self.gid}
 

@@ -15,7 +15,7 @@ from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, types
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles
 from rmpc_bench.figures.style import REFERENCE, style
-from rmpc_bench.figures.sweep_points import points_at, short_title
+from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
 from rmpc_bench.types import DesignError, MetricInfo, ResultLayout
 from rmpc_bench.types.figure import SweepFigure
 from rmpc_bench.types.issue import Issue
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from rmpc_bench.analysis.comparison import Levels
     from rmpc_bench.analysis.trials import Trials
 
-MOST_POINTS = 8
-"""Points of a sweep, whose panels are lower than those of other figures."""
 BAND = "#ebebeb"
 """Colour of the margin of relevance, paler than the grid."""
 ROW, PANEL, LINE = 0.24, 0.42, 0.14
@@ -65,7 +63,7 @@ class Paired(SweepFigure):
     height : height of the whole picture [in]; if not given 0.5 plus 0.42 for every panel plus 0.24 for every row, and
         more for a long label
     order : methods to show, from top to bottom, the baseline left out; all if not given
-    at : points of the sweep to show, from top to bottom, each by values of its paths; all (8 at most) if not given
+    at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
     """
 
     needs_runs: ClassVar[bool] = True
@@ -79,7 +77,7 @@ class Paired(SweepFigure):
         if len(layout.methods) < 2:
             yield Issue("", "compares methods with the baseline: needs at least two methods")
         n = layout.n_points_at(self.at)
-        yield from layout.require_at_most(MOST_POINTS, n, "points of the sweep", "at", "choose some with `at`")
+        yield from layout.require_at_most(MOST_PANELS, n, "points of the sweep", "at", "choose some with `at`")
 
     def caption(self, results: Trials) -> str:
         """Define markers, intervals and band, and state the changes with their verdicts; see `Figure.caption`."""

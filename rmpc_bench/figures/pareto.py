@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
@@ -45,7 +46,7 @@ class Pareto(SweepFigure):
     A point is not dominated if no other point is better in one metric and at least as good in the other.  Such points
     are filled, and a step line connects them.  For a metric that is best at 0 the absolute value is compared, for a
     ratio that is best at 1 the ratio or its inverse, whichever is larger.  Failed runs are left out, as are methods
-    whose median or mean is infinite.  In a sweep a line connects the points of one method in the order of the sweep.
+    whose median or mean is infinite.  In a sweep over numbers a line connects the points of one method in their order.
     All points are compared with each other, so the sweep should not change the plant, its noises or the reference.
 
     Parameters
@@ -177,7 +178,8 @@ def _draw_lines(
         bar: dict[str, Any] = {"color": paler(styles[dot.method].color, 0.35), "lw": 1.0, "zorder": 2.4}
         x, y = (drawable(np.array([each.low, each.high])) for each in (dot.x, dot.y))
         lines += [(x, np.full(2, dot.y.middle), bar), (np.full(2, dot.x.middle), y, bar)]
-    for name, look in styles.items():
+    connected = _in_order(shown)
+    for name, look in styles.items() if connected else ():
         mine = [(dot.x.middle, dot.y.middle) for dot in shown if dot.method == name]
         lines.append((*np.array(mine).T, {"color": paler(look.color, 0.5), "lw": 0.9, "zorder": 2.3}))
     if best:
@@ -186,6 +188,12 @@ def _draw_lines(
     for x, y, how in lines:
         axes.plot(x, y, **how)
     return [(x, y) for x, y, _ in lines if np.isfinite(np.stack([x, y])).all()]
+
+
+def _in_order(shown: Sequence[Dot]) -> bool:
+    """Whether all swept values are numbers: points with names are in no order that a line could show."""
+    values = {value for dot in shown for value in dot.point.point.values()}
+    return all(re.fullmatch(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", value) for value in values)
 
 
 def _handles(

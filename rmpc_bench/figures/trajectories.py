@@ -116,6 +116,9 @@ class Trajectories(OnePointFigure):
             yield Issue("zoom.signal", issue.message)
         elif shape is not None and "." not in self.zoom.signal and math.prod(shape) > 1:
             yield Issue("zoom.signal", f"must be one component, such as {self.zoom.signal}.0")
+        if self.zoom.from_ >= self.zoom.to:
+            yield Issue("zoom.from", f"must be less than `to` (got {self.zoom.from_:g} and {self.zoom.to:g})")
+            return
         for each in layout.require_window(self.zoom.from_, self.zoom.to):
             yield Issue("zoom.from", each.message)
 

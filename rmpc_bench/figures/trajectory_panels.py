@@ -131,7 +131,7 @@ def caption_of(made: Content) -> str:
         "The grey dashed line is the reference"
         if with_reference and not (made.difference or made.options.width)
         else "",
-        f"The last panel enlarges {made.zoom[0].label}, {span_of(made.zoom[1])}" if made.zoom else "",
+        _zoomed(made),
     )
 
 
