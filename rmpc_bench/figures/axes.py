@@ -54,15 +54,30 @@ def make_logarithmic(axes: Axes, *, horizontal: bool = False) -> None:
     axes : a panel
     horizontal : the horizontal axis and not the vertical one
     """
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     (axes.set_xscale if horizontal else axes.set_yscale)("log")
     low, high = axes.get_xlim() if horizontal else axes.get_ylim()
     if high < 1e3 * low:
         axis = axes.xaxis if horizontal else axes.yaxis
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_major_formatter(FuncFormatter(_tick))
         axis.set_minor_formatter(NullFormatter())
+
+
+def _tick(value: float, _place: int | None = None) -> str:
+    r"""Write a tick of a logarithmic axis: plain where that is short, else as a multiple of a power of ten.
+
+    Examples
+    --------
+    >>> _tick(0.02), _tick(5e-5), _tick(1e-5)
+    ('0.02', '$5\\\\times 10^{-5}$', '$10^{-5}$')
+    """
+    if not value or 1e-3 <= abs(value) < 1e5:
+        return f"{value:g}"
+    mantissa, exponent = f"{value:.0e}".split("e")
+    power = f"10^{{{int(exponent)}}}"
+    return f"${power}$" if mantissa == "1" else rf"${mantissa}\times {power}$"
 
 
 def scale_by_ratio(axes: Axes, low: float, high: float) -> None:
