@@ -71,7 +71,7 @@ def _tick(value: float, _place: int | None = None) -> str:
     Examples
     --------
     >>> _tick(0.02), _tick(5e-5), _tick(1e-5)
-    ('0.02', '$5\\\\times 10^{-5}$', '$10^{-5}$')
+    ('0.02', '$5\\times 10^{-5}$', '$10^{-5}$')
     """
     if not value or 1e-3 <= abs(value) < 1e5:
         return f"{value:g}"
