@@ -104,6 +104,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     },
     "figures": {
         "boxplot": "rmpc_bench.figures.boxplot:Boxplot",
+        "drivers": "rmpc_bench.figures.drivers:Drivers",
         "elements": "rmpc_bench.figures.elements:Elements",
         "ellipses": "rmpc_bench.figures.ellipses:Ellipses",
         "estimation-error": "rmpc_bench.figures.estimation_error:EstimationError",
@@ -113,6 +114,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "paired": "rmpc_bench.figures.paired:Paired",
         "pareto": "rmpc_bench.figures.pareto:Pareto",
         "plane": "rmpc_bench.figures.plane:Plane",
+        "ranking": "rmpc_bench.figures.ranking:Ranking",
         "series": "rmpc_bench.figures.series:Series",
         "sweep-lines": "rmpc_bench.figures.sweep_lines:SweepLines",
         "trajectories": "rmpc_bench.figures.trajectories:Trajectories",

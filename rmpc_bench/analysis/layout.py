@@ -31,6 +31,7 @@ def layout_of(trials: Trials) -> ResultLayout:
         metrics=tuple(info.name for info in trials.metrics),
         points=tuple(point.point for point in trials.each),
         has_runs=len(trials.frame) > 0,
+        is_uncertain=any(len(point.uncertainty.columns) > 1 for point in trials.each),
         signals={
             name: {signal: traces.shapes.get(signal, values.shape[2:]) for signal, values in traces.signals.items()}
             for name, traces in recorded.items()

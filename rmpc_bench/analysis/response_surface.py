@@ -122,29 +122,27 @@ def shares(values: Array, responses: Array, surface: Surface, confidence: float,
     return Shares(value, low, high)
 
 
-def curve(values: Array, response: Array, quantity: int, surface: Surface, at: Array) -> Array:
-    """Fitted response against one quantity, averaged over the runs' values of the others.
+def curve(values: Array, response: Array, at: Array) -> Array:
+    """Quadratic fit of a response to one quantity alone.
+
+    With independent quantities it is the response surface averaged over the others; where some are correlated it still
+    follows the runs.
 
     Parameters
     ----------
-    values : (n, quantities) standardised values
+    values : (n,) values of the quantity, linear where it has only two
     response : (n,)
-    quantity : column of `values`
-    surface : the terms
-    at : (points,) standardised values of the quantity
+    at : (points,) values at which it is evaluated
 
     Returns
     -------
     (points,) fitted values
     """
-    A = surface.columns(values)
+    centre, spread = float(values.mean()), float(values.std())
+    surface = Surface(FORMS[0], ((0,), (0, 0)) if len(np.unique(values)) > 2 else ((0,),))
+    A, shown = (surface.columns(((each - centre) / spread)[:, None]) for each in (values, at))
     coefficients = _solve((A.T @ A)[None], (A.T @ response)[None, :, None])[0, :, 0]
-    found = []
-    for place in at:
-        moved = values.copy()
-        moved[:, quantity] = place
-        found.append(float(surface.columns(moved).mean(axis=0) @ coefficients))
-    return np.array(found)
+    return np.asarray(shown @ coefficients)
 
 
 def _resampled(n: int, seed: int) -> Array:

@@ -12,6 +12,7 @@ from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.simulation.closed_loop import BURSTS, COVARIANCE
 from rmpc_bench.simulation.design_series import design_series
 from rmpc_bench.simulation.moments import Moments, signals
+from rmpc_bench.simulation.randomness import stores_quantities
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import DesignError, Method, ResultLayout
 
@@ -43,6 +44,7 @@ def layout_of(
     if not experiments:
         return ResultLayout(**names, is_complete=False)
     first = experiments[0]
+    names["is_uncertain"] = any(stores_quantities(experiment) for experiment in experiments)
     arrays = {method.name: _series_of(method, first, drafts[0]) for method in first.methods}
     return ResultLayout(
         **names,

@@ -3,35 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
+from rmpc_bench.analysis.driver_text import PAIRED, Row, response_text, share_text
 from rmpc_bench.analysis.drivers import FAILED, FEWEST, REST, Inputs
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
-from rmpc_bench.analysis.responses import DIFFERENCE, LOG, LOG_RATIO, SHARE, SHARE_DIFFERENCE
-from rmpc_bench.analysis.rounding import decimal_text, significant_text
+from rmpc_bench.analysis.rounding import significant_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
-
-Row = Mapping[Hashable, Any]
-PAIRED = (LOG_RATIO, DIFFERENCE, SHARE_DIFFERENCE)
-"""Responses that compare a method with the baseline."""
-
-
-def share_text(row: Row) -> str:
-    """Write a share with its interval in per cent, such as ``79 % [67, 85]``; a negative estimate is 0.
-
-    Parameters
-    ----------
-    row : a row of `rmpc_bench.analysis.drivers`
-    """
-    if row["n"] < FEWEST or math.isnan(row["share"]):
-        return "not resolved"
-    low, high = (_per_cent(row[name]) for name in ("share_low", "share_high"))
-    if not row["resolved"]:
-        return f"not resolved [{low}, {high}]"
-    return f"{_per_cent(row['share'])} % [{low}, {high}]"
 
 
 def method_sentences(trials: Trials, method: str, rows: Sequence[Row], found: Inputs) -> Iterator[str]:
@@ -55,7 +35,7 @@ def method_sentences(trials: Trials, method: str, rows: Sequence[Row], found: In
 
 
 def _explained(trials: Trials, method: str, rows: Sequence[Row], info: MetricInfo, found: Inputs) -> str:
-    of = _response(trials, method, rows[0], info)
+    of = response_text(str(rows[0]["response"]), info, trials.baseline)
     n = f"{rows[0]['n']} runs"
     left = rows[0]["n_failed"]
     n += f", {left} left out in which a method failed" if left else ""
@@ -94,15 +74,6 @@ def _random(trials: Trials) -> str:
     return f" ({words}, not resolved, and terms of higher order)"
 
 
-def _response(trials: Trials, method: str, row: Row, info: MetricInfo) -> str:
-    name, kind = name_of_distance(info), row["response"]
-    if kind in (SHARE, SHARE_DIFFERENCE):
-        what = f"the share of runs in which {info.name} has no value"
-        return f"{what}, against {trials.baseline}" if kind == SHARE_DIFFERENCE else what
-    words = {LOG_RATIO: f"the log ratio of {name}", DIFFERENCE: f"the difference of {name}", LOG: f"log {name}"}
-    return words.get(str(kind), name) + (f" to {trials.baseline}" if kind in PAIRED else "")
-
-
 def _worst(trials: Trials, method: str, rows: Sequence[Row], info: MetricInfo) -> str:
     """Name the region with the worst mean; empty where nothing is known of it."""
     known = [row for row in rows if row["worst_n"]]
@@ -137,7 +108,3 @@ def _region(row: Row) -> str:
     if not row["worst_part"]:
         return f"{row['quantity']} is {low}"
     return f"{row['quantity']} is in its {row['worst_part']} fifth ({low} to {high})"
-
-
-def _per_cent(share: float) -> str:
-    return decimal_text(min(100.0, max(0.0, 100 * float(share))), 0)

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import pandas as pd
 
+from rmpc_bench.analysis.driver_text import Row, per_cent, share_text
 from rmpc_bench.analysis.drivers import FEWEST, REST, drivers, inputs
-from rmpc_bench.analysis.rounding import decimal_text
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.driver_sentences import method_sentences, share_text
+from rmpc_bench.report.driver_sentences import method_sentences
 from rmpc_bench.report.summary import stacked
 from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.report.turning_sentences import turning_sentences
 
-Row = Mapping[Hashable, Any]
 MOST_POINTS = 12
 """Points of a sweep whose drivers stand on the page; drivers.csv has all."""
 MOST_NAMED = 4
@@ -157,4 +155,4 @@ def _one_line(rows: Sequence[Row]) -> str:
 def _per_cent(row: Row) -> str:
     if not row["resolved"]:
         return "not resolved"
-    return f"{decimal_text(max(0.0, 100 * float(row['share'])), 0)} %"
+    return f"{per_cent(row['share'])} %"

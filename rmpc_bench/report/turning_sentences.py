@@ -46,7 +46,7 @@ def _turning(track: Track, info: MetricInfo, trials: Trials) -> str:
         return f"Along {track.path}{at}, {what} has no sign at any point from {first} to {last}."
     word = "negative" if signed[0] < 0 else "positive"
     ends = f"{_size(track, 0, info)} at {first}, {_size(track, -1, info)} at {last}"
-    return f"Along {track.path}{at}, {what} is {word} at all {len(signed)} points that have one: {ends}."
+    return f"Along {track.path}{at}, {what} is {word} at all {len(signed)} points: {ends}."
 
 
 def _size(track: Track, n: int, info: MetricInfo) -> str:

@@ -1,4 +1,4 @@
-"""What is random in a run besides the named uncertain quantities."""
+"""What is random in a run: stored uncertain quantities, and what else there is."""
 
 from __future__ import annotations
 
@@ -28,6 +28,13 @@ def random_besides(experiment: Experiment) -> tuple[str, ...]:
         "random numbers of a component": not all(design.deterministic for design in designs),
     }
     return tuple(name for name, is_random in found.items() if is_random)
+
+
+def stores_quantities(experiment: Experiment) -> bool:
+    """Whether values of uncertain quantities are stored of every run: named ones, bursts, or matrices of the plant."""
+    scenario, plant = experiment.scenario, experiment.plant
+    of_plant = plant.system is not None and not plant.draws_steps
+    return bool(scenario.uncertainty or scenario.burst_names or of_plant)
 
 
 def _is_random(term: Noise) -> bool:

@@ -35,6 +35,7 @@ class ResultLayout:
     trials : method -> hash of its trials, of every point; points with an equal hash share the trials; empty where the
         hashes are not known
     has_runs : whether single runs are evaluated
+    is_uncertain : whether runs have stored values of uncertain quantities
     signals : method -> recorded signal -> shape of one sample, None where it is not known
     recorded : indices of the runs whose signals are recorded
     series : series of the designs and of the ensemble -> shape of one sample
@@ -50,6 +51,7 @@ class ResultLayout:
     points: tuple[Mapping[str, str], ...] = ()
     trials: tuple[Mapping[str, str], ...] = ()
     has_runs: bool = True
+    is_uncertain: bool = True
     signals: Mapping[str, Mapping[str, Shape | None]] = field(default_factory=dict)
     recorded: Sequence[int] = ()
     series: Mapping[str, Shape] = field(default_factory=dict)

@@ -134,14 +134,14 @@ def test_equal_seeds_give_equal_intervals_and_a_collinear_quantity_no_error():
     np.testing.assert_allclose(found[0][[0, 2]], 0.0, atol=0.01)  # less than the noise explains by chance
 
 
-def test_the_curve_is_the_mean_over_the_other_quantities():
-    """Of y above it is 2 z0 + mean(z1) + 3 z0 mean(z1) + mean(z2^2 - 1/3)."""
+def test_the_curve_is_the_least_squares_parabola():
+    """Against numpy.polyfit; two values give the straight line through their means."""
     z = uniform(200, 3)
-    scaled = standardised(z)
-    at = np.array([-1.0, 0.0, 0.5])
-    found = curve(scaled, response(z), 0, surface_for(scaled), (at - z[:, 0].mean()) / z[:, 0].std())
-    z1 = z[:, 1].mean()
-    np.testing.assert_allclose(found, 2 * at + z1 + 3 * at * z1 + (z[:, 2] ** 2 - 1 / 3).mean(), rtol=1e-7)  # the ridge
+    y, at = response(z), np.array([-1.0, 0.0, 0.5])
+    np.testing.assert_allclose(curve(z[:, 0], y, at), np.polyval(np.polyfit(z[:, 0], y, 2), at), rtol=1e-7)  # the ridge
+    two = np.where(z[:, 0] > 0, 3.0, 1.0)
+    means = [y[two == value].mean() for value in (1.0, 3.0)]
+    np.testing.assert_allclose(curve(two, y, np.array([1.0, 3.0])), means, rtol=1e-7)
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from rmpc_bench import registry
@@ -13,6 +14,7 @@ from rmpc_bench.types import MetricInfo
 KINDS = registry.names("figures")
 PARAMETERS = {
     "boxplot": [{}, {"metric": "power", "log": True, "width": 5.0}],
+    "drivers": [{}, {"metric": "power", "panels": 1, "order": ["A"]}],
     "elements": [{"signal": "Q_yw", "width": 6.0}],
     "ellipses": [{"x": "mse", "y": "power"}],
     "estimation-error": [{}, {"component": 1, "runs": 2}],
@@ -22,6 +24,7 @@ PARAMETERS = {
     "paired": [{}],
     "pareto": [{"x": "mse", "y": "power"}],
     "plane": [{"components": (0, 1), "marks": 1.0}],
+    "ranking": [{}, {"metric": "power"}],
     "series": [{"quantity": "P"}],
     "sweep-lines": [{}, {"metric": "power", "log": True, "spread": "se"}, {"show": "change"}],
     "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
@@ -56,7 +59,8 @@ def results(make_trials, with_series):
         )
         for method in "AB"
     }
-    return FigureExample(replace(with_series(table, *entries), traces=traces, Ts=0.5))
+    quantities = pd.DataFrame({"run": np.arange(RUNS), "eps": rng.uniform(-1.0, 1.0, RUNS)})
+    return FigureExample(replace(with_series(table, *entries), traces=traces, Ts=0.5, uncertainty=quantities))
 
 
 def test_every_registered_kind_is_tested():
@@ -67,7 +71,7 @@ def test_every_registered_kind_is_tested():
 @pytest.mark.parametrize(("kind", "keys"), CASES)
 def test_conformance(kind, keys, results, make_sweep):
     """Oracle: the rules of a figure."""
-    if kind == "sweep-lines":
+    if kind in ("sweep-lines", "ranking"):
         results = FigureExample(make_sweep(*[({"controller.Hp": value}, results.results) for value in ("5", "10")]))
     if kind == "heat-map":
         grid = [{"controller.Hp": Hp, "controller.Hu": Hu} for Hp in ("5", "10") for Hu in ("1", "2")]
