@@ -15,6 +15,9 @@ FILES = {
 }
 
 
+PAGES = ("report.html", "report.md")
+
+
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     """Stand in an empty directory."""
@@ -37,7 +40,13 @@ def test_what_a_run_leaves_behind(here):
     result = go(write(here, paper="p", claims=f"[{HOLDS}]", figures="[boxplot]"))
     directory = here / "results" / "p" / "tiny"
     assert result.exit_code == 0 and result.stderr == ""
-    assert {each.name for each in directory.iterdir()} == FILES | {"claims.json", "claims.md", "figures"}
+    assert {each.name for each in directory.iterdir()} == FILES | {
+        "claims.json",
+        "claims.md",
+        "figures",
+        *PAGES,
+        "drivers.csv",
+    }
     assert (directory / "config.yaml").read_text() == (here / "tiny.yaml").read_text()
     first, *rest = result.stdout.splitlines()
     assert re.fullmatch(r"tiny done in \d+\.\d s   6 of 6 runs, 0 failed   results/p/tiny", first.strip())
