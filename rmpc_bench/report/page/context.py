@@ -44,7 +44,7 @@ MOST_TURNS = 4
 """Sentences on where the ranking turns that are not folded."""
 MOST_FAILURES = 5
 """Files of failed runs that the page links."""
-DRIVERS = ("drivers", "uncertainty-scale")
+DRIVERS = ("drivers", "ranking")
 """Kinds of figures that stand with what drives the result."""
 
 
