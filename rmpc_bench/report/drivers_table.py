@@ -135,8 +135,9 @@ def _screen(trials: Trials, frame: pd.DataFrame) -> Iterator[str]:
     for n, line in enumerate(lines):
         note = f"{line:{longest}}      {NOTE}" if n == 0 and "%" in line else line
         yield f"{'driven by' if n == 0 else '':12}{note}".rstrip()
-    if len(methods) > MOST_NAMED:
-        yield f"{'':12}and {len(methods) - MOST_NAMED} more methods: drivers.csv"
+    left = len(methods) - MOST_NAMED
+    if left > 0:
+        yield f"{'':12}and {left} more {'method' if left == 1 else 'methods'}: drivers.csv"
 
 
 def _one_line(rows: Sequence[Row]) -> str:
