@@ -218,7 +218,7 @@ def _points(axes: Axes, content: DriversContent, quantity: str, styles: Mapping[
         look, known = styles[response.method], response.known
         step = -(-int(known.sum()) // MOST_POINTS) or 1
         y = np.array([response.shown(float(value)) for value in response.values[known]])
-        mark = {"marker": look.marker, "ms": 1.6, "mew": 0.0, "ls": ""}
+        mark: dict[str, Any] = {"marker": look.marker, "ms": 1.6, "mew": 0.0, "ls": ""}
         axes.plot(x[known][::step], drawable(y)[::step], color=paler(look.color, 0.5), zorder=2.2, **mark)
     for response in content.responses:
         at, fitted = _curve(content, response, quantity)
