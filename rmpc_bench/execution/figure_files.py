@@ -80,17 +80,19 @@ def write_figures(
 def write_more(
     results: Results, wanted: Sequence[Mapping[str, Any]], directory: Path, rendering: Rendering
 ) -> tuple[WrittenFigure, ...]:
-    """Draw figures that the configuration does not name, as SVG; what the results cannot show is left out.
+    """Draw figures that the configuration does not name; what the results cannot show is left out.
+
+    The page has them inside it.  They are files only where SVG is among the formats, for report.md shows that one.
 
     Parameters
     ----------
     results : what to draw
     wanted : the keys of every figure
     directory : where the pictures are written
-    rendering : width, font and style
+    rendering : width, font, style and formats
     """
     figures = []
-    rendering = replace(rendering, formats=("svg",))
+    rendering = replace(rendering, formats=tuple(each for each in rendering.formats if each == "svg"))
     for keys in wanted:
         try:
             with rendered(rendering):

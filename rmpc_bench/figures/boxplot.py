@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import FAR, make_logarithmic
 from rmpc_bench.figures.box_labels import counts_of, label_panels
+from rmpc_bench.figures.boxes import FILL, WHISKER, add_strip, draw_boxes, drawn_columns
 from rmpc_bench.figures.captions import (
     changes_sentence,
     infinite_sentence,
@@ -24,7 +25,7 @@ from rmpc_bench.figures.captions import (
 )
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_label, metric_of, wrapped
 from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
-from rmpc_bench.figures.style import BLACK, FONT_SIZE, GREY, style
+from rmpc_bench.figures.style import FONT_SIZE, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.figure import SweepFigure
@@ -39,14 +40,10 @@ if TYPE_CHECKING:
 
     from rmpc_bench.analysis.trials import Trials
 
-WHISKER = 1.5
-"""Longest whisker, in interquartile ranges."""
 FLAT = 0.02
 """Height of a box, as a share of a linear axis, below which its quartiles cannot be distinguished."""
 WIDE = 10.0
 """Ratio of the largest to the smallest value from which on a logarithmic axis makes flat boxes higher."""
-FILL = 0.75
-"""Share of white in the inside of a box."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,10 +52,10 @@ class Boxplot(SweepFigure):
 
     One line below the boxes gives the number of runs if it is the same for all; else it stands below each box, as
     n/total if some runs failed.  Also below a box is the number of runs without a finite value, such as runs that did
-    not settle.  They are not part of the box.  The points of a sweep are panels with a common axis, one below the
-    other.  If all panels have the same numbers, only the last panel shows them.  A label that is wider than its box is
-    broken into lines.  If it then has more than 5 lines, or is taller than the panel, all labels are rotated by 45
-    degrees, or numbers with a key below replace them.
+    not settle.  They count as larger than every other value and lie in a grey strip at the top.  The points of a sweep
+    are panels with a common axis, one below the other.  If all panels have the same numbers, only the last panel shows
+    them.  A label that is wider than its box is broken into lines.  If it then has more than 5 lines, or is taller than
+    the panel, all labels are rotated by 45 degrees, or numbers with a key below replace them.
 
     Parameters
     ----------
@@ -145,26 +142,6 @@ def axis_of(log: bool | Literal["auto"], panels: Sequence[Sequence[Array]]) -> t
     return any(0 < height < FLAT * reach for height in heights), ""
 
 
-def box_of(values: Array) -> dict[str, Any]:
-    """Compute the numbers of a box.
-
-    Parameters
-    ----------
-    values : (n,) finite values, at least one
-
-    Returns
-    -------
-    quartiles `q1`, `med`, `q3`, ends of the whiskers `whislo`, `whishi`, and the outliers `fliers`
-    """
-    q1, median, q3 = np.percentile(values, [25, 50, 75])
-    reach = WHISKER * (q3 - q1)
-    # Of few values none may lie between a quartile, which is interpolated, and the end of the reach.
-    low = values[values >= q1 - reach].min(initial=q1)
-    high = values[values <= q3 + reach].max(initial=q3)
-    outliers = np.concatenate([values[values < low], values[values > high]])
-    return {"q1": q1, "med": median, "q3": q3, "whislo": low, "whishi": high, "fliers": outliers}
-
-
 def _panels(points: Sequence[Trials], info: MetricInfo, methods: Sequence[str]) -> list[list[Array]]:
     return [[point.column(info.name, method) for method in methods] for point in points]
 
@@ -179,13 +156,16 @@ def _draw(
     with style():
         figure = MplFigure(figsize=size, layout="constrained")
         rows = list(figure.subplots(len(panels), sharey=True, squeeze=False)[:, 0])
-        for axes, columns, point in zip(rows, panels, points, strict=True):
-            _draw_boxes(axes, columns, list(styles.values()))
+        drawn, ceiling = drawn_columns(panels, is_log=is_log)
+        for axes, columns, point in zip(rows, drawn, points, strict=True):
+            draw_boxes(axes, columns, list(styles.values()), ceiling)
             axes.set_title("\n".join(wrapped(literal(short_title(point)), 0.8 * size[0] * POINTS_PER_INCH)))
         if not any(np.isfinite(column).any() for column in chain(*panels)):
             rows[0].set_yticks([])
         elif is_log:
             make_logarithmic(rows[0])
+        if ceiling is not None:
+            add_strip(rows, drawn, ceiling, is_log=is_log)
         name = _name_axis(figure, rows, metric_label(info) + remark)
         # The first layout gives the width of a box.
         figure.draw_without_rendering()
@@ -214,29 +194,3 @@ def _sample(look: LineStyle) -> Artist:
     from matplotlib.patches import Patch
 
     return Patch(facecolor=paler(look.color, FILL), edgecolor=look.color, linewidth=1.0)
-
-
-def _draw_boxes(axes: Axes, columns: Sequence[Array], looks: Sequence[LineStyle]) -> None:
-    for position, (column, look) in enumerate(zip(columns, looks, strict=True), start=1):
-        values = column[np.isfinite(column)]
-        if not len(values):
-            continue
-        drawn = axes.bxp(
-            [box_of(np.clip(values, -FAR, FAR))],
-            positions=[position],
-            widths=0.5,
-            manage_ticks=False,
-            patch_artist=True,
-            boxprops={"edgecolor": look.color, "facecolor": paler(look.color, FILL), "linewidth": 1.0},
-            medianprops={"color": BLACK, "linewidth": 1.4},
-            whiskerprops={"color": look.color, "linewidth": 0.9},
-            capprops={"color": look.color, "linewidth": 0.9},
-            flierprops={"marker": "+", "markeredgecolor": look.color, "markersize": 4, "markeredgewidth": 0.7},
-        )
-        for artist in chain(*drawn.values()):
-            artist.set_gid(look.gid)
-    axes.set_xlim(0.5, len(columns) + 0.5)
-    axes.set_xticks([])
-    axes.tick_params(axis="x", length=0)
-    axes.grid(axis="y", color=GREY, linewidth=0.4)
-    axes.set_axisbelow(True)

@@ -87,7 +87,9 @@ def infinite_sentence(points: Sequence[Trials], methods: Sequence[str], info: Me
         for name in methods:
             n = int(np.isinf(point.column(info.name, name)).sum())
             found += [f"{label_of(point, name)} {n}{where}"] if n else []
-    return f"Runs in which it {DID_NOT_OCCUR} are not part of a box ({', '.join(found)})" if found else ""
+    if not found:
+        return ""
+    return f"Runs in which it {DID_NOT_OCCUR} lie in the grey strip, above every other value ({', '.join(found)})"
 
 
 def medians_sentence(points: Sequence[Trials], methods: Sequence[str], info: MetricInfo) -> str:

@@ -77,7 +77,7 @@ def test_boxes_against_brute_force(make_trials):
 
 
 def test_failed_and_infinite(make_trials):
-    """Infinite values are counted but not drawn; a method without a finite value leaves its place empty."""
+    """Infinite values lie above the others, as in the table; a method without a value leaves its place empty."""
     columns = {
         "A": [1.0, 2.0, 3.0, INF],
         "B": ["diverged"] * 4,
@@ -87,8 +87,25 @@ def test_failed_and_infinite(make_trials):
     figure = boxplot(make_trials({"mse": columns}))
     assert labels(figure) == ["A\nn=4\n1 did not\noccur", "B\nno value\n0/4", "C\nn=4\n4 did not\noccur", "D\n2/4"]
     medians = lines(figure, color=style.BLACK)
-    assert [(line[:, 0].mean(), line[0, 1]) for line in medians] == [(1, 2), (4, 1.5)]
+    top = 3.0 + 0.16 * 2.0
+    assert [(line[:, 0].mean(), line[0, 1]) for line in medians] == [(1, 2.5), (3, pytest.approx(top)), (4, 1.5)]
     assert figure.axes[0].get_xlim() == (0.5, 4.5)
+    ticks = [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    assert ticks[-1] == "did not\noccur" and figure.axes[0].get_yticks()[-1] == pytest.approx(top)
+    assert figure.axes[0].get_ylim()[1] > top and len(boxes_of(figure)) == 4
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_a_method_that_rarely_settles_does_not_look_fast(make_trials, log):
+    """Its quartiles are those of all runs: most of the box is in the strip of the runs that did not settle."""
+    columns = {"A": [1.0, 2.0, 3.0, INF, INF, INF, INF], "B": [10.0, 11.0, 12.0, 13.0, 14.0, 15.0, INF]}
+    figure = boxplot(make_trials({"mse": columns}), log=log)
+    (_, first), (_, second) = (line[0] for line in lines(figure, color=style.BLACK))
+    strip = figure.axes[0].get_yticks()[-1]
+    assert first == strip and second == pytest.approx(13.0)
+    assert [line[:, 1].tolist() for line in lines(figure, marker="+")] == [[], [strip]]
+    text = Boxplot(log=log).caption(make_trials({"mse": columns}))
+    assert "lie in the grey strip, above every other value (A 4, B 1)" in text
 
 
 @pytest.mark.parametrize("log", [False, True])
@@ -224,7 +241,7 @@ def test_the_caption_defines_every_mark_and_states_the_numbers(make_trials):
     assert text.startswith("Distribution of MSE [rad^2] over the runs for A and robust, $c=1$.")
     assert "whiskers reach to the last values within 1.5 interquartile ranges" in text and "crosses" in text
     assert "n = 5 runs of every method; failed runs are left out (robust, $c=1$ 1)." in text
-    assert "Runs in which it did not occur are not part of a box (robust, $c=1$ 1)." in text
+    assert "did not occur lie in the grey strip, above every other value (robust, $c=1$ 1)." in text
     assert "Medians [quartiles] in rad^2: A 3.0 [2.0, 4.0]" in text
 
 
@@ -286,7 +303,7 @@ def test_same_bytes(make_trials, make_sweep, tmp_path, panels):
     trials = make_sweep(*((point, table) for point in hp_hu(("10", "8"), ("15", "3")))) if panels > 1 else table
     figure = boxplot(trials)
     first = save(figure, tmp_path / "new" / "directory", "box")
-    assert [path.name for path in first] == ["box.svg", "box.png"]
+    assert [path.name for path in first] == ["box.svg", "box.pdf", "box.png"]
     before = dict(matplotlib.rcParams)
     with matplotlib.rc_context(
         {"font.size": 20, "axes.facecolor": "black", "svg.fonttype": "none", "svg.hashsalt": "x"}
@@ -295,9 +312,10 @@ def test_same_bytes(make_trials, make_sweep, tmp_path, panels):
     assert dict(matplotlib.rcParams) == before
     for paths in again:
         assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in first]
-    svg, png = (path.read_bytes() for path in first)
-    for word in (b"dc:date", b"matplotlib.org", b"<text"):
+    svg, pdf, png = (path.read_bytes() for path in first)
+    for word in (b"dc:date", b"matplotlib.org"):
         assert word not in svg
+    assert b"CreationDate" not in pdf
     assert b"tEXt" not in png and b"tIME" not in png
     assert b'width="252pt"' in svg
     assert int.from_bytes(png[16:20], "big") == 700  # 3.5 in at 200 dpi
