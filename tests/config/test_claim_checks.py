@@ -167,6 +167,7 @@ def messages():
         draft = SimpleNamespace(
             claims=[ClaimKeys(says="s", check=check, at="all" if pooled else None)],
             methods=["A", "B"],
+            figures=[],
             values={"evaluate": evaluate},
             note=lambda path, message: found.append((path, message)),
         )
