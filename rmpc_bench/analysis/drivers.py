@@ -3,7 +3,8 @@
 The numbers are those of `rmpc_bench.analysis.response_surface`, the response is that of
 `rmpc_bench.analysis.responses`, and the regions where a method does worst are those of
 `rmpc_bench.analysis.worst_region`.  A share is resolved where its interval excludes 0, the share of a quantity without
-effect, or lies below `SMALL`: the quantity then explains about nothing.  Below `FEWEST` runs nothing is resolved.
+effect, or lies below `SMALL`: the quantity then explains about nothing.  That a quantity explains nothing is not
+resolved if it is correlated with another one, which may explain in its place.  Below `FEWEST` runs nothing is resolved.
 """
 
 from __future__ import annotations
@@ -41,16 +42,18 @@ class Driver:
     response : what is explained, such as ``log ratio``; ``failed`` in the row of the failed runs
     quantity : name of the uncertain quantity; ``(rest)`` for what no quantity explains
     share, share_low, share_high : share of the variance of the response with its interval; NaN where it is not computed
-    resolved : whether the interval excludes 0 or lies below 5 %, from at least 50 runs
+    resolved : whether the interval excludes 0, or lies below 5 % without another quantity that is correlated, from at
+        least 50 runs
     n, n_failed : runs with a response, and runs in which the method or its baseline failed
     surface : terms of the response surface: ``quadratic``, ``without interactions``, ``linear``; empty for none
-    unit : of `worst` and `overall`: % for ratios and shares, else that of the metric
+    unit : of `worst` and `overall`: % for ratios and shares, percentage points for differences of shares, else that of
+        the metric
     worst_part : fifth of the quantity with the worst mean response, such as ``lowest``; empty for a single value
     worst_from, worst_to : smallest and largest value of the quantity in it
     worst_n : its runs
     worst, worst_low, worst_high : mean response in it, with its interval, simultaneous for all fifths
     overall : mean response of all runs
-    differs : whether that interval excludes the mean of all runs
+    differs : whether that interval lies on the worse side of the mean of all runs
     """
 
     method: str
@@ -95,12 +98,17 @@ class Inputs:
     @property
     def correlated(self) -> tuple[tuple[str, str], ...]:
         """Pairs of quantities whose correlation exceeds 1/2, which share what they explain."""
-        names = list(self.values)
-        if len(names) < 2:
-            return ()
-        found = np.abs(np.corrcoef(np.array([self.values[name] for name in names])))
-        pairs = [(i, j) for i in range(len(names)) for j in range(i) if found[i, j] > 0.5]
-        return tuple((names[j], names[i]) for i, j in pairs)
+        return _correlated(self.values)
+
+
+def _correlated(values: Mapping[str, Array]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of quantities whose correlation exceeds 1/2; a constant one is correlated with none."""
+    names = [name for name, column in values.items() if not _is_constant(column)]
+    if len(names) < 2:
+        return ()
+    found = np.abs(np.corrcoef(np.array([values[name] for name in names])))
+    pairs = [(i, j) for i in range(len(names)) for j in range(i) if found[i, j] > 0.5]
+    return tuple((names[j], names[i]) for i, j in pairs)
 
 
 def inputs(trials: Trials) -> Inputs:
@@ -190,10 +198,13 @@ def _rows(trials: Trials, response: Response, info: MetricInfo, found: Inputs, f
     known = response.known
     n = int(known.sum())
     worst: dict[str, RegionMean] = {}
+    shared: set[str] = set()
     if fit is not None:
         values = {name: column[known] for name, column in found.values.items()}
+        shared = {name for pair in _correlated(values) for name in pair}
         higher = info.direction == "higher"
-        worst = worst_means(values, response.values[known], trials.confidence, higher=higher)
+        numbers = response.values[known]
+        worst = worst_means(values, numbers, trials.confidence, higher=higher, interval=response.interval)
     for place, name in enumerate([*found.values, REST]):
         row = Driver(
             method=response.method,
@@ -207,7 +218,7 @@ def _rows(trials: Trials, response: Response, info: MetricInfo, found: Inputs, f
         changes: dict[str, object] = {}
         if fit is not None:
             low, high = float(fit.low[place]), float(fit.high[place])
-            resolved = low > 0 or high < SMALL
+            resolved = low > 0 or (high < SMALL and name not in shared)
             changes |= {"share": float(fit.value[place]), "share_low": low, "share_high": high, "resolved": resolved}
             changes["surface"] = fit.form
         if name in worst:

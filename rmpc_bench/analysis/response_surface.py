@@ -10,8 +10,8 @@ Share   Drop-one R^2: the adjusted R^2 of the whole model minus that of the mode
         terms divided by n.
 Spread  Percentile interval of a bootstrap of whole runs; the rest is multiplied by n/(n - K) there for K terms,
         because the fit to all runs has made the residuals smaller.  In the slow test it covers 0.93 to 0.98 of the time
-        for 3 quantities and 60 to 200 runs, and 0.90 to 0.96 for 6 of them.  Where `WORK` is exceeded the interval is normal,
-        with the variance of the influence of single runs.
+        for 3 quantities and 60 to 200 runs, and 0.90 to 0.96 for 6 of them.  Where `WORK` is exceeded the interval is
+        normal, with the variance of the influence of single runs.
 Limits  A quantity with two values has no square.  With more than one term for `RUNS_PER_TERM` runs the interactions
         are left out, then the squares.
 Source  Sobol, Mathematics and Computers in Simulation 55 (2001) 271; Homma and Saltelli, Reliability Engineering and

@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rmpc_bench.analysis.intervals import Interval, student, wilson
 from rmpc_bench.analysis.pairs import distance_from_best, is_signed
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
+from rmpc_bench.analysis.superiority import shares_interval
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array, MetricInfo
 
@@ -49,8 +51,18 @@ class Response(NamedTuple):
             return math.exp(value)
         return 100 * value if self.kind in (SHARE, SHARE_DIFFERENCE) else value
 
+    def interval(self, values: Array, level: float) -> Interval:
+        """Interval of the mean of some of the responses: of a share where they count runs, else Student's."""
+        if self.kind == SHARE:
+            return wilson(int(values.sum()), len(values), level)
+        if self.kind == SHARE_DIFFERENCE:
+            return shares_interval(int((values > 0).sum()), int((values < 0).sum()), len(values), level)
+        return student(values, level)
+
     def unit(self, info: MetricInfo) -> str:
         """Unit of `shown`."""
+        if self.kind == SHARE_DIFFERENCE:
+            return "percentage points"
         return info.unit if self.kind in (LOG, DIFFERENCE, VALUE) else "%"
 
 

@@ -2,17 +2,17 @@
 
 Many fifths are compared, so the worst one looks worse than it is.  The intervals of all fifths hold simultaneously
 (Bonferroni): with the level of the experiment each of them contains the mean of its fifth, the chosen one too.  The
-fifth differs from the whole where its interval does not contain the mean of all runs.
+fifth differs from the whole where its interval lies on the worse side of the mean of all runs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import student, wilson
+from rmpc_bench.analysis.intervals import Interval, student, wilson
 from rmpc_bench.types import Array
 
 PARTS = 5
@@ -43,11 +43,13 @@ class RegionMean(NamedTuple):
     interval: tuple[float, float]
     """Simultaneous for all regions."""
     overall: float
+    higher: bool = False
+    """Whether higher responses are better."""
 
     @property
     def differs(self) -> bool:
-        """Whether the interval does not contain the mean of all runs."""
-        return not self.interval[0] <= self.overall <= self.interval[1]
+        """Whether the interval lies on the worse side of the mean of all runs."""
+        return self.interval[1] < self.overall if self.higher else self.interval[0] > self.overall
 
 
 def regions(values: Mapping[str, Array]) -> Iterator[Region]:
@@ -72,7 +74,12 @@ def regions(values: Mapping[str, Array]) -> Iterator[Region]:
 
 
 def worst_means(
-    values: Mapping[str, Array], response: Array, confidence: float, *, higher: bool = False
+    values: Mapping[str, Array],
+    response: Array,
+    confidence: float,
+    *,
+    higher: bool = False,
+    interval: Callable[[Array, float], Interval] = student,
 ) -> dict[str, RegionMean]:
     """Find the worst region of every quantity.
 
@@ -82,6 +89,7 @@ def worst_means(
     response : (n,) response of the same runs
     confidence : simultaneous level of the intervals of all regions
     higher : whether higher responses are better
+    interval : returns the interval of the mean of some responses at a level
 
     Returns
     -------
@@ -93,7 +101,7 @@ def worst_means(
     worst: dict[str, RegionMean] = {}
     for region in found:
         inside = response[region.inside]
-        each = RegionMean(region, float(inside.mean()), student(inside, level), float(response.mean()))
+        each = RegionMean(region, float(inside.mean()), interval(inside, level), float(response.mean()), higher)
         known = worst.get(region.quantity)
         if known is None or sign * each.mean > sign * known.mean:
             worst[region.quantity] = each

@@ -9,6 +9,7 @@ from rmpc_bench.analysis.driver_text import PAIRED, Row, response_text, share_te
 from rmpc_bench.analysis.drivers import FAILED, FEWEST, REST, Inputs
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.responses import SHARE, SHARE_DIFFERENCE
 from rmpc_bench.analysis.rounding import significant_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
@@ -80,20 +81,22 @@ def _worst(trials: Trials, method: str, rows: Sequence[Row], info: MetricInfo) -
     if not known:
         return ""
     sign = -1.0 if info.direction == "higher" else 1.0
-    row = max(known, key=lambda row: sign * float(row["worst"]))
-    unit = str(row["unit"])
-    signed = row["response"] in PAIRED
+    # A region of few runs may have a worse mean that is not resolved.
+    row = max(known, key=lambda row: (bool(row["differs"]), sign * float(row["worst"])))
+    unit, signed = str(row["unit"]), row["response"] in PAIRED
     there = interval_text(row["worst"], row["worst_low"], row["worst_high"], unit=unit, sign=signed)
     overall = interval_text(row["overall"], math.nan, math.nan, unit=unit, sign=signed)
-    name = name_of_distance(info)
+    counts = row["response"] in (SHARE, SHARE_DIFFERENCE)
+    what = f"share of runs in which {info.name} has no value" if counts else name_of_distance(info)
+    against = f" against {trials.baseline}" if signed else ""
     if not row["differs"]:
-        return f"{method}: no fifth of a quantity has a mean {name} that is resolved from the mean of all runs."
-    verb = "does worst"
-    if signed:
-        gains = sign * float(row["worst_high" if sign > 0 else "worst_low"]) < 0
-        verb = "gains least" if gains else verb
-    quantity = f"{name} against {trials.baseline}" if signed else name
-    return f"{method} {verb} where {_region(row)}: {quantity} {there} there, {overall} overall."
+        mean = what if counts else f"mean {what}"
+        return (
+            f"{method}: no fifth of a quantity has a {mean}{against} that is resolved as worse than that of all runs."
+        )
+    gains = signed and sign * float(row["worst_high" if sign > 0 else "worst_low"]) < 0
+    verb = "gains least" if gains else "does worst"
+    return f"{method} {verb} where {_region(row)}: {what}{against} {there} there, {overall} overall."
 
 
 def _failing(method: str, row: Row) -> str:

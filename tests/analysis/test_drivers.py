@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 from rmpc_bench.analysis.drivers import REST, drivers, inputs
-from rmpc_bench.analysis.intervals import student
+from rmpc_bench.analysis.intervals import student, wilson
+from rmpc_bench.analysis.responses import SHARE, Response
 from rmpc_bench.analysis.worst_region import most_failures, regions, worst_means
 
 N = 100
@@ -95,7 +96,7 @@ def test_an_event_that_does_not_occur_is_an_indicator(made):
     """Without a mean the share of the runs without the event is explained."""
     a = quantities()["a"].to_numpy()
     row = rows(drivers(made(inf=set(np.flatnonzero(a > 0.5)))), "new")["a"]
-    assert (row["response"], row["unit"]) == ("difference in not occurring", "%")
+    assert (row["response"], row["unit"]) == ("difference in not occurring", "percentage points")
     assert row["share"] > 0.5
     assert row["worst"] == pytest.approx(100)
 
@@ -143,6 +144,36 @@ def test_correlated_quantities_are_named():
         runs = np.arange(N)
 
     assert inputs(Table()).correlated == (("a", "c"),)
+
+
+def test_correlated_quantities_are_not_said_to_explain_nothing(made):
+    """Either explains what the other one would: the shares are 0, and one of the two decides all."""
+    table = quantities()
+    table["b"] = 2 * table["a"]
+    found = rows(drivers(made(table=table)), "new")
+    for name in "ab":
+        assert found[name]["share_high"] < 0.05
+        assert not found[name]["resolved"]
+
+
+def test_the_larger_half_is_not_called_worst_for_a_few_worse_runs():
+    """A value of 8 runs is no region; the other value is better than the mean of all runs, not worse."""
+    a = np.where(np.arange(200) < 8, 1.0, 0.0)
+    y = 10 * a + 0.01 * np.random.default_rng(0).standard_normal(200)
+    worst = worst_means({"a": a}, y, 0.95)["a"]
+    assert worst.interval[1] < worst.overall
+    assert not worst.differs
+
+
+def test_shares_of_events_have_intervals_of_shares(made):
+    """All 20 runs of a fifth without the event: Student's interval would have the width 0."""
+    a = quantities()["a"].to_numpy()
+    frame = drivers(made(inf=set(np.flatnonzero(a > 0.3))))
+    row = rows(frame, "new")["a"]
+    assert row["unit"] == "percentage points"
+    assert row["worst_low"] < row["worst"] == pytest.approx(100)
+    response = Response("old", SHARE, np.ones(20))
+    assert response.interval(response.values, 0.95) == wilson(20, 20, 0.95)
 
 
 def test_a_fifth_has_a_fifth_of_the_runs():
