@@ -1,8 +1,8 @@
 """Where the ranking of two methods turns along a swept number, such as the scale of the uncertainty.
 
-The runs of all points have the same draws, so that points differ in the swept number only.  A turn lies between two
-neighbouring points whose changes from the baseline have opposite signs; the intervals of the changes at both say how
-sure it is.
+The runs of all points have the same draws, so that points differ in the swept number only.  A point has a sign where
+the interval of the change from the baseline excludes 0.  A turn lies between two points of opposite signs without a
+sign between them.  The intervals are simultaneous, so that with the level of the experiment every turn is one.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from typing import Any
 from rmpc_bench.analysis.comparison import Levels, compared, levels
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
+
+
+ENDS = ("low", "high")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +47,43 @@ class Track:
         return tuple(float(row["difference" if row["average"] == "difference" else "change_pct"]) for row in self.rows)
 
     @property
+    def signs(self) -> tuple[int, ...]:
+        """Sign of the change at each place; 0 where its interval contains 0, or where there is none."""
+        names = ["difference" if row["average"] == "difference" else "ci" for row in self.rows]
+        low, high = ([float(row[f"{name}_{end}"]) for row, name in zip(self.rows, names, strict=True)] for end in ENDS)
+        return signs(low, high)
+
+    @property
     def turns(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of neighbouring places between which the sign changes; places without a sign are passed over."""
-        signed = [n for n, change in enumerate(self.changes) if not math.isnan(change) and change != 0]
-        pairs = zip(signed, signed[1:], strict=False)
-        return tuple((a, b) for a, b in pairs if self.changes[a] * self.changes[b] < 0)
+        """Pairs of places between which the sign turns; places without a sign are passed over."""
+        return turns(self.signs)
+
+
+def signs(low: Sequence[float], high: Sequence[float]) -> tuple[int, ...]:
+    """Return the sign of every interval that excludes 0, else 0.
+
+    Parameters
+    ----------
+    low, high : ends of the intervals; NaN where there is none
+
+    Examples
+    --------
+    >>> signs([-2, -1, 1, float("nan")], [-1, 1, 2, float("nan")])
+    (-1, 0, 1, 0)
+    """
+    return tuple(1 if a > 0 else -1 if b < 0 else 0 for a, b in zip(low, high, strict=True))
+
+
+def turns(of: Sequence[int]) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of places with opposite signs that have only zeros between them.
+
+    Examples
+    --------
+    >>> turns([-1, 0, 1, 1])
+    ((0, 2),)
+    """
+    known = [place for place, sign in enumerate(of) if sign]
+    return tuple((a, b) for a, b in zip(known, known[1:], strict=False) if of[a] != of[b])
 
 
 def numeric_paths(trials: Trials) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
@@ -80,20 +79,19 @@ class Ranking(SweepFigure):
         """Say what lines, bands and bars are, and between which places a sign turns; see `Figure.caption`."""
         content = self._content(results)
         n = len(content.points[0].runs)
+        is_primary = results.with_verdicts and content.info == content.points[0].primary_info
+        average = {"geometric": "geometric mean of the ratios", "mean": "ratio of the means"}.get(content.kind, "mean")
         parts = [
-            f"Change of {content.info.name} against {results.baseline} along {content.path}, {n} paired runs at each "
-            f"of {len(content.places)} points, with simultaneous {100 * results.confidence:g} % intervals; grey band: "
-            "margin of relevance."
+            f"Change of {content.info.name} against {results.baseline} along {content.path} ({average}), {n} runs at "
+            f"each of {len(content.places)} points, paired where both methods finished, with "
+            f"{'simultaneous ' if is_primary else ''}{100 * results.confidence:g} % intervals"
+            f"{'' if is_primary else ' for each point alone'}; grey band: margin of relevance."
         ]
         some_failed = any(point.n_failed(name) for point in content.points for name in content.methods)
         below = "Below: share of failed runs with Wilson intervals." if some_failed else "No run failed."
         parts.append(below)
         for line in content.lines:
-            known = [each for each in zip(line.places, line.values, strict=True) if each[1] == each[1]]
-            turns = [(a, b) for (a, one), (b, two) in pairwise(known) if one * two < 0]
-            words = " and ".join(f"between {a:g} and {b:g}" for a, b in turns)
-            sign = f"the sign of the change turns {words}" if turns else "the change keeps its sign"
-            parts.append(f"{line.method}: {sign}.")
+            parts.append(f"{line.method}: {_turn_text(line)}.")
         return " ".join(parts)
 
     def _content(self, results: Trials) -> RankingContent:
@@ -157,6 +155,21 @@ class RankingContent(NamedTuple):
     places: Sequence[float]
     methods: Sequence[str]
     lines: Sequence[Line]
+
+
+def _turn_text(line: Line) -> str:
+    """Say between which places the sign of a change turns, and where it has none."""
+    from rmpc_bench.analysis.turning_points import signs, turns
+
+    found = signs(line.low, line.high)
+    known = [n for n, value in enumerate(line.values) if value == value]
+    if pairs := turns(found):
+        words = " and ".join(f"between {line.places[a]:g} and {line.places[b]:g}" for a, b in pairs)
+        return f"the sign of the change turns {words}"
+    without = [f"{line.places[n]:g}" for n in known if not found[n]]
+    if not without:
+        return "the change keeps its sign"
+    return f"no turn is resolved; the interval of the change contains 0 at {', '.join(without)}"
 
 
 def _line(method: str, places: Sequence[float], rows: Sequence[object], kind: str) -> Line:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from rmpc_bench.analysis.comparison import levels
@@ -41,12 +42,19 @@ def _turning(track: Track, info: MetricInfo, trials: Trials) -> str:
             for a, b in track.turns
         ]
         return f"Along {track.path}{at}, {what} turns its sign {' and '.join(texts)}."
-    signed = [change for change in track.changes if change == change and change != 0]
+    known = [n for n, change in enumerate(track.changes) if not math.isnan(change)]
+    signed = [n for n in known if track.signs[n]]
+    if not known:
+        return f"Along {track.path}{at}, {what} has no value at any point from {first} to {last}."
+    ends = ", ".join(f"{_size(track, n, info)} at {_place(track, n)}" for n in dict.fromkeys((known[0], known[-1])))
     if not signed:
-        return f"Along {track.path}{at}, {what} has no sign at any point from {first} to {last}."
-    word = "negative" if signed[0] < 0 else "positive"
-    ends = f"{_size(track, 0, info)} at {first}, {_size(track, -1, info)} at {last}"
-    return f"Along {track.path}{at}, {what} is {word} at all {len(signed)} points: {ends}."
+        return f"Along {track.path}{at}, {what} has an interval that contains 0 at all {len(known)} points: {ends}."
+    word = "negative" if track.signs[signed[0]] < 0 else "positive"
+    if len(signed) == len(known):
+        return f"Along {track.path}{at}, {what} is {word} at all {len(known)} points that have one: {ends}."
+    rest = ", ".join(_place(track, n) for n in known if n not in signed)
+    where = f"{word} at {len(signed)} of {len(known)} points, and its interval contains 0 at {rest}"
+    return f"Along {track.path}{at}, {what} is {where}: {ends}."
 
 
 def _size(track: Track, n: int, info: MetricInfo) -> str:

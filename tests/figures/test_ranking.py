@@ -1,5 +1,7 @@
 """Changes and failed runs along a swept number, read back from the artists, and the sentences about them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import ROUND
@@ -67,11 +69,45 @@ def test_the_turn_lies_between_the_points_whose_signs_differ(trials):
 
 def test_no_turn_is_said_too(trials):
     """With the changes at both ends."""
-    from dataclasses import replace
-
     chosen = tuple(point for point in trials.points if point.point[PATH] != "2")
     (sentence,) = turning_sentences(replace(trials, points=chosen))
     assert "is negative at all 2 points" in sentence
+
+
+@pytest.fixture
+def unresolved(make_trials, make_sweep):
+    """R is better at 0.5 and worse at 3; at 1 and 2 the estimates have opposite signs and intervals that contain 0."""
+    points = []
+    for scale, log in {"0.5": -0.3, "1": 0.01, "2": -0.01, "3": 0.3}.items():
+        deviations = np.random.default_rng(4).normal(size=40)
+        values = np.exp(log + 0.2 * (deviations - deviations.mean()))
+        points.append(({PATH: scale}, make_trials({"mse": {"S": [1.0] * 40, "R": list(values)}})))
+    return make_sweep(*points)
+
+
+def test_a_change_whose_interval_contains_0_is_no_turn(unresolved):
+    """The turn lies between the points that have a sign, and estimates that are noise do not turn."""
+    (track,) = tracks(unresolved, PATH)
+    assert (track.signs, track.turns) == ((-1, 0, 0, 1), ((0, 3),))
+    assert "turns between 0.5 and 3." in Ranking().caption(unresolved)
+    (sentence,) = turning_sentences(unresolved)
+    assert "turns its sign between 0.5 (" in sentence
+    middle = replace(unresolved, points=unresolved.points[1:3])
+    (sentence,) = turning_sentences(middle)
+    assert "has an interval that contains 0 at all 2 points: +" in sentence
+    assert "no turn is resolved; the interval of the change contains 0 at 1, 2." in Ranking().caption(middle)
+    (sentence,) = turning_sentences(replace(unresolved, points=unresolved.points[:3]))
+    assert "is negative at 1 of 3 points, and its interval contains 0 at 1, 2: " in sentence
+
+
+def test_the_caption_names_the_intervals_of_another_metric(make_trials, make_sweep):
+    """Only those of the primary metric are simultaneous."""
+    rng = np.random.default_rng(1)
+    columns = {name: {"S": list(rng.uniform(1, 2, 40)), "R": list(rng.uniform(1, 2, 40))} for name in ("mse", "mae")}
+    sweep = make_sweep(*[({PATH: scale}, make_trials(columns)) for scale in ("1", "2")])
+    sweep = replace(sweep, metrics=sweep.points[0].metrics)
+    assert "with simultaneous 95 % intervals;" in Ranking().caption(sweep)
+    assert "with 95 % intervals for each point alone;" in Ranking(metric="mae").caption(sweep)
 
 
 def test_paths_of_names_have_no_turn(make_sweep, trials):
