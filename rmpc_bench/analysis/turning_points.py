@@ -16,7 +16,6 @@ from rmpc_bench.analysis.comparison import Levels, compared, levels
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
 
-
 ENDS = ("low", "high")
 
 

@@ -11,7 +11,7 @@ from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.analysis.turning_points import numeric_paths, tracks
 from rmpc_bench.figures.ranking import Ranking
 from rmpc_bench.report.turning_sentences import turning_sentences
-from rmpc_bench.types import DesignError, ResultLayout
+from rmpc_bench.types import DesignError, MetricInfo, ResultLayout
 
 PATH = "uncertainty.scale"
 CHANGES = {"0.5": 0.8, "1": 0.95, "2": 1.3}
@@ -104,8 +104,8 @@ def test_the_caption_names_the_intervals_of_another_metric(make_trials, make_swe
     """Only those of the primary metric are simultaneous."""
     rng = np.random.default_rng(1)
     columns = {name: {"S": list(rng.uniform(1, 2, 40)), "R": list(rng.uniform(1, 2, 40))} for name in ("mse", "mae")}
-    sweep = make_sweep(*[({PATH: scale}, make_trials(columns)) for scale in ("1", "2")])
-    sweep = replace(sweep, metrics=sweep.points[0].metrics)
+    infos = [MetricInfo(name, "rad^2", "lower") for name in columns]
+    sweep = make_sweep(*[({PATH: scale}, make_trials(columns, infos)) for scale in ("1", "2")])
     assert "with simultaneous 95 % intervals;" in Ranking().caption(sweep)
     assert "with 95 % intervals for each point alone;" in Ranking(metric="mae").caption(sweep)
 
