@@ -11,6 +11,7 @@ import numpy as np
 
 from rmpc_bench.figures.labels import DID_NOT_OCCUR, POINTS_PER_INCH, typeset, width, wrapped
 from rmpc_bench.figures.legend import GAP, HANDLE, PAD, columns_that_fit
+from rmpc_bench.figures.method_groups import name_entries, name_ticks
 from rmpc_bench.figures.style import FONT_SIZE
 from rmpc_bench.types import Array
 
@@ -85,6 +86,8 @@ def label_panels(
         if any(other != lines for other in counts):
             _write_counts(axes, lines, slot)
     height = _label_boxes(rows[-1], labels, counts[-1], slot, handles)
+    for axes in rows:
+        name_ticks(axes, [handle.get_gid() for handle in handles][: len(axes.get_xticks())], horizontal=True)
     if common:
         rows[-1].set_xlabel(common)
     figure = rows[-1].get_figure(root=True)
@@ -135,7 +138,7 @@ def _write_key(axes: Axes, texts: Sequence[str], handles: Sequence[Artist]) -> f
     limit = figure.get_figwidth() * POINTS_PER_INCH - FONT_SIZE
     entries = [wrapped(text, limit - (HANDLE + PAD) * FONT_SIZE) for text in texts]
     n_columns = columns_that_fit([max(map(width, lines)) for lines in entries], limit)
-    figure.legend(
+    legend = figure.legend(
         handles,
         ["\n".join(lines) for lines in entries],
         loc="outside lower center",
@@ -148,6 +151,7 @@ def _write_key(axes: Axes, texts: Sequence[str], handles: Sequence[Artist]) -> f
         borderpad=0.0,
         borderaxespad=0.3,
     )
+    name_entries(legend, handles)
     return -(-sum(map(len, entries)) // n_columns) * LINE
 
 

@@ -193,4 +193,4 @@ def _sample(look: LineStyle) -> Artist:
     """Make a small box for the key."""
     from matplotlib.patches import Patch
 
-    return Patch(facecolor=paler(look.color, FILL), edgecolor=look.color, linewidth=1.0)
+    return Patch(facecolor=paler(look.color, FILL), edgecolor=look.color, linewidth=1.0, gid=look.gid)

@@ -62,6 +62,8 @@ class Label(NamedTuple):
     x: float
     y: float
     text: str
+    gid: str | None = None
+    """Name of the group of its method, by which a page hides it."""
 
 
 def write(axes: Axes, labels: Sequence[Label], lines: Sequence[tuple[Array, Array]], *, color: str = "black") -> bool:
@@ -99,7 +101,7 @@ def write(axes: Axes, labels: Sequence[Label], lines: Sequence[tuple[Array, Arra
 def _annotate(axes: Axes, label: Label, text: str, side: Side, distance: float, color: str) -> None:
     """Write a text on one side of its point."""
     lead = {"arrowstyle": "-", "lw": 0.5, "color": REFERENCE, "shrinkA": 0, "shrinkB": 3}
-    axes.annotate(
+    note = axes.annotate(
         text,
         (label.x, label.y),
         xytext=(side.right * distance, side.up * distance),
@@ -110,7 +112,10 @@ def _annotate(axes: Axes, label: Label, text: str, side: Side, distance: float, 
         linespacing=1.0,
         color=color,
         zorder=5.0,
+        gid=label.gid,
     )
+    if note.arrow_patch is not None:
+        note.arrow_patch.set_gid(label.gid)
 
 
 def _sign(part: float) -> int:

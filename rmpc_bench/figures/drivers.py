@@ -14,6 +14,7 @@ from rmpc_bench.figures.axes import drawable, few_ticks
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, with_unit, wrapped
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
+from rmpc_bench.figures.method_groups import grouped
 from rmpc_bench.figures.shared_content import shared_content
 from rmpc_bench.figures.style import BLACK, GREY, REFERENCE, style
 from rmpc_bench.figures.sweep_points import point_at
@@ -186,15 +187,8 @@ def _bars(
         for place, (method, rows) in enumerate(content.rows.items()):
             row = next(row for row in rows if row["quantity"] == quantity)
             y = group * (n + 0.6) + place
-            look = styles[method]
-            if row["share"] != row["share"] or not row["resolved"]:
-                axes.text(1.0, y, share_text(row), color=look.color, va="center", fontsize="small")
-                continue
-            share = 100 * min(1.0, max(0.0, float(row["share"])))
-            face = paler(look.color, 0.35)
-            axes.barh(y, share, 0.85, color=face, edgecolor=BLACK, linewidth=0.3, hatch=look.hatch, zorder=2.1)
-            ends = np.clip(100 * np.array([row["share_low"], row["share_high"]], dtype=float), 0.0, 100.0)
-            axes.plot(ends, [y, y], color=BLACK, lw=0.9, zorder=2.5)
+            with grouped(axes, styles[method].gid):
+                _bar(axes, row, y, styles[method])
     middle = [group * (n + 0.6) + (n - 1) / 2 for group in range(len(groups))]
     labels = [*(literal(name) for name in shown), REST_LABEL]
     axes.set_yticks(middle, ["\n".join(wrapped(label, 0.3 * width * POINTS_PER_INCH)) for label in labels])
@@ -205,6 +199,18 @@ def _bars(
     of = response_text(content.responses[0].kind, content.info, content.trials.baseline)
     label = literal(f"share of the variance of {of} [%]")
     axes.set_xlabel("\n".join(wrapped(label, 0.62 * width * POINTS_PER_INCH)))
+
+
+def _bar(axes: Axes, row: Mapping[Any, Any], y: float, look: LineStyle) -> None:
+    """Draw the share of one quantity with its interval, or say why there is none."""
+    if row["share"] != row["share"] or not row["resolved"]:
+        axes.text(1.0, y, share_text(row), color=look.color, va="center", fontsize="small")
+        return
+    share = 100 * min(1.0, max(0.0, float(row["share"])))
+    face = paler(look.color, 0.35)
+    axes.barh(y, share, 0.85, color=face, edgecolor=BLACK, linewidth=0.3, hatch=look.hatch, zorder=2.1)
+    ends = np.clip(100 * np.array([row["share_low"], row["share_high"]], dtype=float), 0.0, 100.0)
+    axes.plot(ends, [y, y], color=BLACK, lw=0.9, zorder=2.5)
 
 
 def _points(axes: Axes, content: DriversContent, quantity: str, styles: Mapping[str, LineStyle]) -> None:
@@ -218,7 +224,7 @@ def _points(axes: Axes, content: DriversContent, quantity: str, styles: Mapping[
         look, known = styles[response.method], response.known
         step = -(-int(known.sum()) // MOST_POINTS) or 1
         y = np.array([response.shown(float(value)) for value in response.values[known]])
-        mark: dict[str, Any] = {"marker": look.marker, "ms": 1.6, "mew": 0.0, "ls": ""}
+        mark: dict[str, Any] = {"marker": look.marker, "ms": 1.6, "mew": 0.0, "ls": "", "gid": look.gid}
         axes.plot(x[known][::step], drawable(y)[::step], color=paler(look.color, 0.5), zorder=2.2, **mark)
     for response in content.responses:
         at, fitted = _curve(content, response, quantity)
@@ -257,7 +263,8 @@ def _handles(results: Trials, content: DriversContent, styles: Mapping[str, Line
     found: list[Handle] = []
     for name in content.rows:
         look = styles[name]
-        patch = Patch(facecolor=paler(look.color, 0.35), edgecolor=BLACK, linewidth=0.3, hatch=look.hatch)
+        face = paler(look.color, 0.35)
+        patch = Patch(facecolor=face, edgecolor=BLACK, linewidth=0.3, hatch=look.hatch, gid=look.gid)
         found.append((results.labels.get(name, name), patch))
     return found
 

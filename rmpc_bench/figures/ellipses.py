@@ -16,7 +16,8 @@ from rmpc_bench.figures.captions import joined, label_of, place, quantity, runs_
 from rmpc_bench.figures.ellipse_outline import Ellipse, outline
 from rmpc_bench.figures.labels import DID_NOT_OCCUR, metric_label, metric_of
 from rmpc_bench.figures.legend import Handle, finish
-from rmpc_bench.figures.line_styles import line_styles, paler
+from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
+from rmpc_bench.figures.method_groups import grouped
 from rmpc_bench.figures.samples import Curve, components
 from rmpc_bench.figures.style import REFERENCE, style
 from rmpc_bench.figures.sweep_points import point_at
@@ -217,13 +218,16 @@ def _draw(
         few_ticks(axes)
         handles: list[Handle] = []
         for name, ellipse in ellipses.items():
-            sample = _draw_ellipse(axes, ellipse, radii, styles[name].color, styles[name].zorder)
-            handles.append((label_of(point, name) + REMARKS[ellipse.shape], Line2D([], [], **sample)))
+            look = styles[name]
+            with grouped(axes, look.gid):
+                sample = _draw_ellipse(axes, ellipse, radii, look.color, look.zorder)
+            entry = Line2D([], [], **sample, gid=look.gid)
+            handles.append((label_of(point, name) + REMARKS[ellipse.shape], entry))
         keys: list[Handle] = [
             (rf"${radius:g}\sigma$", Line2D([], [], color=REFERENCE, **ring))
             for radius, ring in zip(radii, RINGS, strict=False)
         ]
-        keys += _draw_dots(axes, dots, {name: styles[name].color for name in methods})
+        keys += _draw_dots(axes, dots, styles)
         axes.set_xlabel(metric_label(axes_of[0]))
         axes.set_ylabel(metric_label(axes_of[1]))
         finish(figure, handles, "\n".join(filter(None, [title, _note(k, dots)])), keys=keys)
@@ -269,13 +273,13 @@ def _draw_ellipse(axes: Axes, ellipse: Ellipse, radii: Sequence[float], color: s
     return {**look, "lw": 1.3 * broad, **(END if shape == "segment" else {})}
 
 
-def _draw_dots(axes: Axes, dots: Mapping[str, Dots], colours: Mapping[str, str]) -> list[Handle]:
+def _draw_dots(axes: Axes, dots: Mapping[str, Dots], styles: Mapping[str, LineStyle]) -> list[Handle]:
     """Draw the runs below the ellipses; return their legend entry."""
     from matplotlib.lines import Line2D
 
     for name, (x, y, *_) in dots.items():
-        color = REFERENCE if len(dots) == 1 else paler(colours[name], 0.35)
-        axes.plot(x, y, color=color, zorder=2.0, **DOTS)
+        color = REFERENCE if len(dots) == 1 else paler(styles[name].color, 0.35)
+        axes.plot(x, y, color=color, zorder=2.0, gid=None if len(dots) == 1 else styles[name].gid, **DOTS)
     numbers = sorted({len(each.x) for each in dots.values()})
     text = f"{numbers[0]} runs" if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]} runs"
     return [(text, Line2D([], [], color=REFERENCE, **{**DOTS, "ms": 3.0}))]

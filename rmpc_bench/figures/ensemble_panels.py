@@ -151,6 +151,7 @@ def draw_moments(
 
     styles = line_styles(point.all_methods, methods)
     colours = {name: styles[name].color for name in methods} | {COMMON: BLACK}
+    gids = {name: styles[name].gid for name in methods}
     places = {name: 0.01 * place for place, name in enumerate([COMMON, *methods])}
     with style():
         figure = MplFigure(figsize=size, layout="constrained")
@@ -159,12 +160,10 @@ def draw_moments(
         for axes, panel in zip(rows, panels, strict=True):
             pieces = [(line, cut(line.curve, window)) for line in panel.lines]
             shown = [line._replace(curve=piece) for line, piece in pieces if piece is not None]
-            _draw_intervals(axes, panel.lines, window, colours)
+            _draw_intervals(axes, panel.lines, window, colours, gids)
             for line in shown:
-                values = drawable(line.curve.values)
-                axes.plot(
-                    window.sample * line.curve.k, values, **_look(line, colours[line.method], places[line.method])
-                )
+                values, look = drawable(line.curve.values), _look(line, colours[line.method], places[line.method])
+                axes.plot(window.sample * line.curve.k, values, **look, gid=gids.get(line.method))
             remark = make_logarithmic_if_positive(axes, [one.curve.values for one in shown]) if log else ""
             axes.set_ylabel(panel.label + remark)
             drawn += shown
@@ -173,7 +172,7 @@ def draw_moments(
         keys = _of_kinds(drawn, words)
         if any(line.half is not None for panel in panels for line in panel.lines):
             keys.append((interval_words(point), Patch(facecolor=paler(REFERENCE, INTERVAL), lw=0)))
-        finish(figure, _of_colours(point, methods, drawn, colours), title, keys=keys)
+        finish(figure, _of_colours(point, methods, drawn, colours, gids), title, keys=keys)
     return figure
 
 
@@ -192,7 +191,13 @@ def interval_words(point: Trials) -> str:
     return f"{100 * point.confidence:g} % interval of the mean"
 
 
-def _draw_intervals(axes: Axes, lines: Sequence[MomentLine], window: TimeWindow, colours: Mapping[str, str]) -> None:
+def _draw_intervals(
+    axes: Axes,
+    lines: Sequence[MomentLine],
+    window: TimeWindow,
+    colours: Mapping[str, str],
+    gids: Mapping[str, str | None],
+) -> None:
     """Draw the intervals of values that are from runs as areas behind the lines."""
     for line in lines:
         if line.half is not None:
@@ -200,7 +205,7 @@ def _draw_intervals(axes: Axes, lines: Sequence[MomentLine], window: TimeWindow,
             middle, half = line.curve.values[inside], line.half[inside]
             low, high = drawable(middle - half), drawable(middle + half)
             area: dict[str, Any] = {"color": paler(colours[line.method], INTERVAL), "lw": 0, "zorder": 1.8}
-            axes.fill_between(window.sample * line.curve.k[inside], low, high, **area)
+            axes.fill_between(window.sample * line.curve.k[inside], low, high, **area, gid=gids.get(line.method))
 
 
 def _look(line: MomentLine, color: str, place: float) -> dict[str, Any]:
@@ -214,7 +219,11 @@ def _look(line: MomentLine, color: str, place: float) -> dict[str, Any]:
 
 
 def _of_colours(
-    point: Trials, methods: Sequence[str], drawn: Sequence[MomentLine], colours: dict[str, str]
+    point: Trials,
+    methods: Sequence[str],
+    drawn: Sequence[MomentLine],
+    colours: dict[str, str],
+    gids: Mapping[str, str | None],
 ) -> list[Handle]:
     """Name the methods by their colours, and mark main lines from runs if others are exact."""
     from matplotlib.lines import Line2D
@@ -225,7 +234,8 @@ def _of_colours(
     for name in [COMMON, *methods] if any(line.method == COMMON for line in mains) else methods:
         label = "true state" if name == COMMON else point.labels.get(name, name)
         source = _from_runs(line for line in mains if line.method == name) if mixed else ""
-        handles.append((f"{label} ({source})" if source else label, Line2D([], [], color=colours[name], lw=1.3)))
+        sample = Line2D([], [], color=colours[name], lw=1.3, gid=gids.get(name))
+        handles.append((f"{label} ({source})" if source else label, sample))
     return handles
 
 

@@ -12,6 +12,7 @@ from rmpc_bench.figures.axes import STEPS, drawable
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, symbol, typeset, unit_of, with_unit, wrapped
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles, paler
+from rmpc_bench.figures.method_groups import grouped
 from rmpc_bench.figures.style import BLACK, GREY, REFERENCE, style
 from rmpc_bench.figures.window import TimeWindow
 from rmpc_bench.types import Array
@@ -79,12 +80,14 @@ def draw_errors(
             first = 0 if side_by_side else number * len(states)
             for row, state in enumerate(states, first):
                 axes = grid[row, number if side_by_side else 0]
-                _draw_panel(axes, lines, state, window, styles[name].color)
+                with grouped(axes, styles[name].gid):
+                    _draw_panel(axes, lines, state, window, styles[name].color)
                 if not side_by_side or number == 0:
                     axes.set_ylabel(_label(point, state, len(lines.band[0])))
             text = typeset(point.labels.get(name, name))
             head = grid[first, number if side_by_side else 0]
-            head.set_title("\n".join(wrapped(text, 0.9 * size[0] * POINTS_PER_INCH / n_columns)))
+            title_of = head.set_title("\n".join(wrapped(text, 0.9 * size[0] * POINTS_PER_INCH / n_columns)))
+            title_of.set_gid(styles[name].gid)
         grid[0, 0].set_xlim(*window.limits)
         for axes in grid[-1]:
             axes.set_xlabel(window.label)

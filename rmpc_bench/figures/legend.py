@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, typeset, width, wrapped
+from rmpc_bench.figures.method_groups import name_entries
 from rmpc_bench.figures.style import FONT_SIZE, is_for_paper
 from rmpc_bench.types import Array
 
@@ -53,7 +54,7 @@ def finish(
         n_columns = columns_that_fit([max(map(width, lines)) for lines, _ in entries], limit)
     lines = wrapped(literal(note), limit - 6 * FONT_SIZE) if note and not is_for_paper() else []
     if entries:
-        figure.legend(
+        legend = figure.legend(
             [handle for _, handle in entries],
             ["\n".join(lines) for lines, _ in entries],
             loc="outside upper center",
@@ -66,6 +67,7 @@ def finish(
             borderpad=0.0,
             borderaxespad=0.3,
         )
+        name_entries(legend, [handle for _, handle in entries])
     if lines and columns:
         figure.legends[0].set_title("\n".join(lines), prop=FontProperties(size=FONT_SIZE))
     elif lines:

@@ -220,7 +220,7 @@ def _draw_bands(
         if same:
             break
         for end in (low, high):
-            axes.plot(t, end, color=styles[name].color, ls=styles[name].linestyle, **EDGE)
+            axes.plot(t, end, color=styles[name].color, ls=styles[name].linestyle, gid=styles[name].gid, **EDGE)
 
 
 def _draw_line(axes: Axes, lines: NeesLines, look: LineStyle, window: TimeWindow, *, log: bool) -> None:
@@ -228,7 +228,7 @@ def _draw_line(axes: Axes, lines: NeesLines, look: LineStyle, window: TimeWindow
     t = window.sample * np.arange(window.first, window.last + 1)
     if lines.exact is not None and lines.average is not None:
         pale = drawable(_gaps(lines.average[window.slice], log=log))
-        axes.plot(t, pale, color=paler(look.color, 0.45), lw=0.6, zorder=look.zorder - 0.2)
+        axes.plot(t, pale, color=paler(look.color, 0.45), lw=0.6, zorder=look.zorder - 0.2, gid=look.gid)
     axes.plot(t, drawable(_gaps(lines.main[window.slice], log=log)), **look.line(), **look.marks(len(t)))
 
 

@@ -14,6 +14,7 @@ from rmpc_bench.figures.captions import changes_sentence, joined, label_of, quan
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, typeset, with_unit, wrapped
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles
+from rmpc_bench.figures.method_groups import name_ticks
 from rmpc_bench.figures.style import REFERENCE, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
 from rmpc_bench.types import DesignError, MetricInfo, ResultLayout
@@ -227,6 +228,8 @@ def _draw(
             axes.axvline(0.0, color=REFERENCE, lw=0.9, zorder=2.0)
             _draw_rows(axes, point, rows, kinds)
             axes.set_yticks(range(len(rows)), [_label(point, each.method, LABEL_SHARE * limit) for each in rows])
+            styles = line_styles(point.all_methods, [each.method for each in rows])
+            name_ticks(axes, [styles[each.method].gid for each in rows])
             axes.set_ylim(len(rows) - 0.5, -0.5)
             title = ", ".join(filter(None, [short_title(point), _runs(point, rows)]))
             axes.set_title("\n".join(wrapped(literal(title), 0.7 * limit)))
@@ -297,7 +300,8 @@ def _draw_rows(axes: Axes, point: Trials, changes: Sequence[Change], kinds: Sequ
         if not averages:
             # They have no place on the axis of per cent, and need all of its width.
             place = axes.get_yaxis_transform()
-            axes.text(0.5, row, each.counts, transform=place, ha="center", va="center", color=color, bbox=COUNTS_BOX)
+            middle: dict[str, Any] = {"ha": "center", "va": "center", "transform": place}
+            axes.text(0.5, row, each.counts, color=color, bbox=COUNTS_BOX, gid=gid, **middle)
         for average, offset in zip(averages, OFFSETS[len(averages)], strict=True):
             ends, y = drawable(np.array([average.low, average.high])), row + offset
             axes.plot(ends, [y, y], color=color, lw=1.3, zorder=2.5, gid=gid)

@@ -134,7 +134,7 @@ def _draw(
             handles = _handles(trials, shown, listed, styles, front=keys.front)
             finish(figure, handles, _note(dots, MEANING[keys.bars]))
             # If labels beside the dots overlap, all methods go into the legend.
-            if write(axes, _labels(trials, shown, listed, several), lines):
+            if write(axes, _labels(trials, shown, listed, several, styles), lines):
                 break
     return figure
 
@@ -142,7 +142,7 @@ def _draw(
 def _marker(look: LineStyle, *, filled: bool) -> dict[str, Any]:
     """Return the marker of a method; that of a dominated dot is hollow."""
     inside = look.color if filled else "white"
-    return {"ls": "", "marker": look.marker, "ms": 4.2, "mew": 1.0, "mec": look.color, "mfc": inside}
+    return {"ls": "", "marker": look.marker, "ms": 4.2, "mew": 1.0, "mec": look.color, "mfc": inside, "gid": look.gid}
 
 
 def _set_limits(axes: Axes, shown: Sequence[Dot], infos: tuple[MetricInfo, MetricInfo], *, log: bool) -> None:
@@ -175,13 +175,14 @@ def _draw_lines(
     """Draw bars, the lines through the dots of a method and the steps from one of the best dots to the next."""
     lines: list[tuple[Array, Array, dict[str, Any]]] = []
     for dot in shown:
-        bar: dict[str, Any] = {"color": paler(styles[dot.method].color, 0.35), "lw": 1.0, "zorder": 2.4}
+        look = styles[dot.method]
+        bar: dict[str, Any] = {"color": paler(look.color, 0.35), "lw": 1.0, "zorder": 2.4, "gid": look.gid}
         x, y = (drawable(np.array([each.low, each.high])) for each in (dot.x, dot.y))
         lines += [(x, np.full(2, dot.y.middle), bar), (np.full(2, dot.x.middle), y, bar)]
     connected = _in_order(shown)
     for name, look in styles.items() if connected else ():
         mine = [(dot.x.middle, dot.y.middle) for dot in shown if dot.method == name]
-        lines.append((*np.array(mine).T, {"color": paler(look.color, 0.5), "lw": 0.9, "zorder": 2.3}))
+        lines.append((*np.array(mine).T, {"color": paler(look.color, 0.5), "lw": 0.9, "zorder": 2.3, "gid": look.gid}))
     if best:
         corners = np.array([(dot.x.middle, dot.y.middle) for dot in best])
         lines.append((np.repeat(corners[:, 0], 2)[1:], np.repeat(corners[:, 1], 2)[:-1], FRONT))
@@ -213,7 +214,13 @@ def _handles(
     return found
 
 
-def _labels(trials: Trials, shown: Sequence[Dot], listed: frozenset[str], several: frozenset[str]) -> list[Label]:
+def _labels(
+    trials: Trials,
+    shown: Sequence[Dot],
+    listed: frozenset[str],
+    several: frozenset[str],
+    styles: Mapping[str, LineStyle],
+) -> list[Label]:
     """Label a dot with its method, or with its point of the sweep if the method has several."""
     found = []
     for dot in shown:
@@ -223,7 +230,7 @@ def _labels(trials: Trials, shown: Sequence[Dot], listed: frozenset[str], severa
             text = trials.labels.get(dot.method, dot.method)
         else:
             continue
-        found.append(Label(dot.x.middle, dot.y.middle, text + _count(dot, shown)))
+        found.append(Label(dot.x.middle, dot.y.middle, text + _count(dot, shown), styles[dot.method].gid))
     return found
 
 

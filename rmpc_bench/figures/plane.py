@@ -226,7 +226,15 @@ def _draw(
             limits, look = (axes.get_xlim(), axes.get_ylim()), styles[name]
             y = drawable(paths[name].magnified(keys.magnify))
             axes.plot(*y.T, **look.line())
-            axes.plot(*y[places].T, ls="", marker="o", ms=2.2, mew=0.0, color=look.color, zorder=look.zorder)
+            dots: dict[str, Any] = {
+                "marker": "o",
+                "ms": 2.2,
+                "mew": 0.0,
+                "color": look.color,
+                "zorder": look.zorder,
+                "gid": look.gid,
+            }
+            axes.plot(*y[places].T, ls="", **dots)
             if paths[name].failed and not all(path.failed for path in paths.values()):
                 # The values of a failed run may be huge and must not shrink the other paths.
                 axes.set_xlim(limits[0])

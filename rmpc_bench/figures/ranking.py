@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -223,8 +223,9 @@ def _changes(axes: Axes, content: RankingContent, styles: dict[str, LineStyle]) 
     for place, line in enumerate(content.lines):
         look = styles[line.method]
         x = _moved(content, line.places, place, len(content.lines))
+        bar: dict[str, Any] = {"color": look.color, "lw": 0.9, "gid": look.gid}
         axes.plot(x, drawable(np.array(line.values)), marker=look.marker, ms=3.0, **look.line())
-        axes.vlines(x, drawable(np.array(line.low)), drawable(np.array(line.high)), color=look.color, lw=0.9)
+        axes.vlines(x, drawable(np.array(line.low)), drawable(np.array(line.high)), **bar)
     unit = content.info.unit if content.kind == "difference" else "%"
     label = with_unit(literal(f"change of {content.info.name} against {point.baseline}"), unit)
     axes.set_ylabel("\n".join(wrapped(label, 1.2 * POINTS_PER_INCH)))
@@ -243,7 +244,7 @@ def _failures(axes: Axes, content: RankingContent, styles: dict[str, LineStyle])
         shares = 100 * np.array([failed / n if n else np.nan for failed, n in counts])
         look, x = styles[method], _moved(content, content.places, place, len(content.methods))
         axes.plot(x, shares, marker=look.marker, ms=3.0, **look.line())
-        axes.vlines(x, ends[:, 0], ends[:, 1], color=look.color, lw=0.9)
+        axes.vlines(x, ends[:, 0], ends[:, 1], color=look.color, lw=0.9, gid=look.gid)
         largest = max(largest, float(np.nanmax(ends, initial=0.0)))
     axes.set_ylim(-0.03 * max(largest, 1.0), 1.05 * max(largest, 1.0))
     axes.set_ylabel("failed runs [%]")

@@ -82,7 +82,9 @@ def draw_curves(
         if options.width:
             low, high = np.quantile(values, BAND, axis=0)
             axes.plot(t, high - low, **main)
-            axes.axhline(float(np.mean(high - low)), color=look.color, ls=look.linestyle, lw=0.6, zorder=2.4)
+            axes.axhline(
+                float(np.mean(high - low)), color=look.color, ls=look.linestyle, lw=0.6, zorder=2.4, gid=look.gid
+            )
         elif len(values) == 1:
             axes.plot(t, values[0], **main)
         else:

@@ -122,7 +122,8 @@ def _quantity(trials: Trials, content: SweepContent) -> str:
 def _sample(look: LineStyle, *, in_rows: bool) -> Line2D:
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], **_mark(look), **({"color": look.color, "ls": "-", "lw": 1.0} if in_rows else look.line()))
+    line = {"color": look.color, "ls": "-", "lw": 1.0, "gid": look.gid} if in_rows else look.line()
+    return Line2D([], [], **_mark(look), **line)
 
 
 def _mark(look: LineStyle) -> dict[str, Any]:
@@ -162,7 +163,7 @@ def _draw_curves(
             for edge in (low, high):
                 axes.plot(x, edge, **{**look.line(), "lw": 0.5, "zorder": 1.6})
         else:
-            axes.vlines(x, low, high, color=look.color, lw=0.9, zorder=2.4, **place_of)
+            axes.vlines(x, low, high, color=look.color, lw=0.9, zorder=2.4, gid=look.gid, **place_of)
 
 
 def _draw_rows(
@@ -180,9 +181,9 @@ def _draw_rows(
         low, middle, high = _ends(line)
         y = np.array([texts.index(text) for text in line]) + height * (place - (len(lines) - 1) / 2)
         look = styles[name]
-        axes.hlines(y, low, high, color=look.color, lw=1.0, zorder=2.4)
+        axes.hlines(y, low, high, color=look.color, lw=1.0, zorder=2.4, gid=look.gid)
         shown = np.where(np.isfinite(middle), middle, np.nan)
-        axes.plot(shown, y, ls="", color=look.color, zorder=2.6, **_mark(look))
+        axes.plot(shown, y, ls="", color=look.color, zorder=2.6, gid=look.gid, **_mark(look))
 
 
 def _name_rows(axes: Axes, texts: Sequence[str], limit: float) -> None:

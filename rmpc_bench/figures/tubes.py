@@ -16,6 +16,7 @@ from rmpc_bench.figures.ellipse_outline import Ellipse, outline
 from rmpc_bench.figures.labels import POINTS_PER_INCH, component_label, typeset, wrapped
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles, paler
+from rmpc_bench.figures.method_groups import grouped
 from rmpc_bench.figures.recorded_runs import last_sample
 from rmpc_bench.figures.reported_sets import EDGE, Tube, reported_set, tube_of
 from rmpc_bench.figures.style import BLACK, FONT_SIZE, REFERENCE, WHITE, style
@@ -177,13 +178,15 @@ def _draw(
         panels, any_outside = stacked_panels(figure, len(rows)), False
         for axes, (name, place) in zip(panels, rows, strict=True):
             few_ticks(axes)
-            if place is None:
-                outside = _draw_plane(axes, tubes[name], every, styles[name].color)
-            else:
-                outside = _draw_band(axes, tubes[name], place, window, styles[name].color)
+            color = styles[name].color
+            with grouped(axes, styles[name].gid):
+                if place is None:
+                    outside = _draw_plane(axes, tubes[name], every, color)
+                else:
+                    outside = _draw_band(axes, tubes[name], place, window, color)
+                _write_beside(axes, point.labels.get(name, name), color, size[1] / len(rows))
             any_outside |= bool(outside.any())
             axes.set_ylabel(labels[-1 if place is None else place])
-            _write_beside(axes, point.labels.get(name, name), styles[name].color, size[1] / len(rows))
         _align(panels, [row[1] for row in rows], [tubes[name].status == Status.OK.word for name, _ in rows])
         panels[-1].set_xlabel(labels[0] if plane else window.label)
         if not plane:

@@ -1,0 +1,57 @@
+"""Groups of a method in an SVG, by which a page hides all that belongs to the method: areas, bars, marks and texts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.legend import Legend
+
+
+@contextmanager
+def grouped(axes: Axes, gid: str | None) -> Iterator[None]:
+    """Give the name of a group to all that is drawn into a panel meanwhile and has none.
+
+    Parameters
+    ----------
+    axes : the panel
+    gid : `LineStyle.gid` of the method
+    """
+    before = {id(each) for each in axes.get_children()}
+    yield
+    for each in axes.get_children():
+        if id(each) not in before and each.get_gid() is None:
+            each.set_gid(gid)
+
+
+def name_ticks(axes: Axes, gids: Sequence[str | None], *, horizontal: bool = False) -> None:
+    """Put the label of every tick into the group of a method.
+
+    Parameters
+    ----------
+    axes : the panel, which has its ticks
+    gids : `LineStyle.gid` of the method of every tick
+    horizontal : whether the ticks are those of the horizontal axis
+    """
+    labels = axes.get_xticklabels() if horizontal else axes.get_yticklabels()
+    for label, gid in zip(labels, gids, strict=True):
+        label.set_gid(gid)
+
+
+def name_entries(legend: Legend, samples: Sequence[Artist]) -> None:
+    """Put sample and label of an entry into the group that the given sample has.
+
+    Parameters
+    ----------
+    legend : the legend as it is drawn, which has copies of the samples
+    samples : the sample of every entry
+    """
+    for given, shown, text in zip(samples, legend.legend_handles, legend.get_texts(), strict=True):
+        if (gid := given.get_gid()) is not None:
+            text.set_gid(gid)
+            if shown is not None:
+                shown.set_gid(gid)

@@ -1,0 +1,90 @@
+"""All that belongs to a method is in its groups of an SVG, so that a page can hide it."""
+
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from rmpc_bench.analysis.traces import Traces
+from rmpc_bench.figures.boxplot import Boxplot
+from rmpc_bench.figures.ellipses import Ellipses
+from rmpc_bench.figures.estimation_error import EstimationError
+from rmpc_bench.figures.files import save_as
+from rmpc_bench.figures.means import Means
+from rmpc_bench.figures.paired import Paired
+from rmpc_bench.figures.pareto import Pareto
+from rmpc_bench.figures.style import COLOURS
+from rmpc_bench.figures.sweep_lines import SweepLines
+from rmpc_bench.figures.trajectories import Trajectories
+from rmpc_bench.figures.tubes import Tubes
+from rmpc_bench.types import MetricInfo
+
+METHODS = ("A", "B")
+N, RUNS = 8, 20
+FLAT = MetricInfo("length", "m", "lower"), MetricInfo("power", "W", "lower")
+
+
+@pytest.fixture
+def point(make_trials, with_series):
+    """Two methods with metrics, moments, covariances and recorded runs."""
+    rng = np.random.default_rng(1)
+    base = np.exp(rng.normal(size=RUNS))
+    columns = {"A": list(base), "B": list(0.5 * base * np.exp(0.1 * rng.normal(size=RUNS)))}
+    table = make_trials({"length": columns, "power": {"A": columns["B"], "B": columns["A"]}}, FLAT)
+    entries = []
+    for name in METHODS:
+        for i in (0, 1):
+            for moment in ("mean(x)", "mean(x_hat)"):
+                entries.append((name, moment, f"{i}", rng.normal(size=N + 1), 0))
+            for j in (0, 1):
+                entries.append((name, "P", f"{i},{j}", [1.0 if i == j else 0.2], 0))
+    x = rng.normal(size=(RUNS, N + 1, 2)).cumsum(axis=1)
+    signals = {name: {"x": x, "x_hat": x + rng.normal(size=x.shape)} for name in METHODS}
+    traces = {name: Traces(np.arange(RUNS), each, np.zeros((N + 1, 1))) for name, each in signals.items()}
+    return replace(with_series(table, *entries), traces=traces, Ts=0.5)
+
+
+@pytest.fixture
+def sweep(make_sweep, point):
+    return make_sweep(*[({"plant.a": text}, replace(point, traces={})) for text in ("1", "2", "3")])
+
+
+FIGURES = {
+    "boxplot": Boxplot(),
+    "paired": Paired(),
+    "pareto": Pareto(x="length", y="power"),
+    "ellipses": Ellipses(x="length", y="power"),
+    "tubes over time": Tubes(),
+    "tubes in the plane": Tubes(over="plane"),
+    "trajectories": Trajectories(signals=["x.0"]),
+    "estimation error": EstimationError(),
+    "means": Means(),
+    "lines of a sweep with bars": SweepLines(drawn="bars"),
+    "lines of a sweep with bands": SweepLines(drawn="bands"),
+}
+
+
+def without_method(file, number):
+    """Return the SVG without the groups of a method and without definitions, which draw nothing themselves."""
+    tree = ElementTree.fromstring(file.read_text(encoding="utf-8"))
+    for parent in [*tree.iter()]:
+        for child in list(parent):
+            group = re.match(r"method-(\d+)", child.get("id", ""))
+            if (group and int(group[1]) == number) or child.tag.endswith("defs"):
+                parent.remove(child)
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_nothing_of_a_hidden_method_is_left(tmp_path, point, sweep, name):
+    """Neither its colour nor its name in a legend or beside an axis; the other method stays."""
+    figure = FIGURES[name].draw(sweep if "sweep" in name else point)
+    save_as(figure, tmp_path / "figure.svg")
+    left = without_method(tmp_path / "figure.svg", 1)
+    assert COLOURS[1] not in left.lower()
+    if name not in ("paired",):
+        assert COLOURS[0] in left.lower()
+    texts = re.findall(r">\s*(?:<[^>]*tspan[^>]*>)?([^<>\s][^<>]*)<", left)
+    assert not [text for text in texts if text.strip() in ("B", "B (exact)")]
