@@ -77,6 +77,7 @@ class ImprovementDifference:
     paired : whether the runs of the two experiments are paired
     n_a, n_b : runs of either experiment that averages rest on, finished by both methods; equal where they are paired
     failed_a, failed_b : runs in which the method failed, of those that are compared
+    alone_a, alone_b : runs of these in which the baseline finished, which count against the gain
     averages : the averages that were asked for and exist, the one that the verdict rests on first
     superiority_a, superiority_b : P(better than the baseline) + P(tied)/2 in either experiment
     superiority : their difference
@@ -94,6 +95,8 @@ class ImprovementDifference:
     n_b: int
     failed_a: int
     failed_b: int
+    alone_a: int
+    alone_b: int
     averages: tuple[AverageDifference, ...]
     superiority_a: float
     superiority_b: float
@@ -215,10 +218,12 @@ def _compared(
         n_b=n_b,
         failed_a=int(np.isnan(sample.a.a).sum()),
         failed_b=int(np.isnan(sample.b.a).sum()),
+        alone_a=sample.a.failed[0],
+        alone_b=sample.b.failed[0],
         averages=tuple(_average(sample, name, level) for name in sample.values),
         superiority_a=means[0],
         superiority_b=means[1],
-        superiority=Estimate(means[0] - means[1], *_interval(scores, sample, "mean", level)),
+        superiority=Estimate(means[0] - means[1], *_of_scores(scores, sample, level)),
         verdict=word,
         level=level,
         **planning,
@@ -275,13 +280,20 @@ def _interval(values: _Both, sample: _Sample, average: str, level: float) -> Int
     return _of_mean(gap, average, level, sample.trials.seed)
 
 
+def _of_scores(scores: _Both, sample: _Sample, level: float) -> Interval:
+    """Interval of the difference of two superiorities; none where the runs have no spread, which is not certainty."""
+    low, high = _interval(scores, sample, "mean", level)
+    return (low, high) if low < high else NONE
+
+
 def _of_mean(values: Array, average: str, level: float, seed: int) -> Interval:
     """Interval of one mean; bootstrap-t makes that of the ratio of the means worse."""
     return student(values, level) if average == "mean" else mean_interval(values, level, seed)
 
 
 def _verdict(sample: _Sample, level: float) -> Verdict:
-    failed = np.isnan(sample.a.a), np.isnan(sample.b.a)
+    # A run in which both fail says nothing about the gain: its plant may be too hard for any method.
+    failed = _alone(sample.a), _alone(sample.b)
     failures = None
     if failed[0].any() or failed[1].any():
         counted = replace(sample, a=sample.counted[0], b=sample.counted[1])
@@ -291,8 +303,13 @@ def _verdict(sample: _Sample, level: float) -> Verdict:
     return verdict(_evidence(sample, level), failures)
 
 
+def _alone(pairs: Pairs) -> Array:
+    """(n,) whether the method failed and the baseline did not."""
+    return np.asarray(np.isnan(pairs.a) & ~np.isnan(pairs.b))
+
+
 def _failed(failed: _Both, sample: _Sample, level: float) -> tuple[tuple[int, int], Interval]:
-    """Return in how many runs the method failed in one experiment only, and the interval of the shares' difference."""
+    """Return the failures of the method alone that one experiment only has, and the interval of the difference."""
     a, b = failed
     if sample.paired:
         alone = int((a & ~b).sum()), int((b & ~a).sum())

@@ -131,7 +131,8 @@ class ImprovementComparison:
         yield f"better than {row.baseline} (ties count half): {of_runs}"
         if row.failed_a or row.failed_b:
             failed = f"{row.failed_a} in A, {row.failed_b} in B"
-            yield f"failed runs of {row.method}: {failed}; averages rest on finished runs"
+            alone = f"{row.baseline} finished {row.alone_a} and {row.alone_b} of them"
+            yield f"failed runs of {row.method}: {failed} ({alone}); averages rest on runs that both finished"
 
     def _word(self, row: ImprovementDifference, table: Trials) -> str:
         if not row.verdict:
@@ -148,9 +149,12 @@ def _verdict(row: ImprovementDifference, margin: str) -> str:
     if row.verdict == Verdict.INCONCLUSIVE:
         numbers = ((row.runs_for_direction, "a direction"), (row.runs_for_equivalence, "equivalence"))
         known = ", ".join(f"{about(n)} for {word}" for n, word in numbers if not math.isnan(n))
+        gap = row.averages[0].difference if row.averages else Estimate(math.nan)
+        if row.alone_b > row.alone_a and gap.high < 0:
+            return f"inconclusive, as {row.method} alone fails more in B"
         return f"inconclusive (runs needed: {known})" if known else "inconclusive"
     return {
-        str(Verdict.FAILS_MORE): f"{row.method} fails more in A",
+        str(Verdict.FAILS_MORE): f"{row.method} alone fails more in A",
         str(Verdict.DEPENDS_ON_AVERAGE): "which gain is larger depends on the average",
         str(Verdict.BETTER): "the gain is larger in A",
         str(Verdict.WORSE): "the gain is smaller in A",

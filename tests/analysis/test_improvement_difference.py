@@ -147,6 +147,25 @@ def test_failed_runs_are_counted_and_may_decide():
     assert (unpaired.n_a, unpaired.n_b, unpaired.verdict) == (N - 12, N - 12, "better")
 
 
+def test_runs_in_which_both_fail_are_no_failures_of_the_method(rng):
+    """A harder plant that the baseline does not survive either says nothing about the gain of the method."""
+    base = np.exp(rng.standard_normal(N))
+    a, b = lognormal(rng, -0.3, 0.01, base.copy()), lognormal(rng, -0.1, 0.01, base)
+    a = {name: column.copy() for name, column in a.items()}
+    a["M"][:12] = np.nan
+    a["S"][:12] = np.nan
+    found = compared(a, b)
+    assert (found.failed_a, found.alone_a, found.verdict) == (12, 0, "better")
+
+
+def test_runs_that_all_agree_are_no_certainty():
+    """M loses all runs in A and wins all in B: no run differs from another, and no interval of width 0 is given."""
+    ones = np.ones(N)
+    found = compared({"S": ones, "M": 2 * ones}, {"S": ones, "M": 0.5 * ones})
+    assert found.superiority.value == -1
+    assert np.isnan(found.superiority.low)
+
+
 def test_only_common_runs_are_paired(rng):
     """A may have more runs than B."""
     base = np.exp(rng.standard_normal(2 * N))
