@@ -252,7 +252,8 @@ def _runs_sentence(lines: dict[str, ErrorLines], n_single: int) -> str:
     if not recorded or not n_single:
         return ""
     n, n_failed = max(len(each.runs) for each in recorded), sum(each.n_failed for each in recorded)
-    failed = f"; {n_failed} failed runs are left out" if n_failed else ""
+    total = " of all methods together" if len(recorded) > 1 else ""
+    failed = f"; {n_failed} failed run{' is' if n_failed == 1 else 's are'} left out{total}" if n_failed else ""
     return f"Thin: {f'the first {min(n_single, n)} of {n} recorded runs' if n > 1 else 'the recorded run'}{failed}."
 
 

@@ -89,9 +89,11 @@ def cells_caption(trials: Trials, grid: Grid) -> str:
     if values.kind:
         quantity = _sentence(change_label(trials, grid.info, values.kind))
         unit = f" in {values.unit}" if values.unit else ""
+        shown = [cell for name in values.methods for cell in grid.cells(name).values()]
+        unknown = " or is not known" if any(math.isnan(cell.low) for cell in shown) else ""
         first = (
             f"{quantity} {over}{unit}: {average_words(values.kind)}, {runs_words(values, 'paired run')}. "
-            f"Hatched cells: the {interval_words(trials, values).removesuffix('s')} contains 0."
+            f"Hatched cells: the {interval_words(trials, values).removesuffix('s')} contains 0{unknown}."
         )
         margin = f"Grey: the margin of relevance, {values.margin[0]:.3g} to +{values.margin[1]:.3g} {values.unit}."
         sentences = [first, margin.replace(" .", ".") if values.margin[1] > 0 else ""]

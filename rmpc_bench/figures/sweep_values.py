@@ -149,9 +149,10 @@ def average_words(kind: str) -> str:
 
 
 def runs_words(values: SweepValues, noun: str = "run") -> str:
-    """Count the runs of all values, as a range where they differ, and the failed ones."""
+    """Count the runs of every value, as a range where they differ, and those that are left out in total."""
     counts = [value.n for row in values.rows for value in row.values()]
     least, most = min(counts, default=0), max(counts, default=0)
     text = f"{least} to {most} {noun}s" if least < most else f"{most} {noun}{'s' * (most != 1)}"
     failed = sum(value.n_failed for row in values.rows for value in row.values())
-    return f"{text}, {failed} failed" if failed else text
+    # A pair is left out where one of the two runs failed, and a failed run of the baseline in every comparison.
+    return f"{text}, {failed} {'left out' if values.kind else 'failed'} in total" if failed else text

@@ -91,7 +91,7 @@ def test_share_outside_in_the_caption(trials):
         e = np.abs(errors(trials, name)[:, 2:])
         shares = [f"{100 * np.mean(e[:, :, i] > 3 * np.sqrt(VARIANCE[i])):.2g} %" for i in (0, 1)]
         assert f"{label} {', '.join(shares)} (state 0, 1;" in caption
-    assert "Thin: the first 5 of 60 recorded runs; 1 failed runs are left out." in caption
+    assert "Thin: the first 5 of 60 recorded runs; 1 failed run is left out" in caption
     # Of a Gaussian with twice the reported deviation 13 % are outside.
     e = np.abs(errors(trials, "B"))
     assert np.mean(e > 3 * np.sqrt(VARIANCE)) == pytest.approx(0.1336, abs=0.02)
