@@ -6,7 +6,6 @@ import math
 from collections.abc import Hashable, Mapping
 from typing import Any
 
-from rmpc_bench.analysis.drivers import FEWEST
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.responses import DIFFERENCE, LOG, LOG_RATIO, SHARE, SHARE_DIFFERENCE
 from rmpc_bench.analysis.rounding import decimal_text
@@ -24,7 +23,7 @@ def share_text(row: Row) -> str:
     ----------
     row : a row of `rmpc_bench.analysis.drivers`
     """
-    if row["n"] < FEWEST or math.isnan(row["share"]):
+    if math.isnan(row["share"]):
         return "not resolved"
     low, high = (per_cent(row[name]) for name in ("share_low", "share_high"))
     if not row["resolved"]:

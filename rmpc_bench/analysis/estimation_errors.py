@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rmpc_bench.analysis.nees import NormalisedSquares, average_of_moments, normalised_squares
 from rmpc_bench.analysis.traces import COVARIANCE
-from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Trials
 
 MEAN, SCATTER = "mean(e)", "cov(e)"
 """Series of the ensemble; the error is x - x_hat there."""

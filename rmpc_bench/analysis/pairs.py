@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rmpc_bench.analysis.failures import worst_of
 from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, STABLE
-from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import FEW
 from rmpc_bench.types import Array, MetricInfo
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Trials
 
 
 def distance_from_best(values: Array, direction: str) -> Array:

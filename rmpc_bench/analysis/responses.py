@@ -8,7 +8,7 @@ indicator of the runs in which it does not, minus that of the baseline.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,10 @@ from rmpc_bench.analysis.intervals import Interval, student, wilson
 from rmpc_bench.analysis.pairs import distance_from_best, is_signed
 from rmpc_bench.analysis.rounding import NEGLIGIBLE
 from rmpc_bench.analysis.superiority import shares_interval
-from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import Array, MetricInfo
+
+if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Trials
 
 LOG_RATIO, LOG = "log ratio", "log"
 DIFFERENCE, VALUE = "difference", "value"
