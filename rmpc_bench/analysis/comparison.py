@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -108,6 +109,8 @@ class Levels(NamedTuple):
     """Of each interval of the difference of the shares of failed runs, as above."""
 
 
+# Tables and every figure ask for them; the two tables are the trials and their rounded values.
+@lru_cache(maxsize=2)
 @np.errstate(over="ignore", invalid="ignore")
 def levels(trials: Trials) -> Levels:
     """Find the levels at which the intervals of the primary metric are simultaneous for all methods and points.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from rmpc_bench.figures.style import FONT_SIZE, font_family
@@ -65,6 +66,7 @@ def typeset(text: str) -> str:
     return text
 
 
+@lru_cache(maxsize=1000)
 def is_formula(text: str) -> bool:
     """Whether matplotlib can set a text as a formula, written without the dollar signs around it."""
     from matplotlib.mathtext import MathTextParser
