@@ -41,6 +41,7 @@ MAY_IMPORT = {
     # The mismatch is that of an experiment, whose record (`Experiment`) belongs to the simulation.
     "diagnostics": {"simulation", "noise", "numerics", "types"},
     "notices": set(),
+    "replaced_file": set(),
     # A name that is replaced or refused is said where a notebook shows it.
     "registry": {"notices", "types", "installed"},
     "installed": set(),
@@ -48,8 +49,9 @@ MAY_IMPORT = {
     "components": {"registry", "installed", "notices", "types", "numerics", "models"},
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},
-    "figures": {"analysis", "types"},
-    "report": {"figures", "claims", "analysis", "types"},
+    # Pictures and tables are files.
+    "figures": {"analysis", "types", "replaced_file"},
+    "report": {"figures", "claims", "analysis", "types", "replaced_file"},
     # Keys of an uncertain quantity are the fields of its law; the noise `same` and sets of x(0) are made as laws.
     # NUMERICS is a part of the key of a trial.
     "config": {"registry", "components", "expressions", "claims", "simulation", "noise", "types", "rmpc_bench"},
@@ -61,6 +63,7 @@ MAY_IMPORT = {
         "claims",
         "figures",
         "report",
+        "replaced_file",
         "types",
         "rmpc_bench",  # for the version
     },

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.config.report_section import ReportKeys
+from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.caption import latex_captions
 from rmpc_bench.report.latex import WIDTH, latex_tables
 from rmpc_bench.report.latex_text import to_latex
@@ -46,7 +47,7 @@ def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, repo
         if old.name not in files and not old.is_symlink() and old.read_bytes().startswith(WRITTEN.encode()):
             old.unlink()
     for name, text in files.items():
-        (directory / name).write_text(text, encoding="utf-8")
+        replace_text(directory / name, text)
     return [directory / name for name in files]
 
 
@@ -64,5 +65,5 @@ def write_caption(caption: str, stem: Path) -> Path:
     stem : path of the figure without ending
     """
     file = stem.with_name(f"{stem.name}.caption.tex")
-    file.write_text(f"{_head(stem.name)}{to_latex(caption)}%\n", encoding="utf-8")
+    replace_text(file, f"{_head(stem.name)}{to_latex(caption)}%\n")
     return file

@@ -17,6 +17,7 @@ import rmpc_bench
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.libraries import OF_THE_BENCH, all_versions
+from rmpc_bench.replaced_file import replace_text
 
 FILE = "manifest.json"
 
@@ -101,9 +102,7 @@ def note_look(directory: Path, n_runs: int) -> None:
 
 
 def _write(path: Path, data: dict[str, Any]) -> None:
-    partial = path.with_suffix(".part")
-    partial.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-    partial.replace(path)
+    replace_text(path, json.dumps(data, indent=2) + "\n")
 
 
 def _now() -> str:

@@ -16,6 +16,7 @@ from rmpc_bench.execution.manifest import read
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.sweep_points import MOST_PANELS
+from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
@@ -106,8 +107,8 @@ def write_page(
     )
     context = page_context(source)
     pages = [directory / PAGE, directory / "report.md"]
-    pages[0].write_text(render_html("page.html", context), encoding="utf-8", newline="\n")
-    pages[1].write_text(render_markdown("page.md", context), encoding="utf-8", newline="\n")
+    replace_text(pages[0], render_html("page.html", context))
+    replace_text(pages[1], render_markdown("page.md", context))
     return [*written, *pages]
 
 

@@ -25,6 +25,7 @@ from rmpc_bench.execution.report_choices import rendering_of
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.fonts import remark_on
 from rmpc_bench.figures.rendering import Rendering
+from rmpc_bench.replaced_file import folder, replace_text, replaced
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
@@ -130,7 +131,7 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     ['trials.csv', 'uncertainty.csv']
     """
     directory = results.directory if to is None else Path(to)
-    (directory / "tables").mkdir(parents=True, exist_ok=True)
+    texts, pictures = folder(directory, "tables"), folder(directory, "figures")
     rendering = rendering or rendering_of(results.experiment.report)
     report = results.experiment.report
     tables = summarise(results).shown(report.order, report.metrics)
@@ -149,8 +150,8 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     if len(results.trials.runs) and results.trials.with_verdicts and _is_same(directory, results.directory):
         note_look(results.directory, len(results.trials.runs))
     record = experiment_record(results)
-    paths += write_latex(tables, record, directory / "tables", report)
-    figures, left_out = write_figures(results, directory / "figures", rendering)
+    paths += write_latex(tables, record, texts, report)
+    figures, left_out = write_figures(results, pictures, rendering)
     paths += [path for figure in figures for path in figure.paths]
     drawn = Drawn(figures, left_out, rendering)
     paths += write_page(results, Evaluated(record, tables, verdicts, driven, demanded), drawn, paths, directory)
@@ -168,7 +169,7 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
     write_csv(results.series, directory / "series.csv")
     write_csv(summary_table(tables.described), directory / "summary.csv")
     write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
-    (directory / "tables" / "summary.md").write_text(tables.to_markdown(), encoding="utf-8")
+    replace_text(directory / "tables" / "summary.md", tables.to_markdown())
     names = ("trials.csv", "uncertainty.csv", "series.csv", "summary.csv", "comparisons.csv", "tables/summary.md")
     return [directory / name for name in names]
 
@@ -182,7 +183,7 @@ def _write_table(table: DriversTable | RequirementsTable, directory: Path, name:
     if len(frame):
         write_csv(frame, files[0])
     if text:
-        files[1].write_text(text, encoding="utf-8")
+        replace_text(files[1], text)
     return [file for file in files if file.exists()]
 
 
@@ -204,9 +205,9 @@ def _write_failures(results: Results, directory: Path) -> list[Path]:
         if old.name not in files:
             old.unlink()
     if files:
-        directory.mkdir(exist_ok=True)
+        folder(directory.parent, directory.name)
     for name, text in files.items():
-        (directory / name).write_text(text, encoding="utf-8")
+        replace_text(directory / name, text)
     return [directory / name for name in files]
 
 
@@ -224,7 +225,8 @@ def _write_traces(trials: Trials, path: Path) -> list[Path]:
             arrays |= {f"{where}/runs": trace.runs, f"{where}/r": trace.r}
             arrays[f"{where}/t"] = np.round((table.Ts or 1.0) * np.arange(len(trace.r)), 12)
     if arrays:
-        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+        with replaced(path) as partial:
+            np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
     return [path] if arrays else []
 
 
@@ -238,10 +240,10 @@ def _write_claims(
     if not verdicts:
         return []
     record = claims_record(verdicts, experiment_record(results))
-    files[0].write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    replace_text(files[0], json.dumps(record, indent=2) + "\n")
     ending = "svg" if "svg" in formats else formats[0]
     text = claims_markdown(verdicts, informational=not results.is_final, ending=ending)
-    files[1].write_text(text, encoding="utf-8")
+    replace_text(files[1], text)
     return files
 
 

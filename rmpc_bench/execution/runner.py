@@ -23,6 +23,7 @@ from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
+from rmpc_bench.replaced_file import replace_text, replaced
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -135,11 +136,12 @@ def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mappin
     try:
         keep_sources(config.own, directory)
         resolved = in_directory(config.resolved, directory, config.own)
-        (directory / RESOLVED).write_text(dump(plain(resolved)), encoding="utf-8")
+        replace_text(directory / RESOLVED, dump(plain(resolved)))
         lines = [line for line in given.read_bytes().splitlines(keepends=True) if not line.startswith(_ADDED.encode())]
         comments = [f"{_ADDED}{shlex.quote(text)}\n".encode() for text in added.values()]
         end = b"\n" if comments and lines and not lines[-1].endswith(b"\n") else b""
-        kept.write_bytes(b"".join([*lines, end, *comments]))
+        with replaced(kept) as partial:
+            partial.write_bytes(b"".join([*lines, end, *comments]))
     except OSError as error:
         raise WriteError(str(error)) from None
 

@@ -14,6 +14,7 @@ from rmpc_bench.claims.record import ClaimsRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.execution.page_files import PAGE
 from rmpc_bench.execution.publish import Publication, experiment_record
+from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.page.headline import headline
 from rmpc_bench.report.page.index_page import KINDS, IndexEntry, index_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
@@ -73,8 +74,8 @@ def write_site(published: Sequence[Publication | KeptClaims], to: Path) -> list[
     to.mkdir(parents=True, exist_ok=True)
     context = index_context([_entry(each, to) for each in published], rmpc_bench.__version__)
     pages = [to / "index.html", to / "index.md"]
-    pages[0].write_text(render_html("page.html", context), encoding="utf-8", newline="\n")
-    pages[1].write_text(render_markdown("page.md", context), encoding="utf-8", newline="\n")
+    replace_text(pages[0], render_html("page.html", context))
+    replace_text(pages[1], render_markdown("page.md", context))
     return pages
 
 

@@ -13,6 +13,7 @@ from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.stable_svg import stable_svg
 from rmpc_bench.figures.style import rendered, style
 from rmpc_bench.figures.svg_text import readable_text
+from rmpc_bench.replaced_file import replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
@@ -61,17 +62,20 @@ def save_as(figure: MplFigure, file: Path) -> None:
     """
     ending = file.suffix.lower()
     options = FORMATS[ending]
-    with style():
+    if ending == ".pgf":
+        # Its images are files beside it, whose names follow from its own.
+        file.unlink(missing_ok=True)
+        with style(), as_latex():
+            figure.savefig(file, format="pgf", **options)
+        return
+    with style(), replaced(file) as partial:
         if ending == ".svg":
-            file.write_text(svg_of(figure), encoding="utf-8", newline="\n")
+            partial.write_text(svg_of(figure), encoding="utf-8", newline="\n")
         elif ending == ".pdf":
             with _small_fonts():
-                figure.savefig(file, format="pdf", **options)
-        elif ending == ".pgf":
-            with as_latex():
-                figure.savefig(file, format="pgf", **options)
+                figure.savefig(partial, format="pdf", **options)
         else:
-            figure.savefig(file, format=ending[1:], **options)
+            figure.savefig(partial, format=ending[1:], **options)
 
 
 def svg_of(figure: MplFigure) -> str:

@@ -13,6 +13,7 @@ import pandas as pd
 from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.comparison import Levels, comparisons, levels
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.replaced_file import replaced
 from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_screen
 from rmpc_bench.report.tables import screen, summary_markdown
 
@@ -28,7 +29,8 @@ def write_csv(frame: pd.DataFrame, path: Path) -> None:
     frame : the table; its index is not written
     path : the file, replaced; floats as their shortest repr, inf where an event did not occur, empty for missing
     """
-    frame.to_csv(path, index=False, lineterminator="\n", encoding="utf-8")
+    with replaced(path) as partial:
+        frame.to_csv(partial, index=False, lineterminator="\n", encoding="utf-8")
 
 
 def trials_csv(trials: Trials, path: Path) -> None:

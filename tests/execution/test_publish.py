@@ -70,6 +70,25 @@ def test_publication_names_its_files(results, tmp_path):
     assert [verdict.finding for verdict in written.verdicts] == ["confirmed", "not-testable"]
 
 
+def test_no_file_outside_the_directory_is_written(results, tmp_path):
+    """A directory of somebody else may hold symbolic links; a link to a directory is refused before anything is."""
+    mine, there = tmp_path / "mine.txt", tmp_path / "there"
+    mine.write_text("mine", encoding="utf-8")
+    (there / "tables").mkdir(parents=True)
+    names = ("report.html", "report.md", "summary.csv", "traces.npz", "claims.json", "tables/summary.md")
+    for name in names:
+        (there / name).symlink_to(mine)
+    publish(results, to=there)
+    assert mine.read_text(encoding="utf-8") == "mine"
+    assert not any((there / name).is_symlink() for name in names)
+    refused = tmp_path / "refused"
+    refused.mkdir()
+    (refused / "figures").symlink_to(tmp_path, target_is_directory=True)
+    with pytest.raises(OSError, match="figures is a symbolic link"):
+        publish(results, to=refused)
+    assert not list(refused.glob("*.csv"))
+
+
 def test_summary_of_a_publication(results, directory, tmp_path):
     """The text of `report`, but for the directory."""
     shown = cli("report", directory).stdout
