@@ -7,7 +7,7 @@ Method  L_i is the log ratio of method and baseline in run i.  Both experiments 
         method), run by run.  For the ratio of the means the numbers L_i are those of the jackknife
         (`pairs.Pairs.averages`), for a signed metric they are differences in its unit.
 Unpaired  With different seeds the runs have nothing in common: Welch's intervals.
-Verdict  As for a method against its baseline, of the ratio of ratios: `better` says that the method gains more in A.
+Verdict  As for a method against its baseline, of the ratio of ratios: with `better` the improvement is larger in A.
 Limit   A baseline that is the same in all runs of both: the paired comparison of the method in A and in B.
 """
 
@@ -81,7 +81,7 @@ class ImprovementDifference:
     averages : the averages that were asked for and exist, the one that the verdict rests on first
     superiority_a, superiority_b : P(better than the baseline) + P(tied)/2 in either experiment
     superiority : their difference
-    verdict : word for the gain in A against that in B; empty but for the primary metric
+    verdict : word for the improvement in A against that in B; empty but for the primary metric
     level : level of the intervals of the difference
     runs_for_direction, runs_for_equivalence : about how many runs would decide; NaN where it is decided
     """

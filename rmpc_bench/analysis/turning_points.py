@@ -26,7 +26,7 @@ class Track:
     Parameters
     ----------
     path : swept path
-    others : the other coordinates of the sweep in words; empty without any
+    others : title of the points without the path; empty without other coordinates
     method : name of the method
     places : values of the path, ascending
     rows : comparison at each of them, with the fields of `Comparison`
@@ -106,18 +106,18 @@ def tracks(trials: Trials, path: str, info: MetricInfo | None = None, of: Levels
     of : levels of the intervals; those that are simultaneous for the whole experiment unless given
     """
     of = of or levels(trials)
-    groups: dict[str, list[Trials]] = {}
+    groups: dict[tuple[tuple[str, str], ...], list[Trials]] = {}
     for point in sorted(trials.points, key=lambda point: float(point.point[path])):
-        others = ", ".join(f"{name}={value}" for name, value in point.point.items() if name != path)
+        others = tuple((name, value) for name, value in point.point.items() if name != path)
         groups.setdefault(others, []).append(point)
-    for others, points in groups.items():
+    for points in groups.values():
         rows = [_rows(point, info, of) for point in points]
         for method in trials.methods:
             shown = [n for n, each in enumerate(rows) if method in each]
             if len(shown) > 1:
                 yield Track(
                     path,
-                    others,
+                    _title_without(points[0], path),
                     method,
                     tuple(float(points[n].point[path]) for n in shown),
                     tuple(rows[n][method] for n in shown),
@@ -133,6 +133,12 @@ def failed_shares(points: Sequence[Trials], method: str) -> list[tuple[int, int]
 def _rows(point: Trials, info: MetricInfo | None, of: Levels) -> dict[str, Mapping[str, Any]]:
     metric = info or point.primary_info
     return {} if metric is None else {row.method: asdict(row) for _, row in compared(point, metric, of)}
+
+
+def _title_without(point: Trials, path: str) -> str:
+    """Return the title of a point without one of its coordinates; values that change together have one name in it."""
+    title = point.title or ", ".join(f"{name}={value}" for name, value in point.point.items())
+    return f", {title}, ".replace(f", {path}={point.point[path]}, ", ", ")[2:-2]
 
 
 def _number(text: str) -> float | None:

@@ -47,7 +47,7 @@ class Names(click.ParamType[list[str]]):
 )
 @exits.guarded
 def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> int:
-    """Write tables and figures again from stored trials; nothing is simulated.
+    """Write pages, tables and figures again from stored trials; nothing is simulated.
 
     The options replace the section `report` of the configuration.  With --to nothing in DIR changes; several
     directories are then written to --to/PAPER/NAME, with an index of their pages in --to/index.html.

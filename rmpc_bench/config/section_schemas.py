@@ -53,7 +53,7 @@ def uncertainty() -> Schema:
         law["properties"] = {"dist": {"const": name, "description": first}, **law["properties"]}
         laws.append({**law, "required": ["dist", *law.get("required", ())]})
     spread: Schema = {"type": "string", "description": "a range about 0, such as +-10%: uniform"}
-    about = "factor on the spread of all quantities about their centres, 1 unless given; no quantity has this name"
+    about = "factor on the spread of all quantities about their centres, 1 unless given; no quantity may have this name"
     scale: Schema = {"minimum": 0, **NUMBER, "description": about}
     return {"type": "object", "properties": {SCALE: scale}, "additionalProperties": {"anyOf": [spread, *laws]}}
 
@@ -98,7 +98,11 @@ def initial() -> Schema:
         "x": {**x, "default": 0, "description": "true initial state, or its law"},
         "x_hat": {**_VECTOR, "default": 0, "description": "initial estimate of all estimators"},
         "P": {**process, "description": "its covariance; `process` is the covariance of the design process noise"},
-        "M": {**_MATRIX, "default": 0, "description": "shape of the ellipsoid about it, for estimators with sets"},
+        "M": {
+            **_MATRIX,
+            "default": 0,
+            "description": "shape matrix of its ellipsoid, for estimators with sets",
+        },
     }
     return {"type": "object", "properties": keys, "additionalProperties": False}
 

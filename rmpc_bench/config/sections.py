@@ -78,8 +78,8 @@ class Statistics:
     confidence : level of all intervals, such as 95%
     relevant : smallest difference that matters: a relative change for all metrics, or a number per metric
     average : averages of the paired runs, the geometric mean of their ratios or the ratio of the means
-    requirement : what the metric of a run must keep, such as settling_time < 20, or a list of such texts; the share of
-        runs that pass is counted
+    requirement : condition on a metric of a run, such as settling_time < 20, or a list of conditions; the share of runs
+        that meet it is computed
     """
 
     primary: Text | None = None
@@ -129,15 +129,15 @@ class Timeout:
 
 @dataclass(frozen=True)
 class Execution:
-    """Settings of the computation; none of them changes the numbers of a run that ends well.
+    """Settings of the computation; none of them changes the numbers of a finished run.
 
     Parameters
     ----------
     workers : number of worker processes
     block : runs that are computed together; the results do not depend on it
-    max_failures : number of failed runs from which on, if exceeded, the exit code is 3
-    engine : `joblib` computes in worker processes, `serial` in this process; if not given `joblib`, except that one
-        worker is this process where all components are built in
+    max_failures : number of failed runs that is accepted; with more of them the exit code is 3
+    engine : `joblib` computes in worker processes, `serial` in this process; if not given `joblib`, or `serial` with
+        one worker and built-in components only
     timeout : longest times; a run that takes longer has the status `timeout`
     memory : largest memory of a worker process, such as ``2 GB``; a run that needs more has the status `crashed`
     """
@@ -233,10 +233,10 @@ class ClaimKeys:
     ----------
     says : the statement, in our words
     source : section, figure or table of the paper; it begins with `additional result` for what the paper does not state
-    id : name of the statement; claims of the same name in several configurations of a paper have a joined finding
+    id : name of the statement; claims with the same `id` in several configurations of a paper have a joined finding
     quote : the words of the paper, at most 25 of them
     check : a comparison in the language of claims, or a list of them; without one the claim is not testable
-    holds_for : whether the check must hold at all points of `at`, at most of them, or at any
+    holds_for : `all` if the check must hold at all points of `at`, `most` if at the majority of them, `any` if at one
     at : point of the sweep for all terms that name none, a list of interpretations, or `all`
     grounds : interpretation -> its ground in the text of the paper
     finding : the recorded finding; `--strict` exits with 1 where the computed one differs
@@ -281,7 +281,8 @@ SECTIONS: dict[str, Section] = {
     "extends": Section(
         Text | None,
         None,
-        "Configuration that this one is laid over, key by key; `key: !delete` removes an inherited key (editors need "
+        "Configuration from which this one inherits: mappings are merged key by key, lists and scalars are "
+        "replaced; `key: !delete` removes an inherited key (editors need "
         "the custom tag `!delete scalar`). The name and the claims are not inherited.",
     ),
     "name": Section(
@@ -289,7 +290,7 @@ SECTIONS: dict[str, Section] = {
     ),
     "paper": Section(Name | None, None, "Key of the paper that is reproduced, such as zenere2018."),
     "title": Section(str, "", "One line that says what is compared."),
-    "summary": Section(str, "", "What was found, in one to three sentences; for overviews of many experiments."),
+    "summary": Section(str, "", "What was found, in one to three sentences; shown in overviews of many experiments."),
     "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0, "Seed of all random streams."),
     "runs": Section(
         Annotated[int, Ge(1), Le(MAX_RUNS)], ..., "Number of runs; it may be raised later, finished runs are kept."
@@ -315,7 +316,9 @@ SECTIONS: dict[str, Section] = {
     "controller": Section(dict[str, Any], {}, "Default controller of all methods."),
     "methods": Section(dict[str, Any], ..., "The pairs to compare: name -> model, estimator, controller and label."),
     "sweep": Section(
-        dict[str, Any], {}, "Values of some paths: {grid: {PATH: [..]}}, {zip: {PATH: [..]}}, {exclude: [..]}."
+        dict[str, Any],
+        {},
+        "Values of some keys, named by their paths: {grid: {PATH: [..]}}, {zip: {PATH: [..]}}, {exclude: [..]}.",
     ),
     "metrics": Section(list[Any], ["mse"], "Numbers to keep of every run."),
     "statistics": Section(Statistics, Statistics(), "How methods are compared."),
@@ -327,6 +330,8 @@ SECTIONS: dict[str, Section] = {
     "figures": Section(list[Any], ["boxplot"], "Figures to draw."),
     "claims": Section(list[Any], [], "Statements of a paper to check."),
     "plugins": Section(list[Text], [], "Python files whose code registers components; their names are then kinds."),
-    "execution": Section(Execution, Execution(), "Settings of the computation; none of them changes a result."),
+    "execution": Section(
+        Execution, Execution(), "Settings of the computation; none of them changes the numbers of a finished run."
+    ),
     "smoke": Section(Smoke, Smoke(), "Size of a run with --smoke."),
 }

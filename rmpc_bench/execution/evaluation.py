@@ -108,7 +108,7 @@ def drivers(results: Results | Trials) -> DriversTable:
     >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
     >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
     >>> drivers(results).to_screen()
-    ['driven by   not resolved: 4 runs, it takes 50']
+    ['driven by   not resolved: 4 runs, at least 50 are needed']
     """
     return drivers_table(results if isinstance(results, Trials) else results.trials)
 

@@ -164,6 +164,8 @@ def _shared(configuration: Mapping[str, Any], differences: Mapping[str, Mapping[
     for key, name in SHARED.items():
         if key in configuration and not any(each == key or each.startswith(f"{key}.") for each in keys):
             text = _flow(configuration[key])
+            if not text:
+                continue
             found[name] = text if len(text) <= LONGEST else f"{text[:LONGEST].rstrip()} ..."
     return found
 

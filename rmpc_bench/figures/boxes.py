@@ -76,7 +76,8 @@ def drawn_columns(panels: Sequence[Sequence[Array]], *, is_log: bool) -> tuple[l
 
 def _limited(column: Array) -> Array:
     there = column[np.isfinite(column) | (column == math.inf)]
-    return np.where(np.isinf(there), there, np.clip(there, -FAR, FAR))
+    limited: Array = np.where(np.isinf(there), there, np.clip(there, -FAR, FAR))
+    return limited
 
 
 def draw_boxes(axes: Axes, columns: Sequence[Array], looks: Sequence[LineStyle], ceiling: float | None) -> None:

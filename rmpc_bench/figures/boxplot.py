@@ -93,8 +93,7 @@ class Boxplot(SweepFigure):
         scale = (
             ", on a logarithmic axis" if is_log else ", on a linear axis as some values are not positive" * bool(remark)
         )
-        where = f" at {len(points)} points of the sweep" if len(points) > 1 else ""
-        where = where or (f" at {short_title(points[0])}" if points[0].point else "")
+        where = f" at {'; '.join(map(short_title, points))}" if points[0].point else ""
         changes = changes_sentence(points[0], methods, info, levels(results)) if len(points) == 1 else ""
         return sentences(
             f"Distribution of {quantity(info)} over the runs for {joined(label_of(results, name) for name in methods)}"

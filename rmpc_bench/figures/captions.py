@@ -109,7 +109,9 @@ def medians_sentence(points: Sequence[Trials], methods: Sequence[str], info: Met
     return f"Medians [quartiles]{unit}: {'; '.join(found)}" if found else ""
 
 
-def changes_sentence(point: Trials, methods: Sequence[str], info: MetricInfo, of: Levels | None = None) -> str:
+def changes_sentence(
+    point: Trials, methods: Sequence[str], info: MetricInfo, of: Levels | None = None, *, title: str = ""
+) -> str:
     """State the paired change of every method against the baseline with its interval and verdict, as the table does.
 
     Parameters
@@ -118,6 +120,7 @@ def changes_sentence(point: Trials, methods: Sequence[str], info: MetricInfo, of
     methods : methods to compare with the baseline, which is left out
     info : the metric
     of : levels of the intervals of the experiment; of this table alone if not given
+    title : of the point, where several are shown
     """
     from dataclasses import replace
 
@@ -135,4 +138,5 @@ def changes_sentence(point: Trials, methods: Sequence[str], info: MetricInfo, of
         text = ": ".join(word for word in words if word and word != "-")
         counts = f"{row['won']} won, {row['lost']} lost, {row['tied']} tied"
         found.append(f"{label_of(point, name)} {text or counts}")
-    return f"Against {label_of(point, point.baseline)}, run by run: {'; '.join(found)}"
+    where = f" at {title}" if title else ""
+    return f"Change in paired runs against {label_of(point, point.baseline)}{where}: {'; '.join(found)}"

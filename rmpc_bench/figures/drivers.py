@@ -10,6 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.driver_text import PAIRED, response_text, share_text
 from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures import captions
 from rmpc_bench.figures.axes import drawable, few_ticks
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, with_unit, wrapped
 from rmpc_bench.figures.legend import Handle, finish
@@ -93,6 +94,8 @@ class Drivers(OnePointFigure):
         for method, rows in content.rows.items():
             texts = [f"{row['quantity']} {share_text(row)}" for row in _sorted(rows) if row["quantity"] != "(rest)"]
             parts.append(f"{method}: {', '.join(texts)}.")
+        if content.title:
+            parts.insert(1, f"{captions.place(content.trials, content.title)}.")
         return " ".join(parts)
 
     def _content(self, results: Trials) -> DriversContent:

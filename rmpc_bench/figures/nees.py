@@ -108,7 +108,7 @@ class NeesOverTime(OnePointFigure):
             f"{NAMES[self.of]}, $e^T P^{{-1}} e$ with the {what}, averaged over the runs at every sample and divided "
             f"by the degrees of freedom ${freedom}$ (the rank of a singular $P$); 1 is best.",
             f"Grey: the central {100 * self.level:g} % band of $\\chi^2$ with $n {freedom}$ degrees of freedom, "
-            "divided by them, in which the average over $n$ runs of a consistent estimator lies.",
+            "divided by them; the average over $n$ runs of a consistent estimator lies in it with this probability.",
         ]
         if any(each.exact is not None for each in content.lines.values()):
             sentences.append("Main lines are expected values from exact moments, pale ones averages over runs.")

@@ -95,8 +95,8 @@ class Paired(SweepFigure):
         margin = _margin_text(points[0], info, kinds)
         texts = []
         for point in points:
-            where = f"At {short_title(point)}: " if len(points) > 1 else ""
-            texts.append(where + changes_sentence(point, methods, info, of))
+            title = short_title(point) if len(points) > 1 else ""
+            texts.append(changes_sentence(point, methods, info, of, title=title))
         return sentences(
             f"Paired change of {quantity(info)} against {label_of(results, results.baseline)}: a run of a method is "
             "compared with the run of the baseline that has the same index",

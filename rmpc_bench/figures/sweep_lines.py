@@ -32,12 +32,12 @@ MOST_ROWS = 48
 class SweepLines(SweepFigure):
     """A metric, or its paired change against the baseline, over a swept value, one line per method.
 
-    Of numbers the figure shows curves with bands, or with bars where more than three methods share a panel.  Their axis
-    is logarithmic where the numbers rather have equal ratios than equal differences.  Other values, such as names, are
-    categories, each a row with one mark per method.  Points that differ in another coordinate of the sweep are panels,
-    one below the other, with a common axis.  Values are those of summary.csv, changes those of comparisons.csv; the
-    grey band of a change is the margin of relevance.  A grey line shows the best value of a metric that is best at 0
-    or 1, and no change.  Failed runs are left out.
+    For numbers the figure shows curves with bands, or with bars where more than three methods share a panel.  Their
+    axis is logarithmic where the ratios of neighbouring numbers vary less than their differences.  Other values, such
+    as names, are categories, each a row with one mark per method.  Points that differ in another coordinate of the
+    sweep are panels, one below the other, with a common axis.  Values are those of summary.csv, changes those of
+    comparisons.csv; the grey band of a change is the margin of relevance.  A grey line shows the best value of a metric
+    that is best at 0 or 1, and no change.  Failed runs are left out.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class SweepLines(SweepFigure):
         path of the sweep, or the names of its points
     metric : name of the metric; the primary one if not given
     show : `value` shows the metric, `change` its paired change against the baseline with its confidence interval
-    spread : of values: `quartiles` shows medians with interquartile ranges, `se` means with standard errors and
+    spread : for values: `quartiles` shows medians with interquartile ranges, `se` means with standard errors and
         `interval` means with confidence intervals
     drawn : spreads as `bands` or as `bars`; `auto` chooses bands for at most three methods
     log : logarithmic axis of the values; linear, with a remark, if a value is not positive

@@ -48,7 +48,7 @@ MOST_SIGNALS = 8
 class Trajectories(OnePointFigure):
     """Recorded signals over time, one panel each; the methods share a panel, and the reference is dashed.
 
-    A single recorded run is drawn as it is.  Of several the figure shows the median (thick), the band from 5 to 95 %
+    A single recorded run is drawn as it is.  For several runs it shows the median (thick), the band from 5 to 95 %
     and single runs (thin), without the runs that failed.  The first band is filled, the others are hatched.  Bursts of
     the noise are shaded if they are the same in all runs that are shown.  A method without a signal is left out of its
     panels.
@@ -64,7 +64,7 @@ class Trajectories(OnePointFigure):
     edges : lines around the bands, which distinguish overlapping bands of several methods
     width_of_band : show the distance between the 5 and the 95 % quantile of every method in place of median and band,
         so that the widths can be compared
-    difference : show the difference to the baseline, run by run, in place of the signals
+    difference : show the difference from the baseline in paired runs, in place of the signals
     zoom : a window of a signal that is enlarged in a panel below the others, such as {signal: u, from: 8, to: 10};
         `auto` adds one where a figure of at most three panels has several methods whose curves reach over at most 5 %
         of the panel's range in a seventh of the time but differ by a quarter of this reach; `none` adds none

@@ -119,7 +119,7 @@ def caption_of(made: Content) -> str:
     """
     what = joined(dict.fromkeys(each.label for each in made.panels))
     if made.difference:
-        what = f"difference of {what} to {label_of(made.point, made.point.baseline)}, run by run,"
+        what = f"difference of {what} from {label_of(made.point, made.point.baseline)} in paired runs,"
     elif made.options.width:
         what = f"width of the bands of {what}"
     with_reference = any(each.signal == OUTPUT for each in made.panels)

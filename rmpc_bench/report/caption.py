@@ -111,7 +111,7 @@ def _of_comparison(table: MetricTable, shown: Sequence[Column]) -> Iterable[str]
     if "superiority" in shown:
         yield f"Superiority: share of the runs in which the method is better, those that are {tied} counted half."
     if "p" in shown:
-        yield "$p$: Wilcoxon signed-rank test with the correction of Holm."
+        yield "$p$: p value of the Wilcoxon signed-rank test, adjusted by Holm's method."
     if "verdict" in shown:
         yield _verdict(margin)
 

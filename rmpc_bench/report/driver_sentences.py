@@ -14,6 +14,9 @@ from rmpc_bench.analysis.rounding import significant_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
 
+MOST_NAMED = 4
+"""Quantities whose shares a sentence states; the table has all of them."""
+
 
 def method_sentences(trials: Trials, method: str, rows: Sequence[Row], found: Inputs) -> Iterator[str]:
     """Say what drives a method, where it does worst and where it fails.
@@ -41,18 +44,20 @@ def _explained(trials: Trials, method: str, rows: Sequence[Row], info: MetricInf
     left = rows[0]["n_failed"]
     n += f", {left} left out in which a method failed" if left else ""
     if rows[0]["n"] < FEWEST:
-        return f"{method}: what drives {of} is not resolved from {n}; it takes {FEWEST}."
+        return f"{method}: what drives {of} is not resolved from {n}; at least {FEWEST} runs are needed."
     if math.isnan(rows[0]["share"]):
         return f"{method}: what drives {of} is not resolved: it does not differ between the {n}, or they are too few."
     quantities = sorted((row for row in rows if row["quantity"] != REST), key=lambda row: -row["share"])
-    texts = [f"{row['quantity']} {share_text(row)}" for row in quantities]
+    texts = [f"{row['quantity']} {share_text(row)}" for row in quantities[:MOST_NAMED]]
+    if more := quantities[MOST_NAMED:]:
+        texts.append(f"and {len(more)} more with smaller shares")
     rest = next(row for row in rows if row["quantity"] == REST)
     text = f"{method}: of the variance of {of}, {', '.join(texts)} ({n}; total effects)."
     text += f" The {_surface(rest['surface'])} leaves {share_text(rest)} unexplained{_random(trials)}."
     if found.constant:
         text += f" Constant in all runs: {', '.join(found.constant)}."
     for first, second in found.correlated:
-        text += f" {first} and {second} are correlated: what either explains alone counts for neither."
+        text += f" {first} and {second} are correlated: the share of each leaves out what both explain."
     return text
 
 
@@ -72,7 +77,7 @@ def _random(trials: Trials) -> str:
         return " (terms of higher order; nothing else is random)"
     *names, last = trials.random_besides
     words = f"{', '.join(names)} and {last}" if names else last
-    return f" ({words}, not resolved, and terms of higher order)"
+    return f" ({words}, and terms of higher order)"
 
 
 def _worst(trials: Trials, method: str, rows: Sequence[Row], info: MetricInfo) -> str:
@@ -94,8 +99,8 @@ def _worst(trials: Trials, method: str, rows: Sequence[Row], info: MetricInfo) -
         return (
             f"{method}: no fifth of a quantity has a {mean}{against} that is resolved as worse than that of all runs."
         )
-    gains = signed and sign * float(row["worst_high" if sign > 0 else "worst_low"]) < 0
-    verb = "gains least" if gains else "does worst"
+    improves = signed and sign * float(row["worst_high" if sign > 0 else "worst_low"]) < 0
+    verb = f"improves least on {trials.baseline}" if improves else "does worst"
     return f"{method} {verb} where {_region(row)}: {what}{against} {there} there, {overall} overall."
 
 

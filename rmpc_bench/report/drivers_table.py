@@ -118,7 +118,7 @@ def _columns(trials: Trials, frame: pd.DataFrame) -> dict[str, list[str]]:
         # Heads of two words cannot be names of quantities.
         cells = {"variance of": f"{method}: {records[0]['response']} of {records[0]['metric']}"}
         cells |= {"not explained" if row["quantity"] == REST else row["quantity"]: share_text(row) for row in records}
-        cells |= {"number of runs": str(records[0]["n"]), "left out": str(records[0]["n_failed"])}
+        cells |= {"number of runs": str(records[0]["n"]), "failed runs left out": str(records[0]["n_failed"])}
         for head, cell in cells.items():
             columns.setdefault(head, []).append(cell)
     return columns
@@ -144,7 +144,7 @@ def _screen(trials: Trials, frame: pd.DataFrame) -> Iterator[str]:
 def _one_line(rows: Sequence[Row]) -> str:
     """Name the quantities of a method with their shares, the largest first."""
     if rows and rows[0]["n"] < FEWEST:
-        return f"not resolved: {rows[0]['n']} runs, it takes {FEWEST}"
+        return f"not resolved: {rows[0]['n']} runs, at least {FEWEST} are needed"
     known = [row for row in rows if row["share"] == row["share"]]
     if not known:
         return "not resolved: the runs do not differ, or are too few for the number of quantities"

@@ -145,7 +145,7 @@ def _is_signed(row: ImprovementDifference) -> bool:
 
 
 def _verdict(row: ImprovementDifference, margin: str) -> str:
-    """Write the verdict on the gain in A against that in B."""
+    """Write the verdict on the improvement in A against that in B."""
     if row.verdict == Verdict.INCONCLUSIVE:
         numbers = ((row.runs_for_direction, "a direction"), (row.runs_for_equivalence, "equivalence"))
         known = ", ".join(f"{about(n)} for {word}" for n, word in numbers if not math.isnan(n))
@@ -155,12 +155,12 @@ def _verdict(row: ImprovementDifference, margin: str) -> str:
         return f"inconclusive (runs needed: {known})" if known else "inconclusive"
     return {
         str(Verdict.FAILS_MORE): f"{row.method} alone fails more in A",
-        str(Verdict.DEPENDS_ON_AVERAGE): "which gain is larger depends on the average",
-        str(Verdict.BETTER): "the gain is larger in A",
-        str(Verdict.WORSE): "the gain is smaller in A",
-        str(Verdict.BETTER_SIZE_UNCERTAIN): "the gain is larger in A, size uncertain",
-        str(Verdict.WORSE_SIZE_UNCERTAIN): "the gain is smaller in A, size uncertain",
-        str(Verdict.EQUIVALENT): f"the gains are equivalent (within {margin})",
+        str(Verdict.DEPENDS_ON_AVERAGE): "which improvement is larger depends on the average",
+        str(Verdict.BETTER): "the improvement is larger in A",
+        str(Verdict.WORSE): "the improvement is smaller in A",
+        str(Verdict.BETTER_SIZE_UNCERTAIN): "the improvement is larger in A, size uncertain",
+        str(Verdict.WORSE_SIZE_UNCERTAIN): "the improvement is smaller in A, size uncertain",
+        str(Verdict.EQUIVALENT): f"the improvements are equivalent (within {margin})",
     }[row.verdict]
 
 
@@ -204,4 +204,5 @@ def _explanation(row: ImprovementDifference) -> str:
         pairing = "Run i of A is paired with run i of B: equal seeds draw the same quantile of every random quantity."
     else:
         pairing = "The seeds differ, so the runs of A and B are not paired, and the intervals are Welch's."
-    return f"{pairing} Differences are A minus B; above 0 {row.method} improves more on {row.baseline} in A."
+    larger = f"the improvement of {row.method} on {row.baseline} is larger in A"
+    return f"{pairing} Differences are A minus B; where they are above 0, {larger}."

@@ -12,8 +12,8 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 
 REQUIREMENTS_NOTE = (
-    "A failed run does not pass. Share: Wilson interval; difference in percentage points: paired score interval of "
-    "Tango, which contains 0 where the exact McNemar test does not reject equal shares."
+    "A failed run does not meet a requirement. Share: Wilson interval; difference in percentage points: paired score "
+    "interval of Tango, which contains 0 where the exact McNemar test does not reject equal shares."
 )
 
 
@@ -31,17 +31,17 @@ def requirement_columns(trials: Trials, frame: pd.DataFrame) -> dict[str, list[s
     columns = {
         "requirement": [f"`{row['requirement']}`" for row in rows],
         "method": [marked(trials, row["method"]) for row in rows],
-        "runs that pass": [f"{row['passed']} of {row['n']}" for row in rows],
+        "runs that meet it": [f"{row['passed']} of {row['n']}" for row in rows],
         "share": [share(row) for row in rows],
     }
     if len(trials.methods) > 1:
         columns[f"difference from {trials.baseline}"] = [difference(row) for row in rows]
-        columns["passes alone / baseline alone"] = [_alone(row) for row in rows]
+        columns["met by the method only / by the baseline only"] = [_alone(row) for row in rows]
     return columns
 
 
 def share(row: Mapping[Hashable, Any]) -> str:
-    """Write the share of runs that pass with its interval."""
+    """Write the share of runs that meet a requirement with its interval."""
     return interval_text(row["pass_pct"], row["pass_low"], row["pass_high"], unit="%", sign=False)
 
 

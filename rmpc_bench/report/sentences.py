@@ -91,7 +91,7 @@ def explanation(trials: Trials) -> str:
     return (
         f"Runs are paired with those of {trials.baseline}; a failed run is worse than any finished one, and averages "
         f"rest on the runs that both finished. Change: {AVERAGES[trials.headline]}. Tied: within "
-        f"{100 * trials.relevant:g} %. Superiority: share of the runs in which the method is better, tied ones half. "
-        "p: Wilcoxon signed-rank, after Holm. Verdicts: for the primary metric only, from simultaneous "
-        "intervals for all methods and points."
+        f"{100 * trials.relevant:g} %. Superiority: share of the runs in which the method is better; a tied run counts "
+        "half. p: p value of the Wilcoxon signed-rank test, adjusted by Holm's method. Verdicts: for the primary "
+        "metric only, from simultaneous intervals for all methods and all points of a sweep."
     )

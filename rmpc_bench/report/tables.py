@@ -179,7 +179,8 @@ def _legend_of_pairs(table: MetricTable, compared: Sequence[Mapping[str, object]
     elif average:
         parts.append(f"mean difference, {level}")
     if info.direction in BEST:
-        parts.append("compared by distance from 0" if info.direction == "zero" else "compared by max(value, 1/value)")
+        sizes = "the magnitudes" if info.direction == "zero" else "max(value, 1/value)"
+        parts.append(f"comparisons are those of {sizes}")
     looks = max(int(str(row["look"])) for row in compared)
     parts += [f"look {looks} at a growing number of runs, with wider intervals"] if looks > 1 else []
     margin = margin_text(trials, info, next((row for row in compared if row["average"]), None))

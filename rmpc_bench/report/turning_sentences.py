@@ -41,7 +41,7 @@ def _turning(track: Track, info: MetricInfo, trials: Trials) -> str:
             f"between {_place(track, a)} ({_size(track, a, info)}) and {_place(track, b)} ({_size(track, b, info)})"
             for a, b in track.turns
         ]
-        return f"Along {track.path}{at}, {what} turns its sign {' and '.join(texts)}."
+        return f"Along {track.path}{at}, {what} changes its sign {' and '.join(texts)}."
     known = [n for n, change in enumerate(track.changes) if not math.isnan(change)]
     signed = [n for n in known if track.signs[n]]
     if not known:

@@ -53,7 +53,7 @@ class Requirement:
 
         Returns
         -------
-        (n_runs,) true where all limits hold; a failed run does not pass
+        (n_runs,) true where all limits hold; a failed run does not meet them
         """
         shown = np.abs(values) if self.absolute else values
         found = ~np.isnan(values)

@@ -93,7 +93,7 @@ def test_intervals_against_a_bootstrap_of_whole_runs(average):
 
 
 def test_where_high_values_are_best_a_rise_is_an_improvement(rng):
-    """So the difference is positive where the method rises more in A, and the verdict says it gains more."""
+    """So the difference is positive where the method rises more in A, and the verdict says so."""
     base = np.exp(rng.standard_normal(N))
     a, b = lognormal(rng, 0.3, 0.05, base), lognormal(rng, 0.1, 0.05, base)
     found = compared(a, b, direction="higher")

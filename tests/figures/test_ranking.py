@@ -62,9 +62,20 @@ def test_the_turn_lies_between_the_points_whose_signs_differ(trials):
     assert "between 1 and 2" in Ranking().caption(trials)
     turning, failing = turning_sentences(trials)
     low, high = track.changes[1:]
-    assert turning.startswith(f"Along {PATH}, the change of mse of R against S turns its sign between 1 ({low:.1f} % [")
+    assert turning.startswith(
+        f"Along {PATH}, the change of mse of R against S changes its sign between 1 ({low:.1f} % ["
+    )
     assert f"and 2 (+{high:.1f} % [" in turning
     assert failing == f"Along {PATH}, R fails in 0 of 40 at 0.5, 0 of 40 at 1, 2 of 40 at 2."
+
+
+def test_values_that_change_together_are_named_by_their_name(trials, make_sweep):
+    """The sentence has the name of the interpretation, not the keys that it changes."""
+    named = {"name": "own draws", "controller.law": "printed"}
+    titled = [replace(point, title=f"{PATH}={point.point[PATH]}, own draws") for point in trials.points]
+    points = [({PATH: point.point[PATH], **named}, point) for point in titled]
+    sentence, *_ = turning_sentences(make_sweep(*points))
+    assert sentence.startswith(f"Along {PATH} at own draws, the change of mse of R")
 
 
 def test_no_turn_is_said_too(trials):
@@ -91,7 +102,7 @@ def test_a_change_whose_interval_contains_0_is_no_turn(unresolved):
     assert (track.signs, track.turns) == ((-1, 0, 0, 1), ((0, 3),))
     assert "turns between 0.5 and 3." in Ranking().caption(unresolved)
     (sentence,) = turning_sentences(unresolved)
-    assert "turns its sign between 0.5 (" in sentence
+    assert "changes its sign between 0.5 (" in sentence
     middle = replace(unresolved, points=unresolved.points[1:3])
     (sentence,) = turning_sentences(middle)
     assert "has an interval that contains 0 at all 2 points: +" in sentence

@@ -97,7 +97,7 @@ def test_differences_are_those_of_the_same_run(make_trials, record):
         assert not drawn(axes, COLOURS[0])
     assert figure.axes[0].get_ylabel() == "\N{GREEK CAPITAL LETTER DELTA}$y$ [rad]"
     assert "difference to A" in figure.axes[0].get_title()
-    assert "to A, run by run" in Trajectories(difference=True).caption(trials)
+    assert "from A in paired runs" in Trajectories(difference=True).caption(trials)
 
 
 def test_differences_need_another_method_and_a_shared_run(make_trials, record):

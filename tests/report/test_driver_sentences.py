@@ -30,7 +30,7 @@ def test_a_resolved_fifth_is_named_though_another_mean_is_worse(quantities):
     rows = found.frame[found.frame["method"] == "M"].set_index("quantity")
     assert rows.loc["g", "worst"] > rows.loc["a", "worst"]
     assert (bool(rows.loc["g", "differs"]), bool(rows.loc["a", "differs"])) == (False, True)
-    assert any(text.startswith("M gains least where a is in its highest fifth") for text in found.sentences)
+    assert any(text.startswith("M improves least on S where a is in its highest fifth") for text in found.sentences)
 
 
 def test_a_share_of_runs_is_not_written_as_a_metric(quantities):

@@ -123,7 +123,7 @@ def test_markdown_page(make_trials):
     assert text.startswith(
         "# tiny\n\n4 runs per method, seed 7, intervals at 95 %.\n\n## mse [rad^2], lower is better\n"
     )
-    assert "\n## offset, best at 0\n" in text and "compared by distance from 0" in text
+    assert "\n## offset, best at 0\n" in text and "comparisons are those of the magnitudes" in text
     assert (
         "- B|b changes mse by +8 % [-9, +29] against A (geometric mean of the ratios, 3 paired runs, 95 % interval; "
         "won 0, lost 3, tied 1); B|b alone failed in 1: inconclusive (runs needed: about "

@@ -77,7 +77,7 @@ def _comparison_limits(source: PageSource) -> list[Text]:
     """Say what the comparison cannot show."""
     trials, found = source.trials, list[Text]()
     if len(trials.methods) > 1:
-        found.append("This program tunes no method: each has the parameters of the configuration.")
+        found.append("No search for good parameters was made: each method has those of the configuration.")
     for name in sorted(trials.oracles):
         found.append(f"{name} knows the true parameters; no real estimator can do that.")
     if source.confounded:
@@ -92,7 +92,7 @@ def _comparison_limits(source: PageSource) -> list[Text]:
         found.append(f"{len(undecided) - MOST_LISTED} more comparisons are inconclusive.")
     for verdict in source.verdicts:
         if verdict.joined is Finding.DEPENDS_ON_ASSUMPTIONS:
-            found.append(f"Assumptions decide it: {_line(verdict.claim.says)}.")
+            found.append(f"The finding depends on unstated assumptions: {_line(verdict.claim.says)}.")
     if trials.with_verdicts and len(trials.frame):
         found.append("All numbers hold for this plant and these laws of its uncertain quantities and noises only.")
     return found
@@ -203,7 +203,7 @@ def trust_blocks(source: PageSource) -> list[Block]:
         rows.append(
             (
                 f"{agreeing} of {recorded} findings are those recorded in the configuration; with --strict a "
-                "difference ends in exit code 1.",
+                "difference leads to exit code 1.",
                 f"rmpc-bench run {file} --strict",
             )
         )

@@ -65,7 +65,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         section("summary", "Summary", [paragraph(headline(source.tables), "lead")]),
         section("result", "Result", _result_figures(source)),
         section("table", "Table", result_blocks(source.tables, trials.all_methods)),
-        section("drivers", "What drives it", [*_driver_blocks(source), *_requirement_blocks(source)]),
+        section("drivers", "What drives the differences", [*_driver_blocks(source), *_requirement_blocks(source)]),
         section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),
         section("trajectories", "Trajectories and worst runs", _trajectory_blocks(source), "Trajectories"),
         section(
@@ -76,7 +76,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         ),
         section("limitations", "Known limitations of this comparison", limitation_blocks(source), "Limitations"),
         section("failures", "Failures and timing", failure_blocks(source)),
-        section("trust", "Why trust it", trust_blocks(source)),
+        section("trust", "Why trust these results", trust_blocks(source)),
         section("files", "Configuration, files and citation", _file_blocks(source), "Files and citation"),
     ]
     return {
