@@ -87,7 +87,19 @@ def _texts(manual: Manual, formula: list[str]) -> list[str]:
     """Paragraphs of the docstrings; the labelled ones of the module as a list."""
     title, labelled = _labelled(manual.module)
     items = [_item(label, words) for label, words in labelled]
-    return [*_paragraphs(title), *_paragraphs(manual.text), *formula, "\n".join(items), *_methods(manual)]
+    labelled_items = "\n".join(items)
+    sharing = _sharing(manual)
+    if len(sharing) > 1:
+        about = f"The kinds {', '.join(f'`{kind}`' for kind in sharing)} share a module, which is described as follows:"
+        return [*_paragraphs(manual.text), *formula, about, *_paragraphs(title), labelled_items, *_methods(manual)]
+    return [*_paragraphs(title), *_paragraphs(manual.text), *formula, labelled_items, *_methods(manual)]
+
+
+def _sharing(manual: Manual) -> list[str]:
+    """The kinds of the group that are in the same module."""
+    kinds = registry.BUILT_IN[manual.group]
+    modules = {kind: place.partition(":")[0] for kind, place in kinds.items()}
+    return sorted(kind for kind, module in modules.items() if module == modules[manual.kind])
 
 
 def _item(label: str, words: str) -> str:

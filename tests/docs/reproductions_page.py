@@ -49,7 +49,7 @@ configurations check has one finding, joined over all interpretations. There is 
 | close, different | its relative difference is small (the claim names the limit), or it is not |
 
 Two numbers after a comparison are its left and its right side. [statistics.md](statistics.md) explains how intervals
-and verdicts come about, [experiments.md](experiments.md) how claims are written."""
+and verdicts are computed, [experiments.md](experiments.md) how claims are written."""
 TITLES = {
     "statement of the paper": "What the paper says",
     "additional result": "Additional results",
