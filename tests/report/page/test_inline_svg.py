@@ -35,6 +35,11 @@ def test_title_and_description():
     assert re.match(r'<svg viewBox="0 0 252 180" version="1.1" role="img" aria-labelledby="figure-a-title', svg)
 
 
+def test_the_width_stands_beside_the_font_in_one_attribute():
+    svg = inline_svg(FILE.replace("<svg ", '<svg style="font-size: 8px" '), "figure-a", "A", "b")
+    assert svg.count("style=") == 1 and 'style="font-size: 8px; --width: 252pt"' in svg
+
+
 def test_a_text_without_a_picture_is_refused():
     with pytest.raises(ValueError, match="figure-a: not an SVG"):
         inline_svg("<html>", "figure-a", "A", "b")
