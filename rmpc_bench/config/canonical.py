@@ -79,7 +79,8 @@ def canonicalise(
         evaluate=tuple(values["evaluate"]),
         in_samples=values["time"].duration is None and values["time"].step == 1.0,
         labels={
-            name: label + (" (oracle)" if name in experiment.oracles else "") for name, label in draft.labels.items()
+            name: label + (" (oracle)" if name in experiment.oracles and "oracle" not in label else "")
+            for name, label in draft.labels.items()
         },
         figures=tuple(figure for figure in draft.figures if figure is not None),
         claims=claims,

@@ -7,20 +7,19 @@ from pathlib import Path
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.replaced_file import replace_text
-from rmpc_bench.report.caption import latex_captions
+from rmpc_bench.report.caption import latex_captions, latex_notes
 from rmpc_bench.report.latex import WIDTH, latex_tables
-from rmpc_bench.report.latex_text import to_latex
+from rmpc_bench.report.latex_text import printed_latex
 from rmpc_bench.report.summary import Summary
-
-WRITTEN = "% written by rmpc-bench"
-"""Beginning of these files; a file that begins otherwise belongs to the user and is kept."""
 
 POINTS = 72.27
 """Points of LaTeX in an inch."""
+WRITTEN = "% written by rmpc-bench"
+"""Beginning of these files; a file that begins otherwise belongs to the user and is kept."""
 
 
 def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, report: ReportKeys) -> list[Path]:
-    """Write the tables for a paper with their captions, and remove those of an earlier choice of metrics.
+    """Write the tables for a paper with their captions and notes, and remove those of an earlier choice of metrics.
 
     Parameters
     ----------
@@ -41,8 +40,9 @@ def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, repo
     ]
     width = WIDTH if report.width_in is None else POINTS * report.width_in
     files = {f"{name}.tex": text for name, text in latex_tables(tables, comments, report.columns, width).items()}
-    captions = latex_captions(tables, report.columns, width)
-    files |= {f"{name}.caption.tex": f"{_head(name)}{text}" for name, text in captions.items()}
+    files |= {f"{name}.caption.tex": f"{_head(name)}{text}" for name, text in latex_captions(tables).items()}
+    notes = latex_notes(tables, report.columns, width)
+    files |= {f"{name}.note.tex": f"{_head_of_note(name)}{text}" for name, text in notes.items()}
     for old in directory.glob("*.tex"):
         if old.name not in files and not old.is_symlink() and old.read_bytes().startswith(WRITTEN.encode()):
             old.unlink()
@@ -56,6 +56,12 @@ def _head(name: str) -> str:
     return f"{WRITTEN}\n% \\caption{{\\protect\\input{{{name}.caption}}}}\n"
 
 
+def _head_of_note(name: str) -> str:
+    """Say how a document includes a note."""
+    box = r"\par\smallskip\parbox{\linewidth}"
+    return f"{WRITTEN}\n% below the table: {box}{{\\footnotesize\\input{{{name}.note}}}}\n"
+
+
 def write_caption(caption: str, stem: Path) -> Path:
     """Write the caption of a figure beside its files.
 
@@ -65,5 +71,5 @@ def write_caption(caption: str, stem: Path) -> Path:
     stem : path of the figure without ending
     """
     file = stem.with_name(f"{stem.name}.caption.tex")
-    replace_text(file, f"{_head(stem.name)}{to_latex(caption)}%\n")
+    replace_text(file, f"{_head(stem.name)}{printed_latex(caption)}%\n")
     return file

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 DASHES: tuple[Any, ...] = ("-", (0, (4, 2)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)), (0, (8, 3)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "++++")
-"""Patterns of areas.  Seven of them, as there are seven markers, and five dashes and six colours: no two of 210 methods
-have the same combination, and no two of 35 have the same dashes and the same marker in black and white."""
+"""Patterns of areas.  Seven of them, as there are seven markers, and five dashes and nine colours: no two of 315
+methods have the same combination, and no two of 35 the same dashes and the same marker in black and white."""
 MOST_TRAVEL = 6.0
 """Total variation of a held signal, relative to its range, up to which it is drawn in dashes."""
 N_MARKERS = 8

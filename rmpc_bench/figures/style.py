@@ -12,8 +12,9 @@ from rmpc_bench.figures.rendering import Rendering
 
 RED, BLUE, GREY = "#d7191c", "#0b5ba8", "#d9d9d9"
 BLACK, WHITE = "#000000", "#ffffff"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Palette of the methods, by Okabe and Ito: a colour-blind reader can distinguish them."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#332288", "#882255", "#999933")
+"""Palette of the methods, six colours of Okabe and Ito, then three darker ones of Tol: a colour-blind reader can
+distinguish them."""
 REFERENCE = "#7f7f7f"
 FONT_SIZE = 8
 """Size of all texts at the printed width [pt, of which an inch has 72]."""

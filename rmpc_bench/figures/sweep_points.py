@@ -80,10 +80,21 @@ def short_title(point: Trials) -> str:
     phrases = [text for text in shown.values() if re.search(r"\w \w", text)]
     words = [text if phrases == [text] else f"{name}={text}" for name, text in zip(names, shown.values(), strict=True)]
     if not named:
-        return ", ".join(words)
+        return printed(", ".join(words))
     for (path, text), word in zip(shown.items(), words, strict=True):
         title = title.replace(f", {path}={text}, ", f", {word}, ")
-    return title[2:-2]
+    return printed(title[2:-2])
+
+
+def printed(title: str) -> str:
+    """Write the signs of a title as they are printed: a minus in front of a number, a cross between factors.
+
+    Examples
+    --------
+    >>> printed("delta from -1 to 1, noise x 0.01, 1e-5, run-2")
+    'delta from −1 to 1, noise × 0.01, 1e-5, run-2'
+    """
+    return re.sub(r"(?<= )x(?= \.?\d)", "×", re.sub(r"(?<![\w.)\]-])-(?=\.?\d)", "−", title))
 
 
 def _having(trials: Trials, values: PointValues) -> Sequence[Trials]:

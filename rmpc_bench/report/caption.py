@@ -1,4 +1,8 @@
-"""Captions of the tables of a paper: full sentences that define every column, the pairing, failures and verdicts."""
+"""Captions and notes of the tables of a paper.
+
+A caption is one short line, for many classes of documents set captions of tables in capitals.  The note below the table
+defines every column, the pairing, failures and verdicts in full sentences.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,12 @@ from typing import Any
 from rmpc_bench.analysis.comparison_text import margin_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.labels import with_unit
+from rmpc_bench.figures.sweep_points import printed
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH, shown_points
-from rmpc_bench.report.latex_columns import chosen_columns
-from rmpc_bench.report.latex_text import to_latex
+from rmpc_bench.report.latex_columns import capitalised, chosen_columns
+from rmpc_bench.report.latex_text import printed_latex, to_latex
 from rmpc_bench.report.sentences import AVERAGES
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.types import MetricInfo
@@ -23,8 +27,25 @@ BEST = {"lower": "lower is better", "higher": "higher is better", "zero": "0 is 
 """Direction of a metric -> words."""
 
 
-def latex_captions(summary: Summary, columns: Sequence[Column] | None = None, width: float = WIDTH) -> dict[str, str]:
+def latex_captions(summary: Summary) -> dict[str, str]:
     """Return name -> LaTeX of the caption of every table that `latex.latex_tables` writes.
+
+    Parameters
+    ----------
+    summary : the statistics, with the methods and metrics to show
+    """
+    points = shown_points(summary)
+    if not points:
+        return {}
+    trials = points[0].trials
+    captions = {info.name: _subject(info.words, trials, len(points)) for info in trials.metrics}
+    if len(captions) > 1:
+        captions[ALL_METRICS] = _subject("Metrics", trials, len(points))
+    return {name: f"{to_latex(text)}%\n" for name, text in captions.items()}
+
+
+def latex_notes(summary: Summary, columns: Sequence[Column] | None = None, width: float = WIDTH) -> dict[str, str]:
+    """Return name -> LaTeX of the note below every table that `latex.latex_tables` writes.
 
     Parameters
     ----------
@@ -37,14 +58,14 @@ def latex_captions(summary: Summary, columns: Sequence[Column] | None = None, wi
         return {}
     infos = points[0].trials.metrics
     tables = {info.name: [metric_table(*point, info) for point in points] for info in infos}
-    captions = {name: table_caption(each, chosen_columns(each, columns, width)) for name, each in tables.items()}
+    notes = {name: table_note(each, chosen_columns(each, columns, width)) for name, each in tables.items()}
     if len(infos) > 1:
-        captions[ALL_METRICS] = _caption_of_all([each[0] for each in tables.values()])
-    return {name: f"{to_latex(text)}%\n" for name, text in captions.items()}
+        notes[ALL_METRICS] = _note_of_all([each[0] for each in tables.values()])
+    return {name: f"{printed_latex(text)}%\n" for name, text in notes.items()}
 
 
-def table_caption(tables: Sequence[MetricTable], shown: Sequence[Column]) -> str:
-    """Say what a table of one metric shows: plain text with formulas between dollar signs.
+def table_note(tables: Sequence[MetricTable], shown: Sequence[Column]) -> str:
+    """Define the columns of a table of one metric: plain text with formulas between dollar signs.
 
     Parameters
     ----------
@@ -52,23 +73,21 @@ def table_caption(tables: Sequence[MetricTable], shown: Sequence[Column]) -> str
     shown : its columns behind the name of the method
     """
     first = tables[0]
-    sentences = [_subject(first, len(tables)), *_described(first, shown)]
+    sentences = [f"{capitalised(first.info.words)}: {BEST[first.info.direction]}.", *_described(first, shown)]
     if {"change", "other", "counts", "superiority", "p", "verdict"} & set(shown):
         sentences += _of_comparison(first, shown)
     return " ".join([*sentences, _failures(tables)])
 
 
-def _subject(table: MetricTable, n_points: int) -> str:
-    """Name metric, unit, direction, methods and runs."""
-    trials, info = table.trials, table.info
+def _subject(what: str, trials: Trials, n_points: int) -> str:
+    """Name what is shown, methods, runs and points of a sweep."""
     where = f" at {n_points} points of the sweep" if n_points > 1 else ""
-    methods = _counted(len(trials.methods), "method")
-    return f"{with_unit(_plain(info.name), info.unit)} of {methods} in {_runs(trials)}{where}; {BEST[info.direction]}."
+    return f"{capitalised(what)} of {_counted(len(trials.methods), 'method')} in {_runs(trials)}{where}"
 
 
 def _runs(trials: Trials) -> str:
     if trials.alike and not trials.points and trials.title:
-        return f"one run at {_plain(trials.title)}"
+        return f"one run at {_plain(printed(trials.title))}"
     return f"{_counted(len(trials.runs), 'run')} per method"
 
 
@@ -150,14 +169,13 @@ def _failures(tables: Sequence[MetricTable]) -> str:
     return f"Failed runs: {', '.join(failed)}; they are left out of averages, and count as worse than any finished run."
 
 
-def _caption_of_all(tables: Sequence[MetricTable]) -> str:
-    """Say what the table with a column per metric shows."""
-    trials = tables[0].trials
-    parts = [f"Metrics of {_counted(len(trials.methods), 'method')} in {_runs(trials)}.", _mean(tables[0])]
-    absent = [_plain(table.info.name) for table in tables if table.may_not_occur]
+def _note_of_all(tables: Sequence[MetricTable]) -> str:
+    """Define the columns of the table with a column per metric."""
+    parts = [_mean(tables[0])]
+    absent = [table.info.words for table in tables if table.may_not_occur]
     if absent and not tables[0].may_not_occur:
-        parts.append(f"{', '.join(absent)}: runs in which the event did not occur, of all finished ones.")
-    parts.append("; ".join(f"{_plain(table.info.name)}: {BEST[table.info.direction]}" for table in tables) + ".")
+        parts.append(f"{capitalised(', '.join(absent))}: runs in which the event did not occur, of all finished ones.")
+    parts.append(capitalised("; ".join(f"{table.info.words}: {BEST[table.info.direction]}" for table in tables)) + ".")
     return " ".join([*parts, _failures(tables)])
 
 

@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.figures.sweep_points import short_title
+from rmpc_bench.figures.sweep_points import printed, short_title
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
 from rmpc_bench.report.latex_columns import (
     GAP,
     bracketed,
+    capitalised,
     chosen_columns,
     columns_of,
     head_of,
@@ -28,7 +29,7 @@ from rmpc_bench.report.latex_columns import (
 from rmpc_bench.report.latex_numbers import number_latex
 from rmpc_bench.report.latex_text import one_line, to_latex
 from rmpc_bench.report.latex_width import table_width
-from rmpc_bench.report.summary import PointSummary, Summary
+from rmpc_bench.report.point_summary import Points, PointSummary
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
@@ -50,7 +51,7 @@ class Body(NamedTuple):
 
 
 def latex_tables(
-    summary: Summary,
+    summary: Points,
     comments: Sequence[str] = (),
     columns: Sequence[Column] | None = None,
     width: float = WIDTH,
@@ -73,7 +74,7 @@ def latex_tables(
     return {name: _written(body, comments, name) for name, body in bodies.items()}
 
 
-def shown_points(summary: Summary) -> list[PointSummary]:
+def shown_points(summary: Points) -> list[PointSummary]:
     """Return the points with runs, or all of them together where they are many plants; empty if there are too many."""
     points = [summary.pooled] if summary.pooled else list(summary.points)
     points = [point for point in points if len(point.trials.frame)]
@@ -111,7 +112,7 @@ def _with_short_labels(table: MetricTable, rows: Sequence[Sequence[str]]) -> lis
 
 def _title(trials: Trials) -> str:
     """Name a point of a sweep; empty without one."""
-    return to_latex((short_title(trials) if trials.point else trials.title).replace("$", r"\$"))
+    return to_latex((short_title(trials) if trials.point else printed(trials.title)).replace("$", r"\$"))
 
 
 def _methods_as_columns(tables: Sequence[MetricTable], column: Column) -> Body:
@@ -141,7 +142,7 @@ def _all_metrics(points: Sequence[PointSummary], width: float) -> Body:
 
 
 def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricInfo], *, short: bool = False) -> Body:
-    head = ["Method", *(stacked([*name_lines(info.name), bracketed(info.unit)]) for info in infos)]
+    head = ["Method", *(stacked([*name_lines(info), bracketed(info.unit)]) for info in infos)]
     groups = []
     for point in points:
         names = [_row_label(point.trials, method, short=short) for method in point.trials.methods]
@@ -157,7 +158,7 @@ def _row_label(trials: Trials, method: str, *, short: bool) -> str:
 def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]) -> Body:
     trials = points[0].trials
     head = ["Metric", *(stacked(label_lines(trials, method)) for method in trials.methods)]
-    names = [f"{to_latex(info.name)} {bracketed(info.unit)}".rstrip() for info in infos]
+    names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
     groups = []
     for point in points:
         rows = [[name, *numbers] for name, numbers in zip(names, _means(point, infos), strict=True)]
@@ -174,7 +175,7 @@ def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> list[list[str]]:
 def _written(body: Body, comments: Sequence[str], name: str) -> str:
     """Write a table with its comments; all columns but the first are aligned to the right."""
     n = len(body.head)
-    needs = rf"needs \usepackage{{booktabs}}; caption: {name}.caption.tex"
+    needs = rf"needs \usepackage{{booktabs}}; caption: {name}.caption.tex; note: {name}.note.tex"
     lines = [f"% {one_line(text)}" for text in [*comments, needs]]
     lines += [rf"\begin{{tabular}}{{@{{}}l{(_GAP + 'r') * (n - 1)}@{{}}}}", r"\toprule", _row(body.head), r"\midrule"]
     for number, (title, rows) in enumerate(body.groups):

@@ -12,14 +12,15 @@ from rmpc_bench.report.latex_numbers import number_latex
 from rmpc_bench.report.latex_text import to_latex, unit_latex
 from rmpc_bench.report.latex_width import table_width
 from rmpc_bench.report.run_notes import held_cells
+from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
 USUAL: tuple[Column, ...] = ("mean", "change", "counts", "verdict")
 """Columns of a table unless others are chosen; where they do not fit, the last ones are left out, but for two."""
 GAP = 0.9
 """Distance between columns, in units of the size of the text."""
-LINE = 12
-"""Characters of a line in the head of a column."""
+HEAD = 45.0
+"""Width of a line in the head of a column [pt]."""
 LABEL = 60.0
 """Width of a line of a label that is broken [pt]."""
 _STACKED = r"\begin{{tabular}}[{}]{{@{{}}{}@{{}}}}{}\end{{tabular}}"
@@ -138,15 +139,14 @@ def stacked(lines: Sequence[str], *, place: str = "b", align: str = "c") -> str:
     return _STACKED.format(place, align, r"\\{}".join(there)) if len(there) > 1 else "".join(there)
 
 
-def name_lines(name: str) -> list[str]:
-    """Break a name such as ``steady_state_error`` at its underscores into short lines of LaTeX."""
-    lines: list[str] = []
-    for part in name.replace("_", "_\0").split("\0"):
-        if lines and len(lines[-1]) + len(part) <= LINE:
-            lines[-1] += part
-        else:
-            lines.append(part)
-    return [to_latex(line) for line in lines]
+def capitalised(words: str) -> str:
+    """Begin with a capital letter; a formula stays as it is."""
+    return words[:1].upper() + words[1:]
+
+
+def name_lines(info: MetricInfo) -> list[str]:
+    """Break the words of a metric, such as ``steady state error``, into short lines of LaTeX."""
+    return [to_latex(line) for line in wrapped(typeset(capitalised(info.words)), HEAD)]
 
 
 def label_of(trials: Trials, method: str) -> str:
@@ -173,4 +173,4 @@ def label_lines(trials: Trials, method: str) -> list[str]:
 
 def _marked(trials: Trials, method: str) -> str:
     label = trials.labels.get(method, method)
-    return label if "(oracle)" in label or method not in trials.oracles else f"{label} (oracle)"
+    return label if "oracle" in label or method not in trials.oracles else f"{label} (oracle)"

@@ -13,6 +13,8 @@ from rmpc_bench.figures.labels import is_formula
 
 _WITH_ARGUMENT = r"\\(?:hat|bar|tilde|breve|dot|ddot|vec|check|mathrm|mathit|mathbf|mathcal|mathsf|sqrt)\{[^{}]*\}"
 _DOLLAR = re.compile(r"(?<!\\)\$")
+_SIGN = re.compile(r"(?<=[A-Za-z])\^(?P<exponent>-?\d+(?:\.\d+)?)|(?<![\w.^-])-(?=[\d.])|(?P<infinity>\binf\b)")
+"""Exponent of a unit, minus in front of a number, and infinity."""
 _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
 _ESCAPED = {
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "`": r"\textasciigrave{}"},
@@ -66,6 +68,31 @@ def to_latex(text: str) -> str:
     if len(parts) % 2 == 0:
         return _plain("$".join(parts))
     return "".join(_formula(part) if place % 2 else _plain(part) for place, part in enumerate(parts))
+
+
+def printed_latex(text: str) -> str:
+    r"""Write full sentences for LaTeX: as `to_latex`, with minus signs, raised exponents of units and infinity.
+
+    Parameters
+    ----------
+    text : plain text with formulas between dollar signs
+
+    Examples
+    --------
+    >>> print(printed_latex("MSE [rad^2] of R-MPC1: -11.9 % [-13.2, inf]"))
+    MSE [rad$^{2}$] of R-MPC1: $-$11.9\,\% [$-$13.2, $\infty$]
+    """
+    parts = _DOLLAR.split(one_line(text))
+    if len(parts) % 2:
+        parts[::2] = [_SIGN.sub(_sign, part) for part in parts[::2]]
+    written = to_latex("$".join(parts))
+    return re.sub(r"(?<=\d) \\%", r"\,\%", written)
+
+
+def _sign(found: re.Match[str]) -> str:
+    if found["exponent"]:
+        return f"$^{{{found['exponent']}}}$"
+    return "∞" if found["infinity"] else "−"
 
 
 def one_line(text: str) -> str:

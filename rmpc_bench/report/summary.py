@@ -15,7 +15,12 @@ from rmpc_bench.analysis.comparison import Levels, comparisons, levels
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.replaced_file import replaced
 from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_screen
+from rmpc_bench.report.latex import ALL_METRICS, WIDTH, latex_tables
+from rmpc_bench.report.point_summary import PointSummary
 from rmpc_bench.report.tables import screen, summary_markdown
+from rmpc_bench.types import DesignError
+from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.report_choices import Column
 
 MOST_ON_SCREEN = 6
 """Points of a sweep that the screen shows one by one; of more it shows the runs of all points together."""
@@ -60,16 +65,6 @@ MOST_PAGES = 50
 """Points of a sweep that get a page in tables/summary.md; summary.csv has all."""
 
 
-class PointSummary(NamedTuple):
-    """The statistics of one table of trials."""
-
-    trials: Trials
-    described: pd.DataFrame
-    """One row per method and metric, see `statistics.summary`."""
-    compared: pd.DataFrame
-    """One row per comparison with the baseline, see `comparison.comparisons`."""
-
-
 class Summary(NamedTuple):
     """A table of trials with its statistics, point by point."""
 
@@ -104,6 +99,33 @@ class Summary(NamedTuple):
         tables = [summary_markdown(*page) for page in [*pages, *self.points[:MOST_PAGES]] if len(page.trials.frame)]
         tables += [text for point in self.points[:MOST_PAGES] if (text := ensemble_markdown(point.trials))]
         return "\n".join(tables)
+
+    def to_latex(
+        self, metric: str | None = None, *, columns: Sequence[Column] | None = None, width: float = WIDTH
+    ) -> str:
+        """Return a table for a paper: a body for the package booktabs, without a float.
+
+        Parameters
+        ----------
+        metric : name of the metric; the primary one if None; ``all-metrics`` for the means of all of them
+        columns : columns behind the name of the method; the usual ones that fit if None
+        width : of a column of the paper, to which the usual columns are limited [pt, of which an inch has 72.27]
+
+        Raises
+        ------
+        DesignError
+            If there is no such metric, or there are too many points of a sweep for a table.
+        """
+        trials = self.points[0].trials
+        wanted = metric or (trials.primary_info or trials.metrics[0]).name
+        known = [info.name for info in trials.metrics]
+        known += [ALL_METRICS] if len(known) > 1 else []
+        if wanted not in known:
+            raise DesignError(unknown(wanted, known, "metric"), "metric")
+        tables = latex_tables(self, (), columns, width)
+        if wanted not in tables:
+            raise DesignError("there is no table in LaTeX: no run, or too many points of a sweep; summary.csv has all")
+        return tables[wanted]
 
     def to_screen(self, metric: str) -> str:
         """Lay out one metric as the plain text shown at the end of a run.

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.report.caption import latex_captions
+from rmpc_bench.report.caption import latex_captions, latex_notes
 from rmpc_bench.report.latex import ALL_METRICS, latex_tables
 from rmpc_bench.report.latex_columns import name_lines, stacked
 from rmpc_bench.report.latex_width import width_of
 from rmpc_bench.report.summary import Summary, summarise
-from rmpc_bench.types import MetricInfo
+from rmpc_bench.types import DesignError, MetricInfo
 
 
 def rows_in(text: str) -> list[list[str]]:
@@ -65,12 +65,15 @@ def test_order_and_metrics(make_trials):
     assert [row[0] for row in rows_in(tables[metric])] == ["Q", "R, $c=10^{-1}$"]
 
 
-def test_every_table_has_a_caption(make_trials):
+def test_every_table_has_a_caption_and_a_note(make_trials):
     """With the baseline, the pairing, the failures and every column that is shown."""
     trials, summary = summary_of(make_trials)
-    tables, captions = latex_tables(summary), latex_captions(summary)
-    assert tables.keys() == captions.keys()
-    text = latex_captions(summary, ["mean", "median", "change", "counts", "superiority", "p", "verdict", "n"])
+    tables, captions, notes = latex_tables(summary), latex_captions(summary), latex_notes(summary)
+    assert tables.keys() == captions.keys() == notes.keys()
+    # Classes of documents set captions in capitals: one line without units.
+    assert captions["mse"] == "MSE of 3 methods in 30 runs per method%\n"
+    assert captions["input_cost"].startswith("Input cost of")
+    text = latex_notes(summary, ["mean", "median", "change", "counts", "superiority", "p", "verdict", "n"])
     caption = text[trials.metrics[0].name]
     for word in (
         "Mean:",
@@ -108,8 +111,10 @@ def test_the_usual_columns_depend_on_the_width(make_trials, width):
 
 
 def test_long_names_and_heads():
-    """Names break at underscores; lines stand below each other."""
-    assert name_lines("steady_state_error") == [r"steady\_", r"state\_error"] and name_lines("mse") == ["mse"]
+    """Words of a metric break at blanks; lines stand below each other."""
+    assert name_lines(MetricInfo("steady_state_error", "", "zero")) == ["Steady", "state error"]
+    assert name_lines(MetricInfo("estimation_mse", "", "lower")) == ["Estimation", "MSE"]
+    assert name_lines(MetricInfo("x_0", "", "lower")) == ["$x_0$"]
     assert stacked(["a", "", "b"]).count(r"\\") == 1 and stacked(["a", ""]) == "a"
 
 
@@ -117,3 +122,15 @@ def test_estimated_widths():
     """As wide as Computer Modern at 8 pt sets them, to a quarter (widths by TeX)."""
     for cell, points in (("$-11.9\\ [-13.2, -10.6]$", 85.0), ("$0.1064(7)$", 37.5), ("Won/lost/", 33.0)):
         assert 0.85 * points <= width_of(cell) <= 1.25 * points, (cell, width_of(cell))
+
+
+def test_python_gives_the_tables_of_the_files(make_trials):
+    """The primary metric by default; a wrong name and a wrong width say what is possible."""
+    _, summary = summary_of(make_trials)
+    tables = latex_tables(summary)
+    assert summary.to_latex() == tables["mse"] and summary.to_latex("input_cost") == tables["input_cost"]
+    assert summary.to_latex(ALL_METRICS) == tables[ALL_METRICS]
+    assert "Won/lost/" in summary.to_latex("mse", columns=["counts"]) and "Mean" not in summary.to_latex(columns=["n"])
+    assert len(summary.to_latex(width=700.0)) > len(summary.to_latex(width=150.0))
+    with pytest.raises(DesignError, match="'msee' is not a known metric; did you mean 'mse'"):
+        summary.to_latex("msee")

@@ -8,8 +8,9 @@ from typing import Any
 
 from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.point_summary import PointSummary
 from rmpc_bench.report.sentences import AVERAGES
-from rmpc_bench.report.summary import PointSummary, Summary
+from rmpc_bench.report.summary import Summary
 from rmpc_bench.types import MetricInfo
 
 MOST_NAMED = 6

@@ -11,8 +11,9 @@ from rmpc_bench.report.cells import metric_table
 from rmpc_bench.report.ensemble_table import ensemble_rows
 from rmpc_bench.report.page.blocks import Block, Text, bullets, code, folded, heading, table
 from rmpc_bench.report.page.headline import shown_metric
+from rmpc_bench.report.point_summary import PointSummary
 from rmpc_bench.report.sentences import explanation, sentence
-from rmpc_bench.report.summary import MOST_ON_SCREEN, PointSummary, Summary
+from rmpc_bench.report.summary import MOST_ON_SCREEN, Summary
 from rmpc_bench.report.tables import BEST, legend, metric_columns, quantity
 from rmpc_bench.types import MetricInfo
 
