@@ -158,4 +158,4 @@ def test_files_of_the_user_stay(stored, tmp_path):
     (place / "tables" / "own.tex").write_text("my table")
     assert cli("report", stored, "--to", place, "--metric", "mse").exit_code == 0
     names = {path.name for path in (place / "tables").glob("*.tex")}
-    assert names == {"mse.tex", "mse.caption.tex", "own.tex"}
+    assert names == {"mse.tex", "mse.caption.tex", "mse.note.tex", "own.tex"}
