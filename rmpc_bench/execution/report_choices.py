@@ -98,10 +98,11 @@ def _wrong_names(experiment: StoredExperiment, given: dict[str, Any]) -> Iterato
         for name in values if key in CHOICES else ():
             if name not in CHOICES[key]:
                 yield key, f"must be one of {', '.join(CHOICES[key])} (got {name!r})"
+        known = names_of.get(key, CHOICES.get(key, ()))
+        if known and not value:
+            yield key, f"must name at least one of {', '.join(known)}"
         if key not in names_of:
             continue
-        if not value:
-            yield key, f"must name at least one of {', '.join(names_of[key])}"
         for name in value:
             if name not in names_of[key]:
                 yield key, unknown(name, names_of[key], NOUNS[key])

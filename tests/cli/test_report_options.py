@@ -82,6 +82,7 @@ def test_figures_that_only_the_page_has_are_no_files_of_other_formats(stored, tm
         (["--order", "S-MCP"], "--order: 'S-MCP' is not a known method; did you mean 'S-MPC'?"),
         (["--order", "R-MPC,R-MPC"], "--order: order must name each entry once"),
         (["--order", ","], "--order: must name at least one of S-MPC, R-MPC"),
+        (["--format", ""], "--format: must name at least one of svg, pdf, png, pgf"),
     ],
 )
 def test_wrong_options(stored, tmp_path, options, message):
