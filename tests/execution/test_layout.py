@@ -224,7 +224,9 @@ def test_exact_moments_and_ensembles_of_a_sweep(tmp_path):
     sweep = "{grid: {initial.P: [1, 2], plant.uncertainty.high: [1, 0.5]}}"
     path = write_estimation(tmp_path, evaluate="[runs, moments]", sweep=sweep, record="{runs: 1}")
     ran(path, tmp_path / "out")
-    there = moved(tmp_path / "out", tmp_path / "there")
+    # Of the same name, and with the configuration, which the page shows.
+    there = moved(tmp_path / "out", tmp_path / "there" / "out")
+    shutil.copy(tmp_path / "out" / "config.resolved.yaml", there)
     assert cli("report", there).exit_code == 0
     assert files(there) == files(tmp_path / "out")
     results = load_results(there)
