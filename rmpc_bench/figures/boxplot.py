@@ -25,7 +25,7 @@ from rmpc_bench.figures.captions import (
 )
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_label, metric_of, wrapped
 from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
-from rmpc_bench.figures.style import FONT_SIZE, style
+from rmpc_bench.figures.style import FONT_SIZE, fix_layout, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.figure import SweepFigure
@@ -173,8 +173,7 @@ def _draw(
         counts = [[counts_of(column) for column in columns] for columns in panels]
         label_panels(rows, labels, counts, slot, [_sample(look) for look in styles.values()])
         # The layout is made once, at one resolution, or a second save would move it.
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        fix_layout(figure)
         if len(rows) > 1:
             name.set_y((rows[0].get_position().y1 + rows[-1].get_position().y0) / 2)
     return figure

@@ -98,7 +98,7 @@ def draw_cells(keys: SweepFigure, trials: Trials, grid: Grid, *, log: bool, numb
         figure.draw_without_rendering()
         if numbers:
             _write_numbers(panels, grid, colours, norm)
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)
     return figure
 
 

@@ -56,23 +56,24 @@ def component_label(trials: Trials, signal: str, component: int, place: str, *, 
 
 def typeset(text: str) -> str:
     """Keep `$...$` where matplotlib can set it, else make the text literal."""
-    from matplotlib.mathtext import MathTextParser
+    return text if all(map(_can_be_set, text.split("\n"))) else literal(text)
 
-    try:
-        for line in text.split("\n"):
-            MathTextParser("path").parse(line)
-    except ValueError:
-        return literal(text)
-    return text
+
+def is_formula(text: str) -> bool:
+    """Whether matplotlib can set a text as a formula, written without the dollar signs around it."""
+    return _can_be_set(f"${text}$")
 
 
 @lru_cache(maxsize=1000)
-def is_formula(text: str) -> bool:
-    """Whether matplotlib can set a text as a formula, written without the dollar signs around it."""
+def _can_be_set(line: str) -> bool:
+    """Whether matplotlib can set a line with formulas; 10 to 40 ms each, and a label stands in many tables."""
+    # Without a dollar sign there is no formula in it, and nothing to read.
+    if "$" not in line:
+        return True
     from matplotlib.mathtext import MathTextParser
 
     try:
-        MathTextParser("path").parse(f"${text}$")
+        MathTextParser("path").parse(line)
     except ValueError:
         return False
     return True
@@ -132,12 +133,19 @@ def wrapped(text: str, limit: float) -> list[str]:
 
 def width(text: str) -> float:
     """Width of one line of a label in points."""
+    import matplotlib
+
+    return _width(text, font_family(), matplotlib.rcParams["mathtext.fontset"])
+
+
+@lru_cache(maxsize=1000)
+def _width(text: str, family: str, formulas: str) -> float:
     from matplotlib.cbook import is_math_text
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
     formula = is_math_text(text)
-    font = FontProperties(family=font_family(), size=FONT_SIZE)
+    font = FontProperties(family=family, size=FONT_SIZE, math_fontfamily=formulas)
     line = text if formula else text.replace(r"\$", "$")
     return float(TextToPath().get_text_width_height_descent(line, font, formula)[0])
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, typeset, width, wrapped
 from rmpc_bench.figures.method_groups import name_entries
-from rmpc_bench.figures.style import FONT_SIZE, is_for_paper
+from rmpc_bench.figures.style import FONT_SIZE, fix_layout, is_for_paper
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -75,8 +75,7 @@ def finish(
     height = -(-sum(len(text) for text, _ in entries) // n_columns) - 1 + len(lines)
     figure.set_figheight(figure.get_figheight() + max(0.0, height) * 1.25 * FONT_SIZE / POINTS_PER_INCH)
     figure.align_ylabels()
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    fix_layout(figure)
 
 
 def columns_that_fit(widths: Sequence[float], limit: float) -> int:

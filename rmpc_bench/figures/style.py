@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.figures.fonts import family_of
 from rmpc_bench.figures.rendering import Rendering
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MplFigure
 
 RED, BLUE, GREY = "#d7191c", "#0b5ba8", "#d9d9d9"
 BLACK, WHITE = "#000000", "#ffffff"
@@ -83,3 +86,12 @@ def style() -> Iterator[None]:
         fontset = MATHTEXT[_CURRENT.get().font]
         matplotlib.rcParams.update({"font.family": font_family(), "mathtext.fontset": fontset})
         yield
+
+
+def fix_layout(figure: MplFigure) -> None:
+    """Make the layout of a picture once, at one resolution; call it under `style`.
+
+    Without a layout engine a file takes one draw; with the placeholder that "none" would leave it takes two.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine(None)
