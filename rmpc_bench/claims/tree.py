@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 from rmpc_bench.expressions.arithmetic import Call, Node, Percent
 
@@ -104,9 +105,10 @@ def walk(node: Node) -> Iterator[Node]:
         yield from walk(child)
 
 
-def terms(node: Node) -> set[Term]:
-    """Collect the terms of a tree; `COUNTS` are quantities too."""
-    return {part for part in walk(node) if isinstance(part, Term)}
+@lru_cache(maxsize=1024)
+def terms(node: Node) -> frozenset[Term]:
+    """Collect the terms of a tree; `COUNTS` are quantities too.  A claim asks for them in every resample."""
+    return frozenset(part for part in walk(node) if isinstance(part, Term))
 
 
 def calls(node: Node) -> list[Call]:
