@@ -60,10 +60,10 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     kept = _kept_claims(directories) if several else {}
     stored = [directory for directory in directories if directory not in kept]
     places = _places(stored, to, choices, several=several)
-    code = 0
+    code, index = 0, to / "index.html" if several and to is not None else None
     published: dict[Path, Publication | KeptClaims] = {**kept}
     for directory, place in zip(stored, places, strict=True):
-        written = publish(choose(load_results(directory), **choices), to=place)
+        written = publish(choose(load_results(directory), **choices), to=place, index=index)
         exits.show(written)
         code = max(code, exits.code_of(written, strict=False))
         published[directory] = written

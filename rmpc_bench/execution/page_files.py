@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -63,7 +64,12 @@ class Evaluated(NamedTuple):
 
 
 def write_page(
-    results: Results, evaluated: Evaluated, drawn: Drawn, paths: Sequence[Path], directory: Path
+    results: Results,
+    evaluated: Evaluated,
+    drawn: Drawn,
+    paths: Sequence[Path],
+    directory: Path,
+    index: Path | None = None,
 ) -> list[Path]:
     """Write report.html and report.md.
 
@@ -74,6 +80,7 @@ def write_page(
     drawn : its figures
     paths : files that are written already
     directory : where to write
+    index : index of several experiments that the page links; none if None
 
     Returns
     -------
@@ -104,6 +111,7 @@ def write_page(
         configuration=text,
         timings=results.timings,
         files=[path.relative_to(directory).as_posix() for path in [*paths, *written]],
+        index="" if index is None else Path(os.path.relpath(index, directory)).as_posix(),
     )
     context = page_context(source)
     pages = [directory / PAGE, directory / "report.md"]

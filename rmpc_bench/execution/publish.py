@@ -102,7 +102,9 @@ class Publication:
         return self.summary()
 
 
-def publish(results: Results, *, to: str | Path | None = None, rendering: Rendering | None = None) -> Publication:
+def publish(
+    results: Results, *, to: str | Path | None = None, rendering: Rendering | None = None, index: Path | None = None
+) -> Publication:
     """Write all tables, series, recorded runs, claims and figures of stored results; nothing is simulated.
 
     Parameters
@@ -110,6 +112,7 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     results : from `run` or `load_results`
     to : directory to write to, made if it is not there; the one of the results unless given
     rendering : width, font, style and formats of the figures; those of the section `report` unless given
+    index : index of several experiments that the page links; none if None
 
     Returns
     -------
@@ -154,7 +157,7 @@ def publish(results: Results, *, to: str | Path | None = None, rendering: Render
     figures, left_out = write_figures(results, pictures, rendering)
     paths += [path for figure in figures for path in figure.paths]
     drawn = Drawn(figures, left_out, rendering)
-    paths += write_page(results, Evaluated(record, tables, verdicts, driven, demanded), drawn, paths, directory)
+    paths += write_page(results, Evaluated(record, tables, verdicts, driven, demanded), drawn, paths, directory, index)
     remarks = tuple(filter(None, [remark_on(rendering.font)]))
     return Publication(results, directory, tuple(paths), tables, verdicts, driven, demanded, figures, left_out, remarks)
 

@@ -71,7 +71,7 @@ def latex_tables(
     bodies = {info.name: body_of(points, info, columns, width) for info in points[0].trials.metrics}
     if len(bodies) > 1:
         bodies[ALL_METRICS] = _all_metrics(points, width)
-    return {name: _written(body, comments, name) for name, body in bodies.items()}
+    return {name: written_table(body, comments, name) for name, body in bodies.items()}
 
 
 def shown_points(summary: Points) -> list[PointSummary]:
@@ -98,7 +98,7 @@ def body_of(
     if len(points) > 1 and len(wanted) == 1:
         return _methods_as_columns(tables, wanted[0])
     head = ["Method", *(head_of(tables[0], name) for name in wanted)]
-    groups = [(_title(table.trials), rows_of(table, columns_of(table), wanted)) for table in tables]
+    groups = [(title_of(table.trials), rows_of(table, columns_of(table), wanted)) for table in tables]
     if table_width(head, [row for _, rows in groups for row in rows], GAP) > width:
         groups = [(title, _with_short_labels(table, rows)) for table, (title, rows) in zip(tables, groups, strict=True)]
     return Body(head, groups)
@@ -106,12 +106,17 @@ def body_of(
 
 def _with_short_labels(table: MetricTable, rows: Sequence[Sequence[str]]) -> list[list[str]]:
     """Break the labels of the methods into lines."""
-    labels = [_row_label(table.trials, line.method, short=True) for line in table.lines]
+    labels = [row_label(table.trials, line.method, short=True) for line in table.lines]
     return [[label, *row[1:]] for label, row in zip(labels, rows, strict=True)]
 
 
-def _title(trials: Trials) -> str:
-    """Name a point of a sweep; empty without one."""
+def title_of(trials: Trials) -> str:
+    """Name a point of a sweep; empty without one.
+
+    Parameters
+    ----------
+    trials : the table of the point
+    """
     return to_latex((short_title(trials) if trials.point else printed(trials.title)).replace("$", r"\$"))
 
 
@@ -124,7 +129,7 @@ def _methods_as_columns(tables: Sequence[MetricTable], column: Column) -> Body:
     for table in tables:
         cells_of = columns_of(table).get(column, ["--"] * len(table.lines))
         by_method = dict(zip((line.method for line in table.lines), cells_of, strict=True))
-        rows.append([_title(table.trials), *(by_method.get(method, "--") for method in methods)])
+        rows.append([title_of(table.trials), *(by_method.get(method, "--") for method in methods)])
     return Body(head, [("", rows)])
 
 
@@ -145,13 +150,20 @@ def _metrics_as_columns(points: Sequence[PointSummary], infos: Sequence[MetricIn
     head = ["Method", *(stacked([*name_lines(info), bracketed(info.unit)]) for info in infos)]
     groups = []
     for point in points:
-        names = [_row_label(point.trials, method, short=short) for method in point.trials.methods]
-        groups.append((_title(point.trials), [list(row) for row in zip(names, *_means(point, infos), strict=True)]))
+        names = [row_label(point.trials, method, short=short) for method in point.trials.methods]
+        groups.append((title_of(point.trials), [list(row) for row in zip(names, *_means(point, infos), strict=True)]))
     return Body(head, groups)
 
 
-def _row_label(trials: Trials, method: str, *, short: bool) -> str:
-    """Return the label of a method, broken into lines if it has to be short."""
+def row_label(trials: Trials, method: str, *, short: bool) -> str:
+    """Return the label of a method, broken into lines if it has to be short.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    method : its name
+    short : whether to break it
+    """
     return stacked(label_lines(trials, method), place="t", align="l") if short else label_of(trials, method)
 
 
@@ -162,7 +174,7 @@ def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]
     groups = []
     for point in points:
         rows = [[name, *numbers] for name, numbers in zip(names, _means(point, infos), strict=True)]
-        groups.append((_title(point.trials), rows))
+        groups.append((title_of(point.trials), rows))
     return Body(head, groups)
 
 
@@ -172,8 +184,15 @@ def _means(point: PointSummary, infos: Sequence[MetricInfo]) -> list[list[str]]:
     return [[number_latex(cell.partition(" (")[0]) for cell in column] for column in texts]
 
 
-def _written(body: Body, comments: Sequence[str], name: str) -> str:
-    """Write a table with its comments; all columns but the first are aligned to the right."""
+def written_table(body: Body, comments: Sequence[str], name: str) -> str:
+    """Write a table with its comments; all columns but the first are aligned to the right.
+
+    Parameters
+    ----------
+    body : the table
+    comments : lines at the head
+    name : of the table
+    """
     n = len(body.head)
     needs = rf"needs \usepackage{{booktabs}}; caption: {name}.caption.tex; note: {name}.note.tex"
     lines = [f"% {one_line(text)}" for text in [*comments, needs]]

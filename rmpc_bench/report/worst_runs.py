@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,15 +20,17 @@ FEWEST = 20
 """Runs below which the worst 5 % are less than one run."""
 
 
-def worst_runs_columns(trials: Trials) -> dict[str, list[str]]:
+def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = None) -> dict[str, list[str]]:
     """Return the columns of the table, head -> cells; empty with few runs and where nothing is estimated.
 
     Parameters
     ----------
     trials : the table of one point
+    metrics : those of the table; all if None
     """
     if len(trials.runs) < FEWEST or trials.alike or not trials.with_verdicts:
         return {}
+    trials = trials if metrics is None else replace(trials, metrics=tuple(metrics))
     infos = {info.name: info for info in trials.metrics}
     columns: dict[str, list[str]] = {}
     table = tails(trials).sort_values("metric", key=lambda names: names.map(list(infos).index), kind="stable")

@@ -45,6 +45,13 @@ def test_the_index_links_the_pages(site):
     assert "default-src 'none'" in index.replace("&#39;", "'") and not re.search(r"\ssrc=|@import", index)
 
 
+def test_a_page_links_the_index(site):
+    """One that is written alone has no index to link."""
+    page = site / "p" / "tiny" / "report.html"
+    assert 'href="../../index.html"' in page.read_text() and (page.parent / "../../index.html").exists()
+    assert "index.html" not in (site.parent / "results" / "p" / "tiny" / "report.html").read_text()
+
+
 def test_a_statement_of_two_experiments_is_one_row(site):
     """Joined by its id; the finding is the joined one."""
     index = (site / "index.md").read_text()

@@ -70,6 +70,8 @@ def _status_limits(source: PageSource) -> list[Text]:
     failed = source.trials.n_failed_trials
     if failed:
         found.append(f"{_count(failed, 'trial')} failed. Averages rest on the runs that both methods finished.")
+    elif len(source.trials.frame):
+        found.append("No run failed, so that no average leaves a run out.")
     return [*found, *(f"A figure is missing: {text}." for text in source.left_out)]
 
 
@@ -93,6 +95,12 @@ def _comparison_limits(source: PageSource) -> list[Text]:
     for verdict in source.verdicts:
         if verdict.joined is Finding.DEPENDS_ON_ASSUMPTIONS:
             found.append(f"The finding depends on unstated assumptions: {_line(verdict.claim.says)}.")
+    assumed = {text for verdict in source.verdicts for text in verdict.claim.assumptions}
+    if assumed:
+        found.append(
+            f"The claims rest on {_count(len(assumed), 'assumption')} that the paper does not state (listed above); "
+            "another choice may change a finding."
+        )
     if trials.with_verdicts and len(trials.frame):
         found.append("All numbers hold for this plant and these laws of its uncertain quantities and noises only.")
     return found

@@ -33,10 +33,9 @@ from rmpc_bench.report.page.claim_items import claim_blocks
 from rmpc_bench.report.page.headline import headline, shown_metric
 from rmpc_bench.report.page.result_tables import result_blocks
 from rmpc_bench.report.page.source import PageFigure, PageSource
-from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
+from rmpc_bench.report.page.tail_tables import requirement_blocks, tail_blocks
 from rmpc_bench.report.run_notes import show_command
-from rmpc_bench.report.summary import MOST_ON_SCREEN
-from rmpc_bench.report.worst_runs import worst_runs, worst_runs_columns
+from rmpc_bench.report.worst_runs import worst_runs
 
 OVER_TIME = ("trajectories", "tubes", "plane", "estimation-error", "nees", "nis", "series")
 """Kinds of figures that stand among the trajectories."""
@@ -64,8 +63,8 @@ def page_context(source: PageSource) -> dict[str, Any]:
     parts = [
         section("summary", "Summary", [paragraph(headline(source.tables), "lead")]),
         section("result", "Result", _result_figures(source)),
-        section("table", "Table", result_blocks(source.tables, trials.all_methods)),
-        section("drivers", "What drives the differences", [*_driver_blocks(source), *_requirement_blocks(source)]),
+        section("table", "Table", _table_blocks(source)),
+        section("drivers", "What drives the differences", _driver_blocks(source)),
         section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),
         section("trajectories", "Trajectories and worst runs", _trajectory_blocks(source), "Trajectories"),
         section(
@@ -113,7 +112,7 @@ def _method_legend(source: PageSource) -> list[Mapping[str, Any]]:
 
 def _provenance(source: PageSource) -> list[tuple[str, Text]]:
     record, manifest = source.record, source.manifest
-    items: list[tuple[str, Text]] = []
+    items: list[tuple[str, Text]] = [("Index", [link(source.index, "all experiments")])] if source.index else []
     if record["paper"]:
         identifier = record["identifier"]
         items.append(("Paper", [f"{record['paper']}, ", _identifier(identifier)] if identifier else record["paper"]))
@@ -187,15 +186,14 @@ def _driver_blocks(source: PageSource) -> list[Block]:
     return [*blocks, paragraph(EXPLANATION, "note")] if points else blocks
 
 
-def _requirement_blocks(source: PageSource) -> list[Block]:
-    """Return how many runs meet the requirements, at the first points of a sweep."""
-    points = [] if source.requirements is None else source.requirements.points[:MOST_ON_SCREEN]
-    blocks: list[Block] = []
-    for trials, frame in points:
-        if len(frame):
-            where = f" ({trials.title})" if trials.title else ""
-            blocks.append(table(f"Runs that meet the requirements{where}", {**requirement_columns(trials, frame)}))
-    return [*blocks, paragraph(REQUIREMENTS_NOTE, "note")] if blocks else []
+def _table_blocks(source: PageSource) -> list[Block]:
+    """Return the tables of the metrics, beside them worst runs and requirements."""
+    methods = source.trials.all_methods
+    return [
+        *result_blocks(source.tables, methods),
+        *tail_blocks(source.tables, methods),
+        *requirement_blocks(source.requirements, methods),
+    ]
 
 
 def _trajectory_blocks(source: PageSource) -> list[Block]:
@@ -224,10 +222,6 @@ def _trajectory_blocks(source: PageSource) -> list[Block]:
     where = f" ({trials.title})" if trials.title else ""
     numbers = [source.trials.all_methods.index(name) for name in names]
     blocks.append(table(f"Worst finished run of every method{where}", {**columns}, methods=numbers))
-    tails = worst_runs_columns(trials)
-    if tails:
-        shown = table("95 % quantile, mean of the worst 5 % of the runs, and worst run", {**tails})
-        blocks += folded("Worst runs in every metric", [shown])
     return blocks
 
 

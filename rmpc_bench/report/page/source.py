@@ -55,6 +55,7 @@ class PageSource:
     requirements : how many runs meet the requirements; None where it is not known
     timings : durations of the calls of own components
     files : files of the directory, relative to the page
+    index : index of several experiments, relative to the page; empty without one
     """
 
     record: ExperimentRecord
@@ -75,3 +76,4 @@ class PageSource:
     requirements: RequirementsTable | None = None
     timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     files: Sequence[str] = ()
+    index: str = ""

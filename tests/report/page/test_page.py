@@ -11,6 +11,8 @@ from page_sources import HOSTILE, headings
 
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import TEMPLATES, render_html, render_markdown
+from rmpc_bench.report.requirements_table import requirements_table
+from rmpc_bench.types.requirement import Limit, Requirement
 
 SECTIONS = [
     "summary",
@@ -135,6 +137,30 @@ def test_limits_name_failures_and_the_working_tree(make_source):
     for words in ("overridden", "figure is missing", "uncommitted changes", "Both the estimator and the controller"):
         assert words in limits
     assert "For information only" in text
+
+
+def test_limits_of_a_clean_experiment(make_source):
+    """Failed runs, tuning, assumptions and the machine are named even where nothing went wrong."""
+    text = render_markdown("page.md", page_context(make_source()))
+    limits = text[text.index("## Known limitations") : text.index("## Failures")]
+    for words in ("No run failed", "No search for good parameters", "2 assumptions", "one machine"):
+        assert words in limits
+
+
+def test_worst_runs_and_requirements_stand_beside_the_means(make_source):
+    """In the section of the table: those of the primary metric open, those of the others folded."""
+    requirement = Requirement("mse < 1", "mse", (Limit("<", 1.0),))
+    plain = make_source(n=80)
+    trials = replace(plain.trials, requirements=(requirement,))
+    source = replace(plain, trials=trials, requirements=requirements_table(trials))
+    (section,) = [part for part in page_context(source)["sections"] if part["id"] == "table"]
+    captions = [block.get("caption", "") for block in section["blocks"]]
+    assert any(text.startswith("Worst runs, mse") for text in captions)
+    assert "Runs that meet the requirements" in captions
+    folded = [block["title"] for block in section["blocks"] if block["kind"] == "folded"]
+    assert "Worst runs in the other metrics" in folded
+    (worst,) = [block for block in section["blocks"] if block.get("caption", "").startswith("Worst runs")]
+    assert [row["method"] for row in worst["rows"]] == [0, 1] and "[" in worst["rows"][0]["cells"][2]
 
 
 def test_failed_runs_have_a_command(make_trials, make_source):
