@@ -67,6 +67,10 @@ def test_figures_that_only_the_page_has_are_no_files_of_other_formats(stored, tm
         assert {name.rpartition(".")[2] for name in names} == {"tex", *formats.split(",")}
         page = (tmp_path / formats / "report.html").read_text()
         assert 'id="figure-paired"' in page and ('href="figures/paired.svg"' in page) == there
+        # What Markdown cannot show is linked.
+        markdown = (tmp_path / formats / "report.md").read_text()
+        link = "![boxplot](figures/boxplot.svg)" if there else "\n[figures/boxplot.pdf](figures/boxplot.pdf)"
+        assert link in markdown
 
 
 @pytest.mark.parametrize(

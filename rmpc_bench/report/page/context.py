@@ -149,7 +149,8 @@ def _identifier(text: str) -> Any:
 def _figures(figures: Sequence[PageFigure], *, beside: bool = False) -> list[Block]:
     if not figures:
         return []
-    return [{"kind": "figures", "beside": beside and len(figures) > 1, "items": [each._asdict() for each in figures]}]
+    items = [{**each._asdict(), "pictures": each.pictures} for each in figures]
+    return [{"kind": "figures", "beside": beside and len(figures) > 1, "items": items}]
 
 
 def _first_figures(source: PageSource) -> list[PageFigure]:

@@ -30,6 +30,11 @@ class PageFigure(NamedTuple):
     files: Sequence[str]
     """Its files, relative to the page."""
 
+    @property
+    def pictures(self) -> list[str]:
+        """The file that Markdown can show: SVG, else PNG; none of other formats."""
+        return next(([file] for ending in (".svg", ".png") for file in self.files if file.endswith(ending)), [])
+
 
 @dataclass(frozen=True, eq=False)
 class PageSource:

@@ -69,7 +69,8 @@ def requirement_blocks(requirements: RequirementsTable | None, methods: Sequence
         if len(frame):
             where = f" ({trials.title})" if trials.title else ""
             numbers = [methods.index(name) for name in frame["method"]]
-            columns = requirement_columns(trials, frame)
+            # Backticks mark code in Markdown only; a cell of the page is plain text.
+            columns = requirement_columns(trials, frame) | {"requirement": [*map(str, frame["requirement"])]}
             blocks.append(table(f"Runs that meet the requirements{where}", {**columns}, methods=numbers))
     if not blocks:
         return []
