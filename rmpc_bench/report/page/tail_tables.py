@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.page.blocks import Block, code, folded, paragraph, table
 from rmpc_bench.report.page.headline import shown_metric
+from rmpc_bench.report.point_summary import PointSummary
 from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.requirements_table import RequirementsTable
-from rmpc_bench.report.summary import MOST_ON_SCREEN, PointSummary, Summary
+from rmpc_bench.report.summary import MOST_ON_SCREEN, Summary
 from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo
 
