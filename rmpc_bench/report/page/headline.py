@@ -38,7 +38,7 @@ def headline(tables: Summary) -> str:
     rows = [_rows(point, info) for point in tables.points]
     if not any(rows):
         return _described(tables.pooled or first, info)
-    quantity = f"{info.name} [{info.unit}]" if info.unit else info.name
+    quantity = f"{info.words} [{info.unit}]" if info.unit else info.words
     if len(rows) == 1:
         return _one_point(first.trials, info, quantity, rows[0])
     return _several_points(first.trials, quantity, rows)
@@ -64,7 +64,7 @@ def _described(point: PointSummary, info: MetricInfo) -> str:
     medians = [f"{row['method']} {row['median']:.4g}{unit}" for row in described[:MOST_NAMED]]
     more = f", and {len(described) - MOST_NAMED} more" if len(described) > MOST_NAMED else ""
     where = f", {point.trials.title}" if point.trials.title else ""
-    return f"Median {info.name}{where}: {', '.join(medians)}{more}."
+    return f"Median {info.words}{where}: {', '.join(medians)}{more}."
 
 
 def _one_point(trials: Trials, info: MetricInfo, quantity: str, rows: Sequence[Mapping[Any, Any]]) -> str:
