@@ -13,16 +13,32 @@ from rmpc_bench.config.writer import dump
 ROOT = Path(__file__).parents[2] / "configs"
 CONFIGS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.yaml"))
 HEAVY = {
+    "benchmarks/wang2021.yaml",
+    "benchmarks/wkf2018.yaml",
     "benchmarks/xie1994.yaml",
+    "examples/pendulum.yaml",
+    "ma2025/ablation.yaml",
+    "souto2011/alpha.yaml",
     "souto2011/benchmarks.yaml",
     "souto2011/comparison.yaml",
     "souto2011/guarantee.yaml",
     "souto2011/table.yaml",
     "zenere2017/interpretations-sim2.yaml",
+    "zenere2017/sim2.yaml",
+    "zenere2018/interpretations-sim2.yaml",
     "zenere2018/propositions.yaml",
+    "zenere2018/signs.yaml",
 }
 """Designs of theirs at full size take two to ten seconds: searches, 10,000 steps, many points."""
-LONG = {"belda2017/correlation.yaml", "belda2017/fair.yaml", "ma2025/ablation.yaml", "ma2025/certificate.yaml"}
+LONG = {
+    "belda2017/bounds.yaml",
+    "belda2017/correlation.yaml",
+    "belda2017/exp2.yaml",
+    "belda2017/fair.yaml",
+    "belda2017/sensitivity.yaml",
+    "ma2025/ablation.yaml",
+    "ma2025/certificate.yaml",
+}
 """Two runs of theirs take eight seconds or more; `make smoke` runs them as well."""
 
 
