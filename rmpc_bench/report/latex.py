@@ -168,12 +168,16 @@ def row_label(trials: Trials, method: str, *, short: bool) -> str:
 
 
 def _metrics_as_rows(points: Sequence[PointSummary], infos: Sequence[MetricInfo]) -> Body:
-    trials = points[0].trials
-    head = ["Metric", *(stacked(label_lines(trials, method)) for method in trials.methods)]
+    # An interrupted sweep has fewer methods at some points.
+    labelled = {method: label_lines(point.trials, method) for point in points for method in point.trials.methods}
+    head = ["Metric", *map(stacked, labelled.values())]
     names = [f"{to_latex(capitalised(info.words))} {bracketed(info.unit)}".rstrip() for info in infos]
     groups = []
     for point in points:
-        rows = [[name, *numbers] for name, numbers in zip(names, _means(point, infos), strict=True)]
+        rows = []
+        for name, means in zip(names, _means(point, infos), strict=True):
+            by_method = dict(zip(point.trials.methods, means, strict=True))
+            rows.append([name, *(by_method.get(method, "--") for method in labelled)])
         groups.append((title_of(point.trials), rows))
     return Body(head, groups)
 

@@ -99,7 +99,11 @@ def test_a_class_derived_from_metric_needs_no_decorator():
     _, metrics, traces, _ = simulated(experiment(metrics=mine))
     np.testing.assert_allclose(metrics[0], traces["y"].max(axis=(1, 2)), **EXACT)
     np.testing.assert_allclose(metrics[1], 2.0 * metrics[0], **EXACT)
-    assert list(keys_of("metrics", "mine", design_function("metrics", PeakOutput)).model_fields) == ["name", "factor"]
+    assert list(keys_of("metrics", "mine", design_function("metrics", PeakOutput)).model_fields) == [
+        "name",
+        "label",
+        "factor",
+    ]
 
 
 def test_an_answer_that_is_no_number_is_a_crash():
