@@ -117,19 +117,19 @@ def entry(name: str, schema: Schema, default: str | None, keys: tuple[KeyEntry, 
 def keys_of_schema(schema: Schema) -> tuple[KeyEntry, ...]:
     """Return the keys of the mapping, or of the mappings in a list, that a schema describes."""
     inner = [schema, *schema.get("anyOf", ()), schema.get("items", {})]
-    found = next((each for each in inner if isinstance(each, dict) and each.get("properties")), None)
-    if found is None:
-        return ()
-    required = found.get("required", ())
-    return tuple(
+    entries = [
         entry(
             name,
             each,
-            None if name in required else default_text(each.get("default")),
+            None if name in mapping.get("required", ()) else default_text(each.get("default")),
             keys_of_schema(each),
         )
-        for name, each in found["properties"].items()
-    )
+        for mapping in inner
+        if isinstance(mapping, dict)
+        for name, each in mapping.get("properties", {}).items()
+    ]
+    # Kinds of one mapping, such as those of `tuning`, may share a key.
+    return tuple(dict.fromkeys(entries))
 
 
 def keys_of_records(annotation: Any) -> tuple[KeyEntry, ...]:

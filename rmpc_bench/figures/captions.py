@@ -133,6 +133,10 @@ def changes_sentence(
     rows = comparisons(replace(point, metrics=(info,), primary=primary), of).set_index("method", drop=False)
     found = []
     for name in others:
+        if name not in rows.index:
+            # An interrupted sweep has no run of some methods at some points.
+            found.append(f"{label_of(point, name)} has no runs")
+            continue
         row = rows.loc[name].to_dict()
         words = [size_text(row, info), verdict_text(row, margin_text(point, info, row))]
         text = ": ".join(word for word in words if word and word != "-")

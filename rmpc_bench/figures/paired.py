@@ -159,8 +159,14 @@ def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str], of: Leve
     from rmpc_bench.analysis.comparison import comparisons
 
     rows = comparisons(replace(point, metrics=(info,), primary=point.primary or point.metrics[0].name), of)
+    compared = {row["method"]: row for row in rows.to_dict("records")}
     found = []
-    for row in rows.set_index("method", drop=False).loc[list(methods)].to_dict("records"):
+    for method in methods:
+        row = compared.get(method)
+        if row is None:
+            # An interrupted sweep has no run of some methods at some points.
+            found.append(Change(method, (), "no runs", 0, False))
+            continue
         counts = f"{row['won']} won, {row['lost']} lost, {row['tied']} tied"
         together = float(row["ci_level"]) > point.confidence
         found.append(Change(row["method"], _averages(row), counts, int(row["n_pairs"]), together))

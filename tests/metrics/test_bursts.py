@@ -138,7 +138,7 @@ def test_bursts_and_quiet_are_together_all(rng):
 def test_units_of_the_error(layout, keys, unit, scale, rng):
     """Oracle: those of the components where they have one in common, or a thousandth."""
     block, metric = trajectories(rng)._replace(experiment=layout), Tracking(**keys)
-    assert metric.info(layout) == ("tracking", unit, "lower", False)
+    assert metric.info(layout) == ("tracking", unit, "lower", False, "")
     own = {key: value for key, value in keys.items() if key != "unit_"}
     np.testing.assert_allclose(metric.evaluate(block), scale * Tracking(**own).evaluate(block), **ROUND)
 
@@ -183,6 +183,6 @@ def test_inputs_against_plain_loops(part, bounds, samples, rng):
 def test_columns_of_inputs():
     """Oracle: the unit of the input, less is better; there is no input at k = N."""
     for kind in INPUTS:
-        assert kind().info(LAYOUT) == (kind.name, "V", "lower", False)
+        assert kind().info(LAYOUT) == (kind.name, "V", "lower", False, "")
         assert kind().window(LAYOUT) == kind(to="N").window(LAYOUT) == (0, N - 1)
         only_issue(kind(to=N * Ts), LAYOUT, "", "must lie in 0..59")

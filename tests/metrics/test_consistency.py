@@ -29,7 +29,7 @@ def test_nees_against_plain_loops(per_run, rng):
 def test_nees_has_no_unit_and_needs_P():
     """Oracle: product.md section 7; no other metric needs it."""
     metric = Nees()
-    assert metric.info(LAYOUT) == ("nees", "", "one", False)
+    assert metric.info(LAYOUT) == ("nees", "", "one", False, "")
     others = [Mse(), Mse(of="estimate"), EstimationMse()]
     assert metric.needs_P and not any(other.needs_P for other in others)
 

@@ -44,7 +44,7 @@ def test_short_forms_are_matrices(rng):
 def test_its_column():
     """Oracle: no unit, as those of states and inputs differ; less is better; there is no input at k = N."""
     metric = Cost(Q_x=1.0, R_u=1.0)
-    assert (metric.info(LAYOUT), metric.window(LAYOUT)) == (("cost", "", "lower", False), (0, N - 1))
+    assert (metric.info(LAYOUT), metric.window(LAYOUT)) == (("cost", "", "lower", False, ""), (0, N - 1))
     only_issue(Cost(Q_x=1.0, R_u=1.0, to=0.5 * N), LAYOUT, "", "window from 0 to 6")
 
 

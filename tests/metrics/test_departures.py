@@ -75,7 +75,7 @@ def test_departures_against_a_plain_loop(rng):
 
 def test_the_column_of_departures():
     """Oracle: a number without unit; all of them count where there are no bursts, none without quiet samples."""
-    assert Departures().info(BRIEF) == ("departures", "", "lower", False)
+    assert Departures().info(BRIEF) == ("departures", "", "lower", False, "")
     calm = error_record((80, 81))._replace(bursts=None)
     assert Departures(smooth=0.0).evaluate(calm) == [1.0]
     block = error_record()
@@ -94,6 +94,6 @@ def test_poses_that_are_nearly_singular(rng):
         values = NearSingular(below=0.25, **bounds).evaluate(block)
         expected = [sum(abs(block.y[i, k, 0]) < 0.25 for k in samples) for i in range(RUNS)]
         np.testing.assert_array_equal(values, [expected[0], 0, *expected[2:]])
-    assert NearSingular().info(layout) == ("near_singular", "", "lower", False)
+    assert NearSingular().info(layout) == ("near_singular", "", "lower", False, "")
     for other in (Walk(), None):
         only_issue(NearSingular(), LAYOUT._replace(plant=other), "", "needs a plant with singular poses")

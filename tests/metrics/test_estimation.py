@@ -47,7 +47,7 @@ def test_estimation_mse_is_the_mse_of_the_estimate(rng):
     block, one = trajectories(rng), EstimationMse(from_=0.5, to="N")
     other = Mse(of="estimate", from_=0.5, to="N")
     np.testing.assert_array_equal(one.evaluate(block), other.evaluate(block))
-    assert (one.info(LAYOUT), one.window(LAYOUT)) == (("estimation_mse", "", "lower", False), (1, 6))
+    assert (one.info(LAYOUT), one.window(LAYOUT)) == (("estimation_mse", "", "lower", False, ""), (1, 6))
     assert EstimationMse(name="mine").info(LAYOUT).name == "mine"
 
 

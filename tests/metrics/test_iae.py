@@ -28,6 +28,6 @@ def test_an_exponential_in_closed_form():
 
 def test_its_column():
     """Oracle: a second times the unit of the output; states and estimates have none; windows as in other metrics."""
-    assert Iae().info(LAYOUT) == ("iae", "rad*s", "lower", False)
+    assert Iae().info(LAYOUT) == ("iae", "rad*s", "lower", False, "")
     assert Iae(of="state").unit(LAYOUT) == Iae(of="estimate").unit(LAYOUT) == ""
     only_issue(Iae(to=100.0), LAYOUT, "", "must lie in 0..6")

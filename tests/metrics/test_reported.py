@@ -120,7 +120,7 @@ def test_fallbacks_are_counted(rng):
     for bounds, samples in (({}, range(N)), ({"from_": 4.0, "to": "N"}, range(8, N + 1))):
         expected = [sum(fell[i, k, 0] == 1.0 for k in samples) for i in range(4)]
         np.testing.assert_array_equal(Fallbacks(**bounds).evaluate(block), expected)
-    assert Fallbacks().info(LAYOUT) == ("fallbacks", "", "lower", False)
+    assert Fallbacks().info(LAYOUT) == ("fallbacks", "", "lower", False, "")
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def test_the_column_of_a_sample():
     """Oracle: outputs and inputs have units, the best value is 0."""
     units = [Sample(of=of).unit(LAYOUT) for of, _ in PICKS]
     assert units == ["", "", "", "rad", "V"]
-    assert Sample(of="x.0").info(LAYOUT) == ("sample", "", "zero", False)
+    assert Sample(of="x.0").info(LAYOUT) == ("sample", "", "zero", False, "")
     assert Sample(of="x.0", name="x0_end").info(LAYOUT).name == "x0_end"
 
 

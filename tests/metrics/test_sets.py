@@ -49,7 +49,7 @@ def test_only_the_matrices_of_the_set_are_needed():
         "gaussian": (True, False),
         "sum": (True, True),
     }
-    assert Inside().info(LAYOUT) == ("inside", "", "higher", False)
+    assert Inside().info(LAYOUT) == ("inside", "", "higher", False, "")
     assert (Inside().window(LAYOUT), Inside(name="mine").name) == ((0, N - 1), "mine")
 
 

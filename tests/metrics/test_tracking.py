@@ -186,7 +186,7 @@ def test_metrics_use_the_true_output_and_not_the_state():
 def test_columns_of_metrics(make, unit, direction):
     """Oracle: product.md section 7."""
     settles = make is SettlingTime
-    assert make().info(SECONDS) == (make.name, unit, direction, settles)
+    assert make().info(SECONDS) == (make.name, unit, direction, settles, "")
     assert make(name="mine").info(SECONDS).name == "mine"
 
 
