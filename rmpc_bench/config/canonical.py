@@ -21,7 +21,7 @@ from rmpc_bench.config.identity import (
     uncertainty_data,
 )
 from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.plant_source import SECTIONS_OF_A_PLANT, has_source
+from rmpc_bench.config.plant_source import SECTIONS_OF_A_PLANT, has_source, lay_over_source
 from rmpc_bench.config.relocation import as_of_configuration
 from rmpc_bench.config.sections import SECTIONS, Time
 from rmpc_bench.config.sweep import Sweep
@@ -124,6 +124,8 @@ def _sections_kept_by_rows(
     rows = (tree["sweep"] or {}).get("zip")
     rows = rows if isinstance(rows, Items) else ()
     kept = {path for path in columns(rows) if path != NAME and any(path not in row for row in rows)}
+    # The file of the plant may bring the section.
+    tree = lay_over_source(tree) if has_source(tree) else tree
     found: dict[str, Any] = {}
     for root in sorted({split(path, tree.mark)[0] for path in kept} - set(changed)):
         given = as_of_configuration(tree, root, own) if root in tree else SECTIONS[root].default

@@ -87,7 +87,7 @@ def test_names_and_units_are_on_the_axes(finished):
     from rmpc_bench.figures.labels import component_label
 
     assert component_label(trials, "y", 0, "") == "level [m]"
-    assert component_label(trials, "x_hat", 0, "0") == r"$\hat{x}$[0]"
+    assert component_label(trials, "x_hat", 0, "0") == r"$\hat{x}_0$"
     assert component_label(trials, "x", 1, "1", prefix="mean") == "mean h2 [m]"
 
 
