@@ -60,7 +60,7 @@ def test_a_reported_signal_later(load, tmp_path, monkeypatch):
     ("signals", "number", "message"),
     [
         ("[y, Q_yv]", 1, "'Q_yv' is not a known signal; did you mean 'Q_yw'?"),
-        ("[zeta]", 0, "known: y, u, x, x_hat, r, fallback, Q_yw"),
+        ("[zeta]", 0, "known: y, u, x, x_hat, P, r, fallback, Q_yw"),
         ("[secret]", 0, "'secret' is not a known signal"),  # in the info, but nobody has promised it
         ("[y, bursts]", 1, "'bursts' is not a known signal"),  # the noise has none
     ],
@@ -122,4 +122,4 @@ def test_figures_of_what_is_recorded(load, tmp_path):
     load(noise=BURSTS, record="{runs: 2, signals: [y, Q_yw]}", figures=figures)
     ran(tmp_path / "tiny.yaml", tmp_path / "out")
     names = {path.name for path in (tmp_path / "out" / "figures").iterdir()}
-    assert names == {f"{kind}.{ending}" for kind in ("trajectories", "elements") for ending in ("svg", "png")}
+    assert names >= {f"{kind}.{ending}" for kind in ("trajectories", "elements") for ending in ("svg", "pdf", "png")}
