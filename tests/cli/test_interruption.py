@@ -119,7 +119,10 @@ def test_a_second_process(tmp_path, uninterrupted):
     path = write(tmp_path, **KEYS)
     process = start(path)
     wait_for_blocks(process, path, n=1)
+    # Stopped, it cannot finish before the second one looks at the store.
+    process.send_signal(signal.SIGSTOP)
     second = cli("run", path, "-o", tmp_path / "out", "-j", 1)
+    process.send_signal(signal.SIGCONT)
     out, err = process.communicate(timeout=60)
     assert second.exit_code == 5 and "another process writes to it" in second.stderr
     assert process.returncode == 0, err
