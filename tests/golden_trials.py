@@ -15,6 +15,7 @@ import rmpc_bench
 from rmpc_bench.config.sweep_point import digest
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Task
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.types import Status
 
 ROOT = Path(__file__).parents[1]
@@ -65,7 +66,7 @@ def computed(name):
         for number in sorted({0, len(points) - 1})
         for method in points[number].experiment.methods
     ]
-    for done in serial([point.experiment for point in points], tasks):
+    for done in serial([point.experiment for point in points], TaskQueue(tasks)):
         point, method = points[done.task.point], done.task.method
         columns = {metric.name: done.block.metrics[i] for i, metric in enumerate(point.experiment.metrics)}
         rows = {

@@ -23,6 +23,7 @@ from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.replaced_file import replace_text, replaced
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
@@ -158,9 +159,11 @@ def _compute(
     _warm_up(experiments, tasks, progress)
     progress.start(config.name, *counts)
     try:
-        with closing(engine(experiments, tasks)) as results:
+        queue = TaskQueue(tasks)
+        with closing(engine(experiments, queue)) as results:
             for done in results:
                 _store(store, config.points[done.task.point], done)
+                queue.note(done)
                 progress.advance(len(done.task.runs))
     finally:
         progress.stop()

@@ -9,6 +9,7 @@ from execution.misbehaving import BAD, K_BAD, Level, do_nothing, experiment, tas
 
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.simulation.ensemble import joined
 
 N_RUNS = 60
@@ -31,7 +32,7 @@ ACTS = (do_nothing, *(getattr(misbehaving, name) for name in MESSAGES))
 def stored(made, dones, directory):
     """Store results as `run` does, each under the name of its method."""
     store = Store(directory)
-    for task, block, uncertainty in dones:
+    for task, block, uncertainty, _ in dones:
         columns = {metric.name: column for metric, column in zip(made.metrics, block.metrics, strict=True)}
         store.add_block(task.method, task.runs, block, columns, "draw", uncertainty)
     return store
@@ -41,7 +42,8 @@ def stored(made, dones, directory):
 def store(request, tmp_path_factory):
     """Run every misbehaviour in one experiment."""
     made = experiment(ACTS, N_RUNS)
-    with stored(made, serial([made], tasks_of(made, request.param)), tmp_path_factory.mktemp("acts")) as store:
+    queue = TaskQueue(tasks_of(made, request.param))
+    with stored(made, serial([made], queue), tmp_path_factory.mktemp("acts")) as store:
         yield store
 
 
@@ -96,7 +98,7 @@ def test_a_metric_that_raises(tmp_path):
     made = experiment([do_nothing], 30)
     x0 = made.scenario.draw(made.plant, range(30), 1).x0[:, 0]
     made = experiment([do_nothing], 30, metrics=(Level(refused=tuple(x0[[*BAD]])),))
-    with stored(made, serial([made], tasks_of(made, 30)), tmp_path) as store:
+    with stored(made, serial([made], TaskQueue(tasks_of(made, 30))), tmp_path) as store:
         runs, words = store.column("do_nothing", 30)
         assert words == ["crashed" if run in BAD else "ok" for run in runs]
         assert {failure.component for failure in store.failures("do_nothing", 30)} == {"metric"}

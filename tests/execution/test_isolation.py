@@ -18,6 +18,7 @@ from rmpc_bench.execution.engines.processes import processes
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.watch import Limits
 from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.worker_error import WorkerError
 
 N_RUNS = 30
@@ -53,7 +54,7 @@ def stores(tmp_path_factory):
     for workers, block in {(workers, block) for workers, block, _ in CASES}:
         acts = [getattr(misbehaving, name) for name in ("do_nothing", *made[workers])]
         those = experiment(acts, N_RUNS)
-        dones = processes([those], tasks_of(those, block), workers, LIMITS)
+        dones = processes([those], TaskQueue(tasks_of(those, block)), workers, LIMITS)
         found[workers] = stored(those, dones, tmp_path_factory.mktemp("acts"))
     yield found
     for store in found.values():
@@ -90,7 +91,7 @@ def test_the_frames_of_the_component_are_stored(stores, act):
 def test_the_workers_have_the_results_of_this_process(stores):
     """Oracle: the same methods in this process."""
     here = experiment([do_nothing], N_RUNS)
-    values = np.concatenate([done.block.metrics[0] for done in serial([here], tasks_of(here, 9))])
+    values = np.concatenate([done.block.metrics[0] for done in serial([here], TaskQueue(tasks_of(here, 9)))])
     for store in stores.values():
         np.testing.assert_array_equal(store.values("do_nothing", "mse", range(N_RUNS)), values)
 
@@ -199,14 +200,14 @@ def test_an_experiment_that_a_worker_cannot_load():
     broken = made.methods[0]._replace(estimator=Stuck(do_nothing))
     object.__setattr__(made, "methods", (broken,))
     with pytest.raises(WorkerError, match="cannot load the experiment: .*invalid literal"):
-        list(processes([made], tasks_of(made, 4), 1))
+        list(processes([made], TaskQueue(tasks_of(made, 4)), 1))
 
 
 def test_a_limit_of_memory_that_leaves_nothing():
     """It is refused, with the least one that would do."""
     made = experiment([do_nothing], 4)
     with pytest.raises(WorkerError, match=r"execution.memory is 20 MB; a worker process needs \d+ MB at least"):
-        list(processes([made], tasks_of(made, 4), 1, Limits(memory=20_000_000, memory_text="20 MB")))
+        list(processes([made], TaskQueue(tasks_of(made, 4)), 1, Limits(memory=20_000_000, memory_text="20 MB")))
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)])

@@ -13,6 +13,7 @@ from rmpc_bench.execution.engines import tasks
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.runner import pending
 from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.task_queue import TaskQueue
 
 NOISY = {
     "uncertainty": "{eps: +-20%, delta: {dist: normal, std: 5%, truncate: 3}}",
@@ -215,7 +216,7 @@ def test_blas_runs_on_one_thread(tmp_path, monkeypatch):
     config = load_config(write(tmp_path, methods="{a: {estimator: {kind: watching}}}"))
     simulate = tasks.simulate_block
     monkeypatch.setattr(tasks, "simulate_block", lambda *args: note("block") or simulate(*args))
-    list(serial([config.experiment], [tasks.Task("a", 0, 2)]))
+    list(serial([config.experiment], TaskQueue([tasks.Task("a", 0, 2)])))
     assert threads == {"design": 1, "block": 1}
 
 

@@ -7,6 +7,7 @@ from rmpc_bench.config.load import load_config
 from rmpc_bench.estimators import enhanced_robust, kalman_predictor, lmmse
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Task
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.models import uncertain_linear
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.threads import single_thread
@@ -43,7 +44,7 @@ def test_gains_of_1500_steps(benchmark, kind):
 def test_500_runs_of_1500_steps_with_two_predictors(benchmark, experiment):
     """Draws, simulation, metrics and ensemble moments, on one core; files and processes not."""
     tasks = [Task(method.name, 0, 500) for method in experiment.methods]
-    benchmark.pedantic(lambda: list(serial([experiment], tasks)), rounds=5, warmup_rounds=1)
+    benchmark.pedantic(lambda: list(serial([experiment], TaskQueue(tasks))), rounds=5, warmup_rounds=1)
 
 
 def test_the_same_run_by_run(benchmark, experiment):
@@ -65,7 +66,7 @@ def test_the_same_run_by_run(benchmark, experiment):
 
     with single_thread():
         by_script = benchmark.pedantic(script, rounds=5)
-        done = next(iter(serial([experiment], [Task(experiment.methods[0].name, 0, 1)])))
+        done = next(iter(serial([experiment], TaskQueue([Task(experiment.methods[0].name, 0, 1)]))))
     np.testing.assert_allclose(by_script, done.block.metrics[0, 0], rtol=1e-9)  # the same arithmetic, in another order
 
 

@@ -9,6 +9,7 @@ from simulation.toy import Delta, Halfway, Proportional, Walk
 
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Task
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.metrics.consistency import Nees
 from rmpc_bench.metrics.tracking import Mse
 from rmpc_bench.noise.gaussian import gaussian
@@ -215,7 +216,7 @@ def test_equal_methods_of_a_plant_with_memory_have_equal_results(plant):
     """Oracle: two methods with the same components; in one block they had 6.78 and 7.83 on a pendulum."""
     methods = tuple(Method(name, Halfway(), Proportional()) for name in ("first", "second", "third"))
     experiment = Experiment(plant(), methods, scenario(), (Mse(),), n_runs=4, n_steps=20)
-    done = list(serial([experiment], [Task(name, 0, 4) for name in ("first", "second", "third")]))
+    done = list(serial([experiment], TaskQueue([Task(name, 0, 4) for name in ("first", "second", "third")])))
     first, second, third = (each.block.metrics for each in done)
     assert len(np.unique(first)) == 4
     np.testing.assert_array_equal(second, first)

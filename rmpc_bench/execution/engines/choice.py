@@ -16,10 +16,14 @@ from rmpc_bench.execution.engines.processes import processes
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Done, Task, components_of, has_own_code
 from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.simulation.scenario import Experiment
 
-Engine: TypeAlias = Callable[[Sequence[Experiment], Sequence[Task]], Generator[Done]]
-"""Computes tasks of experiments."""
+Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
+"""Takes tasks from a queue until it is empty and all of them are finished.
+
+Tasks that are added to the queue between two results are computed too.
+"""
 
 
 def choose_engine(

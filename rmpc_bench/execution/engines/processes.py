@@ -13,10 +13,11 @@ from pathlib import Path
 
 from rmpc_bench.components.transport import dumps
 from rmpc_bench.execution.engines.failures import failed
-from rmpc_bench.execution.engines.tasks import Done, Task
+from rmpc_bench.execution.engines.tasks import Done
 from rmpc_bench.execution.engines.watch import Limits
 from rmpc_bench.execution.engines.worker_process import End, Job, WorkerProcess
 from rmpc_bench.execution.interrupts import held
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.worker_error import WorkerError
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import RunFailure, Status
@@ -31,7 +32,7 @@ WAITING = 2
 
 def processes(
     experiments: Sequence[Experiment],
-    tasks: Sequence[Task],
+    queue: TaskQueue,
     workers: int,
     limits: Limits = Limits(),  # noqa: B008 - immutable
     logs: Path | None = None,
@@ -41,7 +42,7 @@ def processes(
     Parameters
     ----------
     experiments : one per point of the sweep
-    tasks : what to do
+    queue : what to do
     workers : how many processes
     limits : of time and memory
     logs : directory that gets the output of components; None to let it pass to the screen
@@ -51,7 +52,7 @@ def processes(
     WorkerError
         If the workers cannot load the experiment.
     """
-    pool = _Pool(experiments, tasks, limits, logs)
+    pool = _Pool(experiments, queue, limits, logs)
     try:
         pool.start(range(workers))
         yield from pool.results()
@@ -63,12 +64,10 @@ def processes(
 class _Pool:
     """Worker processes and the jobs that are left."""
 
-    def __init__(
-        self, experiments: Sequence[Experiment], tasks: Sequence[Task], limits: Limits, logs: Path | None
-    ) -> None:
+    def __init__(self, experiments: Sequence[Experiment], queue: TaskQueue, limits: Limits, logs: Path | None) -> None:
         self._experiments, self._limits, self._logs = experiments, limits, logs
         self._data = dumps(experiments)
-        self._left = deque(Job(task) for task in tasks)
+        self._queue, self._left = queue, deque[Job]()
         self._workers: dict[int, WorkerProcess] = {}
         self._failed_starts = 0
 
@@ -88,8 +87,10 @@ class _Pool:
 
     def results(self) -> Iterator[Done]:
         """Yield finished parts of tasks until nothing is left."""
-        while self._left or any(worker.jobs for worker in self._workers.values()):
+        while True:
             self._feed()
+            if not any(worker.jobs for worker in self._workers.values()):
+                return
             ready = wait([worker.connection for worker in self._workers.values()], self._pause())
             for number, worker in [*self._workers.items()]:
                 if worker.connection in ready:
@@ -112,8 +113,15 @@ class _Pool:
     def _feed(self) -> None:
         for n_waiting in range(1, WAITING + 1):
             for worker in self._workers.values():
-                if self._left and len(worker.jobs) < n_waiting:
-                    worker.give(self._left.popleft())
+                if len(worker.jobs) < n_waiting and (job := self._next()) is not None:
+                    worker.give(job)
+
+    def _next(self) -> Job | None:
+        """Return a job of a worker that has died, else the next task."""
+        if self._left:
+            return self._left.popleft()
+        task = self._queue.take()
+        return None if task is None else Job(task)
 
     def _handle(self, worker: WorkerProcess, message: Done | str | None) -> Iterator[Done]:
         """Take a result, or the end of a task, or the report of a worker that it has loaded the experiment or not."""

@@ -7,23 +7,24 @@ from collections.abc import Generator, Sequence
 
 from rmpc_bench.components.signals import noted_signals
 from rmpc_bench.execution.engines.contained import contained
-from rmpc_bench.execution.engines.tasks import Done, Task, forget_draws, warm_up_own
+from rmpc_bench.execution.engines.tasks import Done, forget_draws, warm_up_own
+from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 
 
-def serial(experiments: Sequence[Experiment], tasks: Sequence[Task]) -> Generator[Done]:
+def serial(experiments: Sequence[Experiment], queue: TaskQueue) -> Generator[Done]:
     """Do the tasks in this process, one after the other.
 
     Parameters
     ----------
     experiments : one per point of the sweep
-    tasks : what to do
+    queue : what to do
     """
     try:
         with single_thread(), noted_signals() as signals:
             warm_up_own(experiments)
-            for task in tasks:
+            while (task := queue.take()) is not None:
                 for done in contained(experiments, task, lambda error: bool(signals)):
                     if signals:
                         # A component has caught the interruption.

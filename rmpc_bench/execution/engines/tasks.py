@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -38,6 +39,8 @@ class Done(NamedTuple):
     task: Task
     block: Block
     uncertainty: list[dict[str, float]]
+    seconds: float = 0.0
+    """Time that the computation has taken [s]."""
 
 
 def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH) -> Done:
@@ -51,7 +54,7 @@ def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH)
     """
     experiment = experiments[task.point]
     method = experiment.method(task.method)
-    counts = Counter[str]()
+    counts, started = Counter[str](), time.monotonic()
     watch.start(len(task.runs))
     with _counted_warnings(counts) if has_own_code(experiment, method) else nullcontext():
         draws = _drawn(experiment, task.runs)
@@ -61,7 +64,7 @@ def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH)
         values = _uncertain_values(experiment, task.runs, draws)
     watch.end()
     block.journal.warnings.update(counts)
-    return Done(task, block, values)
+    return Done(task, block, values, time.monotonic() - started)
 
 
 def has_own_code(experiment: Experiment, method: Method) -> bool:
