@@ -13,6 +13,12 @@ from rmpc_bench.types import MetricInfo
 if TYPE_CHECKING:
     from rmpc_bench.analysis.trials import Trials
 
+AVERAGE_WORDS = {
+    "geometric": "geometric mean of the ratios",
+    "mean": "ratio of the means",
+    "difference": "mean difference",
+}
+"""What an average change is called in a sentence, a caption or a legend."""
 MOST_RUNS = 1e6
 """Runs beyond which a number of runs that would decide is not given."""
 

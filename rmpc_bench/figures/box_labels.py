@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rmpc_bench.figures.labels import DID_NOT_OCCUR, POINTS_PER_INCH, typeset, width, wrapped
-from rmpc_bench.figures.legend import GAP, HANDLE, PAD, columns_that_fit
-from rmpc_bench.figures.method_groups import name_entries, name_ticks
+from rmpc_bench.figures.legend import HANDLE, PAD, columns_that_fit, place_legend
+from rmpc_bench.figures.method_groups import name_ticks
 from rmpc_bench.figures.style import FONT_SIZE
 from rmpc_bench.types import Array
 
@@ -138,20 +138,7 @@ def _write_key(axes: Axes, texts: Sequence[str], handles: Sequence[Artist]) -> f
     limit = figure.get_figwidth() * POINTS_PER_INCH - FONT_SIZE
     entries = [wrapped(text, limit - (HANDLE + PAD) * FONT_SIZE) for text in texts]
     n_columns = columns_that_fit([max(map(width, lines)) for lines in entries], limit)
-    legend = figure.legend(
-        handles,
-        ["\n".join(lines) for lines in entries],
-        loc="outside lower center",
-        ncols=n_columns,
-        frameon=False,
-        handlelength=HANDLE,
-        handletextpad=PAD,
-        columnspacing=GAP,
-        labelspacing=0.25,
-        borderpad=0.0,
-        borderaxespad=0.3,
-    )
-    name_entries(legend, handles)
+    place_legend(figure, list(zip(entries, handles, strict=True)), n_columns, "outside lower center")
     return -(-sum(map(len, entries)) // n_columns) * LINE
 
 

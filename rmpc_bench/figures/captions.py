@@ -14,6 +14,7 @@ import numpy as np
 from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
 from rmpc_bench.analysis.intervals import quantile
 from rmpc_bench.analysis.number_text import median_text
+from rmpc_bench.figures.compared_rows import compared_rows
 from rmpc_bench.figures.labels import DID_NOT_OCCUR
 from rmpc_bench.figures.sweep_points import short_title
 
@@ -122,22 +123,17 @@ def changes_sentence(
     of : levels of the intervals of the experiment; of this table alone if not given
     title : of the point, where several are shown
     """
-    from dataclasses import replace
-
-    from rmpc_bench.analysis.comparison import comparisons
-
     others = [name for name in methods if name != point.baseline]
     if not others or point.baseline not in point.methods:
         return ""
-    primary = point.primary or point.metrics[0].name
-    rows = comparisons(replace(point, metrics=(info,), primary=primary), of).set_index("method", drop=False)
+    rows = compared_rows(point, info, of)
     found = []
     for name in others:
-        if name not in rows.index:
+        row = rows.get(name)
+        if row is None:
             # An interrupted sweep has no run of some methods at some points.
             found.append(f"{label_of(point, name)} has no runs")
             continue
-        row = rows.loc[name].to_dict()
         words = [size_text(row, info), verdict_text(row, margin_text(point, info, row))]
         text = ": ".join(word for word in words if word and word != "-")
         counts = f"{row['won']} won, {row['lost']} lost, {row['tied']} tied"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,8 @@ Handle: TypeAlias = "tuple[str, Artist]"
 """Label and sample of an entry."""
 Entry: TypeAlias = "tuple[list[str], Artist]"
 """The same with the lines of the label."""
+Place: TypeAlias = Literal["outside upper center", "outside lower center"]
+"""Side of the panels at which a legend stands."""
 
 
 def finish(
@@ -54,20 +56,7 @@ def finish(
         n_columns = columns_that_fit([max(map(width, lines)) for lines, _ in entries], limit)
     lines = wrapped(literal(note), limit - 6 * FONT_SIZE) if note and not is_for_paper() else []
     if entries:
-        legend = figure.legend(
-            [handle for _, handle in entries],
-            ["\n".join(lines) for lines, _ in entries],
-            loc="outside upper center",
-            ncols=n_columns,
-            frameon=False,
-            handlelength=HANDLE,
-            handletextpad=PAD,
-            columnspacing=GAP,
-            labelspacing=0.25,
-            borderpad=0.0,
-            borderaxespad=0.3,
-        )
-        name_entries(legend, [handle for _, handle in entries])
+        place_legend(figure, entries, n_columns, "outside upper center")
     if lines and columns:
         figure.legends[0].set_title("\n".join(lines), prop=FontProperties(size=FONT_SIZE))
     elif lines:
@@ -76,6 +65,33 @@ def finish(
     figure.set_figheight(figure.get_figheight() + max(0.0, height) * 1.25 * FONT_SIZE / POINTS_PER_INCH)
     figure.align_ylabels()
     fix_layout(figure)
+
+
+def place_legend(figure: MplFigure, entries: Sequence[Entry], n_columns: int, place: Place) -> None:
+    """Write a legend outside the panels.
+
+    Parameters
+    ----------
+    figure : the picture
+    entries : lines of the label and sample of every entry
+    n_columns : number of columns
+    place : side of the panels, as matplotlib names it
+    """
+    handles = [handle for _, handle in entries]
+    legend = figure.legend(
+        handles,
+        ["\n".join(lines) for lines, _ in entries],
+        loc=place,
+        ncols=n_columns,
+        frameon=False,
+        handlelength=HANDLE,
+        handletextpad=PAD,
+        columnspacing=GAP,
+        labelspacing=0.25,
+        borderpad=0.0,
+        borderaxespad=0.3,
+    )
+    name_entries(legend, handles)
 
 
 def columns_that_fit(widths: Sequence[float], limit: float) -> int:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import FAR, drawable, scale_by_ratio, stacked_panels
 from rmpc_bench.figures.captions import changes_sentence, joined, label_of, quantity, sentences
+from rmpc_bench.figures.compared_rows import compared_rows
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, typeset, with_unit, wrapped
 from rmpc_bench.figures.legend import Handle, finish
 from rmpc_bench.figures.line_styles import line_styles
@@ -38,8 +40,6 @@ WIDE = 10.0
 """Factor between the smallest and the largest ratio from which on equal ratios have equal lengths."""
 MARKER: dict[str, Any] = {"ms": 4.0, "ls": ""}
 MARKERS = {"geometric": "o", "mean": "s", "difference": "o"}
-AVERAGES = {"geometric": "geometric mean of the ratios", "mean": "ratio of the means", "difference": "mean difference"}
-"""What an average change is called."""
 OFFSETS = {0: (), 1: (0.0,), 2: (-0.16, 0.16)}
 """Vertical positions of the averages within a row, in rows."""
 COUNTS_BOX: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
@@ -90,7 +90,7 @@ class Paired(SweepFigure):
         changes = [changes_of(point, info, methods, of) for point in points]
         kinds = _kinds(changes)
         marks = {"geometric": "circles", "mean": "squares", "difference": "circles"}
-        averages = joined(f"{AVERAGES[kind]} ({marks[kind]})" for kind in kinds)
+        averages = joined(f"{AVERAGE_WORDS[kind]} ({marks[kind]})" for kind in kinds)
         interval = _level(points[0], changes)
         margin = _margin_text(points[0], info, kinds)
         texts = []
@@ -156,10 +156,7 @@ def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str], of: Leve
     methods : methods to show, without the baseline
     of : levels of the intervals of the experiment; of this table alone unless given
     """
-    from rmpc_bench.analysis.comparison import comparisons
-
-    rows = comparisons(replace(point, metrics=(info,), primary=point.primary or point.metrics[0].name), of)
-    compared = {row["method"]: row for row in rows.to_dict("records")}
+    compared = compared_rows(point, info, of)
     found = []
     for method in methods:
         row = compared.get(method)
@@ -173,7 +170,7 @@ def changes_of(point: Trials, info: MetricInfo, methods: Sequence[str], of: Leve
     return found
 
 
-def _averages(row: Mapping[Hashable, Any]) -> list[Average]:
+def _averages(row: Mapping[str, Any]) -> list[Average]:
     """Return the average of the verdict, and the other one where its sign contradicts it."""
     if row["average"] == "difference":
         return [Average("difference", *(float(row[f"difference{end}"]) for end in ("", "_low", "_high")))]
@@ -210,7 +207,7 @@ def _kinds(changes: Sequence[Sequence[Change]]) -> list[str]:
     other points show the runs won, lost and tied.
     """
     found = {average.kind for rows in changes for each in rows for average in each.averages}
-    return ["difference"] if "difference" in found else [kind for kind in AVERAGES if kind in found]
+    return ["difference"] if "difference" in found else [kind for kind in AVERAGE_WORDS if kind in found]
 
 
 def _draw(
@@ -266,7 +263,9 @@ def _keys(point: Trials, changes: Sequence[Sequence[Change]], kinds: Sequence[st
     line: dict[str, Any] = {"color": REFERENCE, "lw": 1.3, "ms": MARKER["ms"]}
     if len(kinds) < 2:
         return [(level, Line2D([], [], marker=MARKERS[kinds[0] if kinds else "geometric"], **line))]
-    markers: list[Handle] = [(AVERAGES[kind], Line2D([], [], marker=MARKERS[kind], **line, ls="")) for kind in kinds]
+    markers: list[Handle] = [
+        (AVERAGE_WORDS[kind], Line2D([], [], marker=MARKERS[kind], **line, ls="")) for kind in kinds
+    ]
     return [*markers, (level, Line2D([], [], **line))]
 
 
@@ -285,7 +284,7 @@ def _axis_label(point: Trials, info: MetricInfo, kinds: Sequence[str], limit: fl
     signed = "difference" in kinds
     quantity = with_unit(f"difference of {name} from {baseline}", info.unit) if signed else ""
     lines = wrapped(quantity or f"change of {name} against {baseline} [%]", limit)
-    average = f"{AVERAGES[kinds[0]]}; " if len(kinds) == 1 and not signed else ""
+    average = f"{AVERAGE_WORDS[kinds[0]]}; " if len(kinds) == 1 and not signed else ""
     return [*lines, *wrapped(f"({average}{better} is better)", limit)]
 
 

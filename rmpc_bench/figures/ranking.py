@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import drawable, few_ticks, stacked_panels
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_of, with_unit, wrapped
@@ -80,7 +81,7 @@ class Ranking(SweepFigure):
         content = self._content(results)
         n = len(content.points[0].runs)
         is_primary = results.with_verdicts and content.info == content.points[0].primary_info
-        average = {"geometric": "geometric mean of the ratios", "mean": "ratio of the means"}.get(content.kind, "mean")
+        average = AVERAGE_WORDS[content.kind]
         parts = [
             f"Change of {content.info.name} against {results.baseline} along {content.path} ({average}), {n} runs at "
             f"each of {len(content.places)} points, paired where both methods finished, with "

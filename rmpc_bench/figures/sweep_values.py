@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
-from rmpc_bench.figures.paired import AVERAGES, band_of, changes_of
+from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS
+from rmpc_bench.figures.paired import band_of, changes_of
 from rmpc_bench.types import DesignError, MetricInfo
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class SweepValues(NamedTuple):
     """Of every point: method -> value."""
     methods: tuple[str, ...]
     kind: str
-    """Average of a change, see `AVERAGES`; empty for values of the metric."""
+    """Average of a change, see `AVERAGE_WORDS`; empty for values of the metric."""
     unit: str
     margin: tuple[float, float]
     """Ends of the margin of relevance, in `unit`; both 0 without one."""
@@ -145,7 +146,7 @@ def interval_words(trials: Trials, values: SweepValues) -> str:
 
 def average_words(kind: str) -> str:
     """Name an average of changes."""
-    return AVERAGES[kind]
+    return AVERAGE_WORDS[kind]
 
 
 def runs_words(values: SweepValues, noun: str = "run") -> str:

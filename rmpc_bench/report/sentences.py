@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rmpc_bench.analysis.comparison_text import contradicting, margin_text, size_text, verdict_text
+from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, contradicting, margin_text, size_text, verdict_text
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
 from rmpc_bench.analysis.trials import Trials
@@ -40,7 +40,8 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     else:
         simultaneous = "simultaneous " if word and row["ci_level"] > trials.confidence else ""
         level = f"{simultaneous}{100 * trials.confidence:g} % interval"
-        text = f"{method} {changed} against {baseline} ({_average(row)}, {pairs}, {level}; {counts})"
+        average = AVERAGE_WORDS[str(row["average"])]
+        text = f"{method} {changed} against {baseline} ({average}, {pairs}, {level}; {counts})"
     if word and contradicting(row):
         other = "mean" if row["average"] == "geometric" else "geometric"
         text += f"; the {AVERAGES[other]} changes by {size_text(row, info, other)}"
@@ -71,12 +72,6 @@ def _mirrored(row: Mapping[str, Any], info: MetricInfo) -> str:
     names = ("difference", "difference_high", "difference_low") if signed else ("change_pct", "ci_high", "ci_low")
     value, low, high = (-float(row[name]) for name in names)
     return interval_text(value, low, high, unit=info.unit if signed else "%", sign=False)
-
-
-def _average(row: Mapping[str, Any]) -> str:
-    return {"geometric": "geometric mean of the ratios", "mean": "ratio of the means", "difference": "mean difference"}[
-        str(row["average"])
-    ]
 
 
 def _failed(row: Mapping[str, Any]) -> str:
