@@ -34,15 +34,18 @@ def mcnemar(method_only: int, baseline_only: int, n: int, confidence: float) -> 
     >>> [round(end, 3) for end in mcnemar(6, 0, 200, 0.95)]
     [0.002, 0.03]
     """
-    from scipy import stats
+    from scipy import special
 
     if not n:
         return NONE
     m = method_only + baseline_only
     if not m:
         return 0.0, 0.0
-    p = stats.binomtest(method_only, m).proportion_ci(confidence, method="exact")
-    return (2 * float(p.low) - 1) * m / n, (2 * float(p.high) - 1) * m / n
+    # Clopper and Pearson: the ends of an exact interval of a share are quantiles of beta distributions.
+    rest = (1 - confidence) / 2
+    low = float(special.betaincinv(method_only, baseline_only + 1, rest)) if method_only else 0.0
+    high = float(special.betaincinv(method_only + 1, baseline_only, 1 - rest)) if baseline_only else 1.0
+    return (2 * low - 1) * m / n, (2 * high - 1) * m / n
 
 
 def worst_of(columns: Iterable[Array], *, higher_is_better: bool) -> float:

@@ -1,6 +1,6 @@
 """Intervals and tests for one sample of numbers.
 
-SciPy's statistics take half a second to import, so they are imported where they are needed.
+scipy.stats takes half a second to import: what scipy.special has is taken from there, with the same digits.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ def student(values: Array, confidence: float) -> Interval:
     -------
     low, high; NaN below two values or where one is infinite
     """
-    from scipy import stats
+    from scipy import special
 
     se = standard_error(values)
     if math.isnan(se):
         return NONE
     with np.errstate(over="ignore"):
         mean = float(np.mean(values))
-    reach = float(stats.t.ppf((1 + confidence) / 2, len(values) - 1)) * se
+    reach = float(special.stdtrit(len(values) - 1, (1 + confidence) / 2)) * se
     return mean - reach, mean + reach
 
 
@@ -59,7 +59,7 @@ def welch(a: Array, b: Array, confidence: float) -> Interval:
     -------
     low, high; NaN below two values of either or where one is infinite; the difference itself where neither has spread
     """
-    from scipy import stats
+    from scipy import special
 
     squares = standard_error(a) ** 2, standard_error(b) ** 2
     if math.isnan(sum(squares)):
@@ -68,7 +68,7 @@ def welch(a: Array, b: Array, confidence: float) -> Interval:
     if not sum(squares):
         return gap, gap
     degrees = sum(squares) ** 2 / (squares[0] ** 2 / (len(a) - 1) + squares[1] ** 2 / (len(b) - 1))
-    reach = float(stats.t.ppf((1 + confidence) / 2, degrees)) * math.sqrt(sum(squares))
+    reach = float(special.stdtrit(degrees, (1 + confidence) / 2)) * math.sqrt(sum(squares))
     return gap - reach, gap + reach
 
 
@@ -106,12 +106,12 @@ def fieller(a: Array, b: Array, confidence: float) -> Interval:
     -------
     low, high; unbounded where the interval of the mean of b contains 0, NaN below two pairs
     """
-    from scipy import stats
+    from scipy import special
 
     n = len(a)
     if n < 2:
         return NONE
-    covariance = np.cov(a, b) * (float(stats.t.ppf((1 + confidence) / 2, n - 1)) ** 2 / n)
+    covariance = np.cov(a, b) * (float(special.stdtrit(n - 1, (1 + confidence) / 2)) ** 2 / n)
     mean_a, mean_b = float(np.mean(a)), float(np.mean(b))
     # c solves square c^2 - 2 half c + rest = 0.
     square, half, rest = mean_b**2 - covariance[1, 1], mean_a * mean_b - covariance[0, 1], mean_a**2 - covariance[0, 0]
@@ -134,11 +134,11 @@ def wilson(k: float, n: int, confidence: float) -> Interval:
     -------
     low, high; NaN when n is 0
     """
-    from scipy import stats
+    from scipy import special
 
     if n == 0:
         return NONE
-    z = float(stats.norm.ppf((1 + confidence) / 2))
+    z = float(special.ndtri((1 + confidence) / 2))
     centre = (k + z * z / 2) / (n + z * z)
     reach = z * math.sqrt(k * (n - k) / n + z * z / 4) / (n + z * z)
     return max(0.0, centre - reach) if k else 0.0, min(1.0, centre + reach) if k < n else 1.0
@@ -173,16 +173,36 @@ def difference(a: Array, b: Array) -> Array:
         return np.where(a == b, 0.0, a - b)
 
 
+MOST_EXACT = 50
+"""Number of differences up to which SciPy takes the exact law of the signed-rank statistic, where it can."""
+
+
 def signed_rank_p(differences: Array) -> float:
     """Two-sided Wilcoxon signed-rank p of paired differences; 1 for a single one or where all are 0, NaN for none."""
-    from scipy import stats
-
-    if not len(differences):
+    if not len(differences) or np.isnan(differences).any():
         return math.nan
     if not differences.any() or len(differences) == 1:
         return 1.0
+    if len(differences) > MOST_EXACT:
+        return _normal_signed_rank_p(differences[differences != 0])
+    from scipy import stats
+
     with np.errstate(invalid="ignore"):
         return float(stats.wilcoxon(differences).pvalue)
+
+
+def _normal_signed_rank_p(differences: Array) -> float:
+    """Signed-rank p from the normal law, with the correction for ties, as in `scipy.stats.wilcoxon`."""
+    from scipy import special
+
+    _, place, ties = np.unique(np.abs(differences), return_inverse=True, return_counts=True)
+    last, n = np.cumsum(ties), float(len(differences))
+    ranks = (last - (ties - 1) / 2)[place]
+    statistic = float(ranks[differences > 0].sum())
+    ties = ties.astype(float)
+    variance = (n * (n + 1) * (2 * n + 1) - float((ties**3 - ties).sum()) / 2) / 24
+    z = (statistic - n * (n + 1) / 4) / math.sqrt(variance)
+    return 2 * float(special.ndtr(-abs(z)))
 
 
 def holm(p: Sequence[float]) -> list[float]:

@@ -26,9 +26,9 @@ def runs_for_direction(difference: float, sd: float, confidence: float) -> float
     >>> runs_for_direction(0.02, 0.10, 0.95)
     197.0
     """
-    from scipy import stats
+    from scipy import special
 
-    return _runs(float(stats.norm.ppf((1 + confidence) / 2) + stats.norm.ppf(POWER)), sd, abs(difference))
+    return _runs(float(special.ndtri((1 + confidence) / 2) + special.ndtri(POWER)), sd, abs(difference))
 
 
 def runs_for_equivalence(sd: float, margin: float, confidence: float) -> float:
@@ -49,10 +49,10 @@ def runs_for_equivalence(sd: float, margin: float, confidence: float) -> float:
     >>> runs_for_equivalence(0.10, 0.01, 0.95)
     1051.0
     """
-    from scipy import stats
+    from scipy import special
 
     # Both ends must stay inside, so each of them may leave with half of the probability of failure.
-    return _runs(float(stats.norm.ppf((1 + confidence) / 2) + stats.norm.ppf((1 + POWER) / 2)), sd, margin)
+    return _runs(float(special.ndtri((1 + confidence) / 2) + special.ndtri((1 + POWER) / 2)), sd, margin)
 
 
 def _runs(z: float, sd: float, distance: float) -> float:

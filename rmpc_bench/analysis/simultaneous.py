@@ -44,7 +44,7 @@ def held_level(contributions: Array, confidence: float, seed: int) -> float:
     >>> held_level(np.array([[1.0], [2.0], [4.0]]), 0.95, seed=1)
     0.95
     """
-    from scipy import stats
+    from scipy import special
 
     valid = np.isfinite(contributions)
     n = valid.sum(axis=0)
@@ -64,7 +64,7 @@ def held_level(contributions: Array, confidence: float, seed: int) -> float:
         share = np.minimum(sums**2 / n, 1.0)
         with np.errstate(divide="ignore"):
             t = np.sqrt((n - 1) * share / (1 - share))
-        p = [2 * stats.t.sf(t[:, n == pairs].max(axis=1), pairs - 1) for pairs in np.unique(n)]
+        p = [2 * special.stdtr(pairs - 1, -t[:, n == pairs].max(axis=1)) for pairs in np.unique(n)]
         smallest.append(np.min(p, axis=0))
     level = float(quantile(np.concatenate(smallest), alpha))
     return 1 - min(max(level, alpha / size), alpha)

@@ -84,9 +84,9 @@ def shares_interval(first_only: int, second_only: int, n: int, confidence: float
 
 
 def _score_interval(won: int, lost: int, n: int, confidence: float) -> Interval:
-    from scipy import stats
+    from scipy import special
 
-    z = float(stats.norm.ppf((1 + confidence) / 2))
+    z = float(special.ndtri((1 + confidence) / 2))
     difference = (won - lost) / n
     return _root(won, lost, n, z, -1.0, difference), _root(won, lost, n, -z, difference, 1.0)
 

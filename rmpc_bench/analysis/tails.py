@@ -96,17 +96,24 @@ def quantile_interval(values: Array, confidence: float, q: float = 1 - TAIL) -> 
     -------
     low, high; NaN where the sample is too small for an order statistic on either side
     """
-    from scipy import stats
-
     n, rest = len(values), (1 - confidence) / 2
     if n < 2:
         return NONE
     # The number of values at or below the quantile is binomial.
-    low, high = int(stats.binom.ppf(rest, n, q)), int(stats.binom.ppf(1 - rest, n, q)) + 1
+    low, high = _binomial_quantile(rest, n, q), _binomial_quantile(1 - rest, n, q) + 1
     if low < 1 or high > n:
         return NONE
     ordered = np.sort(values)
     return float(ordered[low - 1]), float(ordered[high - 1])
+
+
+def _binomial_quantile(p: float, n: int, share: float) -> int:
+    """Return the smallest k with P(X <= k) >= p for a binomial X."""
+    from scipy import special
+
+    # The inverse takes k as a real number, so that rounding may miss the step by one.
+    k = max(math.ceil(float(special.bdtrik(p, n, share))), 0)
+    return k - 1 if k and float(special.bdtr(k - 1, n, share)) >= p else k
 
 
 def cvar_interval(

@@ -84,7 +84,7 @@ def band(values: Array, confidence: float, seed: int) -> Band:
     -------
     low and high, each of the shape of one entry
     """
-    from scipy import stats
+    from scipy import special
 
     n, shape = len(values), values.shape[1:]
     flat = values.reshape(n, -1)
@@ -93,9 +93,9 @@ def band(values: Array, confidence: float, seed: int) -> Band:
     squares = (deviation**2).sum(axis=0)
     varying = squares > 0
     # The band is never narrower than the interval of one entry.
-    factors = np.full(2, stats.t.ppf((1 + confidence) / 2, n - 1))
+    factors = np.full(2, special.stdtrit(n - 1, (1 + confidence) / 2))
     if n < FEW_GROUPS:
-        factors[:] = stats.t.ppf(1 - (1 - confidence) / (2 * max(int(varying.sum()), 1)), n - 1)
+        factors[:] = special.stdtrit(n - 1, 1 - (1 - confidence) / (2 * max(int(varying.sum()), 1)))
     elif varying.any():
         largest = _largest_t(deviation[:, varying] / np.sqrt(squares[varying]), seed)
         rank = min(_RESAMPLES, math.ceil((_RESAMPLES + 1) * (1 + confidence) / 2)) - 1

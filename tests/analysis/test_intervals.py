@@ -100,3 +100,15 @@ def test_holm_known_example():
     adjusted = holm([0.04, math.nan, 0.01])
     assert [adjusted[0], adjusted[2]] == pytest.approx([0.04, 0.02], rel=ROUND)
     assert math.isnan(adjusted[1])
+
+
+@pytest.mark.parametrize("digits", [0, 1, 8])
+def test_signed_rank_p_of_many_runs(digits):
+    """Oracle: SciPy with the same law; with ties, zeros and runs in which an event did not occur."""
+    rng = np.random.default_rng(5)
+    for n in (51, 52, 200, 999):
+        x = np.round(rng.normal(0.1, 1.0, n), digits)
+        assert signed_rank_p(x) == pytest.approx(stats.wilcoxon(x).pvalue, rel=ROUND)
+        x[:7], x[8] = np.inf, -np.inf
+        assert signed_rank_p(x) == pytest.approx(stats.wilcoxon(x).pvalue, rel=ROUND)
+    assert math.isnan(signed_rank_p(np.full(60, np.nan)))

@@ -151,3 +151,11 @@ def test_the_interval_of_a_difference_of_shares_contains_0_where_the_exact_test_
     low, high = shares_interval(5, 0, 200, 0.95)
     assert low == 0 and high > 5 / 200
     assert shares_interval(6, 0, 200, 0.95)[0] > 0
+
+
+@pytest.mark.parametrize(("b", "c"), [(1, 0), (0, 4), (3, 9), (200, 1)])
+def test_mcnemar_is_the_exact_interval_of_a_share(b, c):
+    """Oracle: `scipy.stats.binomtest`, which finds the ends by bisection to 2e-12."""
+    exact = stats.binomtest(b, b + c).proportion_ci(0.95, method="exact")
+    expected = [(2 * end - 1) * (b + c) / 300 for end in (exact.low, exact.high)]
+    assert mcnemar(b, c, 300, 0.95) == pytest.approx(expected, abs=1e-11)

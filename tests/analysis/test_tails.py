@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rmpc_bench.analysis.tails import cvar_interval, quantile_interval, tails
+from rmpc_bench.analysis.tails import _binomial_quantile, cvar_interval, quantile_interval, tails
 
 INF = math.inf
 
@@ -110,3 +110,11 @@ def test_memory_does_not_grow_with_all_draws():
     # Variance of the influence (x - q)+ / 0.05 with x - q exponential: (2 * 0.05 - 0.05^2) / 0.05^2.
     reach = stats.norm.ppf(0.975) * math.sqrt((0.1 - 0.0025) / 0.0025 / 100_000)
     assert mean - low == pytest.approx(reach, rel=0.15) and high - mean == pytest.approx(reach, rel=0.15)
+
+
+@pytest.mark.parametrize("n", [2, 19, 100, 1000, 12_345, 1_000_000])
+def test_binomial_quantile(n):
+    """Oracle: scipy.stats."""
+    for p in (0.001, 0.025, 0.3, 0.975, 0.9999):
+        for share in (0.05, 0.95):
+            assert _binomial_quantile(p, n, share) == stats.binom.ppf(p, n, share)
