@@ -24,6 +24,7 @@ from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
 from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.numerics.code_cache import cache_remark
 from rmpc_bench.replaced_file import replace_text, replaced
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
@@ -182,6 +183,8 @@ def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress:
     with said_if_slow(progress, text), single_thread():
         for design in {id(design): design for design in designs}.values():
             design.warm_up()
+    if cache_remark():
+        progress.say(cache_remark())
 
 
 def _store(store: Store, point: SweepPoint, done: Done) -> None:

@@ -20,8 +20,9 @@ from __future__ import annotations
 from math import cos, isfinite, sin, sqrt
 from typing import Any
 
-import numba
 import numpy as np
+
+from rmpc_bench.numerics.compiled import compiled
 
 OK, DIVERGED, OUT_OF_RANGE, SINGULAR = 0, 1, 2, 5  # values of types.Status, which compiled code cannot read
 FARTHEST = 1.0  # largest |x_c| and |y_c| of a valid state [m]
@@ -34,7 +35,7 @@ ROUNDING = 1e-16  # cosine below which two columns count as orthogonal
 MOST_SWEEPS = 30  # of rotations; two to four are usual
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _geometry(x: Any, p: Any, arms: Any) -> None:  # pragma: no cover
     """Write the arms at a pose (the first three entries of x)."""
     a, b, c, s = p[0], p[1], cos(x[2]), sin(x[2])
@@ -48,7 +49,7 @@ def _geometry(x: Any, p: Any, arms: Any) -> None:  # pragma: no cover
         arms[i, 6] = length
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _matrices(v: Any, p: Any, arms: Any, M: Any, N: Any) -> None:  # pragma: no cover
     """Write M and N of M v' + N v = J' tau, both 3 x 3.
 
@@ -69,7 +70,7 @@ def _matrices(v: Any, p: Any, arms: Any, M: Any, N: Any) -> None:  # pragma: no 
                 N[m, n] += J[m] * rate + p[7] * S[m] * S[n]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _factor(M: Any) -> None:  # pragma: no cover
     """Turn the lower half of a positive definite M (3 x 3) into its Cholesky factor."""
     for i in range(3):
@@ -80,7 +81,7 @@ def _factor(M: Any) -> None:  # pragma: no cover
             M[i, j] = sqrt(total) if i == j else total / M[j, j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _solve(L: Any, z: Any) -> None:  # pragma: no cover
     """Replace a vector z by M^-1 z, with the factor of M."""
     for i in range(3):
@@ -93,7 +94,7 @@ def _solve(L: Any, z: Any) -> None:  # pragma: no cover
         z[i] /= L[i, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _product(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
     """Write a b, all 3 x 3."""
     for i in range(3):
@@ -101,7 +102,7 @@ def _product(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _series(K: Any, h: float, E: Any, term: Any, work: Any) -> None:  # pragma: no cover
     """Write e^(K h) and its first and second integral over [0, h] into E (3, 3, 3).
 
@@ -130,7 +131,7 @@ def _series(K: Any, h: float, E: Any, term: Any, work: Any) -> None:  # pragma: 
             E[order, i, i] += h if order == 1 else 1.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _integrals(K: Any, Ts: float, E: Any, term: Any, work: Any) -> None:  # pragma: no cover
     """Write e^(K Ts) and its integrals for any Ts: by `_series` over a short time, which is then doubled repeatedly."""
     size, doublings = 0.0, 0
@@ -153,7 +154,7 @@ def _integrals(K: Any, Ts: float, E: Any, term: Any, work: Any) -> None:  # prag
         h *= 2.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _frozen(M: Any, N: Any, arms: Any, K: Any, G: Any, z: Any) -> None:  # pragma: no cover
     """Write K = -M^-1 N (3 x 3) and G' = M^-1 J' (4 x 3); M becomes its factor."""
     _factor(M)
@@ -169,7 +170,7 @@ def _frozen(M: Any, N: Any, arms: Any, K: Any, G: Any, z: Any) -> None:  # pragm
         _solve(M, G[m])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def pair_kernel(x: Any, p: Any, Ts: float, euler: bool) -> tuple[Any, Any]:  # pragma: no cover
     """Return the sampled matrices (runs, 6, 6) and (runs, 6, 4), frozen at every row of x (runs, 6); p (8,)."""
     A, B = np.zeros((len(x), 6, 6)), np.empty((len(x), 6, 4))
@@ -196,7 +197,7 @@ def pair_kernel(x: Any, p: Any, Ts: float, euler: bool) -> tuple[Any, Any]:  # p
     return A, B
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _slope(x: Any, u: Any, p: Any, arms: Any, M: Any, N: Any, slope: Any) -> None:  # pragma: no cover
     """Write the time derivative of the state."""
     _geometry(x, p, arms)
@@ -212,7 +213,7 @@ def _slope(x: Any, u: Any, p: Any, arms: Any, M: Any, N: Any, slope: Any) -> Non
     _solve(M, slope[3:])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _sigma(arms: Any, V: Any) -> float:  # pragma: no cover
     """Smallest singular value of J (4 x 3), by rotations of its columns until they are orthogonal.
 
@@ -248,7 +249,7 @@ def _sigma(arms: Any, V: Any) -> float:  # pragma: no cover
     return sqrt(least)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _status(x: Any, p: Any, arms: Any, V: Any) -> int:  # pragma: no cover
     """Return the status of a state."""
     for i in range(6):
@@ -263,7 +264,7 @@ def _status(x: Any, p: Any, arms: Any, V: Any) -> int:  # pragma: no cover
     return SINGULAR if _sigma(arms, V) < LEAST_SIGMA else OK
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def slide_step_kernel(x: Any, u: Any, w: Any, p: Any, Ts: float, substeps: int) -> tuple[Any, Any]:  # pragma: no cover
     """Advance every row of x (runs, 6) by one sample with constant torques u (runs, 4), then add w; return statuses.
 
@@ -291,7 +292,7 @@ def slide_step_kernel(x: Any, u: Any, w: Any, p: Any, Ts: float, substeps: int) 
     return x_next, status
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def sigma_kernel(y: Any, p: Any) -> Any:  # pragma: no cover
     """Return the smallest singular value of J at every row of y (poses, 3); p begins with a and b."""
     arms, V, sigma = np.empty((4, 7)), np.empty((4, 3)), np.empty(len(y))

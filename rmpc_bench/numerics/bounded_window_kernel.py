@@ -11,14 +11,15 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-import numba
 import numpy as np
+
+from rmpc_bench.numerics.compiled import compiled
 
 # Rounding of an output relative to the sum of its terms, about 2e-16 per term.
 ROUNDING = 4e-15
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def path_kernel(
     y: Any, A: Any, c: Any, start: Any, C: Any, first: int, anchored: bool, path: Any, d: Any
 ) -> None:  # pragma: no cover
@@ -46,7 +47,7 @@ def path_kernel(
                 d[run, place * ny + o] = 0.0 if abs(total) <= ROUNDING * size < inf else total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def reduced_kernel(A: Any, C: Any, first: int, F: Any, moved: Any) -> None:  # pragma: no cover
     """Write outputs per first state, F, and last state per first state, for a window without process noise."""
     runs, points, nx = A.shape[:3]
@@ -77,7 +78,7 @@ def reduced_kernel(A: Any, C: Any, first: int, F: Any, moved: Any) -> None:  # p
                 moved[run, i, m] = now[i, m]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def multiplier_kernel(A: Any, C: Any, first: int, mu: Any, price: Any) -> None:  # pragma: no cover
     """Write the sums over the window of |lam_i|."""
     runs, points, nx = A.shape[:3]

@@ -22,8 +22,9 @@ from __future__ import annotations
 from math import exp, inf, log, nan, sqrt
 from typing import Any
 
-import numba
 import numpy as np
+
+from rmpc_bench.numerics.compiled import compiled
 
 PI, DELTA, Y, D_PI, D_Y, FIRST = 0, 1, 2, 3, 4, 5  # indices of the results of a backward pass
 # Range of s = log(tau / tau_min - 1); exp(-30) is a few hundred roundings.
@@ -31,7 +32,7 @@ NEAREST, FARTHEST = -30.0, 60.0
 MOST_STEPS = 100  # of a root search; four to six are usual
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _mul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
     """Write a b."""
     n = len(a)
@@ -43,7 +44,7 @@ def _mul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
             out[i, j] = total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _tmul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
     """Write a' b."""
     n = len(a)
@@ -55,7 +56,7 @@ def _tmul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
             out[i, j] = total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _symmetric(a: Any) -> None:  # pragma: no cover
     """Symmetrise a."""
     for i in range(len(a)):
@@ -63,7 +64,7 @@ def _symmetric(a: Any) -> None:  # pragma: no cover
             a[i, j] = a[j, i] = 0.5 * (a[i, j] + a[j, i])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _solve(F: Any, b: Any, out: Any) -> None:  # pragma: no cover
     """Write F^-1 b by elimination with row pivots; F is destroyed."""
     n = len(F)
@@ -91,7 +92,7 @@ def _solve(F: Any, b: Any, out: Any) -> None:  # pragma: no cover
             out[i, m] = total / F[i, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _cholesky(W: Any) -> bool:  # pragma: no cover
     """Replace the lower triangle of W by its Cholesky factor; return whether W is positive definite."""
     n = len(W)
@@ -109,7 +110,7 @@ def _cholesky(W: Any) -> bool:  # pragma: no cover
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any) -> bool:  # pragma: no cover
     """One stage without control: A' X (I - M_w X / tau)^-1 A, T = (I - M_w X / tau)^-1 A and p = G' X T.
 
@@ -151,7 +152,7 @@ def _alone(A: Any, G: Any, tau: float, X: Any, new: Any, T: Any, p: Any, s: Any)
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: Any) -> bool:  # pragma: no cover
     """Write the matrices of the first stage into X (6, n, n); return whether all multipliers are large enough.
 
@@ -205,7 +206,7 @@ def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: A
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _carry(T: Any, p: Any, tau: float, dX: Any, s: Any) -> None:  # pragma: no cover
     """Replace dX by T' dX T - p' p / tau^2."""
     n = len(T)
@@ -218,7 +219,7 @@ def _carry(T: Any, p: Any, tau: float, dX: Any, s: Any) -> None:  # pragma: no c
     _symmetric(dX)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float, float, float]:  # pragma: no cover
     """Minimise over the multiplier tau_1 of the error of the first state, for given multipliers of the noise.
 
@@ -258,7 +259,7 @@ def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float
     return tau, 1.0 - size, excess
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _optimum(
     A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, s: float, X: Any
 ) -> float:  # pragma: no cover
@@ -307,7 +308,7 @@ def _optimum(
     return s
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cover
     """Return whether the cost without control is bounded for the multiplier tau at all stages."""
     X = Q[len(A) - 1].copy()
@@ -320,7 +321,7 @@ def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cov
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def smallest_multiplier_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no cover
     """Return the smallest multiplier with a bounded cost without control, the norm of the map from noise to cost.
 
@@ -348,7 +349,7 @@ def smallest_multiplier_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no c
         low, high = (low, middle) if _fits(A, Q, G, middle, s) else (middle, high)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def solve_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, guess: float, first: Any, x_w: Any
 ) -> tuple[float, float, float]:  # pragma: no cover
@@ -368,7 +369,7 @@ def solve_kernel(
     return price + excess, tau_1, price
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def nodes_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, tau_min: float, offsets: Any, M_root: Any, found: Any
 ) -> float:  # pragma: no cover
@@ -383,7 +384,7 @@ def nodes_kernel(
     return s
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def rows_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, M_roots: Any, tau_min: float, guess: float, x: Any, rows: Any, first: Any
 ) -> None:  # pragma: no cover

@@ -13,8 +13,9 @@ from __future__ import annotations
 from math import log, nan
 from typing import Any
 
-import numba
 import numpy as np
+
+from rmpc_bench.numerics.compiled import compiled
 
 MOST_STEPS = 30  # four to five are usual
 # Largest ratio of the terms of the slope to the slope: beyond it three digits are lost by cancellation.
@@ -23,7 +24,7 @@ CANCELLED = 1e3
 REACH = 0.999
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _series(c: Any, z: float) -> float:  # pragma: no cover
     """Evaluate a Chebyshev series at z by Clenshaw's recursion."""
     a, b = 0.0, 0.0
@@ -32,7 +33,7 @@ def _series(c: Any, z: float) -> float:  # pragma: no cover
     return float(z * a - b + c[0])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: Any) -> bool:  # pragma: no cover
     """Solve one problem; return whether the result is valid: s in the table, tau_1 on the boundary of the domain."""
     n, offset, last_offset, last = len(x), 0.0, nan, nan
@@ -61,7 +62,7 @@ def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: An
     return size <= 1.0 and terms <= CANCELLED * _series(c, z)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def lookup_kernel(table: Any, middle: float, half: float, x: Any, first: Any, holds: Any) -> None:  # pragma: no cover
     """Write ``first`` for every row of x, and whether it is valid."""
     c = np.empty(table.shape[1])

@@ -28,8 +28,9 @@ from __future__ import annotations
 from math import frexp, inf, ldexp
 from typing import Any
 
-import numba
 import numpy as np
+
+from rmpc_bench.numerics.compiled import compiled
 
 VALUE, DELTA, PI, GAIN, SIGN, SUM = 0, 1, 2, 3, 4, 5  # rows of V, one entry per column of the basis
 UNIQUE, OPTIMAL, FAILED = 0, 1, 2
@@ -42,7 +43,7 @@ SURE = 1e-6  # largest such difference relative to the optimum
 ZERO = 1e-9  # a dual value below it counts as 0; dual values are of size 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _scaled(F: Any, d: Any, A: Any, b: Any, size: Any) -> bool:  # pragma: no cover
     """Divide columns and data by powers of two; the exponents are written to size, that of d last."""
     n, p = F.shape
@@ -61,7 +62,7 @@ def _scaled(F: Any, d: Any, A: Any, b: Any, size: Any) -> bool:  # pragma: no co
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _picked(A: Any, W: Any, basis: Any, n_columns: int) -> int:  # pragma: no cover
     """Select as many points as the rank of A for the basis; UNIQUE for full rank, FAILED if the rank is uncertain."""
     n, p = A.shape
@@ -97,7 +98,7 @@ def _picked(A: Any, W: Any, basis: Any, n_columns: int) -> int:  # pragma: no co
     return rank
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _inverted(M: Any, W: Any, inverse: Any) -> bool:  # pragma: no cover
     """Invert M by elimination with row pivots; return whether M is regular."""
     m = len(M)
@@ -129,7 +130,7 @@ def _inverted(M: Any, W: Any, inverse: Any) -> bool:  # pragma: no cover
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _anew(A: Any, b: Any, group: Any, basis: Any, V: Any, M: Any, W: Any, inverse: Any) -> bool:  # pragma: no cover
     """Compute inverse, values and multipliers from the basis with one refinement; return whether it is regular."""
     n, p = A.shape
@@ -164,7 +165,7 @@ def _anew(A: Any, b: Any, group: Any, basis: Any, V: Any, M: Any, W: Any, invers
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _entering(A: Any, b: Any, group: Any, V: Any, first: bool) -> tuple[int, float]:  # pragma: no cover
     """Return the column that improves the objective most (or the first that does), and its sign; -1 if none does."""
     n, p = A.shape
@@ -188,7 +189,7 @@ def _entering(A: Any, b: Any, group: Any, V: Any, first: bool) -> tuple[int, flo
     return found, sign
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _leaving(n: int, group: Any, basis: Any, V: Any, inverse: Any, first: bool) -> int:  # pragma: no cover
     """Return the place of the column that reaches 0 first; -1 if none does.
 
@@ -216,7 +217,7 @@ def _leaving(n: int, group: Any, basis: Any, V: Any, inverse: Any, first: bool) 
     return place
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _exchanged(A: Any, b: Any, group: Any, basis: Any, V: Any, inverse: Any, first: bool) -> int:  # pragma: no cover
     """Exchange one column: return 1, or 0 if no column improves the objective, or -1 if no column can leave."""
     n, p = A.shape
@@ -252,7 +253,7 @@ def _exchanged(A: Any, b: Any, group: Any, basis: Any, V: Any, inverse: Any, fir
     return 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _judged(A: Any, b: Any, group: Any, basis: Any, V: Any, r: Any, mu: Any) -> int:  # pragma: no cover
     """Write r and mu and compare the two bounds."""
     n, p = A.shape
@@ -294,7 +295,7 @@ def _judged(A: Any, b: Any, group: Any, basis: Any, V: Any, r: Any, mu: Any) -> 
     return outcome if CLOSED * size <= SURE * upper else FAILED
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _climbed(A: Any, b: Any, group: Any, basis: Any, V: Any, inverse: Any) -> int:  # pragma: no cover
     """Exchange columns until none improves the objective; return their number, -1 without convergence."""
     size = len(A) + len(inverse)
@@ -305,7 +306,7 @@ def _climbed(A: Any, b: Any, group: Any, basis: Any, V: Any, inverse: Any) -> in
     return -1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _fitted(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, work: Any) -> int:  # pragma: no cover
     """Solve one problem; return its outcome."""
     A, b, size, basis, V, M, W, inverse, rest = work
@@ -337,7 +338,7 @@ def _fitted(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, work: Any) -> i
     return max(outcome, rank)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def minimax_kernel(F: Any, d: Any, group: Any, x: Any, r: Any, mu: Any, outcome: Any) -> None:  # pragma: no cover
     """Solve the problem of every row; NaN if it failed."""
     n, p = F.shape[1:]

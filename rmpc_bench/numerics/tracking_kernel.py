@@ -13,14 +13,15 @@ from __future__ import annotations
 from math import copysign, inf, nan, sqrt
 from typing import Any
 
-import numba
 import numpy as np
+
+from rmpc_bench.numerics.compiled import compiled
 
 # Smallest pivot divided by the largest of its stage: rounding of the factorisation.
 SMALLEST = 1e-13
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _reflect(T: Any, pivot: int, first: int, last: int, column: int, end: int, dots: Any) -> float:  # pragma: no cover
     """Turn the entries of a column in the rows first..last-1 into 0 and move their length to the pivot row.
 
@@ -53,7 +54,7 @@ def _reflect(T: Any, pivot: int, first: int, last: int, column: int, end: int, d
     return size
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _fold(S: Any, rows: int, C: Any, Q_yw: Any, w: Any, dots: Any) -> tuple[int, float]:  # pragma: no cover
     """Add the rows Q_yw (C x - w) to the ``rows`` of [S, s] and fold what is more than the states into a triangle.
 
@@ -76,7 +77,7 @@ def _fold(S: Any, rows: int, C: Any, Q_yw: Any, w: Any, dots: Any) -> tuple[int,
     return nx, lost
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _stack(S: Any, rows: int, A: Any, B: Any, f: Any, R_u: Any, T: Any) -> None:  # pragma: no cover
     """Write [R_u, 0, 0] above [S B, S A, s - S f]."""
     nx, nu = B.shape
@@ -93,7 +94,7 @@ def _stack(S: Any, rows: int, A: Any, B: Any, f: Any, R_u: Any, T: Any) -> None:
             T[nu + i, nu + nx] -= entry * f[j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _eliminate(T: Any, nu: int, rows: int, end: int, dots: Any) -> bool:  # pragma: no cover
     """Free the rows below the first nu of the inputs, whose columns come first; whether these are determined."""
     smallest, largest = inf, 0.0
@@ -103,7 +104,7 @@ def _eliminate(T: Any, nu: int, rows: int, end: int, dots: Any) -> bool:  # prag
     return smallest > SMALLEST * largest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _track(
     A: Any, B: Any, f: Any, C: Any, Q_yw: Any, R_u: Any, w: Any, x: Any, u: Any, S: Any, T: Any, dots: Any
 ) -> float:  # pragma: no cover
@@ -135,7 +136,7 @@ def _track(
     return loss
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def tracking_kernel(
     A: Any, B: Any, f: Any, C: Any, Q_yw: Any, R_u: Any, w: Any, x: Any, u: Any, loss: Any
 ) -> None:  # pragma: no cover

@@ -35,8 +35,9 @@ from __future__ import annotations
 from math import exp, isfinite, sqrt
 from typing import Any
 
-import numba
 import numpy as np
+
+from rmpc_bench.numerics.compiled import compiled
 
 # Values of types.Status, which compiled code cannot read.
 OK, TOO_MANY_EVENTS = 0, 3
@@ -61,7 +62,7 @@ MOST_STRIDES = 60
 LARGEST = 1e100
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _accelerations(c: Any, n: int, linear: Any) -> tuple[float, float]:  # pragma: no cover
     """Write and return coefficients n of the accelerations without dry friction."""
     twist = c[2, n] * linear[0] - c[0, n]
@@ -70,7 +71,7 @@ def _accelerations(c: Any, n: int, linear: Any) -> tuple[float, float]:  # pragm
     return c[5, n], c[6, n]
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _slip(
     c: Any, b: int, n: int, d_0: float, d_n: float, e_0: float, e_n: float, rate: float
 ) -> tuple[float, float]:  # fmt: skip  # pragma: no cover
@@ -91,7 +92,7 @@ def _slip(
     return c[1 + 2 * b, n + 1], c[9 + b, ORDER - n - 1]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _prepare(c: Any, friction: Any) -> None:  # pragma: no cover
     """Clear the sums of the recursion and set the first coefficient of e, 0 if e is below rounding."""
     for b in range(2):
@@ -102,7 +103,7 @@ def _prepare(c: Any, friction: Any) -> None:  # pragma: no cover
             c[7 + b, n] = 0.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _expand(
     c: Any, u: float, h: float, mode: Any, eased: Any, linear: Any, friction: Any, tolerance: float
 ) -> tuple[int, float]:  # fmt: skip  # pragma: no cover
@@ -142,7 +143,7 @@ def _expand(
     return ORDER + 1, size_l + size_m + size_i + term_l + term_m + term_i
 
 
-@numba.njit(cache=True)
+@compiled()
 def _shrink(c: Any, order: int, factor: float) -> None:  # pragma: no cover
     """Rescale the series to a shorter time; a factor of the time multiplies coefficient n by factor^n."""
     power = 1.0
@@ -152,7 +153,7 @@ def _shrink(c: Any, order: int, factor: float) -> None:  # pragma: no cover
             c[i, n] *= power
 
 
-@numba.njit(cache=True)
+@compiled()
 def _converge(c: Any, tolerance: float) -> float:  # pragma: no cover
     """Shorten the time of a series that has not ended at ORDER until its last terms are small; return the factor."""
     total = 1.0
@@ -173,7 +174,7 @@ def _converge(c: Any, tolerance: float) -> float:  # pragma: no cover
     return total
 
 
-@numba.njit(cache=True)
+@compiled()
 def _brake(c: Any, order: int, friction: Any) -> float:  # pragma: no cover
     """Limit the loss of speed within a piece, so that e stays negligible if it is at the start; return the factor.
 
@@ -193,7 +194,7 @@ def _brake(c: Any, order: int, friction: Any) -> float:  # pragma: no cover
     return total
 
 
-@numba.njit(cache=True)
+@compiled()
 def _series(
     c: Any, u: float, h: float, mode: Any, eased: Any, linear: Any, friction: Any, tolerance: float
 ) -> tuple[int, float]:  # fmt: skip  # pragma: no cover
@@ -211,7 +212,7 @@ def _series(
     return 0, 0.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _evaluate(c: Any, order: int, t: float) -> None:  # pragma: no cover
     """Replace the state at 0 by the state at t, by five Horner schemes in parallel."""
     th_l = w_l = th_m = w_m = current = 0.0
@@ -221,7 +222,7 @@ def _evaluate(c: Any, order: int, t: float) -> None:  # pragma: no cover
     c[0, 0], c[1, 0], c[2, 0], c[3, 0], c[4, 0] = th_l, w_l, th_m, w_m, current
 
 
-@numba.njit(cache=True)
+@compiled()
 def _stride(value: float, slope: float, curvature: float) -> float:  # pragma: no cover
     """Return the distance to the first zero of a parabola that starts above zero; infinity if there is none."""
     root = slope * slope - 2.0 * curvature * value
@@ -230,7 +231,7 @@ def _stride(value: float, slope: float, curvature: float) -> float:  # pragma: n
     return 2.0 * value / (sqrt(root) - slope)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _walk(
     c: Any, row: int, order: int, first: int, start: float, end: float, sign: float
 ) -> tuple[float, bool]:  # pragma: no cover
@@ -268,7 +269,7 @@ def _walk(
     return t, False
 
 
-@numba.njit(cache=True)
+@compiled()
 def _first_fall(
     c: Any, row: int, order: int, end: float, level: float, sign: float
 ) -> tuple[float, bool]:  # pragma: no cover
@@ -298,7 +299,7 @@ def _first_fall(
     return _walk(c, row, order, first, start, end, sign)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _first_event(c: Any, order: int, mode: Any, friction: Any) -> tuple[float, int, float]:  # pragma: no cover
     """Return the end of the piece, the body with an event there (-1: none) and its new direction (0: it stops)."""
     end, body, direction = 1.0, -1, 0.0
@@ -318,7 +319,7 @@ def _first_event(c: Any, order: int, mode: Any, friction: Any) -> tuple[float, i
     return end, body, direction
 
 
-@numba.njit(cache=True)
+@compiled()
 def _mode(w: float, acceleration: float, level: float) -> float:  # pragma: no cover
     """Return the mode of a body; a body without friction always has mode 1."""
     if level == 0.0 or w > 0.0:
@@ -328,14 +329,14 @@ def _mode(w: float, acceleration: float, level: float) -> float:  # pragma: no c
     return 1.0 if w == 0.0 and acceleration > 0.0 else -1.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _begin(c: Any, body: int, mode: Any, linear: Any, friction: Any) -> None:  # pragma: no cover
     """Determine the mode of a body from the state alone."""
     _accelerations(c, 0, linear)
     mode[body] = _mode(c[1 + 2 * body, 0], c[5 + body, 0], friction[body, 0] + friction[body, 1])
 
 
-@numba.njit(cache=True)
+@compiled()
 def _sample(
     c: Any, mode: Any, eased: Any, u: float, linear: Any, friction: Any, Ts: float, tolerance: float
 ) -> int:  # fmt: skip  # pragma: no cover
@@ -370,7 +371,7 @@ def _sample(
     return TOO_MANY_EVENTS
 
 
-@numba.njit(cache=True)
+@compiled()
 def servo_step_kernel(
     x: Any, u: Any, linear: Any, friction: Any, Ts: float, tolerance: float
 ) -> tuple[Any, Any]:  # pragma: no cover

@@ -1,0 +1,50 @@
+"""Compilation of kernels by numba, with a cache of the compiled code where a directory for it is writable.
+
+numba tries NUMBA_CACHE_DIR, then the directory of the module, then the cache directory of the user.  If none of them is
+writable, as in a read-only installation with a read-only home, the kernels are compiled in every process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar, cast
+
+import numba
+
+from rmpc_bench.numerics.code_cache import WITHOUT_FILE
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(**options: Any) -> Callable[[F], F]:
+    """Return a decorator that compiles a kernel at its first call.
+
+    Parameters
+    ----------
+    options : of ``numba.njit``, such as ``error_model="numpy"``
+    """
+
+    def decorate(function: F) -> F:
+        kernel: Any
+        try:
+            kernel = numba.njit(cache=True, **options)(function)
+        except RuntimeError:
+            # No directory for the cache is writable.
+            WITHOUT_FILE.append(function.__name__)
+            kernel = numba.njit(**options)(function)
+        # Without a cache, or where numba does not compile (NUMBA_DISABLE_JIT), nothing is saved.
+        cache = getattr(kernel, "_cache", None)
+        if cache is not None:
+            cache.save_overload = partial(_save, cache.save_overload, function.__name__)
+        return cast(F, kernel)
+
+    return decorate
+
+
+def _save(save: Callable[..., None], name: str, *arguments: Any) -> None:
+    """Save compiled code; a disk that is full now does not end a computation that does not need the file."""
+    try:
+        save(*arguments)
+    except OSError:
+        WITHOUT_FILE.append(name)
