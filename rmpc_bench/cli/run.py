@@ -113,10 +113,10 @@ class Request:
 )
 @click.option(
     "--progress",
-    type=click.Choice(["auto", "bar", "plain", "none"]),
+    type=click.Choice(["auto", "bar", "plain", "json", "none"]),
     default="auto",
     show_default=True,
-    help="How progress is shown on stderr: a bar, lines, or not at all.",
+    help="How progress is shown on stderr: a bar, lines, a JSON object per line, or not at all.",
 )
 @own_code.allow_code_option
 @own_code.import_option

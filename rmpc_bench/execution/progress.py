@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+import json
+import math
+import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from rmpc_bench.execution.running_comparison import RunningComparison
+
+SECONDS = 1.0
+"""Time between two looks of a bar at the comparison so far [s]."""
 
 
 class Progress(Protocol):
     """Display of finished trials and of messages to the user."""
 
-    def start(self, title: str, total: int, done: int) -> None:
-        """Begin with ``done`` of ``total`` trials stored already."""
+    def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
+        """Begin with ``done`` of ``total`` trials stored already; `running` compares the methods so far."""
 
     def advance(self, n: int) -> None:
         """Count ``n`` more trials as stored."""
+
+    def extend(self, n: int) -> None:
+        """Add ``n`` trials to those that are to be computed."""
 
     def say(self, text: str) -> None:
         """Show a line."""
@@ -29,11 +41,14 @@ class Progress(Protocol):
 class Silent:
     """Shows messages only."""
 
-    def start(self, title: str, total: int, done: int) -> None:
+    def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
         """Begin."""
 
     def advance(self, n: int) -> None:
         """Count."""
+
+    def extend(self, n: int) -> None:
+        """Count what is still to be computed."""
 
     def say(self, text: str) -> None:
         """Show a line."""
@@ -44,18 +59,23 @@ class Silent:
 
 
 class Plain(Silent):
-    """A line every few seconds, for logs."""
+    """A line every few seconds, for logs.
+
+    Parameters
+    ----------
+    seconds : time between two lines [s]
+    clock : returns the time [s]
+    """
 
     def __init__(self, seconds: float = 5.0, clock: Callable[[], float] = time.monotonic) -> None:
         self._seconds, self._clock = seconds, clock
 
-    def start(self, title: str, total: int, done: int) -> None:
+    def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
         """Begin."""
-        self._title, self._total, self._done = title, total, done
+        self._title, self._total, self._done, self._running = title, total, done, running
         self._started = self._shown = self._clock()
         self._before = done
-        already = f", {done} stored already" if done else ""
-        self.say(f"{title}: {total} trials{already}")
+        self._begin()
 
     def advance(self, n: int) -> None:
         """Count, and show a line when the last one is some seconds old."""
@@ -63,18 +83,88 @@ class Plain(Silent):
         now = self._clock()
         if now - self._shown >= self._seconds:
             self._shown = now
-            rate = (self._done - self._before) / max(now - self._started, 1e-9)
-            left = (self._total - self._done) / max(rate, 1e-9)
-            self.say(f"{self._title}: {self._done} of {self._total} trials, {left:.0f} s left")
+            self._show(now - self._started)
+
+    def extend(self, n: int) -> None:
+        """Count what is still to be computed."""
+        self._total += n
+
+    def _left(self, seconds: float) -> float:
+        """Return the time that is left at the rate since the start [s]."""
+        rate = (self._done - self._before) / max(seconds, 1e-9)
+        return (self._total - self._done) / max(rate, 1e-9)
+
+    def _begin(self) -> None:
+        already = f", {self._done} stored already" if self._done else ""
+        self.say(f"{self._title}: {self._total} trials{already}")
+
+    def _show(self, seconds: float) -> None:
+        so_far = self._running.text() if self._running is not None else ""
+        line = f"{self._title}: {self._done} of {self._total} trials, {self._left(seconds):.0f} s left"
+        self.say(f"{line}; {so_far}" if so_far else line)
+
+
+class JsonLines(Plain):
+    """One JSON object per line, for programs: `event` is start, progress, message or stop.
+
+    Parameters
+    ----------
+    seconds : time between two lines [s]
+    clock : returns the time [s]
+    """
+
+    def __init__(self, seconds: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(seconds, clock)
+
+    def say(self, text: str) -> None:
+        """Show a line."""
+        self._write("message", text=text)
+
+    def stop(self) -> None:
+        """End."""
+        self._write("stop", **self._counts(self._clock() - self._started))
+
+    def _begin(self) -> None:
+        self._write("start", experiment=self._title, **self._counts(0.0))
+
+    def _show(self, seconds: float) -> None:
+        self._write("progress", **self._counts(seconds), left_s=round(self._left(seconds), 1))
+
+    def _counts(self, seconds: float) -> dict[str, Any]:
+        rows = self._running.rows() if self._running is not None else []
+        numbers = [{key: _finite(value) for key, value in row._asdict().items()} for row in rows]
+        return {"done": self._done, "trials": self._total, "seconds": round(seconds, 3), "comparison": numbers}
+
+    def _write(self, event: str, **fields: Any) -> None:
+        print(json.dumps({"event": event, **fields}, allow_nan=False), file=sys.stderr, flush=True)
+
+
+def _finite(value: Any) -> Any:
+    """Replace what JSON has no number for by null; round what is only shown."""
+    if not isinstance(value, float):
+        return value
+    return float(f"{value:.6g}") if math.isfinite(value) else None
 
 
 class Bar:
-    """A bar on a terminal."""
+    """A bar on a terminal, with the comparison so far below it; NO_COLOR switches its colours off."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Rich
+        from rich.text import Text
+
+        class WithComparison(Rich):
+            """The bar, and a line below it."""
+
+            so_far = ""
+
+            def get_renderables(self) -> Iterator[Any]:
+                """Yield the bar and the line."""
+                yield from super().get_renderables()
+                if self.so_far:
+                    yield Text(self.so_far, no_wrap=True, overflow="ellipsis")
 
         columns: list[Any] = [
             TextColumn("{task.description}"),
@@ -82,16 +172,27 @@ class Bar:
             MofNCompleteColumn(),
             TimeRemainingColumn(),
         ]
-        self._rich = Rich(*columns, console=Console(stderr=True), transient=True)
+        self._rich = WithComparison(*columns, console=Console(stderr=True), transient=True)
+        self._clock, self._shown = clock, -math.inf
 
-    def start(self, title: str, total: int, done: int) -> None:
+    def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
         """Begin."""
+        self._running, self._total = running, total
         self._task = self._rich.add_task(f"{title} [trials]".replace("[", r"\["), total=total, completed=done)
         self._rich.start()
 
     def advance(self, n: int) -> None:
         """Move the bar."""
+        now = self._clock()
+        if self._running is not None and now - self._shown >= SECONDS:
+            self._shown = now
+            self._rich.so_far = self._running.text()
         self._rich.advance(self._task, n)
+
+    def extend(self, n: int) -> None:
+        """Count what is still to be computed."""
+        self._total += n
+        self._rich.update(self._task, total=self._total)
 
     def say(self, text: str) -> None:
         """Show a line above the bar."""
@@ -102,11 +203,15 @@ class Bar:
         self._rich.stop()
 
 
+HOW = ("auto", "bar", "plain", "json", "none")
+"""The ways to show progress."""
+
+
 def choose(how: str) -> Progress:
-    """Return the display for ``auto``, ``bar``, ``plain`` or ``none``."""
+    """Return the display for one of `HOW`; ``auto`` is a bar on a terminal that can draw one, else plain lines."""
     if how == "auto":
-        how = "bar" if sys.stderr.isatty() else "plain"
-    kinds: dict[str, Callable[[], Progress]] = {"bar": Bar, "plain": Plain, "none": Silent}
+        how = "bar" if sys.stderr.isatty() and os.environ.get("TERM") != "dumb" else "plain"
+    kinds: dict[str, Callable[[], Progress]] = {"bar": Bar, "plain": Plain, "json": JsonLines, "none": Silent}
     return kinds[how]()
 
 

@@ -20,6 +20,7 @@ from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.manifest import Session
 from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
+from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
@@ -158,13 +159,17 @@ def _compute(
 ) -> None:
     experiments = tuple(point.experiment for point in config.points)
     _warm_up(experiments, tasks, progress)
-    progress.start(config.name, *counts)
+    running = running_comparison(config)
+    if counts[1]:
+        add_stored(running, config, store)
+    progress.start(config.name, *counts, running)
     try:
         queue = TaskQueue(tasks)
         with closing(engine(experiments, queue)) as results:
             for done in results:
                 _store(store, config.points[done.task.point], done)
                 queue.note(done)
+                add_done(running, config, done)
                 progress.advance(len(done.task.runs))
     finally:
         progress.stop()

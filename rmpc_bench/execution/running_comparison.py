@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,6 +19,8 @@ from rmpc_bench.types import Array, MetricInfo, Status
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
+    from rmpc_bench.execution.engines.tasks import Done
+    from rmpc_bench.execution.store import Store
 
 _Part: TypeAlias = tuple[int, Array]
 """Index of the first run, and values of consecutive runs."""
@@ -152,6 +155,45 @@ def running_comparison(config: ExperimentConfig) -> RunningComparison:
     metric = next(info for info in config.experiment.metric_infos if info.name == config.primary)
     points = [(point.title, point.method_keys) for point in config.points]
     return RunningComparison(metric, points, config.baseline, config.statistics.confidence)
+
+
+def add_done(running: RunningComparison, config: ExperimentConfig, done: Done) -> None:
+    """Add the runs of a finished task.
+
+    Parameters
+    ----------
+    running : the sums
+    config : the experiment
+    done : what an engine has returned
+    """
+    key = config.points[done.task.point].method_keys[done.task.method]
+    place = [info.name for info in config.experiment.metric_infos].index(config.primary)
+    running.add(key, done.task.first, done.block.metrics[place], done.block.status)
+
+
+def add_stored(running: RunningComparison, config: ExperimentConfig, store: Store) -> None:
+    """Add the runs that are stored already.
+
+    Parameters
+    ----------
+    running : the sums
+    config : the experiment
+    store : its open store
+    """
+    metrics = {key: point.metric_keys[config.primary] for point in config.points for key in point.method_keys.values()}
+    words = {status.word: int(status) for status in Status}
+    for key, metric in metrics.items():
+        stored, statuses = store.column(key, config.experiment.n_runs)
+        runs = np.asarray(stored, dtype=np.int64)
+        values = np.asarray(store.values(key, metric, stored), dtype=float)
+        status = np.array([words[str(word)] for word in statuses], dtype=np.int8)
+        # A run without this metric is computed again.
+        known = ~np.isnan(values) | (status != Status.OK)
+        runs, values, status = runs[known], values[known], status[known]
+        ends = [0, *(np.flatnonzero(np.diff(runs) != 1) + 1), len(runs)]
+        for low, high in pairwise(ends):
+            if low < high:
+                running.add(key, int(runs[low]), values[low:high], status[low:high])
 
 
 class _Sums:

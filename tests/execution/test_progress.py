@@ -1,10 +1,16 @@
 """What the screen shows; all of it on stderr."""
 
+import json
+import re
 import threading
 
+import numpy as np
 import pytest
 
-from rmpc_bench.execution.progress import Bar, Plain, Silent, choose, said_if_slow
+from rmpc_bench.analysis.intervals import student
+from rmpc_bench.execution.progress import Bar, JsonLines, Plain, Silent, choose, said_if_slow
+from rmpc_bench.execution.running_comparison import RunningComparison
+from rmpc_bench.types import MetricInfo
 
 
 class Clock:
@@ -77,7 +83,7 @@ def test_bar_on_a_terminal(capsys, monkeypatch):
     assert "fig[red]7 [trials]" in captured.err and "10/10" in captured.err
 
 
-@pytest.mark.parametrize(("how", "kind"), [("bar", Bar), ("plain", Plain), ("none", Silent)])
+@pytest.mark.parametrize(("how", "kind"), [("bar", Bar), ("plain", Plain), ("json", JsonLines), ("none", Silent)])
 def test_choose_by_name(how, kind):
     """Each word has its display."""
     assert type(choose(how)) is kind
@@ -87,6 +93,7 @@ def test_choose_by_name(how, kind):
 def test_choose_by_the_terminal(monkeypatch, terminal, kind):
     """A log gets lines, a terminal a bar."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
+    monkeypatch.setenv("TERM", "xterm")
     assert type(choose("auto")) is kind
 
 
@@ -119,3 +126,88 @@ def test_not_said_if_fast():
         if isinstance(thread, threading.Timer):
             thread.join(timeout=10.0)
     assert heard.said == [] and threading.active_count() <= before
+
+
+def comparison():
+    """Four runs of two methods; one method is 10 % better."""
+    running = RunningComparison(MetricInfo("mse", "rad^2", "lower"), [("", {"A": "a", "B": "b"})], "A", 0.95)
+    running.add("a", 0, np.array([1.0, 1.0, 1.0, 1.0]), np.zeros(4))
+    running.add("b", 0, np.array([0.89, 0.9, 0.91, 0.88]), np.zeros(4))
+    return running
+
+
+def test_plain_has_the_comparison_so_far(capsys):
+    """A long computation shows where it goes."""
+    shown = Plain(seconds=0.0, clock=Clock())
+    shown.start("fig7", 8, 0, comparison())
+    shown.advance(8)
+    assert capsys.readouterr().err.splitlines()[1] == (
+        "fig7: 8 of 8 trials, 0 s left; mse vs A: B -10.5 % [-12.5, -8.4]"
+    )
+
+
+def test_more_trials_may_follow(capsys):
+    """A stopping rule adds the runs of the next look."""
+    shown = Plain(seconds=0.0, clock=Clock())
+    shown.start("fig7", 8, 0)
+    shown.extend(8)
+    shown.advance(4)
+    assert "4 of 16 trials" in capsys.readouterr().err
+
+
+def test_json_lines(capsys):
+    """Every line is an object with numbers that JSON has."""
+    clock = Clock()
+    shown = JsonLines(seconds=1.0, clock=clock)
+    empty = RunningComparison(MetricInfo("mse", "", "lower"), [("", {"A": "a", "B": "b"})], "A", 0.95)
+    shown.start("fig7", 10, 2, empty)
+    shown.advance(2)
+    clock.now += 2.0
+    shown.advance(2)
+    shown.say("careful")
+    shown.stop()
+    captured = capsys.readouterr()
+    lines = [json.loads(line, parse_constant=pytest.fail) for line in captured.err.splitlines()]
+    assert captured.out == ""
+    assert [line["event"] for line in lines] == ["start", "progress", "message", "stop"]
+    assert [line.get("done") for line in lines] == [2, 6, None, 6]
+    assert lines[0]["experiment"] == "fig7" and lines[0]["comparison"][0]["value"] is None
+    assert lines[1] | {"comparison": []} == {
+        "event": "progress", "done": 6, "trials": 10, "seconds": 2.0, "comparison": [], "left_s": 2.0
+    }  # fmt: skip
+    assert lines[2]["text"] == "careful"
+
+
+def test_json_has_the_comparison(capsys):
+    """Names and numbers of every method."""
+    shown = JsonLines(seconds=0.0, clock=Clock())
+    shown.start("fig7", 8, 0, comparison())
+    (row,) = json.loads(capsys.readouterr().err)["comparison"]
+    assert row["method"] == "B" and row["baseline"] == "A" and row["n"] == 4 and row["kind"] == "change"
+    logs = np.log([0.89, 0.9, 0.91, 0.88])
+    numbers = (row["value"], row["low"], row["high"])
+    assert numbers == pytest.approx(100 * np.expm1([logs.mean(), *student(logs, 0.95)]), rel=1e-5)
+
+
+@pytest.mark.parametrize("colour", [True, False])
+def test_the_bar_has_no_colour_where_none_is_wanted(capsys, monkeypatch, colour):
+    """NO_COLOR leaves bold and movements of the cursor, which are no colours."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    if not colour:
+        monkeypatch.setenv("NO_COLOR", "1")
+    shown = Bar()
+    shown.start("fig7", 8, 0, comparison())
+    shown.advance(8)
+    shown.stop()
+    captured = capsys.readouterr()
+    assert "mse vs A: B -10.5 %" in captured.err
+    assert bool(re.search(r"\x1b\[[\d;]*(3[0-7]|38;)[\d;]*m", captured.err)) == colour
+
+
+def test_a_terminal_that_cannot_move_its_cursor_gets_lines(monkeypatch):
+    """As in an editor's shell."""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "dumb")
+    assert type(choose("auto")) is Plain

@@ -1,18 +1,24 @@
 """Sums over the pairs of runs, against the comparison of the finished table."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
+from small_experiment import cli, ran, write
 
+from rmpc_bench import compare, load_config, run
 from rmpc_bench.analysis.comparison import compared, levels
 from rmpc_bench.analysis.intervals import student
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.execution.progress import Silent
 from rmpc_bench.execution.running_comparison import RunningComparison
 from rmpc_bench.types import MetricInfo, Status
 
 METHODS = ("A", "B", "C")
 KEYS = {name: f"key of {name}" for name in METHODS}
 N = 173
+NOISY = {"noise": "{measurement: {gaussian: {std: 0.05}}}", "initial": "{x: {gaussian: {std: 0.1}}}"}
 MSE = MetricInfo("m", "rad", "lower")
 
 
@@ -130,3 +136,33 @@ def test_text_has_the_digits_of_its_error():
     running.add("a", 0, np.array([1.0, 1.0, 1.0, 1.0]), np.zeros(4))
     running.add("b", 0, np.array([0.89, 0.9, 0.91, 0.88]), np.zeros(4))
     assert running.text() == "mse vs A: B -10.5 % [-12.5, -8.4]"
+
+
+class Kept(Silent):
+    """Keeps the comparison at the start, as text, and the object that goes on."""
+
+    def start(self, title, total, done, running=None):
+        self.before, self.running = [row.n for row in running.rows()], running
+
+
+def test_a_resumed_experiment_counts_what_is_stored(tmp_path):
+    """Oracle: the published comparison of all runs."""
+    path = write(tmp_path, **NOISY, runs=30)
+    ran(path, tmp_path / "a", "--runs", 11)
+    shown = Kept()
+    results = run(load_config(path), directory=tmp_path / "a", jobs=1, progress=shown)
+    assert shown.before == [11]
+    (row,) = shown.running.rows()
+    wanted = compare(results).to_frame().iloc[0]
+    assert row.n == 30 == wanted["n_pairs"] and row.method == wanted["method"]
+    assert row.value == pytest.approx(wanted["change_pct"], rel=1e-6)
+
+
+def test_json_lines_of_a_run(tmp_path):
+    """The last line counts all trials and has all pairs."""
+    path = write(tmp_path, **NOISY, runs=12)
+    result = cli("run", path, "-o", tmp_path / "a", "-j", 1, "--progress", "json")
+    assert result.exit_code == 0, result.output
+    lines = [json.loads(line) for line in result.stderr.splitlines() if line.startswith("{")]
+    assert [lines[0]["event"], lines[-1]["event"]] == ["start", "stop"]
+    assert (lines[0]["trials"], lines[-1]["done"], lines[-1]["comparison"][0]["n"]) == (24, 24, 12)
