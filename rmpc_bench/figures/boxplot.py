@@ -25,7 +25,7 @@ from rmpc_bench.figures.captions import (
 )
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_label, metric_of, wrapped
 from rmpc_bench.figures.line_styles import LineStyle, line_styles, paler
-from rmpc_bench.figures.style import FONT_SIZE, fix_layout, style
+from rmpc_bench.figures.style import FONT_SIZE, fix_layout, lay_out, style
 from rmpc_bench.figures.sweep_points import MOST_PANELS, points_at, short_title
 from rmpc_bench.types import Array, MetricInfo
 from rmpc_bench.types.figure import SweepFigure
@@ -167,7 +167,7 @@ def _draw(
             add_strip(rows, drawn, ceiling, is_log=is_log)
         name = _name_axis(figure, rows, metric_label(info) + remark)
         # The first layout gives the width of a box.
-        figure.draw_without_rendering()
+        lay_out(figure)
         slot = rows[0].get_position().width * size[0] * POINTS_PER_INCH / len(styles) - FONT_SIZE / 2
         labels = [label_of(points[0], method) for method in styles]
         counts = [[counts_of(column) for column in columns] for columns in panels]

@@ -10,7 +10,7 @@ import numpy as np
 
 from rmpc_bench.analysis.number_text import decimals
 from rmpc_bench.figures.labels import POINTS_PER_INCH, literal, metric_label, typeset, width, with_unit, wrapped
-from rmpc_bench.figures.style import FONT_SIZE, style
+from rmpc_bench.figures.style import FONT_SIZE, lay_out, style
 from rmpc_bench.figures.sweep_axis import SweepAxis
 from rmpc_bench.figures.sweep_values import NO_VALUE, PointValue, SweepValues, change_label, interval_words, runs_words
 from rmpc_bench.types import Array, DesignError, MetricInfo
@@ -95,7 +95,7 @@ def draw_cells(keys: SweepFigure, trials: Trials, grid: Grid, *, log: bool, numb
             bar.ax.axhline(edge, color="black", lw=0.6)
         bar.set_label(_quantity(trials, grid))
         figure.suptitle(_note(trials, grid, 0.95 * size[0] * POINTS_PER_INCH), fontsize=FONT_SIZE)
-        figure.draw_without_rendering()
+        lay_out(figure)
         if numbers:
             _write_numbers(panels, grid, colours, norm)
         figure.set_layout_engine(None)

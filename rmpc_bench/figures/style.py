@@ -8,6 +8,7 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.figures.fonts import family_of
+from rmpc_bench.figures.formulas import formulas_once
 from rmpc_bench.figures.rendering import Rendering
 
 if TYPE_CHECKING:
@@ -85,7 +86,8 @@ def style() -> Iterator[None]:
         matplotlib.rcParams.update(PAPER if is_for_paper() else {})
         fontset = MATHTEXT[_CURRENT.get().font]
         matplotlib.rcParams.update({"font.family": font_family(), "mathtext.fontset": fontset})
-        yield
+        with formulas_once():
+            yield
 
 
 def fix_layout(figure: MplFigure) -> None:
@@ -93,5 +95,16 @@ def fix_layout(figure: MplFigure) -> None:
 
     Without a layout engine a file takes one draw; with the placeholder that "none" would leave it takes two.
     """
-    figure.draw_without_rendering()
+    lay_out(figure)
     figure.set_layout_engine(None)
+
+
+def lay_out(figure: MplFigure) -> None:
+    """Let the layout engine of a picture place its panels, without the draw that follows in `draw_without_rendering`.
+
+    Parameters
+    ----------
+    figure : the picture
+    """
+    engine: Any = figure.get_layout_engine()
+    engine.execute(figure)
