@@ -100,11 +100,16 @@ def fix_layout(figure: MplFigure) -> None:
 
 
 def lay_out(figure: MplFigure) -> None:
-    """Let the layout engine of a picture place its panels, without the draw that follows in `draw_without_rendering`.
+    """Let the layout engine of a picture place its panels.
+
+    The draw that follows in `draw_without_rendering` is needed for panels of a given aspect only.
 
     Parameters
     ----------
     figure : the picture
     """
     engine: Any = figure.get_layout_engine()
-    engine.execute(figure)
+    if all(axes.get_aspect() == "auto" for axes in figure.axes):
+        engine.execute(figure)
+    else:
+        figure.draw_without_rendering()

@@ -110,6 +110,7 @@ def test_the_legend_says_which_is_which(trials):
     thin, thick = sample(figure, "from 500 runs"), sample(figure, "variance")
     assert thin.get_linewidth() < thick.get_linewidth()
     assert sum(to_rgb(thin.get_color())) > sum(to_rgb(thick.get_color()))
+    figure.draw_without_rendering()
     boxes = {text.get_text(): text.get_window_extent() for text in figure.legends[0].get_texts()}
     middles = {text: box.y0 + box.y1 for text, box in boxes.items()}
     assert middles["A"] == pytest.approx(middles["robust"], abs=2) and middles["A"] > middles["variance"] + 10
@@ -284,6 +285,7 @@ def test_legend_covers_nothing(make_trials, with_series, n):
         table = make_trials({"mse": {name: [1.0] for name in names}}, labels={name: f"{text} {name}" for name in names})
         series = [(name, "cov(e)", "0,0", K + 1, runs) for name in names for runs in (0, 500)]
         figure = variance_with_bound(with_series(table, *series, *((name, "P", "0,0", [5.0], 0) for name in names)))
+        figure.draw_without_rendering()
         box, panel = figure.legends[0].get_window_extent(), figure.axes[0].get_window_extent()
         assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1 + 1
         assert panel.y1 <= box.y0 and panel.height > 50 and len(legend(figure)) == n + 3
