@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from typing import Any
 
 import click
 
 from rmpc_bench import __version__
+from rmpc_bench.cli.exits import CANNOT_WRITE
+from rmpc_bench.cli.streams import usable_streams
 
 _VERBS: dict[str, tuple[str, str]] = {
     "init": ("rmpc_bench.cli.init:init", "Write an experiment with components of your own to start from."),
@@ -26,6 +30,15 @@ _VERBS: dict[str, tuple[str, str]] = {
 
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are called; their help lines stand here."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the program; closed standard streams are no error."""
+        usable_streams()
+        try:
+            return super().main(*args, **kwargs)
+        except OSError as error:  # of --help; verbs report their own errors
+            click.echo(f"output cannot be written: {error}", err=True)
+            sys.exit(CANNOT_WRITE)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of a day's work."""
@@ -51,5 +64,5 @@ class LazyGroup(click.Group):
 def main() -> None:
     """Monte Carlo bench for robust estimation and model predictive control.
 
-    Start with: rmpc-bench run configs/quickstart.yaml
+    Start with: rmpc-bench run quickstart
     """

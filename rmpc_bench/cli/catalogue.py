@@ -13,13 +13,13 @@ import click
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.component_text import show, show_own
+from rmpc_bench.config.known_files import SUFFIX, files_of, known_configs, short_names
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
 
 NOMINAL = {"Ts": 0.1, "n_steps": 1}
 """Values for the plot of a plant, which does not depend on them."""
-SUFFIX = ".yaml"
 NEAR = 0.7
 """Similarity from which on GROUP/NAME is treated as a misspelt configuration and not as an unknown group."""
 
@@ -34,7 +34,8 @@ _LISTS = (*registry.BUILT_IN, "functions", "configs")
 def list_(group: str | None) -> int:
     """List the names a configuration may use.
 
-    Without an argument all of them; `functions` are those of claims, `configs` lists the files under configs.  FILE.py
+    Without an argument all of them; `functions` are those of claims, `configs` lists the files under configs and the
+    installed configurations.  FILE.py
     lists the components that a Python file defines.
     """
     if group and group.endswith(".py"):
@@ -56,7 +57,7 @@ def _entries(name: str) -> list[str]:
         from rmpc_bench.claims.tree import FUNCTION_HELP
 
         return [*FUNCTION_HELP.values()]
-    return _configs() if name == "configs" else [_entry(name, kind) for kind in registry.names(name)]
+    return known_configs() if name == "configs" else [_entry(name, kind) for kind in registry.names(name)]
 
 
 def _entry(group: str, kind: str) -> str:
@@ -72,10 +73,6 @@ def _entry(group: str, kind: str) -> str:
     except CodeError as error:
         return f"{kind}  {error}"
     return f"{kind}  {package}"
-
-
-def _configs() -> list[str]:
-    return sorted(str(path) for path in Path("configs").rglob("*.yaml"))
 
 
 @click.command()
@@ -222,28 +219,22 @@ def _config(name: str) -> Path:
     """
     if name.endswith(SUFFIX) and Path(name).is_file():
         return Path(name)
-    found = [path for path in _configs() if name in _config_names(path)]
+    found = files_of(name)
     if len(found) > 1:
-        raise click.BadParameter(f"{name!r} may be any of {', '.join(found)}")
+        raise click.BadParameter(f"{name!r} may be any of {', '.join(map(str, found))}")
     if not found:
         raise click.BadParameter(_unknown(name))
-    return Path(found[0])
-
-
-def _config_names(path: str) -> list[str]:
-    """Short names of a file below configs: ``paper/fig1`` and ``fig1``."""
-    inside = Path(path).relative_to("configs").with_suffix("")
-    return [inside.as_posix(), inside.name]
+    return found[0]
 
 
 def _unknown(name: str) -> str:
     """Message for a name that is neither a component nor a configuration, with the nearest known name."""
     group, slash, kind = name.rpartition("/")
     if name.endswith(SUFFIX):
-        return registry.unknown(name, _configs(), "configuration", "rmpc-bench list configs")
+        return registry.unknown(name, known_configs(), "configuration", "rmpc-bench list configs")
     if slash and _group(group) in registry.BUILT_IN:
         return registry.unknown(kind, registry.names(_group(group)), "component", "rmpc-bench list")
-    configs = [name for path in _configs() for name in _config_names(path)]
+    configs = [name for place in known_configs() for name in short_names(place)]
     if slash and difflib.get_close_matches(name, configs, n=1, cutoff=NEAR):
         return registry.unknown(name, configs, "configuration", "rmpc-bench list configs")
     if slash:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rmpc_bench.config.key_errors import shown
+from rmpc_bench.config.known_files import file_beside
 from rmpc_bench.config.reader import EXTENDS, load
 from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.tree import DELETE, Items, Map, Mark, join, locate, locate_key, same_kind
@@ -67,7 +68,7 @@ def _base_of(tree: Map, path: Path, extended: tuple[Path, ...]) -> Map:
     text, mark = tree[EXTENDS], locate(tree, [EXTENDS])
     if not isinstance(text, str) or not text.strip():
         raise ConfigError([Problem(*mark, EXTENDS, f"must be the name of a configuration (got {shown(text)})")])
-    file = path.parent / text
+    file = file_beside(path.parent, text)
     if file.resolve() in extended:
         raise ConfigError([Problem(*mark, EXTENDS, f"{text}: extends itself")])
     try:

@@ -14,6 +14,7 @@ from typing import Any
 from rmpc_bench.config.added_methods import with_methods
 from rmpc_bench.config.extension import read_extended
 from rmpc_bench.config.key_errors import shown
+from rmpc_bench.config.known_files import file_beside
 from rmpc_bench.config.plant_source import FILE, PATH, SECTIONS_OF_A_PLANT, lay_over_source, open_section
 from rmpc_bench.config.reader import Override
 from rmpc_bench.config.source import GivenConfig
@@ -126,7 +127,7 @@ class _FileReader:
     def _sections(self, text: str, mark: Mark, path: Path, including: tuple[Path, ...]) -> Any:
         """Return the sections that a plant brings along; the name itself where the file cannot be used."""
         try:
-            file = mark.directory(path) / text
+            file = file_beside(mark.directory(path), text)
             tree = _plant_file(text, mark, file, including)
             before = len(self.problems)
             tree = self.read_all(tree, file, including)

@@ -14,6 +14,7 @@ from rmpc_bench.config.checks import check
 from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.inheritance import inherit
+from rmpc_bench.config.known_files import located
 from rmpc_bench.config.left_out import Inherited, fitting_metrics, fitting_sweep
 from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
@@ -41,7 +42,7 @@ def load_config(
 
     Parameters
     ----------
-    path : the YAML file
+    path : the YAML file, or the name of an installed configuration such as ``quickstart``
     overrides : texts PATH=VALUE, each replacing one value
     runs : number of runs instead of the one in the file
     smoke : whether to take the small size under ``smoke`` instead of the full one
@@ -54,7 +55,7 @@ def load_config(
     ConfigError
         If anything is wrong: all errors, sorted, each with its place.
     """
-    source = read(path, overrides, add_methods)
+    source = read(located(path), overrides, add_methods)
     access = CodeAccess.of(source.path, allow_code)
     size = Size(runs, smoke, lenient=smoke or bool(overrides))
     inherited = Inherited(source.path, is_changed=bool(overrides) or runs is not None)

@@ -30,7 +30,11 @@ def test_list_of_configurations(tmp_path, monkeypatch):
     write(tmp_path / "configs" / "paper", file="fig1.yaml")
     write(tmp_path / "configs", file="quickstart.yaml")
     monkeypatch.chdir(tmp_path)
-    assert cli("list", "configs").stdout.split() == ["configs/paper/fig1.yaml", "configs/quickstart.yaml"]
+    own = {"configs/paper/fig1.yaml", "configs/quickstart.yaml"}
+    listed = cli("list", "configs").stdout.split()
+    # Those of the package come besides; a place that both have is listed once.
+    assert own < {*listed} and "configs/zenere2018/fig7.yaml" in listed
+    assert listed == sorted({*listed})
 
 
 @pytest.mark.parametrize(("group", "name"), PARTS)
@@ -195,6 +199,7 @@ def configs(tmp_path, monkeypatch):
         directory = tmp_path / "configs" / folder
         directory.mkdir(parents=True, exist_ok=True)
         write(directory, file=f"{file}.yaml", **keys)
+    monkeypatch.setattr("rmpc_bench.config.known_files.installed_folder", lambda: tmp_path / "installed")
     monkeypatch.chdir(tmp_path)
     return tmp_path / "configs"
 

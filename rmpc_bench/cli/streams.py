@@ -1,0 +1,72 @@
+"""Standard streams of the program: one that is closed, or that nobody reads, is no error.
+
+With a closed descriptor the next file that is opened, such as the trial store, would get its number and receive the
+messages.  A reader that ends early (``| head``) or a lost terminal must not end a computation either.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import Any
+
+
+class _Output(io.FileIO):
+    """A stream whose text is dropped where nobody reads it; another error, such as a full disk, is raised once."""
+
+    _failed = False
+
+    def write(self, data: Any) -> int:
+        """Write what the system takes."""
+        if self._failed:
+            # The interpreter tries again at its end, when the error has been reported.
+            return memoryview(data).nbytes
+        try:
+            return super().write(data) or 0
+        except BrokenPipeError:
+            return memoryview(data).nbytes
+        except OSError:
+            self._failed = True
+            raise
+
+
+class _Messages(io.FileIO):
+    """A stream whose text is dropped wherever it cannot be written: no message is worth a computation."""
+
+    def write(self, data: Any) -> int:
+        """Write what the system takes."""
+        try:
+            return super().write(data) or 0
+        except OSError:
+            return memoryview(data).nbytes
+
+
+def usable_streams() -> None:
+    """Open closed streams on the null device, and drop what is written where nobody reads.
+
+    Streams that another program or a test has put in place are left alone.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            # The lowest free number is taken, which is this one.
+            os.open(os.devnull, os.O_RDWR)
+    if sys.stdin is None:
+        sys.stdin = open(0, encoding="utf-8", closefd=False)
+    if sys.stdout is None or sys.stdout is sys.__stdout__:
+        sys.stdout = _text(_Output(1, "w", closefd=False), sys.stdout)
+    if sys.stderr is None or sys.stderr is sys.__stderr__:
+        sys.stderr = _text(_Messages(2, "w", closefd=False), sys.stderr, errors="backslashreplace", line_buffering=True)
+
+
+def _text(raw: io.FileIO, old: Any, *, errors: str = "strict", line_buffering: bool = False) -> io.TextIOWrapper:
+    """Return a text stream with the encoding and buffering of the one in whose place it is."""
+    encoding = getattr(old, "encoding", None) or "utf-8"
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=encoding,
+        errors=getattr(old, "errors", None) or errors,
+        line_buffering=line_buffering or raw.isatty(),
+    )
