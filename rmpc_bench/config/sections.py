@@ -134,7 +134,7 @@ class Execution:
     Parameters
     ----------
     workers : number of worker processes
-    block : runs that are computed together; the results do not depend on it
+    block : runs that are computed together, or `auto` for about half a second of work; the results do not depend on it
     max_failures : number of failed runs that is accepted; with more of them the exit code is 3
     engine : `joblib` computes in worker processes, `serial` in this process; if not given `joblib`, or `serial` with
         one worker and built-in components only
@@ -143,7 +143,7 @@ class Execution:
     """
 
     workers: Count = 2
-    block: Annotated[int, Ge(1), Le(MAX_RUNS)] = 50
+    block: Literal["auto"] | Annotated[int, Ge(1), Le(MAX_RUNS)] = "auto"
     max_failures: Annotated[int, Ge(0)] = 0
     engine: Literal["joblib", "serial"] | None = None
     timeout: Timeout | None = None
@@ -152,6 +152,11 @@ class Execution:
     def __post_init__(self) -> None:
         """Refuse a size without a known unit."""
         _ = self.memory_limit
+
+    @property
+    def fixed_block(self) -> int | None:
+        """Number of runs that are computed together; None to choose it by time."""
+        return None if self.block == "auto" else self.block
 
     @property
     def memory_limit(self) -> int | None:

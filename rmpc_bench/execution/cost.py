@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.execution.block_lengths import (
+    STEP_OF_A_BLOCK,
+    estimated_seconds,
+    megabytes_of_a_run,
+    usual_length,
+)
 
 START = 2.0
 """Starting and reporting [s]."""
-STEP_OF_A_BLOCK, STEP_OF_A_RUN = 5e-5, 2.5e-6
-"""Time of a step, per block and per run [s], to which slow designs add their `cost_per_step`."""
-MEGABYTES_PER_NUMBER = 8e-6
 
 
 def seconds(config: ExperimentConfig) -> float:
@@ -23,13 +26,11 @@ def seconds(config: ExperimentConfig) -> float:
     seen, total = set[str](), 0.0
     for point in config.points if "runs" in config.evaluate else ():
         experiment = point.experiment
-        n_blocks = math.ceil(experiment.n_runs / config.execution.block)
         for name, key in point.method_keys.items():
             if key not in seen:
-                method = experiment.method(name)
-                designs = (experiment.plant, method.estimator, method.controller)
-                per_run = STEP_OF_A_RUN + sum(design.cost_per_step for design in designs)
-                total += experiment.n_steps * (STEP_OF_A_BLOCK * n_blocks + per_run * experiment.n_runs)
+                n_blocks = math.ceil(experiment.n_runs / usual_length(experiment, name, config.execution.fixed_block))
+                total += STEP_OF_A_BLOCK * experiment.n_steps * n_blocks
+                total += estimated_seconds(experiment, name) * experiment.n_runs
             seen.add(key)
     return math.ceil(START + total / config.execution.workers)
 
@@ -41,7 +42,6 @@ def megabytes(config: ExperimentConfig) -> float:
     ----------
     config : from `load_config`
     """
-    plant = config.experiment.plant
-    width = 2 * plant.nx + plant.nw + plant.nv + plant.ny + plant.nu
-    numbers = 2 * config.execution.block * config.experiment.n_steps * width
-    return math.ceil(MEGABYTES_PER_NUMBER * numbers)
+    experiment, fixed = config.experiment, config.execution.fixed_block
+    longest = max(usual_length(experiment, method.name, fixed) for method in experiment.methods)
+    return math.ceil(longest * megabytes_of_a_run(experiment))

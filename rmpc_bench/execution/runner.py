@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+
+import numpy as np
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.relocation import in_directory
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
+from rmpc_bench.execution.block_lengths import BlockLengths
 from rmpc_bench.execution.database import WriteError
 from rmpc_bench.execution.engines.choice import Engine, choose_engine
 from rmpc_bench.execution.engines.tasks import Done, Task, is_built_in
@@ -37,7 +40,7 @@ _ADDED = "# this directory has more methods: --add-method "
 
 
 def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) -> list[Task]:
-    """Return the tasks that are not stored yet, block by block.
+    """Return the ranges of runs that are not stored yet; a `TaskQueue` cuts them into blocks.
 
     Trials that points of a sweep share are computed once, at the first of them.
 
@@ -49,26 +52,25 @@ def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) ->
     """
     if "runs" not in config.evaluate:
         return []
-    tasks, seen = [], set()
+    tasks, seen = list[Task](), set()
     for number, point in enumerate(config.points):
         n_runs = point.experiment.n_runs
         for name, key in point.method_keys.items():
             if name in methods and key not in seen:
                 seen.add(key)
                 done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
-                missing = [run for run in range(n_runs) if run not in done]
-                tasks += [Task(name, *bounds, number) for bounds in _ranges(missing, config.execution.block)]
-    # All methods of a block of runs are computed together, so that the trials of an interrupted run are comparable.
-    return sorted(tasks, key=lambda task: task.first // config.execution.block)
+                tasks += [Task(name, *bounds, number) for bounds in _holes(done, n_runs)]
+    return tasks
 
 
-def _ranges(runs: list[int], block: int) -> Iterator[tuple[int, int]]:
-    """Consecutive runs that lie in the same block of run indices, as (first, stop)."""
-    start = 0
-    for i in range(1, len(runs) + 1):
-        if i == len(runs) or runs[i] != runs[i - 1] + 1 or runs[i] // block != runs[start] // block:
-            yield runs[start], runs[i - 1] + 1
-            start = i
+def _holes(finished: Collection[int], n_runs: int) -> list[tuple[int, int]]:
+    """Ranges of consecutive runs that are not finished, as (first, stop)."""
+    missing = np.ones(n_runs + 2, dtype=bool)
+    missing[[0, -1]] = False
+    known = np.fromiter(finished, dtype=int, count=len(finished))
+    missing[1 + known[known < n_runs]] = False
+    borders = np.flatnonzero(missing[1:] != missing[:-1]).tolist()
+    return list(zip(borders[::2], borders[1::2], strict=True))
 
 
 def compute(
@@ -164,7 +166,7 @@ def _compute(
         add_stored(running, config, store)
     progress.start(config.name, *counts, running)
     try:
-        queue = TaskQueue(tasks)
+        queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
         with closing(engine(experiments, queue)) as results:
             for done in results:
                 _store(store, config.points[done.task.point], done)

@@ -2,39 +2,125 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable
+import heapq
+from collections import Counter, deque
+from collections.abc import Hashable, Iterable
+from itertools import count
 
+from rmpc_bench.execution.block_lengths import BlockLengths, Pair
 from rmpc_bench.execution.engines.tasks import Done, Task
 
 
 class TaskQueue:
-    """Tasks in the order in which they are to be computed.
+    """Ranges of runs in the order in which they are to be computed, cut into blocks when they are taken.
+
+    All methods of a range follow each other, so that the trials of an interrupted experiment can be compared.  One
+    worker gets them as long as there are other ranges, since it draws the random inputs of the range once.
 
     Parameters
     ----------
-    tasks : what is to be computed
+    tasks : what is to be computed; ranges of any length where there are lengths
+    lengths : lengths of the blocks; None to hand out the tasks as they are
     """
 
-    def __init__(self, tasks: Iterable[Task] = ()) -> None:
-        self._left = deque(tasks)
+    def __init__(self, tasks: Iterable[Task] = (), lengths: BlockLengths | None = None) -> None:
+        self.workers = 1
+        """How many workers share the tasks; an engine sets it."""
+        self.seconds_done = 0.0
+        """Computing time of what is finished [s]."""
+        self._lengths = lengths
+        self._numbers = count()
+        # Sorted by first run, then by the order in which the tasks were added.
+        self._ranges: list[tuple[int, int, Task]] = []
+        # Worker -> what is left of the range of runs that it has begun.
+        self._begun: dict[Hashable, deque[Task]] = {}
+        self._left = Counter[Pair]()
+        self.add(tasks)
 
     def __len__(self) -> int:
-        """How many tasks are not handed out."""
-        return len(self._left)
+        """How many ranges and tasks are not handed out; 0 only if nothing is left."""
+        return len(self._ranges) + sum(map(len, self._begun.values()))
 
     @property
     def n_trials(self) -> int:
         """How many trials are not handed out."""
-        return sum(len(task.runs) for task in self._left)
+        return self._left.total()
 
-    def take(self) -> Task | None:
-        """Hand out the next task; None if there is none now."""
-        return self._left.popleft() if self._left else None
+    @property
+    def seconds_left(self) -> float:
+        """Estimated computing time of what is not handed out [s]; 0 where the tasks have no lengths."""
+        if self._lengths is None:
+            return 0.0
+        return sum(n * self._lengths.seconds_of_a_run(pair) for pair, n in self._left.items() if n)
+
+    def take(self, worker: Hashable = None) -> Task | None:
+        """Hand out the next task; None if there is none now.
+
+        Parameters
+        ----------
+        worker : who takes it; it gets the methods of the range that it has begun before a new range
+        """
+        group = self._begun.get(worker)
+        if not group:
+            group = self._begun[worker] = self._next_group()
+        if group:
+            task = group.popleft()
+        else:
+            # Nothing else is left: the last task of the worker that has most of them.
+            longest = max(self._begun.values(), key=len)
+            if not longest:
+                return None
+            task = longest.pop()
+        self._left[task.point, task.method] -= len(task.runs)
+        return task
+
+    def take_range(self) -> list[Task]:
+        """Hand out the tasks of all methods of the next range of runs; empty if there is none now."""
+        tasks: list[Task] = []
+        worker = object()
+        self._begun[worker] = self._next_group()
+        while self._begun[worker] and (task := self.take(worker)) is not None:
+            tasks.append(task)
+        del self._begun[worker]
+        return tasks
 
     def add(self, tasks: Iterable[Task]) -> None:
-        """Append tasks, also while an engine works; it takes them after those that are there."""
-        self._left.extend(tasks)
+        """Add tasks, also while an engine works; tasks of smaller runs are handed out first."""
+        for task in tasks:
+            if task.runs:
+                number = next(self._numbers)
+                heapq.heappush(self._ranges, (task.first if self._lengths else number, number, task))
+                self._left[task.point, task.method] += len(task.runs)
 
     def note(self, done: Done) -> None:
         """Note that a task, or a part of one, is finished and how long it has taken."""
+        self.seconds_done += done.seconds
+        if self._lengths is not None:
+            self._lengths.note(done)
+
+    def at_least(self, seconds: float) -> None:
+        """Make blocks of the slowest method that take a time [s], unless their length is fixed."""
+        if self._lengths is not None:
+            self._lengths.seconds = max(self._lengths.seconds, seconds)
+
+    def _next_group(self) -> deque[Task]:
+        """Cut the next range of runs off, for all methods at its point."""
+        if not self._ranges:
+            return deque()
+        if self._lengths is None:
+            return deque([heapq.heappop(self._ranges)[2]])
+        first, _, head = self._ranges[0]
+        pairs = [pair for pair, n in self._left.items() if n and pair[0] == head.point]
+        stop = self._lengths.stop(first, pairs, self.seconds_left, self.workers)
+        found, others = [], []
+        while self._ranges and self._ranges[0][0] < stop:
+            _, number, task = heapq.heappop(self._ranges)
+            if task.point != head.point:
+                others.append((task.first, number, task))
+                continue
+            found.append((number, task._replace(stop=min(stop, task.stop))))
+            if task.stop > stop:
+                others.append((stop, number, task._replace(first=stop)))
+        for entry in others:
+            heapq.heappush(self._ranges, entry)
+        return deque(task for _, task in sorted(found))

@@ -17,7 +17,7 @@ FILES: dict[str, str] = {
     "traces.npz": "trajectories of the recorded runs, with `record`",
     "timings.csv": "times of computation of own components",
     "failures/": "one file per failed run, with the command that computes it again",
-    "logs/": "what own components print",
+    "logs/": "what own components print; `workers.txt` has a line for every worker process that has ended early",
     "code/": "copies of own Python files, as they were when the runs were computed",
     "config.yaml, config.resolved.yaml": "the configuration as given, and with every default filled in",
     "manifest.json": "experiment hash, seed, versions, platform and times of the sessions",

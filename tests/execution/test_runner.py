@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_info
 
 from rmpc_bench import load_config, registry
 from rmpc_bench.components import by_kind
+from rmpc_bench.execution.block_lengths import BlockLengths
 from rmpc_bench.execution.engines import tasks
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.runner import pending
@@ -176,27 +177,20 @@ def test_an_interrupted_run_continues_where_it_was(noisy, tmp_path, monkeypatch)
     assert min(min(runs) for _, runs in blocks[:8]) == 9
 
 
-def test_pending_goes_block_by_block(noisy, tmp_path):
+def test_a_queue_goes_block_by_block(noisy, tmp_path):
     """All methods of a block come together; a hole in what is stored is filled, within the borders of the blocks."""
-    config = load_config(noisy, overrides=["execution.block=8"])
-    with Store(tmp_path / "a") as store:
-        assert [tuple(task)[:3] for task in pending(config, store, ["S-MPC", "R-MPC"])] == [
-            *(
-                ("S-MPC", 0, 8),
-                ("R-MPC", 0, 8),
-                ("S-MPC", 8, 16),
-                ("R-MPC", 8, 16),
-                ("S-MPC", 16, 20),
-                ("R-MPC", 16, 20),
-            )
-        ]
+    config = load_config(noisy)
+
+    def blocks(directory, methods):
+        with Store(directory) as store:
+            queue = TaskQueue(pending(config, store, methods), BlockLengths([config.experiment], 8))
+        return [tuple(task)[:3] for task in iter(queue.take, None)]
+
+    assert blocks(tmp_path / "a", ["S-MPC", "R-MPC"]) == [
+        *(("S-MPC", 0, 8), ("R-MPC", 0, 8), ("S-MPC", 8, 16), ("R-MPC", 8, 16), ("S-MPC", 16, 20), ("R-MPC", 16, 20))
+    ]
     ran(noisy, tmp_path / "b", "--runs", 3, "--only", "R-MPC")
-    with Store(tmp_path / "b") as store:
-        assert [tuple(task)[:3] for task in pending(config, store, ["R-MPC"])] == [
-            ("R-MPC", 3, 8),
-            ("R-MPC", 8, 16),
-            ("R-MPC", 16, 20),
-        ]
+    assert blocks(tmp_path / "b", ["R-MPC"]) == [("R-MPC", 3, 8), ("R-MPC", 8, 16), ("R-MPC", 16, 20)]
 
 
 def test_blas_runs_on_one_thread(tmp_path, monkeypatch):

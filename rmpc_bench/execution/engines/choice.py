@@ -12,6 +12,8 @@ from rmpc_bench.components.private_modules import is_private
 from rmpc_bench.components.recipes import inside, recipe_of
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sections import Execution
+from rmpc_bench.execution.engines.ended_workers import EndedWorkers
+from rmpc_bench.execution.engines.here_first import here_first
 from rmpc_bench.execution.engines.processes import processes
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Done, Task, components_of, has_own_code
@@ -36,8 +38,9 @@ def choose_engine(
 ) -> Engine:
     """Return the engine for tasks of an experiment.
 
-    Without a name, worker processes are used where there are several, where a component comes from a file or an
-    installed package, or where there is a limit of time or memory.  Otherwise one worker is this process.
+    Without a name, worker processes are used where several are asked for, where a component comes from a file or an
+    installed package, or where there is a limit of time or memory.  Otherwise this process computes, and lets several
+    workers of the configuration do what is left where that saves time.
 
     Parameters
     ----------
@@ -48,7 +51,8 @@ def choose_engine(
     directory : results directory, for the output of components
     say : shows a line to the user
     """
-    name, n = name or config.execution.engine, min(workers or config.execution.workers, len(tasks))
+    name, n_trials = name or config.execution.engine, sum(len(task.runs) for task in tasks)
+    n = min(workers or config.execution.workers, n_trials)
     experiments = [point.experiment for point in config.points]
     own = any(has_own_code(experiment, method) for experiment in experiments for method in experiment.methods)
     parts = [part for experiment in experiments for part in components_of(experiment, *experiment.methods)]
@@ -56,10 +60,15 @@ def choose_engine(
     if name == "serial" and (own or limits != Limits()):
         what = "a component that ends its process or never returns ends the experiment; "
         say(f"engine serial: {what if own else ''}execution.timeout and execution.memory are not enforced")
-    isolated = n > 1 or limits != Limits() or any(map(_is_imported, parts))
-    if name == "serial" or (name is None and not isolated):
+    isolated = limits != Limits() or any(map(_is_imported, parts))
+    if name == "serial" or (name is None and n == 1 and not isolated):
         return serial
-    return partial(processes, workers=n, limits=limits, logs=directory / "logs" if own else None)
+    logs = directory / "logs"
+    note = EndedWorkers(logs, say).note
+    engine = partial(processes, workers=n, limits=limits, logs=logs if own else None, note=note)
+    if name is None and workers is None and not isolated and not own:
+        return partial(here_first, workers=engine)
+    return engine
 
 
 def limits_of(execution: Execution) -> Limits:

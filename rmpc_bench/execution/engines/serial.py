@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 
 from rmpc_bench.components.signals import noted_signals
 from rmpc_bench.execution.engines.contained import contained
@@ -13,18 +13,21 @@ from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 
 
-def serial(experiments: Sequence[Experiment], queue: TaskQueue) -> Generator[Done]:
+def serial(
+    experiments: Sequence[Experiment], queue: TaskQueue, ends: Callable[[], bool] = lambda: False
+) -> Generator[Done]:
     """Do the tasks in this process, one after the other.
 
     Parameters
     ----------
     experiments : one per point of the sweep
     queue : what to do
+    ends : whether to leave the other tasks in the queue, asked before each of them
     """
     try:
         with single_thread(), noted_signals() as signals:
             warm_up_own(experiments)
-            while (task := queue.take()) is not None:
+            while not ends() and (task := queue.take()) is not None:
                 for done in contained(experiments, task, lambda error: bool(signals)):
                     if signals:
                         # A component has caught the interruption.

@@ -51,6 +51,8 @@ class SharedWatch(Watch):
     def __init__(self, file: BinaryIO) -> None:
         self._memory: mmap.mmap | bytearray = mmap.mmap(file.fileno(), SIZE)
         self._n_runs = 0
+        # Times in which a process was stopped, as (start, end).
+        self._excused: list[tuple[float, float]] = []
 
     def detach(self) -> None:
         """Write no longer into the shared memory, in a copy of the process that a component has made."""
@@ -102,14 +104,28 @@ class SharedWatch(Watch):
         started, since, used, _, _, step_factor, run_factor, n_runs = self._fields()
         if not started:
             return ""
-        now = time.monotonic()
-        if limits.step is not None and now - since > limits.step * step_factor:
+        taken = self._elapsed(since)
+        if limits.step is not None and taken > limits.step * step_factor:
             return f"a step took longer than {limits.step * min(step_factor, FIRST_STEP):g} s (execution.timeout.step)"
         if limits.run is not None and (
-            now - since + used > limits.run * run_factor or now - started > limits.run * n_runs
+            taken + used > limits.run * run_factor or self._elapsed(started) > limits.run * n_runs
         ):
             return f"the run took longer than {limits.run:g} s (execution.timeout.run)"
         return ""
+
+    def excuse(self, start: float, end: float) -> None:
+        """Leave a time out of what counts for the limits, because no process could compute in it.
+
+        Parameters
+        ----------
+        start, end : of the monotonic clock [s]
+        """
+        self._excused = [*(each for each in self._excused if each[1] > self._fields()[0]), (start, end)]
+
+    def _elapsed(self, since: float) -> float:
+        """Return the time that has passed and counts [s]."""
+        out = sum(max(end - max(start, since), 0.0) for start, end in self._excused)
+        return time.monotonic() - since - out
 
     def begin_again(self, text: str) -> None:
         """Start the time of what is computed now once more, after its end has been asked for.

@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from rmpc_bench.execution.engines.tasks import Task
+from rmpc_bench.execution.engines.attempts import End, Job
+from rmpc_bench.execution.engines.process_state import Idleness, is_stopped
 from rmpc_bench.execution.engines.watch import SIZE, Limits, SharedWatch
 from rmpc_bench.execution.engines.worker import DUMP_TRACE, OUT_OF_MEMORY, STOP_STEP
 from rmpc_bench.execution.interrupts import held
@@ -35,28 +36,18 @@ _ENVIRONMENT = dict.fromkeys(
     # What a component prints shortly before it ends the process is wanted most.
     "PYTHONUNBUFFERED": "1",
 }
+DISTURBED = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGXCPU})
+"""Signals that come from outside as a rule: from a person, a batch scheduler, or the system when memory runs out."""
+LONGEST_PAUSE = 1.0
+"""Longest time between two checks of a process [s]."""
+STOPPED = 5.0
+"""Time after which a stopped process is replaced [s]."""
+HUNG, HUNG_WITH_OWN_CODE = 60.0, 600.0
+"""Time after which a process that has a job and does not compute is replaced [s]: a component of the user may wait for
+a device, a licence or a file, one of the bench never waits."""
 GRACE = 1.0
 """Time in which Python code ends after it was asked to [s]; compiled code is killed then."""
 _PACKAGE = f"{Path(__file__).parents[2]}{os.sep}"
-
-
-class Job(NamedTuple):
-    """A task with the way in which it is done."""
-
-    task: Task
-    alone: bool = False
-    """Whether its runs are simulated one by one."""
-    deaths: int = 0
-    """How often a worker has died with its first run alone."""
-
-
-class End(NamedTuple):
-    """How a worker process has ended."""
-
-    message: str
-    k: int | None
-    trace: str
-    timed_out: bool
 
 
 class WorkerProcess:
@@ -66,13 +57,14 @@ class WorkerProcess:
     ----------
     limits : of time and memory
     log : file that gets the output of components; None for the parent's own streams
+    patience : time without any computing after which the process is replaced [s]
     """
 
-    def __init__(self, limits: Limits, log: Path | None) -> None:
+    def __init__(self, limits: Limits, log: Path | None, patience: float = HUNG) -> None:
         self.jobs: deque[Job] = deque()
         self.loaded = False
         self._limits, self._asked, self._late = limits, 0.0, ""
-        self._since = 0.0
+        self._since, self._progress, self._disturbed, self._patience = 0.0, 0.0, "", patience
         with tempfile.TemporaryFile(buffering=0) as file:
             file.truncate(SIZE)
             self._watch = SharedWatch(file)
@@ -81,6 +73,12 @@ class WorkerProcess:
             # An interruption between the start and the assignment would leave a process that nobody ends.
             with held(), child:
                 self._process = _started(child, file.fileno(), self._trace.fileno(), log)
+        self._idle, self._checked, self._stopped = Idleness(self._process.pid), time.monotonic(), 0.0
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
 
     def load(self, data: bytes) -> None:
         """Send the experiments, which the process reads once it has started.
@@ -111,21 +109,57 @@ class WorkerProcess:
         EOFError
             If the process has ended.
         """
+        self._checked = time.monotonic()
+        self._idle.reset()
         try:
             return self.connection.recv()
         except (ConnectionError, OSError):
             raise EOFError from None
 
-    def check_time(self) -> None:
+    def check(self) -> None:
+        """Kill the process if it is stopped, hangs or takes too long; Python code is first asked to end."""
+        now, before = time.monotonic(), self._checked
+        self._checked = now
+        if self._disturbed or self._late:
+            return
+        if is_stopped(self._process.pid):
+            # Time in which this process was stopped too is not counted.
+            self._stopped += min(now - before, LONGEST_PAUSE)
+            self._watch.excuse(before, now)
+            if self._stopped > STOPPED:
+                self._disturb("the worker process was stopped")
+            return
+        self._stopped = 0.0
+        if now - before > 2.0 * LONGEST_PAUSE:
+            # The whole group of processes was stopped, or the machine was suspended.
+            self._watch.excuse(before, now)
+        if self.jobs or not self.loaded:
+            self._check_progress()
+        if self._limits.timed and not self._disturbed:
+            self._check_time(now)
+
+    def _check_progress(self) -> None:
+        if (since := self._watch.since) != self._progress:
+            self._progress = since
+            self._idle.reset()
+        self._idle.look()
+        if self._idle.seconds > self._patience:
+            self._disturb(f"the worker process has computed nothing for {self._patience:g} s")
+
+    def _disturb(self, text: str) -> None:
+        self._disturbed = text
+        self._process.kill()
+
+    def _check_time(self, now: float) -> None:
         """Ask the process to end what takes too long, and kill it if it does not."""
         late = self._watch.overdue(self._limits)
         if not late:
             return
-        now, since = time.monotonic(), self._watch.since
+        since = self._watch.since
         if since != self._since:
             self._since, self._asked = since, now
             self._process.send_signal(STOP_STEP)
-        elif now - self._asked > GRACE and not self._late:
+        elif now - self._asked > GRACE:
             self._late = late
             self._process.send_signal(DUMP_TRACE)
             self._await_trace()
@@ -140,22 +174,24 @@ class WorkerProcess:
 
     def end(self) -> End:
         """Wait for the end of the process and say how it has ended."""
-        if not self._late:
-            self._watch_for_end()
+        closed = "" if self._late else self._watch_for_end()
         code = self._process.wait()
-        message = self._late or _ended(code, self._limits)
+        message = self._late or self._disturbed or closed or _ended(code, self._limits)
         self._trace.seek(0)
         trace = "".join(_user_frames(self._trace.read().decode(errors="replace")))
-        end = End(message, self._watch.k, trace, bool(self._late))
+        outside = not (self._late or closed) and (bool(self._disturbed) or -code in DISTURBED)
+        end = End(message, self._watch.k, trace, bool(self._late), outside)
         self.close()
         return end
 
-    def _watch_for_end(self) -> None:
-        """Kill a process that has closed its connection and goes on."""
+    def _watch_for_end(self) -> str:
+        """Kill a process that has closed its connection and goes on; say so."""
         try:
             self._process.wait(timeout=GRACE)
         except subprocess.TimeoutExpired:
             self._process.kill()
+            return "the worker process closed its connection"
+        return ""
 
     def close(self) -> None:
         """Kill the process."""

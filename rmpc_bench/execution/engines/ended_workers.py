@@ -1,0 +1,43 @@
+"""Record of the workers that have ended before their work was done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from rmpc_bench.execution.engines.attempts import End
+
+LOG = "workers.txt"
+"""File in the directory `logs` with a line for every worker that has ended."""
+
+
+class EndedWorkers:
+    """Writes a line for every worker that has ended, and tells the user of the first one that was disturbed.
+
+    Parameters
+    ----------
+    logs : directory of the file
+    say : shows a line to the user
+    """
+
+    def __init__(self, logs: Path, say: Callable[[str], None]) -> None:
+        self._file, self._say, self._said = logs / LOG, say, False
+
+    def note(self, text: str, end: End) -> None:
+        """Note the end of a worker.
+
+        Parameters
+        ----------
+        text : the worker, its end, and the attempt that has ended with it
+        end : how it has ended
+        """
+        # A full disk is reported by the store, which needs the room more urgently.
+        with suppress(OSError):
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            with self._file.open("a", encoding="utf-8") as file:
+                file.write(f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {text}\n")
+        if end.outside and not self._said:
+            self._said = True
+            self._say(f"{end.message}, probably from outside: its runs are repeated (every such end: {self._file})")

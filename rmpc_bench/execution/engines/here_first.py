@@ -1,0 +1,40 @@
+"""The engine that starts worker processes only where they pay.
+
+A worker process needs about a second to start.  This process computes until the time of what is left is known from what
+is finished; if it is long, worker processes do the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from typing import TypeAlias
+
+from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.tasks import Done
+from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.simulation.scenario import Experiment
+
+MEASURED = 0.3
+"""Computing time after which the time of the rest is known well enough [s]."""
+PAYS = 4.0
+"""Computing time that pays for starting workers [s]."""
+
+Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
+
+
+def here_first(experiments: Sequence[Experiment], queue: TaskQueue, workers: Engine) -> Generator[Done]:
+    """Do the tasks in this process, or in worker processes as soon as that takes less time.
+
+    Parameters
+    ----------
+    experiments : one per point of the sweep
+    queue : what to do
+    workers : the engine with worker processes
+    """
+
+    def pay() -> bool:
+        return queue.seconds_done > MEASURED and queue.seconds_left > PAYS
+
+    yield from serial(experiments, queue, pay)
+    if len(queue):
+        yield from workers(experiments, queue)

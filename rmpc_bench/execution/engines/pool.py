@@ -1,0 +1,165 @@
+"""Worker processes that do tasks; a process that ends is replaced, and what it had not finished is repeated."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.connection import wait
+from pathlib import Path
+from typing import TypeAlias
+
+from rmpc_bench.execution.engines.attempts import MAX_KILLED_STARTS, MAX_STARTS, End, Failed, Job, after
+from rmpc_bench.execution.engines.tasks import Done, Task
+from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.execution.engines.worker_process import HUNG, LONGEST_PAUSE, WorkerProcess
+from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.execution.worker_error import WorkerError
+
+WAITING = 2
+"""Tasks in a worker: one that it does, and one that it finds when it has done that."""
+
+
+Note: TypeAlias = Callable[[str, End], None]
+"""Takes a line about the end of a worker, and the end."""
+
+
+class Pool:
+    """Worker processes and the jobs that are left.
+
+    Parameters
+    ----------
+    data : experiments as bytes
+    limits : of time and memory
+    logs : directory that gets the output of components; None to let it pass to the screen
+    patience : time without any computing after which a worker is replaced [s]
+    note : gets a line and the end of every worker that is replaced
+    """
+
+    def __init__(
+        self,
+        data: bytes,
+        limits: Limits,
+        logs: Path | None,
+        patience: float = HUNG,
+        note: Note = lambda text, end: None,  # noqa: E731
+    ) -> None:
+        self._data, self._limits, self._logs, self._patience, self._note = data, limits, logs, patience, note
+        self._left = deque[Job]()
+        self._workers: dict[int, WorkerProcess] = {}
+        self._failed_starts = self._killed_starts = 0
+
+    def start(self, numbers: Sequence[int]) -> None:
+        """Start workers, each in place of an earlier one with its number."""
+        for number in numbers:
+            log = None if self._logs is None else self._logs / f"worker-{number + 1}.txt"
+            self._workers[number] = WorkerProcess(self._limits, log, self._patience)
+        # A worker reads its experiments after its imports, which all of them do at the same time.
+        for number in numbers:
+            self._workers[number].load(self._data)
+
+    def close(self) -> None:
+        """End all workers."""
+        for worker in self._workers.values():
+            worker.close()
+
+    def results(self, queue: TaskQueue, jobs: Sequence[Job] = ()) -> Iterator[Done | Failed]:
+        """Yield finished parts of tasks until nothing is left.
+
+        Parameters
+        ----------
+        queue : what to do
+        jobs : what to do before that
+
+        Raises
+        ------
+        WorkerError
+            If the workers cannot load the experiment.
+        """
+        self._left.extend(jobs)
+        while True:
+            self._feed(queue)
+            if not any(worker.jobs for worker in self._workers.values()):
+                return
+            ready = wait([worker.connection for worker in self._workers.values()], self._pause())
+            for number, worker in [*self._workers.items()]:
+                if worker.connection in ready:
+                    try:
+                        message = worker.receive()
+                    except EOFError:
+                        yield from self._replace(number)
+                    else:
+                        yield from self._handle(worker, message)
+                else:
+                    worker.check()
+
+    def _pause(self) -> float:
+        """Return how long to wait for a message before the workers are checked [s]."""
+        if not self._limits.timed:
+            return LONGEST_PAUSE
+        shortest = min(limit for limit in (self._limits.step, self._limits.run) if limit is not None)
+        return min(max(shortest / 4.0, 0.01), 0.25)
+
+    def _feed(self, queue: TaskQueue) -> None:
+        for n_waiting in range(1, WAITING + 1):
+            for number, worker in self._workers.items():
+                if len(worker.jobs) < n_waiting and (job := self._next(queue, number)) is not None:
+                    worker.give(job)
+
+    def _next(self, queue: TaskQueue, number: int) -> Job | None:
+        """Return a job of a worker that has ended, else the next task."""
+        if self._left:
+            return self._left.popleft()
+        task = queue.take(number)
+        return None if task is None else Job(task)
+
+    def _handle(self, worker: WorkerProcess, message: Done | str | None) -> Iterator[Done]:
+        """Take a result, or the end of a task, or the report of a worker that it has loaded the experiment or not."""
+        if isinstance(message, str):
+            raise WorkerError(f"worker processes cannot load the experiment: {message}")
+        if isinstance(message, Done):
+            job = worker.jobs[0]
+            worker.jobs[0] = Job(job.task._replace(first=message.task.stop), job.alone)
+            yield message
+        elif worker.loaded:
+            worker.jobs.popleft()
+        else:
+            worker.loaded, self._failed_starts, self._killed_starts = True, 0, 0
+
+    def _replace(self, number: int) -> Iterator[Failed]:
+        """Start a new worker in place of one that has ended, and repeat what that one was doing."""
+        ended = self._workers[number]
+        end, jobs = ended.end(), ended.jobs
+        self._say(number, ended.pid, jobs[0] if jobs and ended.loaded else None, end)
+        if not ended.loaded:
+            self._count_start(end)
+            self._left.extendleft(reversed(jobs))
+            jobs.clear()
+        self.start([number])
+        if jobs:
+            job = jobs.popleft()
+            self._left.extendleft(reversed(jobs))
+            failed, rest = after(job, end)
+            if failed is not None:
+                yield failed
+            if rest is not None:
+                self._workers[number].give(rest)
+
+    def _count_start(self, end: End) -> None:
+        """Note that a worker has ended before it has loaded the experiment."""
+        self._failed_starts += not end.outside
+        self._killed_starts += end.outside
+        if self._failed_starts == MAX_STARTS or self._killed_starts == MAX_KILLED_STARTS:
+            raise WorkerError(f"worker processes cannot load the experiment: {end.message}")
+
+    def _say(self, number: int, process: int, job: Job | None, end: End) -> None:
+        """Describe the end of a worker, and the attempt at its job that it ends."""
+        text = f"worker {number + 1} (process {process} of {os.uname().nodename}): {end.message}"
+        self._note(f"{text}; {described(job)}" if job is not None and job.task.runs else text, end)
+
+
+def described(job: Job) -> str:
+    """Describe a job and the attempt that has ended."""
+    task: Task = job.task
+    runs = f"run {task.first}" if job.alone or len(task.runs) == 1 else f"runs {task.first} to {task.stop - 1}"
+    return f"method {task.method}, {runs}, attempt {job.deaths + job.kills + 1}"
