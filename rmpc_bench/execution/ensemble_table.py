@@ -14,13 +14,13 @@ from rmpc_bench.types import Array
 Read = Callable[[str, tuple[Any, ...]], list[Any]]
 
 
-def read_groups(read: Read, method: str, n_runs: int) -> list[Group]:
+def read_groups(read: Read, method: int, n_runs: int) -> list[Group]:
     """Return groups of runs of a method and single runs of groups that are not whole, in their order.
 
     Parameters
     ----------
     read : finds the rows of a query
-    method : hash of the method
+    method : number of the method
     n_runs : a group that reaches beyond this number of runs is left out
     """
     query = "SELECT * FROM ensemble_groups WHERE method = ? AND stop <= ? ORDER BY first"
@@ -29,13 +29,13 @@ def read_groups(read: Read, method: str, n_runs: int) -> list[Group]:
     return [part for part in parts if not part.is_single or start_of_group(part.first) not in whole]
 
 
-def with_stored_runs(read: Read, method: str, parts: Sequence[Group]) -> list[Group]:
+def with_stored_runs(read: Read, method: int, parts: Sequence[Group]) -> list[Group]:
     """Reduce the groups of which all runs are there now: those of a block with those that are stored.
 
     Parameters
     ----------
     read : finds the rows of a query
-    method : hash of the method
+    method : number of the method
     parts : groups and single runs of a block
     """
     found = [part for part in parts if not part.is_single]

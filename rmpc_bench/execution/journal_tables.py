@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
-from rmpc_bench.execution.durations import Durations
-from rmpc_bench.types import Journal, RunFailure, Status
+from jaxtyping import Int
 
-_WORDS = {int(status): status.word for status in Status}
+from rmpc_bench.execution.chunks import ranges
+from rmpc_bench.execution.database import Statement
+from rmpc_bench.execution.durations import Durations
+from rmpc_bench.types import Array, Journal, RunFailure
+
 Read = Callable[[str, tuple[Any, ...]], list[Any]]
 
 
-def journal_rows(method: str, runs: Sequence[int], journal: Journal) -> list[tuple[str, list[tuple[Any, ...]]]]:
+def journal_rows(method: int, runs: Int[Array, " runs"], journal: Journal) -> list[Statement]:
     """Return the statements that store the journal of a block in place of what an earlier one has stored.
 
     Warnings and durations belong to a block.  Those of an earlier block that shares a run with it are deleted, so that
@@ -22,23 +25,20 @@ def journal_rows(method: str, runs: Sequence[int], journal: Journal) -> list[tup
 
     Parameters
     ----------
-    method : hash of the method
-    runs : indices of the runs
+    method : number of the method
+    runs : indices of the runs, ascending
     journal : what happened in them
     """
-    one_by_one = [(method, run) for run in runs]
-    first, stop = min(runs), max(runs) + 1
-    failures = [
-        (method, run, _WORDS[failure.status], json.dumps(failure._asdict(), default=str))
-        for run, failure in journal.failures.items()
-    ]
+    spans = [(method, *bounds) for bounds in ranges(runs)]
+    first, stop = int(runs[0]), int(runs[-1]) + 1
+    failures = [(method, run, json.dumps(failure._asdict(), default=str)) for run, failure in journal.failures.items()]
     durations = {phase: Durations.of(seconds) for phase, seconds in journal.seconds.items() if seconds}
     return [
-        ("DELETE FROM failures WHERE method = ? AND run = ?", one_by_one),
-        ("DELETE FROM held WHERE method = ? AND run = ?", one_by_one),
+        ("DELETE FROM failures WHERE method = ? AND run >= ? AND run < ?", spans),
+        ("DELETE FROM held WHERE method = ? AND run >= ? AND run < ?", spans),
         ("DELETE FROM warnings WHERE method = ? AND first < ? AND stop > ?", [(method, stop, first)]),
         ("DELETE FROM durations WHERE method = ? AND first < ? AND stop > ?", [(method, stop, first)]),
-        ("INSERT INTO failures VALUES (?, ?, ?, ?)", failures),
+        ("INSERT INTO failures VALUES (?, ?, ?)", failures),
         ("INSERT INTO held VALUES (?, ?, ?)", [(method, run, n) for run, n in journal.held.items() if n]),
         (
             "INSERT INTO warnings VALUES (?, ?, ?, ?, ?)",
@@ -54,26 +54,26 @@ def journal_rows(method: str, runs: Sequence[int], journal: Journal) -> list[tup
     ]
 
 
-def read_failures(read: Read, method: str, n_runs: int) -> list[RunFailure]:
+def read_failures(read: Read, method: int, n_runs: int) -> list[RunFailure]:
     """Return the stored failures of a method, in the order of the runs.
 
     Parameters
     ----------
     read : runs a query
-    method : hash of the method
+    method : number of the method
     n_runs : runs from this one on are left out
     """
     rows = read("SELECT failure FROM failures WHERE method = ? AND run < ? ORDER BY run", (method, n_runs))
     return [RunFailure(**json.loads(text)) for (text,) in rows]
 
 
-def read_durations(read: Read, method: str, n_runs: int) -> dict[str, Durations]:
+def read_durations(read: Read, method: int, n_runs: int) -> dict[str, Durations]:
     """Return the stored durations of a method by component and phase.
 
     Parameters
     ----------
     read : runs a query
-    method : hash of the method
+    method : number of the method
     n_runs : blocks from this run on are left out
     """
     found: dict[str, Durations] = {}

@@ -76,13 +76,13 @@ def rows_kept_apart(
     here, numbers, n_rows = code_version(), set[int](), 0
     files: Counter[tuple[str, str]] = Counter()
     for method in methods:
-        for codes in store.of_other_code(method, n_runs, current).values():
+        for codes, n in store.of_other_code(method, n_runs, current):
             # Each run counts once, whatever has changed.
             other = {code["numerics"] for code in codes} - {here["numerics"]}
             numbers |= other
-            n_rows += bool(other)
+            n_rows += n if other else 0
             if not other:
-                files[method.name, _changes(codes, method, names)] += 1
+                files[method.name, _changes(codes, method, names)] += n
     there = ", ".join(map(str, sorted(numbers)))
     text = f"{n_rows} rows of other code (NUMERICS {there}, here {here['numerics']}) are kept apart" if n_rows else ""
     return OtherRows(text, tuple(f"{name}: {what} since {n} runs were stored" for (name, what), n in files.items()))

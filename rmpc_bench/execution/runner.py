@@ -15,6 +15,7 @@ from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution.block_lengths import BlockLengths
+from rmpc_bench.execution.chunks import ranges
 from rmpc_bench.execution.database import WriteError
 from rmpc_bench.execution.engines.choice import Engine, choose_engine
 from rmpc_bench.execution.engines.tasks import Done, Task, is_built_in
@@ -59,18 +60,9 @@ def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) ->
             if name in methods and key not in seen:
                 seen.add(key)
                 done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
-                tasks += [Task(name, *bounds, number) for bounds in _holes(done, n_runs)]
+                missing = np.setdiff1d(np.arange(n_runs), done, assume_unique=True)
+                tasks += [Task(name, *bounds, number) for bounds in ranges(missing)]
     return tasks
-
-
-def _holes(finished: Collection[int], n_runs: int) -> list[tuple[int, int]]:
-    """Ranges of consecutive runs that are not finished, as (first, stop)."""
-    missing = np.ones(n_runs + 2, dtype=bool)
-    missing[[0, -1]] = False
-    known = np.fromiter(finished, dtype=int, count=len(finished))
-    missing[1 + known[known < n_runs]] = False
-    borders = np.flatnonzero(missing[1:] != missing[:-1]).tolist()
-    return list(zip(borders[::2], borders[1::2], strict=True))
 
 
 def compute(

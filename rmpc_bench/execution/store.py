@@ -1,4 +1,4 @@
-"""The trial store of an experiment, with one transaction per finished block.
+"""The trial store of an experiment; finished blocks are committed every half a second.
 
 Trials are stored under the hash of the definition of their method and of the code that computed them, and metrics under
 the hash of their definition.  After a change of a definition or of the code the old numbers are therefore not used.
@@ -7,31 +7,35 @@ the hash of their definition.  After a change of a definition or of the code the
 from __future__ import annotations
 
 import json
-import math
 import sys
 import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int, Int8
 
-from rmpc_bench.execution.database import Database, StoreError
+from rmpc_bench.execution.chunks import Column, Columns
+from rmpc_bench.execution.database import Database, Statement, StoreError, WriteError
 from rmpc_bench.execution.differences import Names, differences
 from rmpc_bench.execution.durations import Durations
 from rmpc_bench.execution.ensemble_table import as_array, as_bytes, read_groups, with_stored_runs
 from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failures
+from rmpc_bench.execution.sampled_values import Sampled, by_name, read_sampled
 from rmpc_bench.execution.stored_method import StoredMethod
+from rmpc_bench.execution.stored_runs import covered, rows_of_others, runs_with, without_traces
+from rmpc_bench.execution.timed_writes import TimedWrites
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import Array, RunFailure, Status
 
 _NOTHING = Recording()
-_WORDS = {int(status): status.word for status in Status}
-_MAYBE_WITHOUT_TRACES = ", ".join(f"'{status.word}'" for status in (Status.CRASHED, Status.TIMEOUT))
-"""Statuses of runs that may have no trajectories, because their block was not simulated to its end."""
+WORDS = np.array([status.word for status in sorted(Status)], dtype=object)
+"""Word of every status, at its number."""
 
 
 class Store:
@@ -53,7 +57,8 @@ class Store:
     def __init__(self, directory: Path, *, writable: bool = True) -> None:
         self.directory = directory
         self._database = Database(directory, writable=writable)
-        self._read, self._write = self._database.read, self._database.write
+        self._writes = TimedWrites(self._database)
+        self._columns = Columns(self._database, self._writes)
 
     def __enter__(self) -> Store:
         """Return itself."""
@@ -62,8 +67,33 @@ class Store:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the file and release the lock."""
-        self._database.close()
+        """Commit what waits, close the file and release the lock."""
+        try:
+            self._writes.flush()
+        except WriteError:
+            # An earlier write has failed for the same reason, such as a full disk.
+            if not isinstance(value, WriteError):
+                raise
+        finally:
+            with self._writes.lock:
+                self._database.close()
+
+    def flush(self) -> None:
+        """Commit all blocks now.
+
+        Raises
+        ------
+        WriteError
+            If a block cannot be written.
+        """
+        self._writes.flush()
+
+    def _read(self, query: str, parameters: tuple[Any, ...]) -> list[Any]:
+        with self._writes.reading():
+            return self._database.read(query, parameters)
+
+    def _write(self, statements: Sequence[Statement]) -> None:
+        self._writes.now(lambda: self._database.write(statements))
 
     def meta(self, key: str) -> str | None:
         """Read a value that was set with `set_meta`."""
@@ -100,7 +130,12 @@ class Store:
 
     def has_trials(self, method: str) -> bool:
         """Whether a run of a method is stored."""
-        return bool(self._read("SELECT 1 FROM trials WHERE method = ? LIMIT 1", (method,)))
+        return self._columns.stop(Column("status", method)) > 0
+
+    def _number(self, key: str) -> int:
+        """Return the number of a key; 0 if it has none."""
+        with self._writes.reading():
+            return self._database.find_number(key)
 
     def file_names(self, also: Names | None = None) -> dict[str, Mapping[str, str]]:
         """Return hash of a source or a data file -> names of its files -> their hashes, for messages.
@@ -147,48 +182,55 @@ class Store:
 
     def register(self, methods: Iterable[StoredMethod]) -> None:
         """Note definition and code of methods whose trials are about to be stored."""
-        rows = [(method.key, method.definition, json.dumps(method.code)) for method in methods]
-        self._write([("INSERT OR IGNORE INTO methods VALUES (?, ?, ?)", rows)])
+        noted = list(methods)
 
-    def of_other_code(self, method: StoredMethod, n_runs: int, current: Collection[str] = ()) -> dict[int, list[Any]]:
-        """Return the runs that other code has computed and this code has not, each with what identifies the others.
+        def write() -> None:
+            rows = [(self._database.number(each.key), each.definition, json.dumps(each.code)) for each in noted]
+            self._database.write([("INSERT OR IGNORE INTO methods VALUES (?, ?, ?)", rows)])
+
+        self._writes.now(write)
+
+    def of_other_code(
+        self, method: StoredMethod, n_runs: int, current: Collection[str] = ()
+    ) -> list[tuple[list[Any], int]]:
+        """Count the runs that other code has computed and this code has not, by what identifies the others.
 
         Parameters
         ----------
         method : what its trials are stored under
         n_runs : number of runs of the experiment
         current : keys of the methods of the configuration, whose trials are those of no other code
+
+        Returns
+        -------
+        the codes that have computed a run, and the number of runs that exactly these have computed
         """
-        query = """SELECT run, code, method FROM methods JOIN trials USING (method)
-            WHERE definition = ? AND method != ? AND run < ? AND run NOT IN (SELECT run FROM trials WHERE method = ?)"""
-        found: dict[int, list[Any]] = {}
-        for run, code, key in self._read(query, (method.definition, method.key, n_runs, method.key)):
-            if key not in current:
-                found.setdefault(run, []).append(json.loads(code))
-        return found
+        query = "SELECT key, code FROM methods JOIN keys ON number = method WHERE definition = ? ORDER BY method"
+        others = {key: json.loads(code) for key, code in self._read(query, (method.definition,)) if key not in current}
+        return rows_of_others(self._columns, method.key, others, n_runs)
 
     def finished(
         self, method: str, metrics: Iterable[str], recording: Recording = _NOTHING, n_runs: int = sys.maxsize
-    ) -> set[int]:
+    ) -> Int[Array, " finished"]:
         """Return the runs of a method that are stored with all given metrics and, where required, signals and moments.
 
         Of the moments those count that `ensemble` returns for ``n_runs``.
+
+        Returns
+        -------
+        (finished,) indices below ``n_runs``, ascending
         """
-        runs = {run for (run,) in self._read("SELECT run FROM trials WHERE method = ?", (method,))}
-        for metric in metrics:
-            rows = self._read("SELECT run FROM metrics WHERE method = ? AND metric = ?", (method, metric))
-            runs &= {run for (run,) in rows}
-        query = f"""SELECT run FROM traces WHERE method = ? AND signal = ? UNION
-            SELECT run FROM trials WHERE method = ? AND status IN ({_MAYBE_WITHOUT_TRACES})"""
-        for signal in recording.signals if recording.n_runs else ():
-            rows = self._read(query, (method, signal, method))
-            runs -= set(range(recording.n_runs)) - {run for (run,) in rows}
+        there = runs_with(self._columns, method, metrics, n_runs)
+        if recording.n_runs and recording.signals:
+            query = "SELECT run FROM traces WHERE method = ? AND signal = ? AND run < ?"
+            found = [
+                self._read(query, (self._number(method), self._number(each), n_runs)) for each in recording.signals
+            ]
+            there = without_traces(self._columns, method, there, recording.n_runs, found)
         if recording.ensemble:
-            rows = self._read(
-                "SELECT first, stop FROM ensemble_groups WHERE method = ? AND stop <= ?", (method, n_runs)
-            )
-            runs &= {run for first, stop in rows for run in range(first, stop)}
-        return runs
+            query = "SELECT first, stop FROM ensemble_groups WHERE method = ? AND stop <= ?"
+            there &= covered(len(there), self._read(query, (self._number(method), n_runs)))
+        return np.flatnonzero(there)
 
     def add_block(
         self,
@@ -197,9 +239,9 @@ class Store:
         block: Block,
         metrics: Mapping[str, Array],
         draw: str,
-        uncertainty: Sequence[Mapping[str, float]],
+        uncertainty: Sampled,
     ) -> None:
-        """Store a finished block in one transaction.
+        """Store a finished block; it is committed within half a second.
 
         Parameters
         ----------
@@ -208,73 +250,90 @@ class Store:
         block : their results
         metrics : hash of the metric -> (runs,) values, NaN where there is none
         draw : hash of what the named uncertain values depend on
-        uncertainty : these values, name -> value, for every run
+        uncertainty : these values
+
+        Raises
+        ------
+        WriteError
+            If this or an earlier block cannot be written.
         """
-        trials = [(method, run, _WORDS[code]) for run, code in zip(runs, block.status.tolist(), strict=True)]
-        values = [
-            (method, metric, run, None if math.isnan(value) else value)
-            for metric, column in metrics.items()
-            for run, value in zip(runs, column.tolist(), strict=True)
-        ]
+        indices = np.array(runs, dtype=np.int64)
+        columns = {Column("status", method): np.array(block.status)}
+        columns |= {Column("metric", method, metric): np.array(column) for metric, column in metrics.items()}
+        columns |= {Column("uncertainty", draw, name): column for name, column in by_name(uncertainty).items()}
+        for column, values in columns.items():
+            if values.shape != indices.shape:
+                raise ValueError(f"{column}: values of shape {values.shape} for {len(indices)} runs")
         traces = [
-            (method, signal, run, trace.shape[1], as_bytes(trace))
+            (signal, run, trace.shape[1], as_bytes(trace))
             for signal, recorded in block.traces.items()
-            for run, trace in zip(runs, recorded, strict=False)  # the first ones of the block
+            for run, trace in zip(indices.tolist(), recorded, strict=False)  # the first ones of the block
         ]
-        named = [
-            (draw, run, name, value) for run, row in zip(runs, uncertainty, strict=True) for name, value in row.items()
-        ]
-        groups = with_stored_runs(self._read, method, block.ensemble)
-        reduced = [(method, group.first, group.stop) for group in groups if not group.is_single]
-        self._write(
+        self._writes.add(partial(self._write_block, method, indices, columns, traces, block))
+
+    def _write_block(
+        self,
+        method: str,
+        runs: Int[Array, " runs"],
+        columns: Mapping[Column, Array],
+        traces: Sequence[tuple[Any, ...]],
+        block: Block,
+    ) -> None:
+        """Write a block inside a transaction."""
+        for column, values in columns.items():
+            self._columns.put(column, runs, values)
+        number = self._database.number(method)
+        groups = with_stored_runs(self._database.read, number, block.ensemble)
+        reduced = [(number, group.first, group.stop) for group in groups if not group.is_single]
+        rows = [(number, self._database.number(signal), *rest) for signal, *rest in traces]
+        self._database.write(
             [
                 # Single runs of a group are needed until it is whole.
                 ("DELETE FROM ensemble_groups WHERE method = ? AND first >= ? AND stop <= ?", reduced),
                 (
                     "INSERT OR REPLACE INTO ensemble_groups VALUES (?, ?, ?, ?, ?, ?, ?)",
-                    [(method, *group[:3], group.mean.shape[1], *map(as_bytes, group[3:])) for group in groups],
+                    [(number, *group[:3], group.mean.shape[1], *map(as_bytes, group[3:])) for group in groups],
                 ),
-                ("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", trials),
-                ("INSERT OR REPLACE INTO metrics VALUES (?, ?, ?, ?)", values),
-                ("INSERT OR REPLACE INTO traces VALUES (?, ?, ?, ?, ?)", traces),
-                ("INSERT OR REPLACE INTO uncertainty VALUES (?, ?, ?, ?)", named),
-                *journal_rows(method, runs, block.journal),
+                ("INSERT OR REPLACE INTO traces VALUES (?, ?, ?, ?, ?)", rows),
+                *journal_rows(number, np.sort(runs), block.journal),
             ]
         )
 
     def failures(self, method: str, n_runs: int) -> list[RunFailure]:
         """Failures of a method that have a description, in the order of the runs."""
-        return read_failures(self._read, method, n_runs)
+        return read_failures(self._read, self._number(method), n_runs)
 
     def held(self, method: str, n_runs: int) -> dict[int, int]:
         """Run -> number of held steps, of the runs that have some."""
-        return dict(self._read("SELECT run, n FROM held WHERE method = ? AND run < ? ORDER BY run", (method, n_runs)))
+        query = "SELECT run, n FROM held WHERE method = ? AND run < ? ORDER BY run"
+        return dict(self._read(query, (self._number(method), n_runs)))
 
     def warnings(self, method: str, n_runs: int) -> dict[str, int]:
         """Text of a warning of a component -> how often it was given, the most frequent one first."""
         query = "SELECT text, sum(n) FROM warnings WHERE method = ? AND first < ? GROUP BY text ORDER BY 2 DESC, text"
-        return dict(self._read(query, (method, n_runs)))
+        return dict(self._read(query, (self._number(method), n_runs)))
 
     def durations(self, method: str, n_runs: int) -> dict[str, Durations]:
         """Component and phase -> durations of its calls."""
-        return read_durations(self._read, method, n_runs)
+        return read_durations(self._read, self._number(method), n_runs)
+
+    def statuses(self, method: str, n_runs: int) -> tuple[Int[Array, " stored"], Int8[Array, " stored"]]:
+        """Run indices and numbers of the statuses of a method, in the order of the runs."""
+        return self._columns.read(Column("status", method), n_runs)
 
     def column(self, method: str, n_runs: int) -> tuple[list[int], list[str]]:
         """Run indices and status words of a method, in the order of the runs."""
-        query = "SELECT run, status FROM trials WHERE method = ? AND run < ? ORDER BY run"
-        rows = self._read(query, (method, n_runs))
-        return [run for run, _ in rows], [status for _, status in rows]
+        runs, status = self.statuses(method, n_runs)
+        return runs.tolist(), WORDS[status].tolist()
 
-    def values(self, method: str, metric: str, runs: Sequence[int]) -> Array:
+    def values(self, method: str, metric: str, runs: Sequence[int] | Int[Array, " runs"]) -> Array:
         """Values of a metric for the given runs; NaN where there is none."""
-        query = "SELECT run, value FROM metrics WHERE method = ? AND metric = ?"
-        stored = dict(self._read(query, (method, metric)))
-        return np.array([math.nan if stored.get(run) is None else stored[run] for run in runs], dtype=float)
+        return self._columns.at(Column("metric", method, metric), np.asarray(runs, dtype=np.int64))
 
     def traces(self, method: str, signal: str, n_runs: int) -> tuple[list[int], Array]:
         """Recorded runs of a method and their trajectories, (recorded, samples, components)."""
         query = "SELECT run, width, data FROM traces WHERE method = ? AND signal = ? AND run < ? ORDER BY run"
-        rows = self._read(query, (method, signal, n_runs))
+        rows = self._read(query, (self._number(method), self._number(signal), n_runs))
         recorded = [as_array(data).reshape(-1, width) for _, width, data in rows]
         return [run for run, *_ in rows], np.array(recorded) if rows else np.zeros((0, 0, 0))
 
@@ -283,9 +342,8 @@ class Store:
 
         A group that reaches beyond n_runs is left out.
         """
-        return read_groups(self._read, method, n_runs)
+        return read_groups(self._read, self._number(method), n_runs)
 
-    def uncertainty(self, draw: str, n_runs: int) -> list[tuple[int, str, float]]:
-        """All (run, name, value) of the named uncertain quantities, sorted."""
-        query = "SELECT run, name, value FROM uncertainty WHERE draw = ? AND run < ? ORDER BY run, name"
-        return self._read(query, (draw, n_runs))
+    def uncertainty(self, draw: str, n_runs: int) -> tuple[Int[Array, " runs"], dict[str, Array]]:
+        """Return the runs that have named uncertain quantities, and name -> (runs,) values, NaN where there is none."""
+        return read_sampled(self._columns, draw, n_runs)

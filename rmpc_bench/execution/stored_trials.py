@@ -17,7 +17,7 @@ from rmpc_bench.execution import manifest
 from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.other_code import rows_kept_apart
 from rmpc_bench.execution.series import SeriesReader, with_point
-from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.store import WORDS, Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
 from rmpc_bench.execution.traces import traces_of, with_estimates
 
@@ -160,9 +160,9 @@ def _groups(experiment: StoredExperiment, point: StoredPoint, store: Store, name
 
 def _frame(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> pd.DataFrame:
     key = point.methods[name].key
-    runs, status = store.column(key, experiment.n_runs)
+    runs, status = store.statuses(key, experiment.n_runs)
     columns = {metric: store.values(key, stored, runs) for metric, stored in point.metric_keys.items()}
-    return pd.DataFrame({"method": name, "run": np.array(runs, dtype=np.int64), "status": status, **columns})
+    return pd.DataFrame({"method": name, "run": runs, "status": WORDS[status], **columns})
 
 
 def other_code(experiment: StoredExperiment, store: Store) -> str:
@@ -176,7 +176,7 @@ def n_complete(experiment: StoredExperiment, store: Store) -> dict[str, int]:
     for point in experiment.points:
         for name, method in point.methods.items():
             done = store.finished(method.key, point.metric_keys.values(), point.recording(name), experiment.n_runs)
-            counts[name] = min(counts.get(name, experiment.n_runs), sum(run < experiment.n_runs for run in done))
+            counts[name] = min(counts.get(name, experiment.n_runs), len(done))
     return counts
 
 
@@ -195,12 +195,9 @@ def _quantities(
 ) -> pd.DataFrame:
     """Read the sampled values at one point: ``run`` and one column per quantity."""
     if point.uncertainty_key not in cached:
-        rows = store.uncertainty(point.uncertainty_key, experiment.n_runs)
-        cached[point.uncertainty_key] = _wide(rows, list(point.uncertainty))
+        runs, columns = store.uncertainty(point.uncertainty_key, experiment.n_runs)
+        names = [*point.uncertainty, *(name for name in columns if name not in point.uncertainty)]
+        missing = np.full(len(runs), np.nan)
+        table = pd.DataFrame({"run": runs, **{name: columns.get(name, missing) for name in names}})
+        cached[point.uncertainty_key] = table
     return cached[point.uncertainty_key]
-
-
-def _wide(rows: list[tuple[int, str, float]], names: list[str]) -> pd.DataFrame:
-    table = pd.DataFrame(rows, columns=["run", "name", "value"]).pivot(index="run", columns="name", values="value")
-    names = [*names, *sorted(name for name in table.columns if name not in names)]
-    return table.reindex(columns=names).reset_index().rename_axis(columns=None)

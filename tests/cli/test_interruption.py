@@ -3,7 +3,6 @@
 import os
 import resource
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from small_experiment import cli, ran, write
+from stored_rows import n_stored
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
 KEYS = {
@@ -55,12 +55,7 @@ def wait_for_blocks(process, path, n=5):
 
 def stored(path):
     """Count the trials of a store that must be sound."""
-    connection = sqlite3.connect(path.parent / "out" / "trials.sqlite")
-    try:
-        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        return connection.execute("SELECT count(*) FROM trials").fetchone()[0]
-    finally:
-        connection.close()
+    return n_stored(path.parent / "out")
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 from own_experiment import write_own
 from scipy.io import loadmat
+from stored_rows import change
 
 import rmpc_bench
 from rmpc_bench.cli import main
@@ -140,12 +141,9 @@ def test_the_first_samples_are_those_of_the_whole_run(done):
 
 def test_a_difference_is_found(done, tmp_path):
     """The stored value is changed behind its back."""
-    import sqlite3
-
     copy = tmp_path / "copy"
     shutil.copytree(done[0], copy)
-    with sqlite3.connect(copy / "trials.sqlite") as connection:
-        connection.execute("UPDATE metrics SET value = value + 1e-9")
+    change(copy, "metric", lambda values: values + 1e-9)
     shown = show(copy, "--run", "0", "--method", "good")
     assert shown.exit_code == 1
     assert "differs: estimation_mse is " in shown.stdout

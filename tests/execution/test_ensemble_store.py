@@ -181,7 +181,7 @@ def test_single_runs_become_a_group(tmp_path, rng):
         assert found[:3] == expected[:3]
         np.testing.assert_array_equal(found.mean, expected.mean)
         np.testing.assert_array_equal(found.second, expected.second)
-        assert store.finished("m", ["q"], ENSEMBLE) == {*range(SIZE)}
+        assert store.finished("m", ["q"], ENSEMBLE).tolist() == [*range(SIZE)]
 
 
 def test_single_runs_beside_a_group(tmp_path):
@@ -190,7 +190,7 @@ def test_single_runs_beside_a_group(tmp_path):
         add(store, range(SIZE), [group(0)])
         add(store, range(2), [single(0, 2.0), single(1, 3.0)])
         assert (spans(store, SIZE), spans(store, 2)) == ([(0, SIZE)], [(0, 1), (1, 2)])
-        assert store.finished("m", ["q"], ENSEMBLE, 2) == {0, 1}
+        assert store.finished("m", ["q"], ENSEMBLE, 2).tolist() == [0, 1]
         add(store, range(SIZE), [group(0)])
         assert (spans(store, SIZE), spans(store, 2)) == ([(0, SIZE)], [])
 
@@ -209,19 +209,6 @@ def test_a_block_without_groups_leaves_those_that_are_there(tmp_path):
         add(store, range(SIZE), [group(0)])
         add(store, range(SIZE), [])
         assert len(store.ensemble("m", SIZE)) == 1
-
-
-def test_a_store_from_before_there_were_ensembles(tmp_path, monkeypatch):
-    """The next run adds the table and computes nothing but what is asked for now."""
-    path = write_estimation(tmp_path)
-    first = ran(path, tmp_path / "out")
-    with sqlite3.connect(tmp_path / "out" / "trials.sqlite") as connection:
-        connection.execute("DROP TABLE ensemble_groups")
-    connection.close()
-    blocks = spied(monkeypatch)
-    assert ran(path, tmp_path / "out") == first and blocks == []
-    write_estimation(tmp_path, evaluate="[runs, ensemble]")
-    assert ran(path, tmp_path / "out") == first and len(blocks) == 2
 
 
 def test_a_missing_group_is_missing(tmp_path):

@@ -78,7 +78,7 @@ def test_only_the_bad_runs_fail(stores, workers, block, act):
     assert [failure.run for failure in failures] == [*BAD]
     assert {failure.k for failure in failures} == {misbehaving.K_BAD}
     assert all(failure.message.startswith(message) for failure in failures)
-    assert store.finished(act, ["mse"], misbehaving.RECORDING, N_RUNS) == {*range(N_RUNS)}
+    assert store.finished(act, ["mse"], misbehaving.RECORDING, N_RUNS).tolist() == [*range(N_RUNS)]
 
 
 @pytest.mark.parametrize("act", ["fault", "sleep", "loop_in_compiled_code", "fill_memory"])
@@ -182,7 +182,7 @@ def test_the_serial_engine_warns(tmp_path):
     assert result.exit_code == 3, result.output
     assert "engine serial: a component that ends its process" in result.stderr
     with Store(tmp_path / "out", writable=False) as store:
-        ((method,),) = store._read("SELECT DISTINCT method FROM failures", ())
+        ((method,),) = store._read("SELECT DISTINCT key FROM failures JOIN keys ON number = method", ())
         assert [(each.run, each.message) for each in store.failures(method, 9)] == [(7, "OSError: no licence")]
 
 

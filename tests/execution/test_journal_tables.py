@@ -1,11 +1,8 @@
 """Failures, held steps, warnings and durations in the store."""
 
-import sqlite3
-
 import numpy as np
 import pytest
 
-from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.durations import WIDTH, Durations
 from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.closed_loop import Block
@@ -53,17 +50,3 @@ def test_quantiles_of_a_histogram(rng):
         exact = np.sort(seconds)[int(np.ceil(share * 1000)) - 1]
         assert found.quantile(share) == pytest.approx(exact, rel=WIDTH)  # the width of a bin
     assert np.isnan(Durations().quantile(0.5))
-
-
-def test_a_store_of_an_earlier_version_is_completed(tmp_path):
-    """It says the way out, and gets the tables."""
-    with Store(tmp_path) as store:
-        add(store, [0])
-    connection = sqlite3.connect(tmp_path / FILE)
-    for table in ("failures", "held", "warnings", "durations"):
-        connection.execute(f"DROP TABLE {table}")
-    connection.close()
-    with pytest.raises(MissingError, match="rmpc-bench run completes it"):
-        Store(tmp_path, writable=False)
-    with Store(tmp_path) as store:
-        assert store.finished("m", ["q"]) == {0} and store.failures("m", 1) == []

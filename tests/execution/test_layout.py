@@ -270,7 +270,6 @@ def test_an_interrupted_run_can_be_read(tmp_path, monkeypatch):
     [
         "DELETE FROM meta WHERE key = 'layout'",
         "UPDATE meta SET value = '{}' WHERE key = 'layout'",
-        "DELETE FROM meta WHERE key = 'layout'; DROP TABLE arrays",
     ],
 )
 def test_a_store_without_what_a_report_needs(tmp_path, monkeypatch, change):

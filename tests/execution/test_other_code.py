@@ -3,8 +3,10 @@
 import json
 import sqlite3
 
+import numpy as np
 import pytest
 from small_experiment import cli, ran, spied, write
+from stored_rows import change, n_stored
 from uncertain_experiment import write_estimation
 
 import rmpc_bench
@@ -56,10 +58,7 @@ def test_old_rows_stay_under_their_keys(old, monkeypatch):
     """The earlier code finds its rows again, and computes nothing."""
     path, out = old
     ran(path, out)
-    with sqlite3.connect(out / "trials.sqlite") as connection:
-        [(n_rows,)] = connection.execute("SELECT count(*) FROM trials").fetchall()
-    connection.close()
-    assert n_rows == 24
+    assert n_stored(out) == 24
     change_code(monkeypatch, 1)
     blocks = spied(monkeypatch)
     ran(path, out)
@@ -120,8 +119,8 @@ def test_all_that_trials_leave_is_kept_apart(tmp_path, monkeypatch):
     with sqlite3.connect(out / "trials.sqlite") as connection:
         for table, column in (("traces", "data"), ("ensemble_groups", "mean")):
             connection.execute(f"UPDATE {table} SET {column} = zeroblob(length({column}))")
-        connection.execute("UPDATE uncertainty SET value = 99.0")
     connection.close()
+    change(out, "uncertainty", lambda values: np.full(len(values), 99.0))
     change_code(monkeypatch, 2)
     ran(path, out)
     expected = tmp_path / "fresh"

@@ -1,10 +1,8 @@
 """An old number is never used for new code: what an edit of a user's file computes again, and what it does not."""
 
-import sqlite3
-from contextlib import closing
-
 import pytest
 from small_experiment import cli, write
+from stored_rows import n_stored
 
 from rmpc_bench import load_config, load_trials
 
@@ -109,8 +107,7 @@ def ran(path, out, *options, code=0):
 
 def n_rows(out):
     """Number of stored trials."""
-    with closing(sqlite3.connect(out / "trials.sqlite")) as connection:
-        return connection.execute("SELECT count(*) FROM trials").fetchone()[0]
+    return n_stored(out)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from rmpc_bench.execution.database import FILE, StoreError, WriteError
 from rmpc_bench.execution.differences import differences
 from rmpc_bench.execution.store import Store
 from rmpc_bench.simulation.closed_loop import Block
+from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.types import Journal, Status
 
 OK, DIVERGED = Status.OK, Status.DIVERGED
@@ -52,34 +53,49 @@ def test_a_failed_run_is_finished(store):
     """It has a status and no values, and is not computed again."""
     add(store, [0, 1], status=[OK, DIVERGED], values=[1.0, math.nan])
     assert store.column("m", 2) == ([0, 1], ["ok", "diverged"])
-    assert store.finished("m", ["q"]) == {0, 1}
+    assert store.finished("m", ["q"]).tolist() == [0, 1]
 
 
 def test_finished_wants_every_metric(store):
     """A run is finished when all metrics asked for are there."""
     add(store, [0, 1], metric="q")
     add(store, [1, 2], metric="p")
-    assert store.finished("m", ["q"]) == {0, 1}
-    assert store.finished("m", ["q", "p"]) == {1}
-    assert store.finished("m", []) == {0, 1, 2}
-    assert store.finished("other", ["q"]) == set()
+    assert store.finished("m", ["q"]).tolist() == [0, 1]
+    assert store.finished("m", ["q", "p"]).tolist() == [1]
+    assert store.finished("m", []).tolist() == [0, 1, 2]
+    assert store.finished("other", ["q"]).tolist() == []
 
 
 def test_uncertainty_is_stored_once_per_run(store):
     """Methods share it."""
     add(store, [1, 0], method="m")
     add(store, [0, 2], method="n")
-    assert store.uncertainty("d", 2) == [(0, "eps", 0.0), (1, "eps", 0.1)]
+    runs, values = store.uncertainty("d", 2)
+    assert runs.tolist() == [0, 1] and [*values] == ["eps"] and values["eps"].tolist() == [0.0, 0.1]
 
 
 def test_a_block_is_stored_whole_or_not_at_all(store):
     """A mistake in the middle leaves nothing behind, and the store goes on working."""
+    bad = [Group(0, 1, None, np.zeros((1, 1)), np.zeros((0, 1, 1)))]
     with pytest.raises(WriteError, match="NOT NULL"):
-        block = Block(np.array([OK], dtype=np.int8), np.array([[1.0]]), {}, (), Journal())
-        store.add_block("m", [0], block, {"q": np.array([1.0])}, "d", [{"eps": math.nan}])
-    assert store.finished("m", []) == set()
+        block = Block(np.array([OK], dtype=np.int8), np.array([[1.0]]), {}, bad, Journal())
+        store.add_block("m", [0], block, {"q": np.array([1.0])}, "d", [{"eps": 1.0}])
+    assert store.finished("m", []).tolist() == [] and not store.has_trials("m")
+    assert store.uncertainty("d", 9)[1] == {}
     add(store, [0])
-    assert store.finished("m", ["q"]) == {0}
+    assert store.finished("m", ["q"]).tolist() == [0]
+
+
+def test_a_run_may_lack_a_quantity(store):
+    """Runs without any are left out; whole columns are stored as well."""
+    block = Block(np.zeros(3, dtype=np.int8), np.zeros((1, 3)), {}, (), Journal())
+    store.add_block("m", range(3), block, {}, "d", [{"a": 1.0}, {}, {"b": 2.0}])
+    store.add_block("m", range(3, 6), block, {}, "e", {"c": np.array([4.0, 5.0, 6.0])})
+    runs, values = store.uncertainty("d", 9)
+    assert runs.tolist() == [0, 2]
+    np.testing.assert_array_equal(values["a"], [1.0, np.nan])
+    np.testing.assert_array_equal(values["b"], [np.nan, 2.0])
+    assert store.uncertainty("e", 4)[1]["c"].tolist() == [4.0]
 
 
 def test_one_experiment_owns_the_directory(tmp_path):
@@ -105,7 +121,7 @@ def test_one_writer_at_a_time(tmp_path):
             Store(tmp_path)
     with Store(tmp_path) as store:
         add(store, [1])
-        assert store.finished("m", ["q"]) == {0, 1}
+        assert store.finished("m", ["q"]).tolist() == [0, 1]
 
 
 def test_many_may_read(tmp_path):
@@ -113,9 +129,10 @@ def test_many_may_read(tmp_path):
     with Store(tmp_path) as store:
         add(store, [0])
     with Store(tmp_path, writable=False) as first, Store(tmp_path, writable=False) as second:
-        assert first.finished("m", ["q"]) == second.finished("m", ["q"]) == {0}
+        assert first.finished("m", ["q"]).tolist() == second.finished("m", ["q"]).tolist() == [0]
         with pytest.raises(WriteError, match="readonly"):
             add(first, [1])
+            first.flush()
 
 
 def test_rollback_journal_for_network_file_systems(tmp_path):
@@ -162,12 +179,20 @@ def test_a_full_disk(tmp_path):
         store._database.connection.execute(f"PRAGMA max_page_count = {pages}")
         with pytest.raises(WriteError, match="full"):
             add(store, range(10, 5000))
-        assert store.finished("m", ["q"]) == set(range(10))
+            store.flush()
+        assert store.finished("m", ["q"]).tolist() == [*range(10)]
         store._database.connection.execute("PRAGMA max_page_count = 100000")
         add(store, range(10, 5000))
-        assert store.finished("m", ["q"]) == set(range(5000))
+        assert store.finished("m", ["q"]).tolist() == [*range(5000)]
 
 
 def test_differences_of_equal_trees():
     """There are none, however the keys are ordered."""
     assert differences({"a": 1, "b": [1, 2]}, {"b": [1, 2], "a": 1}, {}) == []
+
+
+def test_numbers_of_the_statuses_are_part_of_the_format():
+    """A store has the numbers, not the words."""
+    words = "ok diverged out-of-range too-many-events empty-set singular infeasible not-converged timeout crashed"
+    assert [status.word for status in sorted(Status)] == words.split()
+    assert [int(status) for status in sorted(Status)] == [*range(10)]

@@ -1,9 +1,8 @@
 """What makes a sweep another experiment and what does not, and that one look at a file shows all its mistakes."""
 
-import sqlite3
-
 import pytest
 from small_experiment import cli, ran, spied, write
+from stored_rows import forget
 
 from rmpc_bench import load_config, load_trials
 from rmpc_bench.types import ConfigError
@@ -30,32 +29,14 @@ def test_names_and_order_of_truths_are_not_the_experiment(tmp_path, monkeypatch,
     assert result.exit_code == 0 and not blocks
 
 
-def test_a_store_of_an_earlier_version(tmp_path, monkeypatch):
-    """It cannot be read, and the message says which way out there is: a run completes it and computes nothing again."""
-    path = write(tmp_path)
-    first = ran(path, tmp_path / "a")
-    with sqlite3.connect(tmp_path / "a" / "trials.sqlite") as connection:
-        connection.execute("DROP TABLE traces")
-        connection.execute("DROP TABLE ensemble_groups")
-    connection.close()
-    result = cli("report", tmp_path / "a")
-    assert result.exit_code == 2
-    assert "holds trials of an earlier version; rmpc-bench run completes it" in result.stderr
-    blocks = spied(monkeypatch)
-    assert ran(path, tmp_path / "a") == first and blocks == []
-    assert cli("report", tmp_path / "a").exit_code == 0
-
-
 def test_points_with_different_methods_keep_their_series_apart(tmp_path):
     """Two methods with one estimator, of which an interrupted sweep has stored one at each point."""
     methods = "{a: {estimator: {kind: kalman}}, b: {estimator: {kind: kalman}, controller: {Hu: 2}}}"
     path = write(tmp_path, methods=methods, sweep=f"{{grid: {{{STD}: [0.01, 0.02]}}}}")
     ran(path, tmp_path / "a")
     first, second = load_config(path).points
-    with sqlite3.connect(tmp_path / "a" / "trials.sqlite") as connection:
-        for key in (first.method_keys["b"], second.method_keys["a"]):
-            connection.execute("DELETE FROM trials WHERE method = ?", (key,))
-    connection.close()
+    for key in (first.method_keys["b"], second.method_keys["a"]):
+        forget(tmp_path / "a", key)
     trials = load_trials(tmp_path / "a")
     assert [point.methods for point in trials.points] == [("a",), ("b",)]
     assert [set(point.series["method"]) for point in trials.points] == [{"a"}, {"b"}]
