@@ -136,8 +136,8 @@ class Execution:
     workers : number of worker processes
     block : runs that are computed together, or `auto` for about half a second of work; the results do not depend on it
     max_failures : number of failed runs that is accepted; with more of them the exit code is 3
-    engine : `joblib` computes in worker processes, `serial` in this process; if not given `joblib`, or `serial` with
-        one worker and built-in components only
+    engine : `joblib` computes in worker processes, `serial` in this process, `dask` on a dask cluster; if not given,
+        built-in components are computed in this process first, and in worker processes where that saves time
     timeout : longest times; a run that takes longer has the status `timeout`
     memory : largest memory of a worker process, such as ``2 GB``; a run that needs more has the status `crashed`
     """
@@ -145,7 +145,7 @@ class Execution:
     workers: Count = 2
     block: Literal["auto"] | Annotated[int, Ge(1), Le(MAX_RUNS)] = "auto"
     max_failures: Annotated[int, Ge(0)] = 0
-    engine: Literal["joblib", "serial"] | None = None
+    engine: Literal["joblib", "serial", "dask"] | None = None
     timeout: Timeout | None = None
     memory: Text | None = None
 

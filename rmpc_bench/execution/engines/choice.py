@@ -35,6 +35,7 @@ def choose_engine(
     name: str | None,
     directory: Path,
     say: Callable[[str], None],
+    scheduler: str | None = None,
 ) -> Engine:
     """Return the engine for tasks of an experiment.
 
@@ -47,9 +48,10 @@ def choose_engine(
     config : the experiment
     tasks : what is to be computed
     workers : how many processes; those of the configuration unless given
-    name : ``joblib``, ``serial`` or None
+    name : ``joblib``, ``serial``, ``dask`` or None
     directory : results directory, for the output of components
     say : shows a line to the user
+    scheduler : address of the scheduler of a dask cluster; without one dask starts workers on this machine
     """
     name, n_trials = name or config.execution.engine, sum(len(task.runs) for task in tasks)
     n = min(workers or config.execution.workers, n_trials)
@@ -64,8 +66,13 @@ def choose_engine(
     if name == "serial" or (name is None and n == 1 and not isolated):
         return serial
     logs = directory / "logs"
-    note = EndedWorkers(logs, say).note
-    engine = partial(processes, workers=n, limits=limits, logs=logs if own else None, note=note)
+    keys: dict[str, Any] = {"limits": limits, "logs": logs if own else None, "note": EndedWorkers(logs, say).note}
+    if name == "dask":
+        # Only here: the other engines need nothing of dask.
+        from rmpc_bench.execution.engines.dask_cluster import dask_cluster
+
+        return partial(dask_cluster, workers=n, scheduler=scheduler, **keys)
+    engine = partial(processes, workers=n, **keys)
     if name is None and workers is None and not isolated and not own:
         return partial(here_first, workers=engine)
     return engine

@@ -48,15 +48,28 @@ class Pool:
         self._left = deque[Job]()
         self._workers: dict[int, WorkerProcess] = {}
         self._failed_starts = self._killed_starts = 0
+        self._cancelled = False
 
     def start(self, numbers: Sequence[int]) -> None:
         """Start workers, each in place of an earlier one with its number."""
         for number in numbers:
-            log = None if self._logs is None else self._logs / f"worker-{number + 1}.txt"
+            log = self._log(number)
             self._workers[number] = WorkerProcess(self._limits, log, self._patience)
         # A worker reads its experiments after its imports, which all of them do at the same time.
         for number in numbers:
             self._workers[number].load(self._data)
+
+    def _log(self, number: int) -> Path | None:
+        """Return the file that gets the output of components."""
+        if self._logs is None or self._logs == Path(os.devnull):
+            return self._logs
+        return self._logs / f"worker-{number + 1}.txt"
+
+    def cancel(self) -> None:
+        """End all workers, from another thread than that which takes the results; it gets a WorkerError."""
+        self._cancelled = True
+        for worker in [*self._workers.values()]:
+            worker.kill()
 
     def close(self) -> None:
         """End all workers."""
@@ -87,6 +100,8 @@ class Pool:
                     try:
                         message = worker.receive()
                     except EOFError:
+                        if self._cancelled:
+                            raise WorkerError("the computation was cancelled") from None
                         yield from self._replace(number)
                     else:
                         yield from self._handle(worker, message)

@@ -193,8 +193,12 @@ class WorkerProcess:
             return "the worker process closed its connection"
         return ""
 
+    def kill(self) -> None:
+        """Kill the process, also from another thread; `receive` reports its end."""
+        self._process.kill()
+
     def close(self) -> None:
-        """Kill the process."""
+        """Kill the process and release what belongs to it."""
         self._process.kill()
         self._process.wait()
         self.connection.close()

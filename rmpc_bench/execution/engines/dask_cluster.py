@@ -1,0 +1,281 @@
+"""The engine on a dask cluster: a scheduler that runs already, or workers on this machine.
+
+A future computes all methods of a range of runs.  A dask worker that is lost has been killed or stopped from outside,
+since components run in processes of their own there; what it had is repeated, by dask or as new futures run by run.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import time
+import uuid
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from rmpc_bench.components.transport import dumps
+from rmpc_bench.execution.engines.attempts import MAX_STARTS, End, Failed, Job, after
+from rmpc_bench.execution.engines.dask_worker import Report, Setup, compute, versions
+from rmpc_bench.execution.engines.failures import failed
+from rmpc_bench.execution.engines.pool import Note
+from rmpc_bench.execution.engines.process_state import is_stopped
+from rmpc_bench.execution.engines.processes import patience
+from rmpc_bench.execution.engines.tasks import Done
+from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.execution.engines.worker_process import STOPPED
+from rmpc_bench.execution.interrupts import held
+from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.execution.worker_error import WorkerError
+from rmpc_bench.simulation.scenario import Experiment
+
+WINDOW = 4
+"""Futures per thread of a dask worker, so that none waits for the client."""
+SECONDS = 1.0
+"""Time of the slowest task of a future [s]: the scheduler needs about a millisecond for each."""
+BETWEEN = 1.0
+"""Time between two looks at the workers of the cluster [s]."""
+PATIENCE = 120.0
+"""Time for connecting to a scheduler again [s]."""
+MAX_RENEWALS = 5
+"""How often the connection may be lost before the next result."""
+
+
+def dask_cluster(
+    experiments: Sequence[Experiment],
+    queue: TaskQueue,
+    workers: int,
+    scheduler: str | None = None,
+    limits: Limits = Limits(),  # noqa: B008 - immutable
+    logs: Path | None = None,
+    note: Note = lambda text, end: None,
+) -> Generator[Done]:
+    """Do the tasks on a dask cluster; closing the generator ends the processes that it has started.
+
+    Parameters
+    ----------
+    experiments : one per point of the sweep
+    queue : what to do
+    workers : how many workers to start on this machine
+    scheduler : address of a scheduler, whose workers are used; None to start workers on this machine
+    limits : of time and memory, for each of the bench's processes
+    logs : directory that gets the output of components; None to let it pass to the output of the dask workers
+    note : gets a line and the end of every process that has ended early
+
+    Raises
+    ------
+    WorkerError
+        If distributed is not installed, the scheduler cannot be reached, or the workers cannot load the experiment.
+    """
+    queue.at_least(SECONDS)
+    where = None if logs is None else logs.absolute()
+    setup = Setup(uuid.uuid4().hex, dumps(experiments), limits, where, patience(experiments), versions())
+    cluster = _Cluster(setup, scheduler, workers)
+    try:
+        cluster.connect()
+        for each in _Futures(cluster, queue, note).results():
+            yield failed(experiments, *each) if isinstance(each, Failed) else each
+    finally:
+        with held():
+            cluster.close()
+
+
+class _Cluster:
+    """Connection to a scheduler, or to workers on this machine.
+
+    Parameters
+    ----------
+    setup : the experiment
+    scheduler : address of the scheduler; None to start workers on this machine
+    workers : how many of them
+    """
+
+    def __init__(self, setup: Setup, scheduler: str | None, workers: int) -> None:
+        self._setup, self._scheduler, self._workers = setup, scheduler, workers
+        self._client: Any = None
+        self._local: Any = None
+        self._stopped: dict[int, float] = {}
+
+    def connect(self) -> None:
+        """Connect, and describe the experiment to all workers."""
+        try:
+            from distributed import Client, LocalCluster
+
+            from rmpc_bench.execution.engines.dask_plugin import ExperimentPlugin
+        except ModuleNotFoundError as error:
+            raise WorkerError(f"engine dask: {error}; pip install 'rmpc-bench[dask]'") from None
+        try:
+            if self._scheduler is None and self._local is None:
+                # Ctrl-C in a terminal reaches every process of the group; only this one handles it.
+                with held():
+                    self._local = LocalCluster(
+                        n_workers=self._workers,
+                        threads_per_worker=1,
+                        host="127.0.0.1",
+                        dashboard_address=None,
+                        memory_limit=0,
+                        silence_logs=logging.CRITICAL,
+                    )
+            self._client = Client(self._scheduler or self._local, set_as_default=False, timeout=30)
+            self._client.register_plugin(ExperimentPlugin(self._setup), name=self._setup.key)
+        except (OSError, TimeoutError, ValueError) as error:
+            where = self._scheduler or "this machine"
+            raise WorkerError(f"engine dask: no connection to the scheduler at {where}: {error}") from None
+
+    def reconnect(self) -> None:
+        """Connect to the same scheduler again, which may be starting."""
+        until = time.monotonic() + PATIENCE
+        while True:
+            self._disconnect()
+            try:
+                self.connect()
+            except WorkerError:
+                if time.monotonic() > until:
+                    raise
+                time.sleep(1.0)
+            else:
+                return
+
+    def submit(self, jobs: Sequence[Job]) -> Any:
+        """Return a future with the report on jobs."""
+        # A worker that is lost is replaced without a limit of retries here: `after` counts them.
+        return self._client.submit(compute, self._setup.key, jobs, pure=False)
+
+    def n_threads(self) -> int:
+        """Return how many futures the workers can compute at the same time."""
+        try:
+            return sum(self._client.nthreads().values())
+        except (OSError, TimeoutError, ValueError):
+            return 0
+
+    def replace_stopped(self) -> Iterator[End]:
+        """Kill workers of this machine that are stopped; dask starts others and gives them the jobs."""
+        for nanny in self._local.workers.values() if self._local is not None else ():
+            process, now = nanny.pid, time.monotonic()
+            if process is None or not is_stopped(process):
+                self._stopped.pop(process, None)
+            elif now - self._stopped.setdefault(process, now) > STOPPED:
+                with suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
+                yield End("a dask worker was stopped", outside=True)
+
+    def _disconnect(self) -> None:
+        if self._client is not None:
+            with suppress(Exception):
+                self._client.close(timeout=5)
+            self._client = None
+
+    def close(self) -> None:
+        """End the computation and the workers of this machine."""
+        if self._client is not None and self._local is None:
+            with suppress(Exception):
+                self._client.unregister_worker_plugin(self._setup.key)
+        self._disconnect()
+        if self._local is not None:
+            with suppress(Exception):
+                self._local.close(timeout=5)
+
+
+class _Futures:
+    """The futures that are not finished, and the jobs that are left.
+
+    Parameters
+    ----------
+    cluster : where they are computed
+    queue : what to do
+    note : gets a line and the end of every process that has ended early
+    """
+
+    def __init__(self, cluster: _Cluster, queue: TaskQueue, note: Note) -> None:
+        self._cluster, self._queue, self._note = cluster, queue, note
+        self._left = deque[list[Job]]()
+        self._jobs: dict[str, tuple[Any, list[Job]]] = {}
+        self._ready = SimpleQueue[Any]()
+        self._n_threads, self._looked = 0, -BETWEEN
+        self._errors = self._renewals = 0
+
+    def results(self) -> Iterator[Done | Failed]:
+        """Yield finished parts of tasks until nothing is left."""
+        while True:
+            self._look()
+            self._submit()
+            if not self._jobs:
+                return
+            with suppress(Empty):
+                future = self._ready.get(timeout=BETWEEN)
+                if future.key in self._jobs:
+                    yield from self._handle(*self._jobs.pop(future.key))
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        if now - self._looked < BETWEEN:
+            return
+        self._looked = now
+        self._n_threads = self._cluster.n_threads()
+        self._queue.workers = max(self._n_threads, 1)
+        for end in self._cluster.replace_stopped():
+            self._note(end.message, end)
+
+    def _submit(self) -> None:
+        while len(self._jobs) < WINDOW * max(self._n_threads, 1):
+            jobs = self._left.popleft() if self._left else [Job(task) for task in self._queue.take_range()]
+            if not jobs:
+                return
+            future = self._cluster.submit(jobs)
+            self._jobs[future.key] = future, jobs
+            future.add_done_callback(self._ready.put)
+
+    def _handle(self, future: Any, jobs: list[Job]) -> Iterator[Done | Failed]:
+        """Take the report of a future, or repeat its jobs."""
+        from distributed import CancelledError, KilledWorker
+
+        if future.status == "cancelled":
+            self._renew(jobs)
+            return
+        try:
+            report: Report = future.result(timeout=60)
+        except KilledWorker:
+            yield from self._repeat(jobs, End("the dask workers that had the run were lost", outside=True))
+        except (CancelledError, TimeoutError):
+            self._renew(jobs)
+        except WorkerError:
+            raise
+        except Exception as error:
+            self._errors += 1
+            if self._errors == MAX_STARTS:
+                raise WorkerError(f"engine dask: {type(error).__name__}: {error}") from None
+            yield from self._repeat(jobs, End(f"a dask worker failed: {type(error).__name__}: {error}", outside=True))
+        else:
+            self._errors = self._renewals = 0
+            for text, end in report.ends:
+                self._note(text, end)
+            yield from report.results
+
+    def _repeat(self, jobs: list[Job], end: End) -> Iterator[Failed]:
+        """Repeat jobs in futures of their own; blocks run by run."""
+        self._note(end.message, end)
+        for job in jobs:
+            if len(job.task.runs) > 1:
+                parts = [job.task._replace(first=run, stop=run + 1) for run in job.task.runs]
+                self._left.extend([Job(part, True)] for part in parts)
+                continue
+            lost, rest = after(job, end)
+            if lost is not None:
+                yield lost
+            if rest is not None:
+                self._left.append([rest])
+
+    def _renew(self, jobs: list[Job]) -> None:
+        """Connect again, and give everything that was not finished to the cluster once more."""
+        self._renewals += 1
+        if self._renewals > MAX_RENEWALS:
+            raise WorkerError("engine dask: the connection to the scheduler was lost several times")
+        end = End("the connection to the dask scheduler was lost", outside=True)
+        self._note(end.message, end)
+        self._left.extendleft([jobs, *(each for _, each in self._jobs.values())])
+        self._jobs.clear()
+        self._cluster.reconnect()
