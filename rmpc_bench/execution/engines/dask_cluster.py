@@ -103,16 +103,18 @@ class _Cluster:
     def connect(self) -> None:
         """Connect, and describe the experiment to all workers."""
         try:
-            from distributed import Client, LocalCluster
+            import distributed
 
             from rmpc_bench.execution.engines.dask_plugin import ExperimentPlugin
         except ModuleNotFoundError as error:
             raise WorkerError(f"engine dask: {error}; pip install 'rmpc-bench[dask]'") from None
+        # Its classes have no annotations.
+        dask: Any = distributed
         try:
             if self._scheduler is None and self._local is None:
                 # Ctrl-C in a terminal reaches every process of the group; only this one handles it.
                 with held():
-                    self._local = LocalCluster(
+                    self._local = dask.LocalCluster(
                         n_workers=self._workers,
                         threads_per_worker=1,
                         host="127.0.0.1",
@@ -120,7 +122,7 @@ class _Cluster:
                         memory_limit=0,
                         silence_logs=logging.CRITICAL,
                     )
-            self._client = Client(self._scheduler or self._local, set_as_default=False, timeout=30)
+            self._client = dask.Client(self._scheduler or self._local, set_as_default=False, timeout=30)
             self._client.register_plugin(ExperimentPlugin(self._setup), name=self._setup.key)
         except (OSError, TimeoutError, ValueError) as error:
             where = self._scheduler or "this machine"
