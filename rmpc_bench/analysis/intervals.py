@@ -160,9 +160,11 @@ def quantile(values: Array, q: float) -> Array:
     """
     if not len(values):
         return np.full(values.shape[1:], np.nan)
-    ordered = np.sort(values, axis=0)
     place = q * (len(values) - 1)
-    low, high = ordered[math.floor(place)], ordered[math.ceil(place)]
+    ranks = math.floor(place), math.ceil(place)
+    # Of many values two order statistics are found sooner than all.
+    ordered = np.partition(values, ranks, axis=0)
+    low, high = ordered[ranks[0]], ordered[ranks[1]]
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where(low == high, low, low + (high - low) * (place - math.floor(place))))
 

@@ -80,18 +80,33 @@ class Evaluator:
         if self.sampled and not self.columns:
             self.n = min(self.tables[term][0].n_of(quantity, term.method) for term, quantity in self.sampled)
 
-    def resampled(self, rng: np.random.Generator) -> Evaluator:
-        """Return an evaluator on as many runs, drawn from the shared ones with replacement.
+    def resampled(self, rng: np.random.Generator, most: int, together: int = 0) -> Evaluator:
+        """Return an evaluator on as many runs, at most `most`, drawn from the shared ones with replacement.
 
         In a pooled claim a run is drawn with all its points, which have the same draws.
+
+        Parameters
+        ----------
+        rng : source of the draws
+        most : largest number of runs that are drawn
+        together : number of resamples that a column then has side by side, (runs, resamples); 0 for a single one
+            without that axis, which every function can take
         """
         other = copy(self)
+        if together:
+            other.shared = rng.choice(self._shared_rows, (together, min(self.n, most))).T
+            return other
         if self.pooled:
             groups = self._points_of_runs
-            other.shared = np.concatenate([groups[i] for i in rng.choice(len(groups), len(groups))])
+            other.shared = np.concatenate([groups[i] for i in rng.choice(len(groups), min(len(groups), most))])
         else:
-            other.shared = rng.choice(np.flatnonzero(self.shared), self.n)
+            other.shared = rng.choice(self._shared_rows, min(self.n, most))
         return other
+
+    @cached_property
+    def _shared_rows(self) -> Array:
+        """Positions of the shared runs in the columns."""
+        return np.flatnonzero(self.shared)
 
     def _moments_from_runs(self, node: Node) -> set[tuple[tree.Term, str]]:
         """Collect the signals whose moments are not exact, each with the series of the moment."""

@@ -24,6 +24,10 @@ from rmpc_bench.types import Array
 _RESAMPLES = 1000
 _IN_THE_TAIL = 25
 """Resamples beyond each end of an interval; at a high level there are more of them."""
+MOST_DRAWN = 20_000
+"""Largest number of runs of a resample, so that time does not grow with the number of runs."""
+_TOGETHER = 1_000_000
+"""Numbers of resamples that are sorted together; they take 16 MB."""
 MIN_RUNS = 10
 """Runs below which resampling gives no interval."""
 UNBOUNDED: Interval = (-math.inf, math.inf)
@@ -257,11 +261,37 @@ def _of_estimate(node: Node, evaluator: Evaluator, confidence: float) -> Interva
 
 
 def _resampled(link: tree.Link, evaluator: Evaluator, confidence: float) -> ResampledSpread:
-    """Both sides on runs drawn again, whole rows, so that pairs stay pairs; nothing below `MIN_RUNS` runs."""
+    """Both sides on runs drawn again, whole rows, so that pairs stay pairs; nothing below `MIN_RUNS` runs.
+
+    Of more than `MOST_DRAWN` runs a resample has so many (m out of n bootstrap): its deviations are scaled to all runs.
+    """
     rng = np.random.Generator(np.random.PCG64(evaluator.trials.seed))
-    n = max(_RESAMPLES, math.ceil(2 * _IN_THE_TAIL / (1 - confidence))) if len(evaluator.runs) >= MIN_RUNS else 0
+    n_runs = len(evaluator.runs)
+    n = max(_RESAMPLES, math.ceil(2 * _IN_THE_TAIL / (1 - confidence))) if n_runs >= MIN_RUNS else 0
     rows = np.empty((3, n))
-    for i in range(n):
-        left, right, tolerance = evaluator.resampled(rng).sides(link)
-        rows[:, i] = float(left.array), float(right), float(tolerance)
+    # The order statistics of many resamples are found together; the sums of means would be rounded in another way.
+    together = max(1, _TOGETHER // min(n_runs, MOST_DRAWN)) if _only_order_statistics(link, evaluator) else 0
+    for i in range(0, n, together or 1):
+        drawn = evaluator.resampled(rng, MOST_DRAWN, min(together, n - i))
+        rows[:, i : i + (together or 1)] = _numbers(link, drawn).reshape(3, -1)
+    if n_runs > MOST_DRAWN:
+        centre = _numbers(link, evaluator)[:, None]
+        # Where an event did not occur in half of the runs there is no size to scale.
+        finite = np.isfinite(centre).all() and np.isfinite(rows).all()
+        rows = centre + (rows - centre) * math.sqrt(MOST_DRAWN / n_runs) if finite else rows
     return ResampledSpread(rows[0], rows[1], rows[2], confidence)
+
+
+def _numbers(link: tree.Link, evaluator: Evaluator) -> Array:
+    """(3, ...) left and right side and tolerance of a comparison of two numbers, by resample if there are several."""
+    left, right, tolerance = evaluator.sides(link)
+    return np.stack([left.array, right, tolerance])
+
+
+def _only_order_statistics(link: tree.Link, evaluator: Evaluator) -> bool:
+    """Whether the runs enter by medians and quantiles of single columns, beside numbers."""
+    if evaluator.pooled or not set(tree.terms(link)) <= set(evaluator.columns):
+        return False
+    calls = list(tree.calls(link))
+    plain = all(call.function in ("median", "quantile") and isinstance(call.arguments[0], tree.Term) for call in calls)
+    return plain and len(tree.terms(link)) > 0 and not any(isinstance(node, tree.Listing) for node in tree.walk(link))

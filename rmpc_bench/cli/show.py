@@ -162,7 +162,7 @@ def _comparison(found: Replay, until: int | None) -> list[str]:
 def _export(found: Replay, file: Path) -> None:
     frame = found.to_frame()
     if file.suffix.lower() == ".csv":
-        from rmpc_bench.report.summary import write_csv
+        from rmpc_bench.report.csv_file import write_csv
 
         write_csv(frame, file)
     else:

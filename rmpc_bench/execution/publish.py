@@ -26,12 +26,13 @@ from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.fonts import remark_on
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.replaced_file import folder, replace_text, replaced
+from rmpc_bench.report.csv_file import write_csv
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
-from rmpc_bench.report.summary import Summary, trials_csv, write_csv
+from rmpc_bench.report.summary import Summary, trials_csv
 from rmpc_bench.types import Array
 
 

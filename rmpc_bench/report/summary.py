@@ -13,7 +13,7 @@ import pandas as pd
 from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.comparison import Levels, comparisons, levels
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.replaced_file import replaced
+from rmpc_bench.report.csv_file import write_csv
 from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_screen
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH, latex_tables
 from rmpc_bench.report.point_summary import PointSummary
@@ -24,18 +24,6 @@ from rmpc_bench.types.report_choices import Column
 
 MOST_ON_SCREEN = 6
 """Points of a sweep that the screen shows one by one; of more it shows the runs of all points together."""
-
-
-def write_csv(frame: pd.DataFrame, path: Path) -> None:
-    """Write a table so that equal tables give equal bytes and every float reads back as itself.
-
-    Parameters
-    ----------
-    frame : the table; its index is not written
-    path : the file, replaced; floats as their shortest repr, inf where an event did not occur, empty for missing
-    """
-    with replaced(path) as partial:
-        frame.to_csv(partial, index=False, lineterminator="\n", encoding="utf-8")
 
 
 def trials_csv(trials: Trials, path: Path) -> None:

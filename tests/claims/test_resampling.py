@@ -1,0 +1,62 @@
+"""Intervals of claims from resamples: many of them together, and of very many runs."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rmpc_bench.claims import spread
+from rmpc_bench.claims.claim import Claim, Finding
+from rmpc_bench.claims.verdict import judge
+
+
+def interval(trials, check):
+    """Interval of the only comparison of a claim."""
+    claim = Claim("A is more accurate", "Fig. 7", (check,), finding=Finding.CONFIRMED, stated=None, assumptions=("a",))
+    return judge(claim, trials).comparisons[0].interval
+
+
+@pytest.mark.parametrize(
+    "check",
+    [
+        "median(mse[A]) < median(mse[B])",
+        "quantile(mse[A], 0.9) < 2 * median(mse[B]) - 0.1",
+        "median(mse[A]) ~ 1 +- 10%",
+        "-median(mse[A]) < 0",
+    ],
+)
+@pytest.mark.parametrize("n", [10, 61, 1500])
+def test_together_as_one_by_one(make_trials, monkeypatch, check, n):
+    """The same bits, also where some runs failed and where blocks of resamples end."""
+    rng = np.random.default_rng(3)
+    columns = {"A": [None, *rng.lognormal(0, 0.1, n)], "B": [*rng.lognormal(0.1, 0.2, n), None]}
+    trials = make_trials({"mse": columns})
+    monkeypatch.setattr(spread, "_TOGETHER", 300 * n + 1)
+    found = interval(trials, check)
+    monkeypatch.setattr(spread, "_only_order_statistics", lambda link, evaluator: False)
+    assert found == interval(trials, check)
+
+
+def test_very_many_runs(make_trials, monkeypatch):
+    """Resamples of fewer runs, scaled, give the interval of all runs: here that of the normal law of a median."""
+    rng = np.random.default_rng(4)
+    n, shift = 4000, 0.05
+    trials = make_trials({"mse": {"A": rng.normal(1, 0.1, n), "B": rng.normal(1 + shift, 0.2, n)}})
+    check = "median(mse[A]) < median(mse[B])"
+    whole = interval(trials, check)
+    monkeypatch.setattr(spread, "MOST_DRAWN", 1000)
+    low, high = interval(trials, check)
+    se = math.sqrt(math.pi / 2 * (0.1**2 + 0.2**2) / n)
+    reach = stats.norm.ppf(0.975) * se
+    # 1000 resamples know the ends of an interval to 5 % of its width.
+    assert high - low == pytest.approx(2 * reach, rel=0.15)
+    assert (low, high) == pytest.approx(whole, abs=0.3 * reach)
+    assert low < np.median(trials.column("mse", "A")) - np.median(trials.column("mse", "B")) < high
+
+
+def test_an_event_that_occurs_in_few_of_many_runs(make_trials, monkeypatch):
+    """A median that is infinite has nothing to scale."""
+    monkeypatch.setattr(spread, "MOST_DRAWN", 100)
+    trials = make_trials({"mse": {"A": np.r_[np.full(250, 1.0), np.full(50, np.inf)], "B": np.full(300, np.inf)}})
+    assert interval(trials, "median(mse[A]) < median(mse[B])") == (-math.inf, -math.inf)
