@@ -17,6 +17,7 @@ COMPILED = {
     "compiled_step",
     "game_kernel",
     "game_lookup",
+    "linear_loop_kernel",
     "minimax_kernel",
     "moving_slide_kernel",
     "tracking_kernel",

@@ -193,6 +193,7 @@ def test_compiled_code_calls_nothing_from_another_file():
         "numerics/bounded_window_kernel.py",
         "numerics/game_kernel.py",
         "numerics/game_lookup.py",
+        "numerics/linear_loop_kernel.py",
         "numerics/minimax_kernel.py",
         "numerics/tracking_kernel.py",
         "plants/servo_kernel.py",

@@ -19,6 +19,7 @@ Fails   Design error if the moves are not determined (R = 0 and an input without
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -31,6 +32,7 @@ from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
 from rmpc_bench.types import (
     Array,
     Command,
+    CompiledLaw,
     Controller,
     DesignError,
     Estimate,
@@ -101,6 +103,18 @@ class Mpc(Controller):
     def input_limits(self) -> tuple[float, float]:
         """Lower and upper limit of all inputs."""
         return self.low, self.high
+
+    @property
+    def has_compiled_form(self) -> bool:
+        """A law that uses an estimated mean has none."""
+        return self.K_d is None
+
+    def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
+        """Return the gains and what the reference adds at every k."""
+        ahead = np.array([r[k + 1 : k + self.preview].ravel() for k in range(n_steps)])
+        given = mv(self.K_r, ahead)[None]
+        u_0 = None if self.u_0 is None else self.u_0[None]
+        return CompiledLaw(given, self.K_x[None], self.K_u, u_0, self.low, self.high, self.u_op)
 
     def init(self, n_runs: int) -> MpcState:
         """Start from the input of the operating point, or 0."""

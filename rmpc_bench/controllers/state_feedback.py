@@ -16,7 +16,7 @@ Fails   Design error: a weight is not admissible (R_u must be positive definite)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple
@@ -32,6 +32,7 @@ from rmpc_bench.numerics.lq_windows import Stages, game_gains, noise_sizes, smal
 from rmpc_bench.types import (
     Array,
     Command,
+    CompiledLaw,
     Controller,
     DesignError,
     Estimate,
@@ -110,6 +111,15 @@ class Lqr(Regulator):
         u: Array = -mv(at_sample(self.K, k), estimate.x_hat) - at_sample(self.u_0, k)
         return u if self.K_d is None else u - mv(at_sample(self.K_d, k), estimate.info["w_mean"])
 
+    @property
+    def has_compiled_form(self) -> bool:
+        """A law that uses an estimated mean has none."""
+        return self.K_d is None
+
+    def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
+        """Return the gains."""
+        return CompiledLaw(np.zeros((1, 1, self.u_0.shape[1])), self.K, u_0=self.u_0, point=self.point)
+
     def series(self) -> dict[str, Array]:
         """Gains over k."""
         return {"L_u": self.K}
@@ -168,6 +178,12 @@ class GameGain(Regulator):
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the inputs at k."""
         return -mv(self.L[k], estimate.x_hat)
+
+    has_compiled_form = True
+
+    def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
+        """Return the gains."""
+        return CompiledLaw(np.zeros((1, 1, self.L.shape[1])), self.L, point=self.point)
 
     @cached_property
     def L(self) -> Float[Array, "k nu nx"]:

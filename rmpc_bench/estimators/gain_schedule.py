@@ -25,7 +25,7 @@ from rmpc_bench.numerics.kl_ball import LARGEST, Inflation
 from rmpc_bench.numerics.linalg import at_sample, mv, symmetrise
 from rmpc_bench.numerics.mixed_step import MixedStep, Prior, Rule, mixed_step
 from rmpc_bench.numerics.riccati import error_radius, filter_step, unmeasured_step
-from rmpc_bench.types import Array, DesignError, Estimate, Estimator, GainSchedule, Model, Status
+from rmpc_bench.types import Array, CompiledFilter, DesignError, Estimate, Estimator, GainSchedule, Model, Status
 
 OK = np.int8(Status.OK)
 
@@ -75,6 +75,8 @@ class GainScheduleFilter(Estimator):
     uncertainty_scale: float | None = None
     S: Float[Array, "kS ny ny"] | None = None
 
+    has_compiled_form = True
+
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:
         """The innovation, and its covariance where the design has one."""
@@ -118,6 +120,10 @@ class GainScheduleFilter(Estimator):
     def gain_schedule(self) -> GainSchedule:
         """Matrices and gains over k."""
         return GainSchedule(self.x0, self.F, self.B, self.C, self.K, self.L, self.f, self.d)
+
+    def compiled_form(self) -> CompiledFilter:
+        """Return the arrays of the filter."""
+        return CompiledFilter(self.gain_schedule, self.S)
 
     @cached_property
     def _corrects(self) -> bool:

@@ -32,6 +32,7 @@ from rmpc_bench.plants.servo_friction import friction_profiles
 from rmpc_bench.plants.servo_linear_part import admissible, linear_part
 from rmpc_bench.types import (
     Array,
+    CompiledPlant,
     DesignError,
     LinearPlant,
     Motion,
@@ -147,11 +148,18 @@ class Servo(Plant):
         w: Float[Array, "runs 4"],
     ) -> Motion:
         """Advance one sample with constant voltage, then add the process noise."""
-        from rmpc_bench.plants.servo_kernel import servo_step_kernel
+        from rmpc_bench.plants.servo_compiled import servo_step
 
-        x_next, status = servo_step_kernel(x, u, delta.linear, delta.friction, self.Ts, TOLERANCE)
-        x_next[:, :4] += w
+        x_next, status = servo_step(self.compiled_form(delta, 1), x, u, w)
         return Motion(x_next, np.where(delta.status != Status.OK, delta.status, status))
+
+    has_compiled_form = True
+
+    def compiled_form(self, delta: ServoDelta, n_steps: int) -> CompiledPlant:
+        """Return the compiled step with the coefficients of every run."""
+        from rmpc_bench.plants.servo_compiled import compiled_servo
+
+        return compiled_servo(delta.linear, delta.friction, self.Ts, TOLERANCE, delta.status)
 
     def output(
         self, k: int, delta: ServoDelta, x: Float[Array, "runs 5"], v: Float[Array, "runs 1"]
@@ -206,6 +214,17 @@ class ServoLinear(Plant):
     ) -> Motion:
         """Advance one sample with constant voltage, then add the process noise."""
         return Motion(mv(delta.E, x) + mv(delta.G, u) + w, delta.status)
+
+    has_compiled_form = True
+
+    def compiled_form(self, delta: LinearDelta, n_steps: int) -> CompiledPlant:
+        """Return the sampled dynamics of every run."""
+        from rmpc_bench.numerics.linear_loop_kernel import first_state, sampled_advance
+
+        n_runs = len(delta.E)
+        own = np.concatenate([delta.E.reshape(n_runs, -1), delta.G.reshape(n_runs, -1)], axis=1)[:, None]
+        sizes = np.zeros(1, dtype=np.int64)
+        return CompiledPlant(sampled_advance, first_state, own, np.zeros((1, 1)), sizes, (1, self.nx), delta.status)
 
     def output(
         self, k: int, delta: LinearDelta, x: Float[Array, "runs 4"], v: Float[Array, "runs 1"]

@@ -1,7 +1,7 @@
 """Compiled simulation of the servomechanism: Taylor series between friction events, for all rows of a block.
 
 Phases
-    1  one sample: loop over the pieces between events        servo_step_kernel, _sample
+    1  one sample: loop over the pieces between events        servo_advance, _sample
     2  mode of each body from the state (stick or slip)       _begin, _mode
     3  Taylor series of one piece, shortened until accurate   _series, _expand, _converge, _brake, _shrink
     4  recursion of the coefficients                          _prepare, _accelerations, _slip
@@ -22,8 +22,8 @@ Arrays
         row 7, 8   coefficients of the derivatives of their velocities, d, without the first one
         row 9, 10  coefficients of e = exp(-alpha_2 s w), s the mode, in reverse order and followed by zeros: the first
                    coefficient is in column ORDER, so that rows 7 + b and 9 + b, shifted, multiply element by element
-    Torques are divided by inertias.  The columns of ``linear`` (runs, 9) and ``friction`` (runs, 2, 3) are those of
-    `plants.servo.coefficients`.
+    Torques are divided by inertias.  The entries of ``linear`` (9) and ``friction`` (2, 3) are those of
+    `plants.servo.coefficients`.  The two rows after those of ``c`` are for the modes of the bodies.
 
 The module is imported at the first step only, as it loads numba.  Functions of the inner loop are inlined, because a
 call takes as much time as the work.  All functions are in one file, because numba's cache does not detect a change of a
@@ -39,6 +39,8 @@ import numpy as np
 
 from rmpc_bench.numerics.compiled import compiled
 
+# Shape of the memory of `servo_advance`.
+WORK = (13, 57)
 # Values of types.Status, which compiled code cannot read.
 OK, TOO_MANY_EVENTS = 0, 3
 # The kernel writes NaN with status OK for such a run; the closed loop detects NaN and sets the status `diverged`.
@@ -372,20 +374,21 @@ def _sample(
 
 
 @compiled()
-def servo_step_kernel(
-    x: Any, u: Any, linear: Any, friction: Any, Ts: float, tolerance: float
-) -> tuple[Any, Any]:  # pragma: no cover
-    """Advance every row of ``x`` (runs, 5) by one sample with constant voltage ``u`` (runs, 1); return also statuses.
+def servo_advance(
+    row: int, k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
+) -> int:  # pragma: no cover
+    """Write the state after one sample with constant voltage, process noise included, into ``out``; return the status.
 
-    ``tolerance`` bounds the last terms of a series relative to its largest term.
+    ``own[row, 0]`` has the coefficients of the run, linear ones first, ``shared`` the sampling time and the bound of
+    the last terms of a series relative to its largest term.
     """
-    x_next, status = np.empty(x.shape), np.zeros(len(x), np.int8)
-    c, mode, eased = np.zeros((11, 2 * ORDER + 1)), np.zeros(2), np.zeros(2)
-    for row in range(len(x)):
-        for i in range(5):
-            c[i, 0] = x[row, i]
-        end = _sample(c, mode, eased, u[row, 0], linear[row], friction[row], Ts, tolerance)
-        for i in range(5):
-            x_next[row, i] = np.nan if end == NO_NUMBERS else c[i, 0]
-        status[row] = max(end, OK)
-    return x_next, status
+    c, mode, eased = work, work[11], work[12]
+    linear, friction = own[row, 0, :9], own[row, 0, 9:].reshape((2, 3))
+    for i in range(5):
+        c[i, 0] = x[i]
+    end = _sample(c, mode, eased, u[0], linear, friction, shared[0, 0], shared[0, 1])
+    for i in range(5):
+        out[i] = np.nan if end == NO_NUMBERS else c[i, 0]
+    for i in range(4):
+        out[i] += w[i]
+    return max(end, OK)

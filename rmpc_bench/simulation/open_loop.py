@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, Command, Controller, Estimate, InputSignal, RunInfo, Status
+from rmpc_bench.types import Array, Command, CompiledLaw, Controller, Estimate, InputSignal, RunInfo, Status
 
 OK = np.int8(Status.OK)
 
@@ -26,6 +27,11 @@ class OpenLoop(Controller):
     n_steps: int
     preview = 0
     starts_runs = True
+    has_compiled_form = True
+
+    def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
+        """Return the inputs of the runs."""
+        return CompiledLaw(self.signal.sample(runs, self.n_steps))
 
     def init(self, n_runs: int, runs: RunInfo | None = None) -> Float[Array, "runs samples nu"]:
         """Return the inputs of the runs; they are those of runs 0, 1, .. unless ``runs`` is given."""

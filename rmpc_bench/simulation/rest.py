@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, Command, Controller, Estimate, Status
+from rmpc_bench.types import Array, Command, CompiledLaw, Controller, Estimate, Status
 
 OK = np.int8(Status.OK)
 
@@ -18,6 +19,11 @@ class Rest(Controller):
 
     nu: int
     preview = 0
+    has_compiled_form = True
+
+    def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
+        """Return u = 0 for every k."""
+        return CompiledLaw(np.zeros((1, 1, self.nu)))
 
     def init(self, n_runs: int) -> None:
         """There is nothing to remember."""

@@ -74,8 +74,11 @@ class RunLimits:
         The states of a design model have no limits of their own: where their number is not that of the plant, the
         largest limit of the plant counts.
         """
-        limit = self.of_x if x_hat.shape == self.of_x.shape else self._of_x_hat
-        return first_failure(status, reported, np.abs(x_hat) <= limit)
+        return first_failure(status, reported, np.abs(x_hat) <= self.of_estimates(x_hat.shape))
+
+    def of_estimates(self, shape: tuple[int, ...]) -> Float[Array, "runs _"]:
+        """Return the limits of estimates, to be broadcast to their shape (runs, nx_hat)."""
+        return self.of_x if shape == self.of_x.shape else self._of_x_hat
 
     def of_input(self, status: Statuses, reported: Statuses, u: Float[Array, "runs nu"]) -> Statuses:
         """Return the first failure of every run after a control law has chosen u."""

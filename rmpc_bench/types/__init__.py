@@ -21,6 +21,7 @@ from rmpc_bench.types.basics import (
     SystemMatrix,
     UserFunction,
 )
+from rmpc_bench.types.compiled import CompiledFilter, CompiledLaw, CompiledPlant
 from rmpc_bench.types.controller import Controller
 from rmpc_bench.types.errors import (
     ConfigError,
@@ -80,6 +81,9 @@ __all__ = [
     "Bound",
     "Channel",
     "Command",
+    "CompiledFilter",
+    "CompiledLaw",
+    "CompiledPlant",
     "ConfigError",
     "Controller",
     "Count",

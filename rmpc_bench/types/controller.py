@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jaxtyping import Float
 
 from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import Array
+from rmpc_bench.types.compiled import CompiledLaw
 from rmpc_bench.types.design import Design
 from rmpc_bench.types.records import Command, Estimate, LinearLaw
 
@@ -58,6 +59,22 @@ class Controller(Design):
     def certifies(self) -> bool:
         """Whether this design bounds the effect of the bounded noise, so that `certificate` is defined."""
         return False
+
+    @attribute
+    def has_compiled_form(self) -> bool:
+        """Whether `compiled_form` gives the law as arrays for the compiled simulation."""
+        return False
+
+    def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
+        """Return the arrays with which the compiled simulation repeats `control`, bit for bit.
+
+        Parameters
+        ----------
+        r : reference from k = 0 on
+        n_steps : number of control periods N
+        runs : indices of the runs
+        """
+        raise NotImplementedError("compiled_form")
 
     def init(self, n_runs: int) -> Any:
         """Return the state before the first sample."""

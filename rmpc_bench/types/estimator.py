@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import Array
+from rmpc_bench.types.compiled import CompiledFilter
 from rmpc_bench.types.design import Design
 from rmpc_bench.types.records import Estimate, GainSchedule
 
@@ -93,6 +94,15 @@ class Estimator(Design):
     def gain_schedule(self) -> GainSchedule | None:
         """The filter as a linear one with given gains; None where its gains depend on the data."""
         return None
+
+    @attribute
+    def has_compiled_form(self) -> bool:
+        """Whether `compiled_form` gives the filter as arrays for the compiled simulation."""
+        return False
+
+    def compiled_form(self) -> CompiledFilter:
+        """Return the arrays with which the compiled simulation repeats `correct` and `predict`, bit for bit."""
+        raise NotImplementedError("compiled_form")
 
     def init(self, n_runs: int) -> Any:
         """Return the state before the first measurement.

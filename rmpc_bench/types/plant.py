@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from rmpc_bench.types.attribute import attribute
 from rmpc_bench.types.basics import Array
+from rmpc_bench.types.compiled import CompiledPlant
 from rmpc_bench.types.design import Design
 from rmpc_bench.types.ode import Ode
 from rmpc_bench.types.plot_records import Panel
@@ -166,6 +167,21 @@ class Plant(Design):
     ) -> Float[Array, "runs ny"]:
         """Measure y(k)."""
         raise NotImplementedError("output")
+
+    @attribute
+    def has_compiled_form(self) -> bool:
+        """Whether `compiled_form` gives the plant as compiled functions for the compiled simulation."""
+        return False
+
+    def compiled_form(self, delta: Any, n_steps: int) -> CompiledPlant:
+        """Return the functions with which the compiled simulation repeats `step` and `output`, bit for bit.
+
+        Parameters
+        ----------
+        delta : what `draw` has returned
+        n_steps : number of control periods N
+        """
+        raise NotImplementedError("compiled_form")
 
     def mix(
         self, delta: Any, w: Float[Array, "runs samples nw"], v: Float[Array, "runs samples nv"]

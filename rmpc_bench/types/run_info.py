@@ -91,6 +91,9 @@ class Watch:
     stopped: str = ""
     """Which limit of time has ended the call that runs now; empty where none has, or where another call has begun."""
 
+    has_limits: bool = False
+    """Whether a step or a run has a limit of time."""
+
     def start(self, n_runs: int) -> None:
         """Note that the simulation of a block of runs begins."""
 

@@ -57,6 +57,7 @@ def main(given: Mapping[str, Any]) -> None:
     connection = Connection(given["connection"])
     try:
         data, limits = connection.recv()
+        watch.has_limits = limits.timed
         # The returned context is not entered, so that the limit stays for the life of the worker.
         single_thread()
         experiments = _loaded(connection, data)

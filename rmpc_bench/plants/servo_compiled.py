@@ -1,0 +1,50 @@
+"""The servomechanism as a compiled plant: its kernel with the coefficients of the runs.
+
+The module is imported at the first step only, as it loads numba.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.linalg import as_compiled
+from rmpc_bench.numerics.linear_loop_kernel import ROWS, first_state, ready, rows_kernel
+from rmpc_bench.plants.servo_kernel import WORK, servo_advance
+from rmpc_bench.types import Array, CompiledPlant, Statuses
+
+NO_SIZES = np.zeros(1, dtype=np.int64)
+
+
+def compiled_servo(
+    linear: Float[Array, "runs 9"], friction: Float[Array, "runs 2 3"], Ts: float, tolerance: float, status: Statuses
+) -> CompiledPlant:
+    """Return the plant for the compiled simulation.
+
+    Parameters
+    ----------
+    linear, friction : coefficients of every run, see `plants.servo.coefficients`
+    Ts : sampling time [s]
+    tolerance : bound of the last terms of a Taylor series relative to its largest term
+    status : of every run, from its parameters
+    """
+    own = np.concatenate([linear, friction.reshape(len(friction), -1)], axis=1)[:, None]
+    return CompiledPlant(servo_advance, first_state, own, np.array([[Ts, tolerance]]), NO_SIZES, WORK, status)
+
+
+def servo_step(
+    plant: CompiledPlant, x: Float[Array, "runs 5"], u: Float[Array, "runs 1"], w: Float[Array, "runs 4"]
+) -> tuple[Float[Array, "runs 5"], Statuses]:
+    """Return the states one sample later and the statuses of the kernel.
+
+    Parameters
+    ----------
+    plant : the plant with the coefficients of the runs
+    x, u, w : states, voltages [V] and process noise
+    """
+    x_next, status = np.empty(x.shape), np.zeros(len(x), np.int8)
+    rows = ready(rows_kernel, ROWS)
+    arrays = (as_compiled(each) for each in (x, u, w, plant.own, plant.shared))
+    x, u, w, own, shared = arrays
+    rows(plant.advance, 0, x, u, w, own, shared, plant.sizes, np.zeros(plant.work), x_next, status)
+    return x_next, status
