@@ -31,6 +31,7 @@ from rmpc_bench.execution.stored_experiment import added_methods
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.numerics.code_cache import cache_remark
 from rmpc_bench.replaced_file import replace_text, replaced
+from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -175,8 +176,11 @@ def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress:
     for plant in plants.values():
         with said_if_slow(progress, "Compiling (first run only) ..."):
             plant.warm_up()
-    wanted = {(task.point, task.method) for task in tasks}
-    methods = [experiments[point].method(name) for point, name in sorted(wanted)]
+    wanted = sorted({(task.point, task.method) for task in tasks})
+    with said_if_slow(progress, "Compiling (first run only) ..."):
+        for point, name in wanted:
+            warm_up(experiments[point], experiments[point].method(name))
+    methods = [experiments[point].method(name) for point, name in wanted]
     designs = [design for method in methods for design in (method.estimator, method.controller) if is_built_in(design)]
     text = "Preparing estimators and control laws (compiling on the first run only) ..."
     with said_if_slow(progress, text), single_thread():

@@ -195,7 +195,7 @@ def _correct(
     else:
         for j in range(nh):
             x_hat[j] = x_pred[j]
-    return at + nh * ny
+    return int(at + nh * ny)
 
 
 @compiled()

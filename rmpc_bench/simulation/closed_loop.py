@@ -78,12 +78,12 @@ def simulate_block(
     info |= set(recording.signals) - set(SIGNALS) if n_recorded else set()
     start = RunStart(experiment.scenario.seed, tuple(runs), Journal(), watch)
     options: dict[str, Any] = {"with_P": P, "with_M": M, "info": info, "state_range": experiment.state_range}
-    found = None
+    simulated: tuple[Record, Statuses] | None = None
     # A limit of time holds for single steps.
     if not watch.has_limits and applies(experiment, method):
         watch.step(0)
-        found = compiled_loop(plant, method, draws, r, n_steps, start=start, **options)
-    record, status = found or simulate(plant, method, draws, r, n_steps, start=start, **options)
+        simulated = compiled_loop(plant, method, draws, r, n_steps, start=start, **options)
+    record, status = simulated or simulate(plant, method, draws, r, n_steps, start=start, **options)
     evaluated = RunInfo(start.runs, (), status == OK, start.journal)
     record = record._replace(experiment=experiment.metric_layout, runs=evaluated)
     # Failed runs may overflow; their values are replaced by NaN.

@@ -24,11 +24,15 @@ METHODS, BLOCK, RUNS, ROUNDS, JUDGED = ("S-MPC", "R-MPC1", "R-MPC2", "R-MPC3"), 
 
 def taylor(rows, Ts, tolerance):
     """Return (x, u) -> x after a sample by the plant's kernel with a tolerance."""
-    from rmpc_bench.plants.servo_kernel import servo_step_kernel
+    from rmpc_bench.plants.servo_compiled import compiled_servo, servo_step
 
     made = [servo.coefficients(p) for p in rows]
     linear, friction = (np.stack(part) for part in zip(*made, strict=True))
-    return lambda x, u: servo_step_kernel(x, u, linear, friction, Ts, tolerance)[0]
+    plant, no_noise = (
+        compiled_servo(linear, friction, Ts, tolerance, np.zeros(len(rows), np.int8)),
+        np.zeros((len(rows), 4)),
+    )
+    return lambda x, u: servo_step(plant, x, u, no_noise)[0]
 
 
 SCHEMES = {

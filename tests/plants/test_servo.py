@@ -23,7 +23,7 @@ ANGLE = 1e-11
 
 def test_the_kernel_is_compiled_and_the_shape_checks_do_not_wrap_it():
     """Oracle: the import hook of conftest.py covers plants/servo.py and not plants/servo_kernel.py."""
-    assert isinstance(servo_kernel.servo_step_kernel, numba.core.registry.CPUDispatcher)
+    assert isinstance(servo_kernel.servo_advance, numba.core.registry.CPUDispatcher)
     assert hasattr(servo.design, "__wrapped__")
 
 
