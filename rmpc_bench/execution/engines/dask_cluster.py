@@ -39,6 +39,8 @@ SECONDS = 1.0
 """Time of the slowest task of a future [s]: the scheduler needs about a millisecond for each."""
 BETWEEN = 1.0
 """Time between two looks at the workers of the cluster [s]."""
+CONNECT = 30.0
+"""Time for one connection to a scheduler [s]."""
 PATIENCE = 120.0
 """Time for connecting to a scheduler again [s]."""
 MAX_RENEWALS = 5
@@ -118,11 +120,11 @@ class _Cluster:
                         n_workers=self._workers,
                         threads_per_worker=1,
                         host="127.0.0.1",
-                        dashboard_address=None,
+                        dashboard_address="127.0.0.1:0",
                         memory_limit=0,
                         silence_logs=logging.CRITICAL,
                     )
-            self._client = dask.Client(self._scheduler or self._local, set_as_default=False, timeout=30)
+            self._client = dask.Client(self._scheduler or self._local, set_as_default=False, timeout=CONNECT)
             self._client.register_plugin(ExperimentPlugin(self._setup), name=self._setup.key)
         except (OSError, TimeoutError, ValueError) as error:
             where = self._scheduler or "this machine"

@@ -1,0 +1,163 @@
+"""The engine on a dask cluster: the same results, whatever happens to its workers."""
+
+import logging
+import signal
+
+import numpy as np
+import pytest
+from execution import misbehaving
+from execution.misbehaving import BAD, do_nothing, experiment, tasks_of
+from execution.test_contained import stored
+from execution.test_disturbed import Slow, made_of, queue_of, results_of, serial_results
+from execution.test_isolation import ENDS, LIMITS, N_RUNS, Stuck
+from execution.worker_tree import DASK_WORKER, WORKER, below, disturbed, with_command
+
+from rmpc_bench.execution.engines import dask_cluster as engine
+from rmpc_bench.execution.engines import dask_worker
+from rmpc_bench.execution.engines.attempts import Job
+from rmpc_bench.execution.engines.dask_cluster import dask_cluster
+from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.tasks import Task
+from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.execution.worker_error import WorkerError
+
+distributed = pytest.importorskip("distributed")
+pytestmark = pytest.mark.filterwarnings("default::ResourceWarning", "default::pytest.PytestUnraisableExceptionWarning")
+ACTS = ("exit_at_once", "kill_itself", "loop_in_compiled_code", "fill_memory", "raise_value_error", "return_bad_status")
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    """Start a cluster of two workers on this machine and return the address of its scheduler."""
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        memory_limit=0,
+        silence_logs=logging.CRITICAL,
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.fixture(scope="module")
+def store(scheduler, tmp_path_factory):
+    """Run misbehaving components on the cluster."""
+    made = experiment([getattr(misbehaving, name) for name in ("do_nothing", *ACTS)], N_RUNS)
+    dones = dask_cluster([made], TaskQueue(tasks_of(made, 15)), 2, scheduler, LIMITS)
+    with stored(made, dones, tmp_path_factory.mktemp("acts")) as store:
+        yield store
+
+
+@pytest.mark.parametrize("act", ACTS)
+def test_only_the_bad_runs_fail(store, act):
+    """As with worker processes of this machine."""
+    (status, message), (runs, words) = ENDS[act], store.column(act, N_RUNS)
+    assert [*words] == [status if run in BAD else "ok" for run in runs]
+    good = [run for run in runs if run not in BAD]
+    np.testing.assert_array_equal(store.values(act, "mse", good), store.values("do_nothing", "mse", good))
+    failures = store.failures(act, N_RUNS)
+    assert [failure.run for failure in failures] == [*BAD]
+    assert all(failure.message.startswith(message) for failure in failures)
+
+
+def test_the_workers_have_the_results_of_this_process(store):
+    """Oracle: the same method in this process."""
+    here = experiment([do_nothing], N_RUNS)
+    values = np.concatenate([done.block.metrics[0] for done in serial([here], TaskQueue(tasks_of(here, 9)))])
+    np.testing.assert_array_equal(store.values("do_nothing", "mse", range(N_RUNS)), values)
+
+
+def test_workers_that_are_killed_or_stopped(monkeypatch):
+    """Dask workers that the engine has started, and worker processes below them; nothing stays."""
+    monkeypatch.setattr(engine, "STOPPED", 0.5)
+    made, notes, before = made_of(Slow(0.01), 80), [], {*below()}
+    dones = dask_cluster([made], queue_of(made, 1), 2, note=lambda *each: notes.append(each))
+    plan = {5: (DASK_WORKER, signal.SIGKILL), 20: (DASK_WORKER, signal.SIGSTOP), 50: (WORKER, signal.SIGKILL)}
+    assert results_of(disturbed(dones, plan), 80) == serial_results(80)
+    messages = [end.message for _, end in notes]
+    assert {"the worker process was ended by SIGKILL", "a dask worker was stopped"} <= {*messages}
+    assert not {*with_command(WORKER), *with_command(DASK_WORKER)} - before
+
+
+def test_a_future_whose_workers_are_lost(monkeypatch):
+    """Dask gives it up; its runs are repeated one by one, and one that is lost again and again has crashed."""
+    task, lost = Task("A", 0, 3), []
+    futures = engine._Futures(FakeCluster(lost), TaskQueue([task]), lambda *each: None)
+    given = [*futures.results()]
+    assert [each.task for each in given if each.task.first != 1] == [Task("A", 0, 1), Task("A", 2, 3)]
+    [failed] = [each for each in given if each.task.first == 1]
+    assert failed.failure.message == "the dask workers that had the run were lost (4 attempts)"
+    assert lost == [[Job(task)]] + 4 * [lost[1]]
+
+
+class FakeFuture:
+    """A future that is finished; run 1 is lost wherever it takes part."""
+
+    def __init__(self, key, jobs, lost):
+        self.key, self.status, self._jobs, self._lost = key, "finished", jobs, lost
+
+    def add_done_callback(self, call):
+        """Call at once."""
+        call(self)
+
+    def result(self, timeout):
+        """Return a report, or raise what dask raises."""
+        if any(1 in job.task.runs for job in self._jobs):
+            self._lost.append(self._jobs)
+            raise distributed.KilledWorker("key", None, 3)
+        return dask_worker.Report([job for job in self._jobs], [])
+
+
+class FakeCluster:
+    """A cluster without processes."""
+
+    def __init__(self, lost):
+        self._lost, self._n = lost, 0
+
+    def submit(self, jobs):
+        """Return a future that is finished."""
+        self._n += 1
+        # The attempts are what differs between repeated jobs.
+        return FakeFuture(self._n, [job._replace(kills=0) for job in jobs], self._lost)
+
+    def n_threads(self):
+        """Return the number of threads."""
+        return 1
+
+    def replace_stopped(self):
+        """Find none."""
+        return ()
+
+
+def test_a_scheduler_that_is_not_there(monkeypatch):
+    """One line with its address."""
+    made = made_of(Slow(0.0), 2)
+    monkeypatch.setattr(engine, "CONNECT", 1.0)
+    with pytest.raises(WorkerError, match=r"no connection to the scheduler at tcp://127.0.0.1:9"):
+        [*dask_cluster([made], queue_of(made, 1), 2, "tcp://127.0.0.1:9")]
+
+
+def test_an_experiment_that_a_worker_cannot_load(scheduler):
+    """One error with the reason."""
+    made = made_of(Stuck(do_nothing), 4)
+    with pytest.raises(WorkerError, match="cannot load the experiment: .*invalid literal"):
+        [*dask_cluster([made], queue_of(made, 2), 2, scheduler)]
+
+
+def test_a_worker_with_other_versions(scheduler, monkeypatch):
+    """It would compute other numbers."""
+    monkeypatch.setattr(engine, "versions", lambda: {**dask_worker.versions(), "numpy": "0.9"})
+    made = made_of(Slow(0.0), 2)
+    with pytest.raises(WorkerError, match=r"has numpy \d.* instead of 0.9"):
+        [*dask_cluster([made], queue_of(made, 1), 2, scheduler)]
+
+
+def test_closing_ends_a_run_that_hangs(scheduler):
+    """Also on a cluster that goes on."""
+    made = experiment([do_nothing, misbehaving.sleep], 12)
+    dones = dask_cluster([made], TaskQueue(tasks_of(made, 4)), 2, scheduler, Limits())
+    next(dones)
+    dones.close()
+    assert results_of(dask_cluster([made_of(Slow(0.0), 4)], queue_of(made_of(Slow(0.0), 4), 1), 2, scheduler), 4)

@@ -1,0 +1,165 @@
+"""Workers that are killed, stopped or hang through no fault of a run: the results are those of an undisturbed run."""
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+from execution.misbehaving import STEPS, Misbehaving, experiment
+from execution.worker_tree import WORKER, disturbed, with_command
+from simulation.toy import Halfway, Proportional
+
+from rmpc_bench.execution.engines import process_state, worker_process
+from rmpc_bench.execution.engines import processes as engine
+from rmpc_bench.execution.engines.attempts import MAX_DEATHS, MAX_KILLS, End, Job, after
+from rmpc_bench.execution.engines.processes import processes
+from rmpc_bench.execution.engines.serial import serial
+from rmpc_bench.execution.engines.tasks import Task
+from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.types import Method
+
+OUTSIDE, INSIDE, LATE = End("killed", outside=True), End("exit code 3"), End("late", timed_out=True)
+
+
+class Slow(Halfway):
+    """The toy estimator, which takes its time."""
+
+    def __init__(self, seconds):
+        self.seconds = seconds
+
+    def correct(self, k, state, y):
+        """Wait, then estimate."""
+        time.sleep(self.seconds)
+        return super().correct(k, state, y)
+
+
+def made_of(estimator, n_runs):
+    """Return an experiment of one method on the toy plant."""
+    made = experiment([], n_runs)
+    object.__setattr__(made, "methods", (Method("A", estimator, Proportional()),))
+    return made
+
+
+def queue_of(made, block):
+    """Return its tasks."""
+    return TaskQueue(Task("A", first, min(first + block, made.n_runs)) for first in range(0, made.n_runs, block))
+
+
+def results_of(dones, n_runs):
+    """Return (metric, uncertain values, status) of every run, which must be there once."""
+    found = {}
+    for done in dones:
+        for row, run in enumerate(done.task.runs):
+            assert run not in found
+            found[run] = (done.block.metrics[0, row], done.uncertainty[row], done.block.status[row])
+    return [found[run] for run in range(n_runs)]
+
+
+def serial_results(n_runs):
+    """Return those of this process."""
+    made = made_of(Halfway(), n_runs)
+    return results_of(serial([made], queue_of(made, 7)), n_runs)
+
+
+def test_a_worker_that_is_killed_or_stopped(monkeypatch):
+    """By any signal, at any time; another worker repeats what it had."""
+    monkeypatch.setattr(worker_process, "STOPPED", 0.5)
+    made, notes = made_of(Slow(0.01), 60), []
+    dones = processes([made], queue_of(made, 1), 2, note=lambda *each: notes.append(each))
+    plan = {5: (WORKER, signal.SIGKILL), 20: (WORKER, signal.SIGTERM), 35: (WORKER, signal.SIGSTOP)}
+    assert results_of(disturbed(dones, plan), 60) == serial_results(60)
+    messages = [end.message for _, end in notes]
+    assert messages == [
+        "the worker process was ended by SIGKILL",
+        "the worker process was ended by SIGTERM",
+        "the worker process was stopped",
+    ]
+    assert all(end.outside for _, end in notes)
+    assert "method A, run" in notes[0][0] and "attempt 1" in notes[0][0]
+    assert with_command(WORKER) == []
+
+
+class HangsOnce(Halfway):
+    """Waits without end the first time that it is called."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def correct(self, k, state, y):
+        """Wait if nobody has done so."""
+        if not os.path.exists(self.marker):
+            with open(self.marker, "w"):
+                time.sleep(1000.0)
+        return super().correct(k, state, y)
+
+
+def test_a_worker_that_hangs(tmp_path, monkeypatch):
+    """It uses no time of the processor for long."""
+    monkeypatch.setattr(engine, "patience", lambda experiments: 1.0)
+    monkeypatch.setattr(process_state, "BETWEEN", 0.2)
+    made, notes = made_of(HangsOnce(str(tmp_path / "marker")), 4), []
+    dones = processes([made], queue_of(made, 4), 1, note=lambda *each: notes.append(each))
+    assert results_of(dones, 4) == serial_results(4)
+    assert [end.message for _, end in notes] == ["the worker process has computed nothing for 1 s"]
+
+
+def test_a_stop_is_no_computing_time():
+    """A run whose worker was stopped for a while has not timed out."""
+    made = made_of(Slow(0.1), 2)
+    dones = processes([made], queue_of(made, 1), 1, Limits(step=0.5))
+    first = next(dones)
+    [worker] = with_command(WORKER)
+    os.kill(worker, signal.SIGSTOP)
+    timer = threading.Timer(2.0, os.kill, (worker, signal.SIGCONT))
+    timer.start()
+    assert results_of([first, *dones], 2) == serial_results(2)
+    timer.join()
+
+
+def test_patience_is_longer_with_own_code():
+    """A component may wait for a device; the bench never waits."""
+    assert engine.patience([made_of(Halfway(), 1)]) == worker_process.HUNG_WITH_OWN_CODE
+
+
+def ends(job, *given):
+    """Apply ends one after the other to what is left of a job; return failures and the last job."""
+    failures = []
+    for end in given:
+        failed, job = after(job, end)
+        failures += [] if failed is None else [failed]
+    return failures, job
+
+
+def test_a_block_is_repeated_as_it_is_and_then_run_by_run():
+    """Only the second end from outside makes a difference, but the first end by itself."""
+    block = Job(Task("A", 0, 4))
+    assert ends(block, OUTSIDE) == ([], block._replace(kills=1))
+    assert ends(block, OUTSIDE, OUTSIDE) == ([], Job(Task("A", 0, 4), alone=True))
+    assert ends(block, INSIDE) == ends(block, LATE) == ([], Job(Task("A", 0, 4), alone=True))
+    assert ends(Job(Task("A", 3, 3)), OUTSIDE) == ([], None)
+
+
+@pytest.mark.parametrize(("end", "attempts"), [(INSIDE, MAX_DEATHS), (OUTSIDE, MAX_KILLS), (LATE, 1)])
+def test_a_run_alone_has_some_attempts(end, attempts):
+    """Then it has failed, and the next run begins with none used."""
+    job = Job(Task("A", 5, 8), alone=True)
+    assert ends(job, *[end] * (attempts - 1))[0] == []
+    [failed], rest = ends(job, *[end] * attempts)
+    assert failed.task == Task("A", 5, 6) and failed.failure.run == 5
+    assert rest == Job(Task("A", 6, 8), alone=True)
+    assert ("attempts" in failed.failure.message) == end.outside
+
+
+def test_attempts_of_both_kinds_are_counted_apart():
+    """A pre-emption between two crashes gives a run no third one."""
+    failures, _ = ends(Job(Task("A", 5, 6)), INSIDE, OUTSIDE, OUTSIDE, INSIDE)
+    assert [failed.failure.message for failed in failures] == ["exit code 3"]
+
+
+def test_numbers_of_the_toy():
+    """The comparisons above would be worth nothing if the runs were equal."""
+    assert len({values[0] for values in serial_results(60)}) == 60 and STEPS > 1
+    assert np.isfinite([values[0] for values in serial_results(60)]).all() and issubclass(Misbehaving, Halfway)
