@@ -37,6 +37,8 @@ _PUBLIC: dict[str, str] = {
     "judge": "rmpc_bench.execution.evaluation",
     "figure": "rmpc_bench.execution.evaluation",
     "publish": "rmpc_bench.execution.publish",
+    "pack": "rmpc_bench.execution.pack",
+    "verify": "rmpc_bench.execution.pack_verify",
     "single_run": "rmpc_bench.components.single_run",
     "SolverError": "rmpc_bench.types",
     "Estimator": "rmpc_bench.types",

@@ -24,6 +24,8 @@ _VERBS: dict[str, tuple[str, str]] = {
     "show": ("rmpc_bench.cli.show:show", "Replay one run bit for bit, with its full trace."),
     "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
     "compare": ("rmpc_bench.cli.compare:compare", "Compare the results of two directories, run by run."),
+    "pack": ("rmpc_bench.cli.pack:pack", "Pack results into one file that others can check."),
+    "verify": ("rmpc_bench.cli.verify:verify", "Compute packed results again and compare them."),
     "schema": ("rmpc_bench.cli.schema:schema", "Print the JSON Schema of a configuration, for editors."),
 }
 

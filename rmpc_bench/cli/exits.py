@@ -32,7 +32,8 @@ MEANINGS: Mapping[int, str] = {
     USAGE: "an option or the configuration is wrong",
     TOO_MANY_FAILURES: "more runs have failed than `execution.max_failures`",
     FINDING_DIFFERS: "a difference: with `--strict` the finding of a claim differs from its record, `compare` finds "
-    "two experiments different, a replay differs from what is stored, or a check of a component fails",
+    "two experiments different, `verify` finds computed results different from packed ones, a replay differs from what "
+    "is stored, or a check of a component fails",
     0: "otherwise",
 }
 """Meaning of every exit code, in the order of precedence."""

@@ -65,6 +65,18 @@ def in_directory(resolved: Mapping[str, Any], directory: Path, own: OwnCode) -> 
     return changed
 
 
+def renamed(resolved: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """Return a resolved configuration with other names of files.
+
+    Parameters
+    ----------
+    resolved : plain data
+    names : path or pattern as the configuration writes it -> another one
+    """
+    changed: dict[str, Any] = _replaced(dict(resolved), lambda text, _: names.get(text, text), "")
+    return changed
+
+
 def _replaced(node: Any, write: Callable[[str, str], str], file: str) -> Any:
     """Copy a tree into ordinary dicts and lists, with other texts."""
     if isinstance(node, str):

@@ -1,0 +1,43 @@
+"""rmpc-bench pack."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rmpc_bench.cli import exits
+
+
+@click.command()
+@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="The archive, FILE.zip."
+)
+@click.option("--author", "authors", multiple=True, metavar="NAME", help="Name of an author; may be repeated.")
+@click.option("--licence", default="", metavar="SPDX", help="Licence of the results, such as CC-BY-4.0.")
+@exits.guarded
+def pack(directory: Path, output: Path, authors: tuple[str, ...], licence: str) -> int:
+    """Pack the results of a directory into one file that others can check with `rmpc-bench verify`.
+
+    The file is a zip archive with RO-Crate metadata.  It has the configuration, the user's files, the rows, the tables,
+    figures and claims, the report, and the hash of every file.
+    """
+    from rmpc_bench.execution.pack import pack as pack_results
+    from rmpc_bench.execution.pack_archive import ArchiveError
+
+    try:
+        written = pack_results(directory, output, authors=authors, licence=licence)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] != "rocrate":
+            raise
+        click.echo("pack needs the library rocrate: pip install 'rmpc-bench[pack]'", err=True)
+        return exits.USAGE
+    except ArchiveError as error:
+        click.echo(str(error), err=True)
+        return exits.USAGE
+    for text in written.remarks:
+        click.echo(text, err=True)
+    click.echo(str(written))
+    click.echo(f"check it anywhere with: rmpc-bench verify {output}")
+    return 0

@@ -1,0 +1,221 @@
+"""Pack the results of an experiment into one file that somebody else can check: an RO-Crate.
+
+It contains what a reader needs and what `verify` needs: the configuration with the user's files, the rows, the tables,
+the report, and for every file its hash.  The trial store stays out, since trials.csv has its content.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from glob import escape, glob, has_magic
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.load import load_config
+from rmpc_bench.config.relocation import COPIES, renamed
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
+from rmpc_bench.execution import manifest
+from rmpc_bench.execution.pack_archive import METADATA, VERIFIED, ArchiveError, json_bytes, write_archive
+from rmpc_bench.execution.pack_metadata import CITATION, Contents, citation, crate
+from rmpc_bench.execution.results import Results, load_results
+from rmpc_bench.execution.runner import CONFIG, RESOLVED
+from rmpc_bench.report.summary import trials_csv
+
+DATA = "data"
+"""Directory of the user's data files in an archive."""
+NEEDED = (CONFIG, RESOLVED, manifest.FILE, "trials.csv", "summary.csv", "comparisons.csv", "report.html")
+"""Files without which a directory is not packed."""
+FILES = (
+    *NEEDED,
+    *("uncertainty.csv", "series.csv", "traces.npz", "timings.csv", "drivers.csv", "requirements.csv"),
+    *("claims.json", "claims.md", "report.md"),
+)
+"""Files of a directory that are packed where they exist; nothing else at its top is."""
+FOLDERS = ("tables", "figures", "failures", COPIES)
+"""Directories of which all files are packed."""
+
+
+@dataclass(frozen=True)
+class Pack:
+    """A written archive.
+
+    Parameters
+    ----------
+    path : the file
+    files : names of the packed files
+    n_bytes : size of the archive
+    remarks : what a reader of the archive should know, such as missing runs
+    """
+
+    path: Path
+    files: tuple[str, ...]
+    n_bytes: int
+    remarks: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.path}: {len(self.files)} files, {self.n_bytes / 1e6:.2f} MB"
+
+
+def pack(
+    directory: str | Path,
+    to: str | Path,
+    *,
+    authors: Sequence[str] = (),
+    licence: str = "",
+) -> Pack:
+    """Write an archive with the results of an experiment; equal results give equal bytes.
+
+    Parameters
+    ----------
+    directory : of the results, with its report
+    to : the archive, replaced if it exists
+    authors : names of the authors
+    licence : SPDX identifier of the licence, such as ``CC-BY-4.0``; none is stated unless given
+
+    Raises
+    ------
+    MissingError
+        If no trial is stored.
+    ArchiveError
+        If a file is missing, is older than the stored trials, or is a symbolic link.
+    ConfigError
+        If the stored configuration does not load.
+    ModuleNotFoundError
+        If the library rocrate is not installed.
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> _ = rmpc_bench.publish(rmpc_bench.run(config, directory=directory, jobs=1))
+    >>> pack(directory, f"{directory}/quickstart.zip").files[:2]
+    ('CITATION.cff', 'comparisons.csv')
+    """
+    place = Path(directory)
+    results = load_results(place)
+    _refuse_stale(results, place)
+    config = load_config(place / RESOLVED)
+    if config.hash != results.experiment.hash:
+        raise ArchiveError(f"{place}: {RESOLVED} describes another experiment than the stored trials")
+    contents: dict[str, Path | bytes] = dict(_files(place))
+    contents |= _data_files(config, contents)
+    facts = Contents(
+        experiment=results.experiment,
+        manifest=manifest.read(place),
+        n_runs=len(results.trials.each[0].runs),
+        incomplete=results.incomplete,
+        hashes={},
+        authors=tuple(authors),
+        licence=licence,
+    )
+    contents[CITATION] = citation(facts).encode()
+    hashes = {name: _hash_and_size(content) for name, content in sorted(contents.items())}
+    metadata = crate(facts._replace(hashes=hashes))
+    contents |= {VERIFIED: json_bytes([]), METADATA: json_bytes(metadata)}
+    target = Path(to)
+    write_archive(target, contents)
+    remarks = [f"incomplete: {text}" for text in results.incomplete]
+    remarks += [results.other_code] if results.other_code else []
+    return Pack(target, tuple(hashes), target.stat().st_size, tuple(remarks))
+
+
+def _refuse_stale(results: Results, directory: Path) -> None:
+    """Refuse a directory of which files are missing or belong to other trials than the stored ones.
+
+    Raises
+    ------
+    ArchiveError
+        With the command that writes them again.
+    """
+    way_out = f"`rmpc-bench report {directory}` writes it again"
+    for name in NEEDED:
+        if not (directory / name).exists():
+            raise ArchiveError(f"{directory}: there is no {name}; {way_out}")
+    with TemporaryDirectory() as temporary:
+        fresh = Path(temporary) / "trials.csv"
+        trials_csv(results.trials, fresh)
+        if fresh.read_bytes() != (directory / "trials.csv").read_bytes():
+            raise ArchiveError(f"{directory}: trials.csv differs from the stored trials; {way_out}")
+
+
+def _files(directory: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the files to pack with their names.
+
+    Raises
+    ------
+    ArchiveError
+        If one of them is no regular file, as its content would come from elsewhere.
+    """
+    named = [directory / name for name in FILES if (directory / name).exists()]
+    for folder in FOLDERS:
+        top = directory / folder
+        if top.is_symlink():
+            raise ArchiveError(f"{top}: is a symbolic link")
+        for parent, folders, files in os.walk(top):
+            folders[:] = sorted(name for name in folders if name != "__pycache__")
+            named += [Path(parent) / name for name in sorted(files) if not name.startswith(".")]
+    for path in named:
+        if not stat.S_ISREG(path.lstat().st_mode):
+            raise ArchiveError(f"{path}: is no regular file")
+        yield path.relative_to(directory).as_posix(), path
+
+
+def _data_files(config: ExperimentConfig, contents: Mapping[str, Path | bytes]) -> dict[str, Path | bytes]:
+    """Return the data files of the user, and a resolved configuration that names them in the archive.
+
+    Parameters
+    ----------
+    config : the resolved configuration of a directory
+    contents : what is packed already
+    """
+    found: dict[str, Path | bytes] = {}
+    names: dict[str, str] = {}
+    base = config.own.access.base("")
+    for number, text in enumerate(sorted(config.own.patterns)):
+        start, rest = _split_pattern(text)
+        if text == rest and f"{start}{rest}" in contents:
+            continue
+        names[text] = f"{DATA}/{number}/{rest}"
+        for path in _matching(base, start, rest):
+            inside = path.relative_to(Path(os.path.normpath(base / start))).as_posix()
+            # The content, also where the name is a link.
+            found[f"{DATA}/{number}/{inside}"] = path.resolve()
+    if names:
+        found[RESOLVED] = dump(plain(renamed(config.resolved, names))).encode()
+    return found
+
+
+def _split_pattern(text: str) -> tuple[str, str]:
+    """Split a path or pattern into the directory before the first wildcard and the rest, which has a name.
+
+    Examples
+    --------
+    >>> _split_pattern("../logs/2024-*/run.csv"), _split_pattern("pump.csv")
+    (('../logs', '2024-*/run.csv'), ('', 'pump.csv'))
+    """
+    parts = Path(text).parts
+    first = next((i for i, part in enumerate(parts) if has_magic(part)), len(parts) - 1)
+    return Path(*parts[:first]).as_posix() if first else "", Path(*parts[first:]).as_posix()
+
+
+def _matching(base: Path, start: str, rest: str) -> list[Path]:
+    """Return the files of a pattern by their own names, as the configuration orders them."""
+    directory = Path(os.path.normpath(base / start))
+    if has_magic(rest) and not (directory / rest).exists():
+        return sorted(Path(each) for each in glob(os.path.join(escape(str(directory)), rest), recursive=True))
+    return [directory / rest]
+
+
+def _hash_and_size(content: Path | bytes) -> tuple[str, int]:
+    if isinstance(content, bytes):
+        return hashlib.file_digest(io.BytesIO(content), "sha256").hexdigest(), len(content)
+    with content.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest(), content.stat().st_size

@@ -1,0 +1,274 @@
+"""An archive of packed results: which of its files are taken out, where, and with which hashes.
+
+An archive may come from somebody else.  Nothing is taken out before all of its names and sizes are checked: a name
+stays inside the directory, no entry is a symbolic link, and the content is limited.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import stat
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from rmpc_bench.replaced_file import replaced
+
+METADATA = "ro-crate-metadata.json"
+VERIFIED = "verified_on.json"
+"""The file to which every verification appends a record; it has no hash."""
+DATE = (1980, 1, 1, 0, 0, 0)
+"""Date of every entry, so that equal results give equal archives."""
+MOST_ENTRIES = 100_000
+MOST_BYTES = 8_000_000_000
+MOST_EXPANSION = 200
+"""Largest ratio of content to archive, for archives with more than `ALWAYS_ALLOWED` bytes of content."""
+ALWAYS_ALLOWED = 100_000_000
+CODE = (".py", ".pyc", ".pyw", ".pyd", ".so", ".dll", ".dylib", ".pth")
+"""Endings of files that Python can run."""
+_FILE = 0o644 << 16
+_BLOCK = 1 << 20
+
+
+class ArchiveError(Exception):
+    """A file that is no archive of results, or whose content may not be taken out."""
+
+
+@dataclass(frozen=True)
+class Archive:
+    """A checked archive.
+
+    Parameters
+    ----------
+    path : the file
+    names : names of its files
+    hashes : file -> SHA-256 of its content, as the metadata states it
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    hashes: Mapping[str, str]
+
+    @property
+    def code(self) -> tuple[str, ...]:
+        """The files that Python can run."""
+        return tuple(name for name in self.names if name.lower().endswith(CODE))
+
+    def extract(self, directory: Path) -> tuple[str, ...]:
+        """Write all files into a directory and compare their hashes with the metadata.
+
+        Parameters
+        ----------
+        directory : an empty directory
+
+        Returns
+        -------
+        what is wrong, such as ``trials.csv: its content is not what was packed``, sorted by file
+        """
+        found: dict[str, str] = {}
+        with _opened(self.path) as file:
+            for name in self.names:
+                target = directory / name
+                target.parent.mkdir(parents=True, exist_ok=True)
+                found[name] = _copy(file, name, target)
+        changed = [
+            f"{name}: its content is not what was packed"
+            for name, digest in self.hashes.items()
+            if name in found and found[name] != digest
+        ]
+        missing = [f"{name}: is missing" for name in self.hashes.keys() - found.keys()]
+        added = [f"{name}: was not packed" for name in found.keys() - self.hashes.keys() - {METADATA, VERIFIED}]
+        return tuple(sorted([*changed, *missing, *added]))
+
+
+def open_archive(path: Path) -> Archive:
+    """Check an archive; nothing is taken out.
+
+    Raises
+    ------
+    ArchiveError
+        If it cannot be read, was not made by `pack`, or its names or sizes are not accepted.
+    """
+    with _opened(path) as file:
+        names = _checked_names(file, path)
+        if METADATA not in names:
+            raise ArchiveError(f"{path}: there is no {METADATA}; make archives with `rmpc-bench pack`")
+        hashes = _hashes(_json(_content(file, METADATA), path, METADATA), path)
+    return Archive(path, tuple(names), hashes)
+
+
+def write_archive(path: Path, contents: Mapping[str, Path | bytes]) -> None:
+    """Write an archive; equal contents give equal bytes.
+
+    Parameters
+    ----------
+    path : the archive, replaced as a whole
+    contents : name -> file or content; the metadata come first
+
+    Raises
+    ------
+    ArchiveError
+        If a name is one that `open_archive` refuses.
+    """
+    for name in contents:
+        reason = _reason_against(_entry(name))
+        if reason:
+            raise ArchiveError(f"{path}: the file {name!r} {reason}; rename the method or figure that it belongs to")
+    with replaced(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in sorted(contents, key=lambda each: (each != METADATA, each)):
+            content = contents[name]
+            with file.open(_entry(name), "w", force_zip64=True) as target:
+                for block in _blocks(content):
+                    target.write(block)
+
+
+def verifications(path: Path) -> list[dict[str, Any]]:
+    """Return the records of the verifications of an archive, in the order of time."""
+    with _opened(path) as file:
+        if VERIFIED not in file.namelist():
+            return []
+        records = _json(_content(file, VERIFIED), path, VERIFIED)
+    return [each for each in records if isinstance(each, dict)] if isinstance(records, list) else []
+
+
+def note_verification(path: Path, record: Mapping[str, Any]) -> None:
+    """Append a record to the verifications of an archive, which is replaced as a whole; all other files stay.
+
+    Raises
+    ------
+    OSError
+        If the archive cannot be replaced.
+    """
+    records = [*verifications(path), dict(record)]
+    with _opened(path) as file, replaced(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as new:
+        for entry in file.infolist():
+            if entry.filename != VERIFIED:
+                with file.open(entry) as source, new.open(_entry(entry.filename), "w", force_zip64=True) as target:
+                    while block := source.read(_BLOCK):
+                        target.write(block)
+        new.writestr(_entry(VERIFIED), json_bytes(records))
+
+
+def json_bytes(data: Any) -> bytes:
+    """Write plain data as JSON."""
+    return (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode()
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, DATE)
+    entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, _FILE
+    entry.create_system = 3
+    return entry
+
+
+def _blocks(content: Path | bytes) -> Iterator[bytes]:
+    if isinstance(content, bytes):
+        yield content
+        return
+    with content.open("rb") as file:
+        while block := file.read(_BLOCK):
+            yield block
+
+
+def _opened(path: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(path)
+    except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+        raise ArchiveError(f"{path}: is not a zip archive ({error})") from None
+    except OSError as error:
+        raise ArchiveError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def _checked_names(file: zipfile.ZipFile, path: Path) -> list[str]:
+    """Return the names of all files of an archive.
+
+    Raises
+    ------
+    ArchiveError
+        If one of them would be written outside of the directory, or there is too much to take out.
+    """
+    entries = file.infolist()
+    if len(entries) > MOST_ENTRIES:
+        raise ArchiveError(f"{path}: has {len(entries)} entries, more than {MOST_ENTRIES}")
+    files = [entry for entry in entries if not entry.is_dir()]
+    for entry in entries:
+        reason = _reason_against(entry)
+        if reason:
+            raise ArchiveError(f"{path}: the entry {entry.filename[:200]!r} {reason}; nothing was taken out")
+    names = [entry.filename for entry in files]
+    if len({*names}) < len(names):
+        raise ArchiveError(f"{path}: has two entries of one name; nothing was taken out")
+    size, packed = sum(entry.file_size for entry in files), path.stat().st_size
+    if size > min(MOST_BYTES, max(ALWAYS_ALLOWED, MOST_EXPANSION * packed)):
+        raise ArchiveError(f"{path}: would fill {size / 1e6:.0f} MB from {packed / 1e6:.1f} MB; nothing was taken out")
+    return names
+
+
+def _reason_against(entry: zipfile.ZipInfo) -> str:
+    """Say why an entry is not taken out; empty where nothing is wrong."""
+    # `orig_filename` is the name as it stands in the archive; a zero byte would end it early.
+    name, path = entry.orig_filename, PurePosixPath(entry.orig_filename)
+    if any(character in name for character in "\\:\0") or not name.isprintable():
+        return "has a name that not every system accepts"
+    if path.is_absolute() or ".." in path.parts or not path.parts or path.as_posix() != name.rstrip("/"):
+        return "has a name that leads out of the directory or is not plain"
+    mode = entry.external_attr >> 16
+    if mode and not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or stat.S_IFMT(mode) == 0):
+        return "is no regular file"
+    return "is encrypted" if entry.flag_bits & 1 else ""
+
+
+def _copy(file: zipfile.ZipFile, name: str, target: Path) -> str:
+    """Write an entry into a file, not more than its stated size, and return the SHA-256 of its content."""
+    digest, left = hashlib.sha256(), file.getinfo(name).file_size
+    try:
+        with file.open(name) as source, target.open("xb") as written:
+            while block := source.read(_BLOCK):
+                left -= len(block)
+                if left < 0:
+                    raise ArchiveError(f"{file.filename}: the entry {name!r} is longer than it states")
+                digest.update(block)
+                written.write(block)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise ArchiveError(f"{file.filename}: {name}: cannot be read ({error})") from None
+    except ValueError as error:
+        raise ArchiveError(f"{file.filename}: {name}: {error}") from None
+    return digest.hexdigest()
+
+
+def _content(file: zipfile.ZipFile, name: str) -> bytes:
+    try:
+        return file.read(name)
+    except Exception as error:
+        # zlib.error and others of the decompression have no common class.
+        raise ArchiveError(f"{file.filename}: {name}: cannot be read ({error})") from None
+
+
+def _json(content: bytes, path: Path, name: str) -> Any:
+    try:
+        return json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise ArchiveError(f"{path}: {name}: is not valid JSON ({error})") from None
+
+
+def _hashes(metadata: Any, path: Path) -> dict[str, str]:
+    """Return file -> SHA-256 from the entities of an RO-Crate.
+
+    Raises
+    ------
+    ArchiveError
+        If there are none.
+    """
+    graph = metadata.get("@graph", []) if isinstance(metadata, dict) else []
+    found = {
+        str(entity["@id"]): str(entity["sha256"])
+        for entity in (graph if isinstance(graph, list) else [])
+        if isinstance(entity, dict) and "@id" in entity and "sha256" in entity
+    }
+    if not found:
+        raise ArchiveError(f"{path}: {METADATA} names no file with its hash; make archives with `rmpc-bench pack`")
+    return found

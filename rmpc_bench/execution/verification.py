@@ -1,0 +1,158 @@
+"""The outcome of a verification as a record and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench.analysis.trial_differences import TrialDifferences
+
+MOST_LINES = 10
+"""Differences of one kind that are named; the rest is counted."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a verification has compared, and what differs.
+
+    Parameters
+    ----------
+    scope : what was computed, in words
+    path : the archive
+    files : files with another content than the packed one, files that are missing or were added
+    versions : what differs between the two environments; it is no difference of the results
+    remarks : what a reader should know besides
+    trials : differences of statuses and metrics; None where nothing was computed
+    moved : metric -> values that have moved by one sample; these count as equal
+    digits : printed numbers that differ
+    findings : claims that differ
+    series : series over time that differ
+    n_claims : claims that were compared
+    """
+
+    scope: str = ""
+    path: Path = Path()
+    files: tuple[str, ...] = ()
+    versions: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    trials: TrialDifferences | None = None
+    moved: Mapping[str, int] = field(default_factory=dict)
+    digits: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+    series: tuple[str, ...] = ()
+    n_claims: int = 0
+
+    @property
+    def differences(self) -> tuple[str, ...]:
+        """Everything that differs, one text each."""
+        return tuple(text for _, texts in self._sections() for text in texts)
+
+    @property
+    def reproduced(self) -> bool:
+        """Whether nothing differs."""
+        return not self.differences
+
+    @property
+    def result(self) -> str:
+        """One word for the outcome."""
+        if not self.reproduced:
+            return "different"
+        return "reproduced" if self.trials is not None else "unchanged"
+
+    def record(self) -> dict[str, Any]:
+        """Return the outcome as plain data, for the archive."""
+        trials = self.trials
+        counts = {"trials": trials.n_trials, "values": trials.n_values} if trials else {}
+        relative = [each.relative.size for each in trials.values] if trials else []
+        return {
+            "scope": self.scope,
+            "result": self.result,
+            "compared": counts | {"claims": self.n_claims},
+            "largest_relative_difference": max(relative, default=None),
+            "moved_by_one_sample": dict(self.moved),
+            "n_differences": len(self.differences),
+            "differences": list(self.differences[:MOST_LINES]),
+        }
+
+    def _sections(self) -> Iterator[tuple[str, Sequence[str]]]:
+        yield "files", self.files
+        if self.trials is not None:
+            yield "statuses", _statuses(self.trials)
+            yield "metrics", _metrics(self.trials)
+            yield "rows", _alone(self.trials)
+        yield "printed digits", self.digits
+        yield "findings", self.findings
+        yield "series", self.series
+
+    def __str__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        yield f"{self.path}: {self.result}   {self.scope}"
+        for title, texts in (("other versions", self.versions), ("note", self.remarks), *self._sections()):
+            if texts:
+                yield from ("", title, *(f"  {text}" for text in texts[:MOST_LINES]))
+                if len(texts) > MOST_LINES:
+                    yield f"  and {len(texts) - MOST_LINES} more"
+        yield ""
+        yield self._compared()
+
+    def _compared(self) -> str:
+        """Say what was compared and by which rule."""
+        trials = self.trials
+        if trials is None:
+            return "compared: the hash of every file, and summary.csv with the rows in trials.csv"
+        parts = [
+            f"{trials.n_trials} statuses",
+            f"{trials.n_values} values of metrics (relative {trials.tolerance:g}, {_largest(trials)})",
+            "the digits of the tables",
+            f"{self.n_claims} claim{'' if self.n_claims == 1 else 's'}",
+        ]
+        moved = [f"{n} of {metric}" for metric, n in self.moved.items()]
+        text = f"compared: {', '.join(parts)}"
+        return text + (f"; moved by one sample, which counts as equal: {', '.join(moved)}" if moved else "")
+
+
+def _largest(trials: TrialDifferences) -> str:
+    """Say how large the largest difference is, also where it is allowed."""
+    size = max((each.relative.size for each in trials.values), default=0.0)
+    return f"largest difference {size:.2g}" if size else "all equal"
+
+
+def _where(point: str, method: str) -> str:
+    return f"{point}: {method}" if point else method
+
+
+def _statuses(trials: TrialDifferences) -> list[str]:
+    return [
+        f"{_where(each.point, each.method)} run {each.run}: packed {each.a}, here {each.b}" for each in trials.statuses
+    ]
+
+
+def _metrics(trials: TrialDifferences) -> list[str]:
+    """Name every metric that differs, with the run of the largest difference."""
+    found = []
+    for each in trials.differing:
+        first = each.apart if each.n_apart else each.relative
+        found.append(
+            f"{_where(each.point, each.method)} {each.metric}: {each.n_differ} of {each.n} runs, "
+            f"run {first.run}: packed {first.a!r}, here {first.b!r}"
+        )
+    return found
+
+
+def _alone(trials: TrialDifferences) -> list[str]:
+    """Name what was packed and does not come out here."""
+    found = [f"{noun} {name}: is packed only" for noun, (names, _) in _names(trials) for name in names]
+    found += [f"metric {name}: is computed only here" for name in trials.metrics[1]]
+    found += [f"point {name}: is computed only here" for name in trials.points[1]]
+    for each in trials.runs:
+        runs = ", ".join(map(str, each.runs_a[:MOST_LINES]))
+        found.append(f"{_where(each.point, each.method)}: {len(each.runs_a)} runs are packed only ({runs})")
+    return found
+
+
+def _names(trials: TrialDifferences) -> Iterator[tuple[str, tuple[tuple[str, ...], tuple[str, ...]]]]:
+    yield from (("method", trials.methods), ("metric", trials.metrics), ("point", trials.points))

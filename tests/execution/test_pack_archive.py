@@ -1,0 +1,142 @@
+"""Archives from elsewhere: what is taken out, and what is refused before a byte is written."""
+
+import hashlib
+import stat
+import struct
+import zipfile
+
+import packed
+import pytest
+
+from rmpc_bench.execution.pack_archive import (
+    METADATA,
+    VERIFIED,
+    ArchiveError,
+    note_verification,
+    open_archive,
+    verifications,
+    write_archive,
+)
+
+TEXT = b"method,run\nA,0\n"
+GRAPH = b'{"@graph": [{"@id": "trials.csv", "sha256": "%s"}]}'
+SHA = hashlib.sha256(TEXT).hexdigest()
+
+
+@pytest.fixture
+def good(tmp_path):
+    """A small archive, with a description that `write_archive` does not need."""
+    path = tmp_path / "good.zip"
+    write_archive(path, {"trials.csv": TEXT, METADATA: GRAPH % SHA.encode(), VERIFIED: b"[]\n"})
+    return path
+
+
+def test_equal_contents_give_equal_bytes(good, tmp_path):
+    again = tmp_path / "again.zip"
+    file = tmp_path / "trials.csv"
+    file.write_bytes(TEXT)
+    write_archive(again, {VERIFIED: b"[]\n", METADATA: GRAPH % SHA.encode(), "trials.csv": file})
+    assert again.read_bytes() == good.read_bytes()
+    assert open_archive(good).extract(tmp_path / "x") == ()
+    assert (tmp_path / "x" / "trials.csv").read_bytes() == TEXT
+
+
+def test_changed_missing_and_added_files_are_named(good, tmp_path):
+    found = packed.contents(good)
+    changed = packed.write(tmp_path / "c.zip", found | {"trials.csv": TEXT + b"A,1\n", "more.txt": b""})
+    assert open_archive(changed).extract(tmp_path / "c") == (
+        "more.txt: was not packed",
+        "trials.csv: its content is not what was packed",
+    )
+    missing = packed.write(tmp_path / "m.zip", {name: found[name] for name in (METADATA, VERIFIED)})
+    assert open_archive(missing).extract(tmp_path / "m") == ("trials.csv: is missing",)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../evil.txt", "/etc/evil.txt", "a/../../evil.txt", "a\\..\\evil.txt", "C:evil.txt", "a//b", "./a", "line\nfeed"],
+)
+def test_a_name_that_leads_elsewhere_is_refused(good, tmp_path, name):
+    path = packed.write(tmp_path / "evil.zip", packed.contents(good) | {name: b"x"})
+    with pytest.raises(ArchiveError, match="nothing was taken out"):
+        open_archive(path)
+
+
+def test_a_symbolic_link_is_refused(good, tmp_path):
+    path = packed.write(tmp_path / "link.zip", packed.contents(good))
+    entry = zipfile.ZipInfo("code")
+    entry.external_attr = (stat.S_IFLNK | 0o777) << 16
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr(entry, "/etc")
+    with pytest.raises(ArchiveError, match="is no regular file"):
+        open_archive(path)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_two_entries_of_one_name_are_refused(good):
+    with zipfile.ZipFile(good, "a") as file:
+        file.writestr("trials.csv", b"other")
+    with pytest.raises(ArchiveError, match="two entries of one name"):
+        open_archive(good)
+
+
+def test_a_small_archive_that_would_fill_the_disk_is_refused(good, tmp_path):
+    path = packed.write(tmp_path / "bomb.zip", packed.contents(good) | {"zeros.csv": bytes(150_000_000)})
+    assert path.stat().st_size < 200_000
+    with pytest.raises(ArchiveError, match="would fill 150 MB from 0.1 MB"):
+        open_archive(path)
+
+
+def test_an_entry_is_not_longer_than_it_states(good, tmp_path):
+    """The directory of the archive states 10 bytes of an entry that has a million."""
+    path = packed.write(tmp_path / "lie.zip", packed.contents(good) | {"zeros.csv": bytes(1_000_000)})
+    path.write_bytes(path.read_bytes().replace(struct.pack("<L", 1_000_000), struct.pack("<L", 10)))
+    archive = open_archive(path)
+    with pytest.raises(ArchiveError, match=r"zeros\.csv"):
+        archive.extract(tmp_path / "x")
+    assert (tmp_path / "x" / "zeros.csv").stat().st_size <= 10
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"\0" * 1000])
+def test_what_is_no_archive_is_said(tmp_path, content):
+    path = tmp_path / "x.zip"
+    path.write_bytes(content)
+    with pytest.raises(ArchiveError, match="is not a zip archive"):
+        open_archive(path)
+
+
+def test_any_damage_ends_in_a_message(good, tmp_path):
+    """Every byte in turn is another one; the archive is refused, found changed, or has a byte that does not count."""
+    whole = good.read_bytes()
+    for place in range(0, len(whole), 7):
+        path = tmp_path / "damaged.zip"
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+        try:
+            open_archive(path).extract(tmp_path / str(place))
+        except ArchiveError as error:
+            assert "damaged.zip" in str(error)
+
+
+def test_an_archive_without_hashes_is_refused(tmp_path):
+    for metadata in (b"{}", b"[]", b'{"@graph": 3}', b"no JSON"):
+        with pytest.raises(ArchiveError, match=METADATA):
+            open_archive(packed.write(tmp_path / "x.zip", {METADATA: metadata}))
+    with pytest.raises(ArchiveError, match="make archives with `rmpc-bench pack`"):
+        open_archive(packed.write(tmp_path / "x.zip", {"a": b""}))
+
+
+def test_a_name_that_could_not_be_taken_out_is_not_packed(tmp_path):
+    with pytest.raises(ArchiveError, match="rename the method or figure"):
+        write_archive(tmp_path / "x.zip", {"failures/a:b-1.txt": b""})
+    assert not (tmp_path / "x.zip").exists()
+
+
+def test_verifications_are_appended_and_nothing_else_changes(good):
+    before = packed.contents(good)
+    note_verification(good, {"result": "reproduced"})
+    note_verification(good, {"result": "different"})
+    assert [each["result"] for each in verifications(good)] == ["reproduced", "different"]
+    after = packed.contents(good)
+    assert {name: after[name] for name in after if name != VERIFIED} == {
+        name: before[name] for name in before if name != VERIFIED
+    }
