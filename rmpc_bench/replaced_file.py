@@ -6,6 +6,7 @@ A directory of results may come from somebody else; `report` then writes no file
 from __future__ import annotations
 
 import os
+import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +22,8 @@ def replaced(path: Path) -> Iterator[Path]:
     ----------
     path : the file; its ending is that of the file to write
     """
-    partial = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    # Processes of several machines may write to one directory.
+    partial = path.with_name(f".{path.stem}.{platform.node()}-{os.getpid()}{path.suffix}")
     partial.unlink(missing_ok=True)
     try:
         yield partial

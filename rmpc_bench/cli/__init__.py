@@ -21,6 +21,8 @@ _VERBS: dict[str, tuple[str, str]] = {
         "rmpc_bench.cli.catalogue:describe",
         "Show a component or a configured system, and its keys.",
     ),
+    "status": ("rmpc_bench.cli.status:status", "Show how far an experiment and its shards are."),
+    "merge": ("rmpc_bench.cli.merge:merge", "Join the shards of a directory and write its results."),
     "show": ("rmpc_bench.cli.show:show", "Replay one run bit for bit, with its full trace."),
     "report": ("rmpc_bench.cli.report:report", "Write tables and figures again from stored trials."),
     "compare": ("rmpc_bench.cli.compare:compare", "Compare the results of two directories, run by run."),

@@ -66,15 +66,27 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
     return wrapper
 
 
-def show(written: Publication, seconds: float | None = None) -> None:
-    """Print what was published: the summary on stdout, what is missing in it on stderr."""
+def show(written: Publication, seconds: float | None = None, *, notes: bool = True) -> None:
+    """Print what was published: the summary on stdout, what is missing in it on stderr.
+
+    Parameters
+    ----------
+    written : what `publish` has returned
+    seconds : how long the run took [s]; left out unless given
+    notes : whether to print to stderr
+    """
+    if notes:
+        _show_notes(written)
+    click.echo(written.summary(seconds))
+
+
+def _show_notes(written: Publication) -> None:
     if written.results.other_code:
         click.echo(f"{written.results.other_code}; `rmpc-bench run` computes them again", err=True)
     for text in written.remarks:
         click.echo(text, err=True)
     for text in written.left_out:
         click.echo(f"figure left out: {text}", err=True)
-    click.echo(written.summary(seconds))
 
 
 def code_of(written: Publication, *, strict: bool) -> int:

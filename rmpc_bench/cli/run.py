@@ -2,89 +2,21 @@
 
 from __future__ import annotations
 
-import shlex
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rmpc_bench.cli import exits, own_code
+from rmpc_bench.cli.run_request import Request, ShardOption, Workers, check_division
 from rmpc_bench.execution.interrupts import held
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
-
-
-class Workers(click.ParamType[int]):
-    """A number of worker processes, or `auto`."""
-
-    name = "workers"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the number; `auto` is the number of cores this process may use."""
-        if value == "auto":
-            import os
-
-            return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        try:
-            number = int(str(value))
-        except ValueError:
-            number = 0
-        if number < 1:
-            self.fail(f"{value!r} is neither a number of processes from 1 on nor 'auto'", param, ctx)
-        return number
-
-
-@dataclass(frozen=True)
-class Request:
-    """The options of the command line, one field each."""
-
-    config: Path
-    output: Path | None
-    jobs: int | None
-    overrides: tuple[str, ...]
-    runs: int | None
-    only: tuple[str, ...]
-    smoke: bool
-    strict: bool
-    fresh: bool
-    accept_versions: bool
-    dry_run: bool
-    progress: str
-    allow_code: tuple[Path, ...]
-    engine: Literal["joblib", "serial"] | None
-    add_methods: tuple[str, ...]
-
-    def changes(self) -> list[str]:
-        """Options that change what is computed."""
-        texts = [f"-s {shlex.quote(text)}" for text in self.overrides if not text.startswith("execution.")]
-        texts += [f"--runs {self.runs}"] if self.runs is not None else []
-        texts += [f"--only {shlex.quote(name)}" for name in self.only] + ["--smoke"] * self.smoke
-        return texts + [f"--add-method {shlex.quote(text)}" for text in self.add_methods]
-
-    def command(self, directory: Path) -> str:
-        """Return the same command for another directory."""
-        allowed = [f"--allow-code {shlex.quote(str(path))}" for path in self.allow_code]
-        return " ".join(["rmpc-bench run", shlex.quote(str(self.config)), *self.changes(), *allowed, f"-o {directory}"])
-
-    def load(self, *, overridden: bool = True, add_methods: Sequence[str] = ()) -> ExperimentConfig:
-        """Load the configuration, with or without the overrides and the number of runs.
-
-        Parameters
-        ----------
-        overridden : whether to use the overrides and the number of runs
-        add_methods : texts of methods to add
-        """
-        from rmpc_bench.config.load import load_config
-
-        changes: dict[str, Any] = {"overrides": self.overrides, "runs": self.runs} if overridden else {}
-        changes["add_methods"] = add_methods
-        return load_config(self.config, smoke=self.smoke, allow_code=self.allow_code, **changes)
 
 
 @click.command()
@@ -108,9 +40,15 @@ class Request:
 @click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
 @click.option(
     "--engine",
-    type=click.Choice(["joblib", "serial"]),
-    help="Worker processes, or none: a component that ends its process then ends the experiment.",
+    type=click.Choice(["joblib", "serial", "dask"]),
+    help="Worker processes, or none: a component that ends its process then ends the experiment; or a dask cluster.",
 )
+@click.option("--scheduler", metavar="ADDRESS", help="Scheduler of a dask cluster, such as tcp://node7:8786.")
+@click.option(
+    "--shard", "part", type=ShardOption(), metavar="I/N|auto", help="Compute part I of N; auto in an array job."
+)
+@click.option("--missing", is_flag=True, help="Take the trials of the shards, compute what is missing.")
+@click.option("--no-report", is_flag=True, help="Compute trials; write no tables, figures or claims.")
 @click.option(
     "--progress",
     type=click.Choice(["auto", "bar", "plain", "json", "none"]),
@@ -118,6 +56,8 @@ class Request:
     show_default=True,
     help="How progress is shown on stderr: a bar, lines, a JSON object per line, or not at all.",
 )
+@click.option("-q", "--quiet", is_flag=True, help="Show errors and the result only.")
+@click.option("-v", "--verbose", is_flag=True, help="Also show the times of the parts and the files that are written.")
 @own_code.allow_code_option
 @own_code.import_option
 @exits.guarded
@@ -135,37 +75,66 @@ def run(**options: Any) -> int:
         import rmpc_bench.config.load  # noqa: F401
         from rmpc_bench.cli.run_warnings import warning_texts
         from rmpc_bench.execution.database import StoreError
-        from rmpc_bench.execution.progress import choose
-        from rmpc_bench.execution.publish import publish
-        from rmpc_bench.execution.results import run as run_experiment
 
     request = Request(**options)
     config, directory = configured(request)
     for text in warning_texts(config):
-        click.echo(f"warning: {text}", err=True)
+        request.note(f"warning: {text}")
     _check_names(request.only, config)
     try:
         if request.dry_run:
-            return _show_plan(config, directory, request.only)
+            return _show_plan(config, directory, request)
         if request.fresh:
-            _set_aside(directory)
-        results = run_experiment(
-            config,
-            directory=directory,
-            jobs=request.jobs,
-            only=request.only or None,
-            accept_versions=request.accept_versions,
-            progress=choose(request.progress),
-            engine=request.engine,
-        )
+            _set_aside(request.place(directory))
+        if request.shard or request.no_report:
+            from rmpc_bench.cli.run_trials import run_trials
+
+            return run_trials(request, config, directory, started)
+        return _run_all(request, config, directory, started)
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)
         return exits.OCCUPIED
+
+
+def _run_all(request: Request, config: ExperimentConfig, directory: Path, started: float) -> int:
+    """Compute what is missing and write all results."""
+    with held():
+        from rmpc_bench.execution.progress import choose
+        from rmpc_bench.execution.publish import publish
+        from rmpc_bench.execution.results import run as run_experiment
+
+    loaded = time.monotonic()
+    _say_shards(request, directory)
+    results = run_experiment(
+        config,
+        directory=directory,
+        jobs=request.jobs,
+        only=request.only or None,
+        accept_versions=request.accept_versions,
+        progress=choose(request.how_progress),
+        engine=request.engine_name,
+        scheduler=request.scheduler,
+        missing=request.missing,
+    )
+    computed = time.monotonic()
     written = publish(results)
-    exits.show(written, time.monotonic() - started)
+    exits.show(written, time.monotonic() - started, notes=not request.quiet)
+    if request.verbose:
+        times = (loaded - started, computed - loaded, time.monotonic() - computed)
+        click.echo("configuration {:.1f} s, trials {:.1f} s, report {:.1f} s".format(*times), err=True)
+        click.echo("\n".join(f"written: {path}" for path in written.paths), err=True)
     if request.strict and config.claims and not results.is_final:
         click.echo("--strict compared no finding: see the line `claims`", err=True)
     return exits.code_of(written, strict=request.strict)
+
+
+def _say_shards(request: Request, directory: Path) -> None:
+    """Say that a directory without a store has shards, which the option --missing takes."""
+    from rmpc_bench.execution.database import FILE
+    from rmpc_bench.execution.shards import shards_in
+
+    if not request.missing and not (directory / FILE).exists() and shards_in(directory, FILE):
+        request.note(f"{directory} has shards, which are not used: --missing takes their trials")
 
 
 def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
@@ -181,15 +150,18 @@ def configured(request: Request) -> tuple[ExperimentConfig, Path]:
     config = request.load()
     directory = request.output or _directory(request, config)
     stored = {} if request.fresh else _stored_methods(directory, config)
+    if request.part is not None:
+        check_division(request.part, directory)
+        stored |= {} if request.fresh else _stored_methods(request.place(directory), config)
     if request.add_methods:
         # Before those of the directory, so that an error names the text that is given now.
         config = request.load(add_methods=request.add_methods)
     if stored:
         config = request.load(add_methods=[*{**stored, **config.added}.values()])
     for line in _said(config, stored, directory):
-        click.echo(line, err=True)
+        request.note(line)
     for text in config.left_out:
-        click.echo(f"left out: {text}", err=True)
+        request.note(f"left out: {text}")
     return config, directory
 
 
@@ -232,28 +204,31 @@ def _directory(request: Request, config: ExperimentConfig) -> Path:
         name = f"{name}~{config.full_hash[:6]}"
     parent = Path("results") / ("smoke" if request.smoke else "") / (config.paper or "")
     if name != config.name:
-        click.echo(f"the overrides change the experiment: results go to {parent / name}", err=True)
+        request.note(f"the overrides change the experiment: results go to {parent / name}")
     return parent / name
 
 
-def _show_plan(config: ExperimentConfig, directory: Path, only: Sequence[str]) -> int:
+def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> int:
     from rmpc_bench.execution.database import FILE
     from rmpc_bench.execution.other_code import rows_of_other_code
     from rmpc_bench.execution.runner import pending
     from rmpc_bench.execution.store import Store
 
-    names = [method.name for method in config.experiment.methods if not only or method.name in only]
-    left = total = config.n_trials(names)
+    names = [method.name for method in config.experiment.methods if not request.only or method.name in request.only]
+    n_runs, place = config.experiment.n_runs, request.place(directory)
+    runs = range(n_runs) if request.shard is None else request.shard.runs(n_runs)
+    left = total = config.n_trials(names) // n_runs * len(runs)
     apart = None
-    if (directory / FILE).exists():
-        with Store(directory, writable=False) as store:
+    if (place / FILE).exists():
+        with Store(place, writable=False) as store:
             store.check(config.hash, config.shared, config.own.names())
-            left = sum(len(task.runs) for task in pending(config, store, names))
+            left = sum(len(task.runs) for task in pending(config, store, names, runs))
             apart = rows_of_other_code(config, store, names)
-    click.echo(f"{config.name}: {left} of {total} trials to compute ({', '.join(names)})")
+    part = "" if request.shard is None else f", shard {request.shard}"
+    click.echo(f"{config.name}{part}: {left} of {total} trials to compute ({', '.join(names)})")
     if apart:
         click.echo("\n".join(apart.said("; they would be computed again", ": they would be computed again")))
-    click.echo(f"results go to {directory}; nothing was computed (--dry-run)")
+    click.echo(f"results go to {place}; nothing was computed (--dry-run)")
     return 0
 
 

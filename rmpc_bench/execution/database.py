@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.execution.store_file import APPLICATION, FILE, FORMAT, MissingError, StoreError, check_file
+from rmpc_bench.execution.store_file import APPLICATION, FILE, FORMAT, MissingError, OccupiedError, StoreError, check_file
 
-__all__ = ["FILE", "Database", "MissingError", "StoreError", "WriteError"]
+__all__ = ["FILE", "Database", "MissingError", "OccupiedError", "StoreError", "WriteError"]
 
 _SCHEMA = f"""
 PRAGMA application_id = {APPLICATION};
@@ -175,7 +175,7 @@ class Database:
 def _translated(error: sqlite3.DatabaseError, path: Path) -> Exception:
     text = str(error)
     if "locked" in text:
-        return StoreError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
+        return OccupiedError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
     if "not a database" in text or "no such table" in text or "malformed" in text:
         return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh")
     return WriteError(f"{path}: {text}")

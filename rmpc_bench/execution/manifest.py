@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -99,6 +99,35 @@ def note_look(directory: Path, n_runs: int) -> None:
     data, earlier = read(directory), looks(directory)
     if data and n_runs not in earlier:
         _write(directory / FILE, data | {"looks": [*earlier, n_runs]})
+
+
+def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
+    """Write the manifest of a directory from those of its shards; its own sessions and looks are kept.
+
+    Parameters
+    ----------
+    directory : of the results
+    shards : name of a shard -> its directory
+
+    Returns
+    -------
+    warnings: versions of libraries that differ between shards
+    """
+    here, parts = read(directory), {name: read(place) for name, place in shards.items()}
+    first = next((part for part in parts.values() if part), {})
+    own = [session for session in here.get("sessions", []) if session.get("shard") not in shards]
+    of_shards = [{"shard": name} | session for name, part in parts.items() for session in part.get("sessions", [])]
+    _write(directory / FILE, {**first, **here, "looks": looks(directory), "sessions": [*own, *of_shards]})
+    found: dict[str, dict[str, list[str]]] = {}
+    for name, part in parts.items():
+        for library, text in (part.get("versions", {}) | part.get("libraries", {})).items():
+            found.setdefault(library, {}).setdefault(text, []).append(name)
+    return [
+        "the shards were computed with different versions; last digits may differ: "
+        + ", ".join(f"{library} {text} ({names[0]})" for text, names in versions.items())
+        for library, versions in found.items()
+        if len(versions) > 1
+    ]
 
 
 def _write(path: Path, data: dict[str, Any]) -> None:

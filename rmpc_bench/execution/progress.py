@@ -58,6 +58,13 @@ class Silent:
         """End."""
 
 
+class Quiet(Silent):
+    """Shows nothing."""
+
+    def say(self, text: str) -> None:
+        """Show nothing."""
+
+
 class Plain(Silent):
     """A line every few seconds, for logs.
 
@@ -208,10 +215,14 @@ HOW = ("auto", "bar", "plain", "json", "none")
 
 
 def choose(how: str) -> Progress:
-    """Return the display for one of `HOW`; ``auto`` is a bar on a terminal that can draw one, else plain lines."""
+    """Return the display for one of `HOW`; ``auto`` is a bar on a terminal that can draw one, else plain lines.
+
+    ``quiet`` shows no messages either.
+    """
     if how == "auto":
         how = "bar" if sys.stderr.isatty() and os.environ.get("TERM") != "dumb" else "plain"
-    kinds: dict[str, Callable[[], Progress]] = {"bar": Bar, "plain": Plain, "json": JsonLines, "none": Silent}
+    kinds: dict[str, Callable[[], Progress]]
+    kinds = {"bar": Bar, "plain": Plain, "json": JsonLines, "none": Silent, "quiet": Quiet}
     return kinds[how]()
 
 

@@ -94,7 +94,10 @@ def run(
     only: Collection[str] | None = None,
     progress: Progress | None = None,
     accept_versions: bool = False,
-    engine: Literal["joblib", "serial"] | None = None,
+    engine: Literal["joblib", "serial", "dask"] | None = None,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    missing: bool = False,
 ) -> Results:
     """Compute the runs that are missing in a directory; the same call continues an interrupted one.
 
@@ -108,11 +111,15 @@ def run(
     accept_versions : whether stored rows are used that another version of a library has computed, one that a Python
         file of the user imports
     engine : ``joblib`` for worker processes, ``serial`` for none: a component that ends its process then ends this one;
-        unless given, one worker is this process where no component comes from a file or an installed package
+        unless given, one worker is this process where no component comes from a file or an installed package; ``dask``
+        for the workers of a dask cluster
+    scheduler : address of the scheduler of a dask cluster, such as ``tcp://node7:8786``
+    shard : the part ``I/N`` of the runs, stored in ``shards/I-of-N`` of the directory; all runs unless given
+    missing : whether the trials of all shards in the directory are taken before the rest is computed
 
     Returns
     -------
-    all that is stored for this configuration
+    all that is stored for this configuration, or for the shard
 
     Raises
     ------
@@ -132,7 +139,9 @@ def run(
     """
     # Designs, joblib and numba are needed here only: results are read without them.
     from rmpc_bench.execution.runner import compute
+    from rmpc_bench.execution.shards import parse_shard
 
+    part = None if shard is None else parse_shard(shard)
     place = default_directory(config) if directory is None else Path(directory)
     compute(
         config,
@@ -143,7 +152,11 @@ def run(
         modified=config.overrides,
         accept_versions=accept_versions,
         engine=engine,
+        scheduler=scheduler,
+        shard=part,
+        missing=missing,
     )
+    place = place if part is None else part.directory(place)
     own = {number: figure for number, figure in enumerate(config.figures) if not figure.is_built_in}
     return replace(load_results(place), components=own)
 

@@ -6,8 +6,10 @@ import shlex
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
+from jaxtyping import Int
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.relocation import in_directory
@@ -25,6 +27,9 @@ from rmpc_bench.execution.manifest import Session
 from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
 from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
+from rmpc_bench.execution.progress_file import ProgressFile, extent_of
+from rmpc_bench.execution.shard_rows import stored_in, take_shards
+from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
@@ -35,13 +40,20 @@ from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.types import Array
 
 CONFIG = "config.yaml"
 RESOLVED = "config.resolved.yaml"
 _ADDED = "# this directory has more methods: --add-method "
 
 
-def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) -> list[Task]:
+def pending(
+    config: ExperimentConfig,
+    store: Store,
+    methods: Collection[str],
+    runs: range | None = None,
+    also: Mapping[str, Int[Array, " stored"]] = MappingProxyType({}),
+) -> list[Task]:
     """Return the ranges of runs that are not stored yet; a `TaskQueue` cuts them into blocks.
 
     Trials that points of a sweep share are computed once, at the first of them.
@@ -51,6 +63,8 @@ def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) ->
     config : the experiment
     store : the stored trials
     methods : names of the methods to compute
+    runs : the runs to compute, such as those of a shard; all unless given
+    also : key of a method -> its runs that another store has
     """
     if "runs" not in config.evaluate:
         return []
@@ -61,7 +75,8 @@ def pending(config: ExperimentConfig, store: Store, methods: Collection[str]) ->
             if name in methods and key not in seen:
                 seen.add(key)
                 done = store.finished(key, point.metric_keys.values(), kept(point.experiment, name), n_runs)
-                missing = np.setdiff1d(np.arange(n_runs), done, assume_unique=True)
+                wanted = np.arange(n_runs) if runs is None else np.array(runs, dtype=int)
+                missing = np.setdiff1d(wanted, np.union1d(done, also.get(key, done)), assume_unique=True)
                 tasks += [Task(name, *bounds, number) for bounds in ranges(missing)]
     return tasks
 
@@ -76,6 +91,9 @@ def compute(
     modified: Collection[str] = (),
     accept_versions: bool = False,
     engine: str | None = None,
+    scheduler: str | None = None,
+    shard: Shard | None = None,
+    missing: bool = False,
 ) -> None:
     """Compute and store what is missing; the same call continues an interrupted one.
 
@@ -88,7 +106,11 @@ def compute(
     progress : display
     modified : what was changed against the file, noted for the report
     accept_versions : whether rows that other versions of a library have computed are used
-    engine : ``joblib`` for worker processes, ``serial`` for none; chosen by `choose_engine` unless given
+    engine : ``joblib`` for worker processes, ``serial`` for none, ``dask`` for those of a cluster; chosen by
+        `choose_engine` unless given
+    scheduler : address of the scheduler of a dask cluster
+    shard : the part to compute, in a store of its own below the directory; all runs unless given
+    missing : whether the trials of the shards in the directory are taken before the rest is computed
 
     Raises
     ------
@@ -101,26 +123,48 @@ def compute(
     progress = progress or Silent()
     names = [method.name for method in config.experiment.methods]
     methods = names if only is None else [name for name in names if name in only]
-    with Store(directory) as store:
+    place = directory if shard is None else shard.directory(directory)
+    also = {} if shard is None else stored_in(directory, config, methods, progress.say)
+    runs = range(config.experiment.n_runs) if shard is None else shard.runs(config.experiment.n_runs)
+    with Store(place) as store:
         store.claim(config.hash, config.shared, config.own.names())
-        check_versions(config, store, methods, accept=accept_versions)
-        for name in added_methods(store):
-            if name not in names:
-                progress.say(f"{name}, which was added to {directory}, is not in this configuration: no table shows it")
-        keep_layout(config, store, methods)
-        _keep_configuration(config, directory, added_methods(store))
-        tasks = pending(config, store, methods)
-        with Session(directory, config, modified, progress.say):
-            apart = rows_of_other_code(config, store, methods)
-            for line in apart.said("; they are computed again", ": computing them again (old ones kept)"):
-                progress.say(line)
+        if missing:
+            take_shards(config, store, progress.say)
+        _prepare(config, store, methods, progress, accept_versions=accept_versions)
+        for folder in dict.fromkeys((place, directory)):
+            _keep_configuration(config, folder, added_methods(store))
+        tasks = pending(config, store, methods, runs, also)
+        with Session(place, config, modified, progress.say):
+            _say_other_code(config, store, methods, progress)
+            n_left = sum(len(task.runs) for task in tasks)
+            file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, shard=shard)
             if tasks:
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)
-                total = config.n_trials(methods)
-                left = sum(len(task.runs) for task in tasks)
-                chosen = choose_engine(config, tasks, workers, engine, directory, progress.say)
-                _compute(config, store, tasks, chosen, progress, (total, total - left))
+                chosen = choose_engine(config, tasks, workers, engine, place, progress.say)
+                with file:
+                    _compute(config, store, tasks, chosen, progress, file)
+            elif not file.is_up_to_date():
+                with file:
+                    pass
+
+
+def _prepare(
+    config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress, *, accept_versions: bool
+) -> None:
+    """Check the stored rows, and store what reports need beside the trials."""
+    check_versions(config, store, methods, accept=accept_versions)
+    for name in added_methods(store):
+        if name not in config.methods:
+            text = f"{name}, which was added to {store.directory}, is not in this configuration: no table shows it"
+            progress.say(text)
+    keep_layout(config, store, methods)
+
+
+def _say_other_code(config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress) -> None:
+    apart = rows_of_other_code(config, store, methods)
+    for line in apart.said("; they are computed again", ": computing them again (old ones kept)"):
+        progress.say(line)
 
 
 def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mapping[str, str]) -> None:
@@ -150,14 +194,14 @@ def _compute(
     tasks: list[Task],
     engine: Engine,
     progress: Progress,
-    counts: tuple[int, int],
+    file: ProgressFile,
 ) -> None:
     experiments = tuple(point.experiment for point in config.points)
     _warm_up(experiments, tasks, progress)
     running = running_comparison(config)
-    if counts[1]:
+    if file.done:
         add_stored(running, config, store)
-    progress.start(config.name, *counts, running)
+    progress.start(config.name, file.total, file.done, running)
     try:
         queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
         with closing(engine(experiments, queue)) as results:
@@ -165,6 +209,7 @@ def _compute(
                 _store(store, config.points[done.task.point], done)
                 queue.note(done)
                 add_done(running, config, done)
+                file.note(done)
                 progress.advance(len(done.task.runs))
     finally:
         progress.stop()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.relocation import COPIES
+from rmpc_bench.replaced_file import replaced
 
 
 def keep_sources(own: OwnCode, directory: Path) -> None:
@@ -28,6 +29,5 @@ def keep_sources(own: OwnCode, directory: Path) -> None:
             path = directory / COPIES / source.folder / place
             if not path.exists():
                 path.parent.mkdir(parents=True, exist_ok=True)
-                partial = path.with_name(f"{path.name}.part")
-                partial.write_bytes(file.content)
-                partial.replace(path)
+                with replaced(path) as partial:
+                    partial.write_bytes(file.content)

@@ -25,6 +25,7 @@ from rmpc_bench.execution.durations import Durations
 from rmpc_bench.execution.ensemble_table import as_array, as_bytes, read_groups, with_stored_runs
 from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failures
 from rmpc_bench.execution.sampled_values import Sampled, by_name, read_sampled
+from rmpc_bench.execution.store_copy import Opened, copy_rows
 from rmpc_bench.execution.stored_method import StoredMethod
 from rmpc_bench.execution.stored_runs import covered, rows_of_others, runs_with, without_traces
 from rmpc_bench.execution.timed_writes import TimedWrites
@@ -298,6 +299,11 @@ class Store:
                 *journal_rows(number, np.sort(runs), block.journal),
             ]
         )
+
+    def copy_from(self, other: Store) -> None:
+        """Copy the rows of another store of the experiment that this one lacks, in one transaction."""
+        there, here = (Opened(each._database, each._columns, each._read) for each in (other, self))
+        self._writes.now(copy_rows(there, here))
 
     def failures(self, method: str, n_runs: int) -> list[RunFailure]:
         """Failures of a method that have a description, in the order of the runs."""

@@ -26,6 +26,10 @@ class StoreError(Exception):
     """A directory that cannot be used: it holds another experiment, or another process writes to it."""
 
 
+class OccupiedError(StoreError):
+    """Another process writes to the store."""
+
+
 class MissingError(Exception):
     """A directory without trials, or without what a report needs beside them."""
 

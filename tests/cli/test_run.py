@@ -11,7 +11,7 @@ HOLDS = "{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}"
 FAILS = "{says: large, check: 'mean(mse[S-MPC]) > 1000', finding: confirmed}"
 FILES = {
     *("config.yaml", "config.resolved.yaml", "manifest.json", "trials.sqlite", "trials.csv", "uncertainty.csv"),
-    *("series.csv", "summary.csv", "comparisons.csv", "tables"),
+    *("series.csv", "summary.csv", "comparisons.csv", "tables", "progress.json"),
 }
 
 

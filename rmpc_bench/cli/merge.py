@@ -1,0 +1,32 @@
+"""rmpc-bench merge."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rmpc_bench.cli import exits
+
+
+@click.command()
+@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--partial", is_flag=True, help="Join what is there, though runs are missing or shards still run.")
+@exits.guarded
+def merge(directory: Path, partial: bool) -> int:
+    """Join the shards of a directory and write its tables, figures and claims.
+
+    The shards of `rmpc-bench run --shard I/N` must be parts of one experiment, computed by the same code.  They stay as
+    they are.  Runs may be missing with --partial only; `rmpc-bench run --missing` computes these.
+    """
+    from rmpc_bench.execution.merging import merge as join
+    from rmpc_bench.execution.publish import publish
+    from rmpc_bench.execution.results import load_results
+
+    merged = join(directory, partial=partial, say=lambda text: click.echo(text, err=True))
+    click.echo(f"joined: {', '.join(shard.name for shard in merged.shards)}", err=True)
+    if merged.missing:
+        click.echo("\n".join(["incomplete:", *merged.missing]), err=True)
+    written = publish(load_results(directory))
+    exits.show(written)
+    return exits.code_of(written, strict=False)

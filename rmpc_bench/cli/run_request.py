@@ -1,0 +1,180 @@
+"""The options of `rmpc-bench run` as one record, and the types of those that are not plain texts or numbers."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import click
+
+if TYPE_CHECKING:
+    from rmpc_bench.config.experiment_config import ExperimentConfig
+    from rmpc_bench.execution.shards import Shard
+
+
+class Workers(click.ParamType[int]):
+    """A number of worker processes, or `auto`."""
+
+    name = "workers"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the number; `auto` is the number of cores this process may use, in a batch job those of the job."""
+        if value == "auto":
+            from rmpc_bench.execution.batch_jobs import n_cores
+
+            return n_cores(os.environ)
+        try:
+            number = int(str(value))
+        except ValueError:
+            number = 0
+        if number < 1:
+            self.fail(f"{value!r} is neither a number of processes from 1 on nor 'auto'", param, ctx)
+        return number
+
+
+class Part(NamedTuple):
+    """The option --shard."""
+
+    shard: Shard
+    automatic: bool = False
+    """Whether it is the position of a task in its array."""
+
+
+class ShardOption(click.ParamType[Part]):
+    """A shard I/N, or `auto` in a task of an array job."""
+
+    name = "shard"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Part:
+        """Return the shard; `auto` is the position of the task in its array."""
+        from rmpc_bench.execution.batch_jobs import ArrayJobError, shard_of_array_job
+        from rmpc_bench.execution.shards import parse_shard
+
+        if isinstance(value, Part):
+            return value
+        try:
+            if value == "auto":
+                return Part(shard_of_array_job(os.environ), automatic=True)
+            return Part(parse_shard(str(value)))
+        except (ArrayJobError, ValueError) as error:
+            self.fail(str(error), param, ctx)
+
+
+@dataclass(frozen=True)
+class Request:
+    """The options of the command line, one field each."""
+
+    config: Path
+    output: Path | None
+    jobs: int | None
+    overrides: tuple[str, ...]
+    runs: int | None
+    only: tuple[str, ...]
+    smoke: bool
+    strict: bool
+    fresh: bool
+    accept_versions: bool
+    dry_run: bool
+    progress: str
+    allow_code: tuple[Path, ...]
+    engine: Literal["joblib", "serial", "dask"] | None
+    add_methods: tuple[str, ...]
+    scheduler: str | None
+    part: Part | None
+    missing: bool
+    no_report: bool
+    quiet: bool
+    verbose: bool
+
+    def __post_init__(self) -> None:
+        """Refuse options that exclude each other."""
+        pairs = [
+            (
+                self.shard and self.missing,
+                "--shard computes a part, and --missing all that is missing: give one of them",
+            ),
+            (
+                self.shard and self.strict,
+                "--strict needs all runs: give it with --missing when the shards are finished",
+            ),
+            (self.no_report and self.strict, "--strict compares findings, which --no-report leaves out"),
+            (
+                self.missing and self.fresh,
+                "--missing uses stored trials, and --fresh sets them aside: give one of them",
+            ),
+            (self.quiet and self.verbose, "give -q or -v"),
+            (self.scheduler and self.engine not in (None, "dask"), "--scheduler needs --engine dask"),
+        ]
+        wrong = [text for excluded, text in pairs if excluded]
+        if wrong:
+            raise click.UsageError("\n".join(wrong))
+
+    @property
+    def shard(self) -> Shard | None:
+        """The shard to compute; None for all runs."""
+        return None if self.part is None else self.part.shard
+
+    @property
+    def engine_name(self) -> Literal["joblib", "serial", "dask"] | None:
+        """The engine; a scheduler is that of a dask cluster."""
+        return "dask" if self.scheduler else self.engine
+
+    def place(self, directory: Path) -> Path:
+        """Return where the trials are stored: the directory of the results, or of the shard in it."""
+        return directory if self.shard is None else self.shard.directory(directory)
+
+    @property
+    def how_progress(self) -> str:
+        """How progress is shown."""
+        return "quiet" if self.quiet else self.progress
+
+    def note(self, text: str) -> None:
+        """Show a note on stderr."""
+        if not self.quiet:
+            click.echo(text, err=True)
+
+    def changes(self) -> list[str]:
+        """Options that change what is computed."""
+        texts = [f"-s {shlex.quote(text)}" for text in self.overrides if not text.startswith("execution.")]
+        texts += [f"--runs {self.runs}"] if self.runs is not None else []
+        texts += [f"--only {shlex.quote(name)}" for name in self.only] + ["--smoke"] * self.smoke
+        return texts + [f"--add-method {shlex.quote(text)}" for text in self.add_methods]
+
+    def command(self, directory: Path) -> str:
+        """Return the same command for another directory."""
+        allowed = [f"--allow-code {shlex.quote(str(path))}" for path in self.allow_code]
+        part = [] if self.shard is None else [f"--shard {self.shard}"]
+        return " ".join(
+            ["rmpc-bench run", shlex.quote(str(self.config)), *self.changes(), *allowed, *part, f"-o {directory}"]
+        )
+
+    def load(self, *, overridden: bool = True, add_methods: Sequence[str] = ()) -> ExperimentConfig:
+        """Load the configuration, with or without the overrides and the number of runs.
+
+        Parameters
+        ----------
+        overridden : whether to use the overrides and the number of runs
+        add_methods : texts of methods to add
+        """
+        from rmpc_bench.config.load import load_config
+
+        changes: dict[str, Any] = {"overrides": self.overrides, "runs": self.runs} if overridden else {}
+        changes["add_methods"] = add_methods
+        return load_config(self.config, smoke=self.smoke, allow_code=self.allow_code, **changes)
+
+
+def check_division(part: Part, directory: Path) -> None:
+    """Refuse --shard auto where the directory is divided otherwise, as when single tasks of an array run again."""
+    from rmpc_bench.execution.database import FILE
+    from rmpc_bench.execution.shards import shards_in
+
+    count = part.shard.total
+    others = sorted({shard.total for shard in shards_in(directory, FILE)} - {count})
+    if part.automatic and others:
+        text = f"this array has {count} tasks, and {directory} has shards of {', '.join(map(str, others))}"
+        way_out = "give --shard I/N, or --missing in place of --shard to compute what is missing"
+        raise click.BadParameter(f"{text}; {way_out}", param_hint="--shard")

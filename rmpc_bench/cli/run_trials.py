@@ -1,0 +1,61 @@
+"""`rmpc-bench run` without a report: a shard, or --no-report."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rmpc_bench.cli import exits
+from rmpc_bench.execution import progress_file
+from rmpc_bench.execution.progress import choose
+from rmpc_bench.execution.runner import compute
+
+if TYPE_CHECKING:
+    from rmpc_bench.cli.run_request import Request
+    from rmpc_bench.config.experiment_config import ExperimentConfig
+
+
+def run_trials(request: Request, config: ExperimentConfig, directory: Path, started: float) -> int:
+    """Compute the trials of a shard or of all runs, and say in one line what is stored.
+
+    Parameters
+    ----------
+    request : options of the command line
+    config : the experiment
+    directory : of the results
+    started : when the command began, of the monotonic clock [s]
+
+    Returns
+    -------
+    the exit code; failed runs of a shard count when the shards are joined
+    """
+    compute(
+        config,
+        directory,
+        workers=request.jobs,
+        only=request.only or None,
+        progress=choose(request.how_progress),
+        modified=config.overrides,
+        accept_versions=request.accept_versions,
+        engine=request.engine_name,
+        scheduler=request.scheduler,
+        shard=request.shard,
+        missing=request.missing,
+    )
+    place = request.place(directory)
+    data = progress_file.read(place) or {}
+    failed = data.get("failed", {})
+    what = "trials" if request.shard is None else f"shard {request.shard.name}"
+    texts = [f"{config.name}   {what} done in {time.monotonic() - started:.1f} s"]
+    if data:
+        first, stop = data["runs"]
+        runs = f"runs {first} to {stop - 1}" if stop > first else "no runs: there are more shards than runs"
+        words = "".join(f", {word} {n}" for word, n in failed.items())
+        texts.append(f"{runs}, {data['done']} of {data['total']} trials, {sum(failed.values())} failed{words}")
+    click.echo("   ".join([*texts, str(place)]))
+    if request.shard is None and sum(failed.values()) > config.execution.max_failures:
+        return exits.TOO_MANY_FAILURES
+    return 0

@@ -1,0 +1,26 @@
+"""rmpc-bench status."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from rmpc_bench.cli import exits
+
+
+@click.command()
+@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@exits.guarded
+def status(directory: Path, as_json: bool) -> None:
+    """Show how far an experiment and its shards are.
+
+    Shows finished and failed trials, the rate, the time that is left, and the mean of the primary metric so far with
+    its Monte Carlo error.  It reads progress.json only, so it may run on any machine that sees the directory.
+    """
+    from rmpc_bench.execution.status import read_status
+
+    found = read_status(directory)
+    click.echo(json.dumps(found.to_json(), indent=2) if as_json else str(found))

@@ -1,0 +1,261 @@
+"""progress.json: how far a computation is, for `rmpc-bench status` on any machine that sees the directory.
+
+The trial store is locked while it is written, so this file has all that `status` reads.  It is replaced every few
+seconds, also while no block finishes.  A file that has not changed for long therefore shows that its writer has died.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import threading
+import time
+from collections import Counter
+from collections.abc import Collection, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.execution.engines.tasks import Done
+from rmpc_bench.execution.running_mean import RunningMean, mean_of
+from rmpc_bench.execution.shards import Shard
+from rmpc_bench.execution.store import Store
+from rmpc_bench.replaced_file import replace_text
+from rmpc_bench.types import Array, Status
+
+FILE = "progress.json"
+EVERY = 2.0
+"""Time between two writings of the file [s]."""
+RUNNING, FINISHED, INTERRUPTED = "running", "finished", "interrupted"
+_WORDS = {int(status): status.word for status in Status}
+_OK = Status.OK.word
+
+
+class Column(NamedTuple):
+    """The primary metric of a method at one point of the sweep."""
+
+    point: int
+    title: str
+    """The point in words."""
+    method: str
+    key: str
+    """Hash under which the trials are stored."""
+    metric: str | None
+    """Hash under which the values are stored; None where the point has no such metric."""
+    position: int = 0
+    """Position of the metric among those of the point."""
+
+
+class Extent(NamedTuple):
+    """What the file says of an experiment."""
+
+    name: str
+    experiment: str
+    """The experiment hash."""
+    n_runs: int
+    methods: tuple[str, ...]
+    """Methods that are computed."""
+    primary: str
+    columns: tuple[Column, ...]
+    """Of the methods that are computed; trials that points of a sweep share occur once."""
+    n_trials: int
+    """Number of trials of all methods."""
+
+
+def extent_of(config: ExperimentConfig, methods: Collection[str]) -> Extent:
+    """Return what the file says of a configuration.
+
+    Parameters
+    ----------
+    config : the experiment
+    methods : names of the methods that are computed
+    """
+    columns: dict[str, Column] = {}
+    for number, point in enumerate(config.points if "runs" in config.evaluate else ()):
+        names = [metric.name for metric in point.experiment.metrics]
+        position = names.index(config.primary) if config.primary in names else 0
+        metric = point.metric_keys.get(config.primary)
+        for name, key in point.method_keys.items():
+            if name in methods:
+                columns.setdefault(key, Column(number, point.title, name, key, metric, position))
+    names = [name for name in config.methods if name in methods]
+    given = (config.name, config.hash, config.experiment.n_runs, tuple(names), config.primary)
+    return Extent(*given, tuple(columns.values()), config.n_trials())
+
+
+class ProgressFile:
+    """Writes progress.json of a computation; the context manager is the time in which it runs.
+
+    Parameters
+    ----------
+    directory : where the file is
+    extent : the experiment
+    runs : the runs that are computed
+    store : the trials that are stored already, which the numbers include
+    n_left : number of trials that are to be computed
+    shard : the shard that is computed; None for all runs
+    every : time between two writings [s]
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        extent: Extent,
+        runs: range,
+        store: Store,
+        *,
+        n_left: int,
+        shard: Shard | None = None,
+        every: float = EVERY,
+    ) -> None:
+        self._path, self._extent, self._runs, self._store, self._every = directory / FILE, extent, runs, store, every
+        self.total = len(extent.columns) * len(runs)
+        """Number of trials, with those that are stored."""
+        self.done = self.total - n_left
+        """Number of trials that are stored."""
+        self._before, self._start = self.done, time.monotonic()
+        self._failed, self._means = Counter[str](), dict[tuple[int, str], RunningMean]()
+        self._columns = {(column.point, column.method): column for column in extent.columns}
+        self._constant = {
+            "name": extent.name,
+            "experiment": extent.experiment,
+            "shard": None if shard is None else shard.name,
+            "runs": [runs.start, runs.stop],
+            "n_runs": extent.n_runs,
+            "all_trials": extent.n_trials,
+            "methods": list(extent.methods),
+            "host": platform.node(),
+            "pid": os.getpid(),
+            "started": _now(),
+        }
+        self._lock, self._end = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+
+    def is_up_to_date(self) -> bool:
+        """Whether the file of an earlier session says that all trials are stored, as they are."""
+        data = read(self._path.parent) or {}
+        return data.get("state") == FINISHED and data.get("done") == data.get("total") == self.total == self.done
+
+    def _count_stored(self) -> None:
+        """Count what earlier sessions have stored."""
+        for column in self._extent.columns:
+            runs, words = (np.asarray(each) for each in self._store.column(column.key, self._runs.stop))
+            inside = runs >= self._runs.start
+            if column.metric is None or not np.any(inside):
+                continue
+            values = self._store.values(column.key, column.metric, runs[inside].tolist())
+            found, counts = np.unique(words[inside], return_counts=True)
+            self._add(column, dict(zip(found.tolist(), counts.tolist(), strict=True)), values)
+
+    def _add(self, column: Column, words: Mapping[str, int], values: Array) -> None:
+        self._failed.update({word: n for word, n in words.items() if word != _OK})
+        before = self._means.get((column.point, column.method), RunningMean())
+        self._means[column.point, column.method] = before.joined(mean_of(values))
+
+    def __enter__(self) -> ProgressFile:
+        """Write the file for the first time."""
+        self._count_stored()
+        self._write(RUNNING)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Write the end and its reason."""
+        self._end.set()
+        self._thread.join()
+        self._write(FINISHED if kind is None else INTERRUPTED, "" if kind is None else kind.__name__)
+
+    def note(self, done: Done) -> None:
+        """Count a finished task.
+
+        Parameters
+        ----------
+        done : the task, whose trials are stored
+        """
+        task, block = done.task, done.block
+        codes, counts = np.unique(block.status, return_counts=True)
+        words = {_WORDS[int(code)]: int(n) for code, n in zip(codes, counts, strict=True)}
+        column = self._columns[task.point, task.method]
+        with self._lock:
+            self.done += len(task.runs)
+            if column.metric is not None:
+                self._add(column, words, block.metrics[column.position])
+
+    def extend(self, n: int) -> None:
+        """Add ``n`` trials to those that are to be computed."""
+        with self._lock:
+            self.total += n
+
+    def _follow(self) -> None:
+        while not self._end.wait(self._every):
+            self._write(RUNNING)
+
+    def _write(self, state: str, why: str = "") -> None:
+        with self._lock:
+            data = self._data(state, why)
+        write(self._path, data)
+
+    def _data(self, state: str, why: str) -> dict[str, Any]:
+        seconds = time.monotonic() - self._start
+        rate = (self.done - self._before) / max(seconds, 1e-9)
+        left = self.total - self.done
+        return {
+            **self._constant,
+            "state": state,
+            "why": why,
+            "updated": _now(),
+            "every": self._every,
+            "total": self.total,
+            "done": self.done,
+            "failed": dict(sorted(self._failed.items())),
+            "seconds": round(seconds, 3),
+            "rate": float(f"{rate:.4g}"),
+            "left_seconds": float(f"{left / rate:.4g}") if rate > 0.0 and state == RUNNING else None,
+            "metric": self._extent.primary,
+            "means": [
+                {"point": column.title, "method": column.method, **_finite(self._means[place])}
+                for place, column in self._columns.items()
+                if place in self._means
+            ],
+        }
+
+
+def _finite(mean: RunningMean) -> dict[str, float | None]:
+    """Return the fields; JSON has no word for a number that is too large."""
+    return {name: value if math.isfinite(value) else None for name, value in mean._asdict().items()}
+
+
+def write(path: Path, data: dict[str, Any]) -> None:
+    """Replace the file; a computation goes on where it cannot be written.
+
+    Parameters
+    ----------
+    path : the file
+    data : its content
+    """
+    try:
+        replace_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    except (OSError, ValueError):
+        # Nothing but `status` reads the file; a full disk is reported by the trial store.
+        pass
+
+
+def read(directory: Path) -> dict[str, Any] | None:
+    """Return the content of progress.json; None where there is no such file."""
+    try:
+        data = json.loads((directory / FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return data if isinstance(data, dict) else None
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

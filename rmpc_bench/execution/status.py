@@ -1,0 +1,344 @@
+"""How far an experiment is, from the files progress.json of a directory and its shards.
+
+The trial stores are not read: they are locked while they are written.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench.analysis.number_text import with_error
+from rmpc_bench.execution.database import MissingError
+from rmpc_bench.execution.progress_file import FILE, FINISHED, RUNNING, read
+from rmpc_bench.execution.running_mean import RunningMean
+from rmpc_bench.execution.shards import Shard, shards_in
+
+DEAD, SILENT, INCOMPLETE, ABSENT = "dead", "silent", "incomplete", "absent"
+"""States that a file cannot say of its own writer: its process is gone; it has not written for long; it has ended
+before all trials were stored; there is no file of the shard."""
+SILENCE = 30.0
+"""Time without a new file after which its writer is silent, at least ten times the time between two files [s]."""
+MOST_ROWS = 12
+"""Means that are printed."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A directory that is or was computed by one process: the whole experiment or a shard.
+
+    Parameters
+    ----------
+    name : of the shard; empty for the whole experiment
+    state : running, finished, interrupted, or one of the states above
+    runs : first run and end of the runs; None where there is no file
+    total, done : trials, and those that are stored
+    failed : status -> failed trials
+    host, pid : process that writes or wrote
+    age : time since the last file [s]
+    rate : finished trials per second in the last session
+    left : time until the end at this rate [s]; None where it is not known
+    why : name of the exception that has ended the session
+    """
+
+    name: str
+    state: str
+    runs: tuple[int, int] | None
+    total: int
+    done: int
+    failed: Mapping[str, int]
+    host: str = ""
+    pid: int = 0
+    age: float = 0.0
+    rate: float = 0.0
+    left: float | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class ExperimentStatus:
+    """How far an experiment is.
+
+    Parameters
+    ----------
+    name : of the experiment
+    directory : of the results
+    parts : the shards, or the one process of the directory
+    metric : the primary metric
+    means : (point of the sweep in words, method, mean so far)
+    total, done : trials of all parts, and those that are stored
+    """
+
+    name: str
+    directory: Path
+    parts: tuple[Part, ...]
+    metric: str
+    means: tuple[tuple[str, str, RunningMean], ...]
+    total: int
+    done: int
+
+    @property
+    def failed(self) -> dict[str, int]:
+        """Status -> failed trials, the most frequent first."""
+        counts = sum((Counter(dict(part.failed)) for part in self.parts), Counter[str]())
+        return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+    @property
+    def rate(self) -> float:
+        """Trials per second of all processes that run."""
+        return sum(part.rate for part in self.parts if part.state == RUNNING)
+
+    @property
+    def left(self) -> float | None:
+        """Time until the last running process ends [s]; None where none runs or one has finished no trial yet."""
+        times = [part.left for part in self.parts if part.state == RUNNING]
+        return None if not times or None in times else max(time for time in times if time is not None)
+
+    @property
+    def without_writer(self) -> int:
+        """Trials that are missing and that no process computes."""
+        return sum(part.total - part.done for part in self.parts if part.state != RUNNING)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        means = [
+            {"point": point, "method": method, "n": mean.n, "n_other": mean.n_other}
+            | {"mean": _number(mean.mean if mean.n else math.nan), "se": _number(mean.se)}
+            for point, method, mean in self.means
+        ]
+        return {
+            "name": self.name,
+            "directory": str(self.directory),
+            "total": self.total,
+            "done": self.done,
+            "failed": self.failed,
+            "rate": self.rate,
+            "left_seconds": self.left,
+            "without_writer": self.without_writer,
+            "metric": self.metric,
+            "means": means,
+            "parts": [
+                {**vars(part), "failed": dict(part.failed), "runs": part.runs and list(part.runs)}
+                for part in self.parts
+            ],
+        }
+
+    def __str__(self) -> str:
+        return "\n".join([_head(self), *_part_lines(self.parts), *_mean_lines(self)])
+
+
+def read_status(directory: str | Path, *, now: datetime | None = None) -> ExperimentStatus:
+    """Read how far an experiment is; any machine that sees the directory may do so.
+
+    Where both the directory and its shards have files, the newest file decides which of them are shown.
+
+    Parameters
+    ----------
+    directory : of the results, or of a shard
+    now : time of the comparison with that of the files; the present unless given
+
+    Raises
+    ------
+    MissingError
+        If there is no progress.json.
+    """
+    place, now = Path(directory), now or datetime.now(UTC)
+    whole = read(place)
+    found = {shard: data for shard, path in shards_in(place, FILE).items() if (data := read(path)) is not None}
+    if whole is None and not found:
+        raise MissingError(f"{place}: there is no {FILE}; `rmpc-bench run` writes it while it computes")
+    newest = max(found.values(), key=_updated, default=None)
+    if newest is None or (whole is not None and _updated(whole) >= _updated(newest)):
+        assert whole is not None
+        return _status(place, whole, [(_part("", whole, now), whole)], [])
+    absent = _absent(found, newest)
+    parts = [(_part(shard.name, data, now), data) for shard, data in found.items()]
+    return _status(place, newest, parts, absent)
+
+
+def _status(
+    directory: Path, first: Mapping[str, Any], parts: Sequence[tuple[Part, Mapping[str, Any]]], absent: Sequence[Part]
+) -> ExperimentStatus:
+    means: dict[tuple[str, str], RunningMean] = {}
+    for _, data in parts:
+        for each in data.get("means", []):
+            mean = RunningMean(each["n"], _float(each["mean"]), _float(each["m2"]), each["n_other"])
+            key = each["point"], each["method"]
+            means[key] = means.get(key, RunningMean()).joined(mean)
+    shown = sorted([*(part for part, _ in parts), *absent], key=_order)
+    return ExperimentStatus(
+        name=first["name"],
+        directory=directory,
+        parts=tuple(shown),
+        metric=first["metric"],
+        means=tuple((*key, mean) for key, mean in means.items()),
+        total=sum(part.total for part in shown),
+        done=sum(part.done for part in shown),
+    )
+
+
+def _order(part: Part) -> tuple[int, int]:
+    number, _, count = part.name.partition("-of-")
+    return (int(count), int(number)) if count else (0, 0)
+
+
+def _absent(found: Mapping[Shard, Mapping[str, Any]], newest: Mapping[str, Any]) -> list[Part]:
+    """Return the shards of the newest division that have no file; others have computed the same runs before."""
+    count = int(newest["shard"].partition("-of-")[2])
+    missing = [shard for number in range(1, count + 1) if (shard := Shard(number, count)) not in found]
+    n_runs, n_columns = newest["n_runs"], newest["total"] // max(newest["runs"][1] - newest["runs"][0], 1)
+    runs = {shard: shard.runs(n_runs) for shard in missing}
+    return [
+        Part(shard.name, ABSENT, (each.start, each.stop), n_columns * len(each), 0, {}) for shard, each in runs.items()
+    ]
+
+
+def _part(name: str, data: Mapping[str, Any], now: datetime) -> Part:
+    age = max((now - _updated(data)).total_seconds(), 0.0)
+    state = _state(data, age)
+    return Part(
+        name=name,
+        state=state,
+        runs=(data["runs"][0], data["runs"][1]),
+        total=data["total"],
+        done=data["done"],
+        failed=data["failed"],
+        host=data["host"],
+        pid=data["pid"],
+        age=age,
+        rate=data["rate"],
+        left=data["left_seconds"] if state == RUNNING else None,
+        why=data["why"],
+    )
+
+
+def _state(data: Mapping[str, Any], age: float) -> str:
+    """Return the state of a writer; it may have died without a last file."""
+    if data["state"] == RUNNING:
+        # A process of the same number on another machine says nothing.
+        if data["host"] == platform.node() and age > data["every"] and not _is_alive(data["pid"]):
+            return DEAD
+        return SILENT if age > max(SILENCE, 10.0 * data["every"]) else RUNNING
+    if data["state"] == FINISHED and data["done"] < data["total"]:
+        return INCOMPLETE
+    return str(data["state"])
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def _updated(data: Mapping[str, Any]) -> datetime:
+    return datetime.fromisoformat(data["updated"])
+
+
+def _float(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _head(status: ExperimentStatus) -> str:
+    share = f" ({100.0 * status.done / status.total:.0f} %)" if status.total else ""
+    texts = [f"{status.done} of {status.total} trials{share}", _failed_text(status.failed)]
+    if status.rate:
+        texts.append(f"{status.rate:.3g} trials/s")
+    if status.left is not None:
+        texts.append(f"{time_text(status.left)} left")
+    if status.without_writer:
+        texts.append(f"{status.without_writer} trials that no process computes")
+    return f"{status.name}   {', '.join(texts)}   {status.directory}"
+
+
+def _failed_text(failed: Mapping[str, int]) -> str:
+    words = ", ".join(f"{word} {n}" for word, n in failed.items())
+    return f"{sum(failed.values())} failed" + (f" ({words})" if words else "")
+
+
+def time_text(seconds: float) -> str:
+    """Write a time with its largest unit.
+
+    Examples
+    --------
+    >>> time_text(42.0), time_text(600.0), time_text(9000.0), time_text(200000.0)
+    ('42 s', '10 min', '2.5 h', '2.3 d')
+    """
+    for limit, size, unit, digits in ((120.0, 1.0, "s", 0), (7200.0, 60.0, "min", 0), (172800.0, 3600.0, "h", 1)):
+        if seconds < limit:
+            return f"{seconds / size:.{digits}f} {unit}"
+    return f"{seconds / 86400.0:.1f} d"
+
+
+def _part_lines(parts: Sequence[Part]) -> list[str]:
+    rows = [("", "runs", "trials", "failed", "")] + [
+        (
+            part.name,
+            "-" if part.runs is None or part.runs[0] == part.runs[1] else f"{part.runs[0]} to {part.runs[1] - 1}",
+            f"{part.done} of {part.total}",
+            str(sum(part.failed.values())),
+            _state_text(part),
+        )
+        for part in parts
+    ]
+    return ["", *_table(rows)]
+
+
+def _state_text(part: Part) -> str:
+    process = f"{part.host}, process {part.pid}"
+    ago = f"{time_text(part.age)} ago"
+    return {
+        RUNNING: f"running on {process}" + ("" if part.left is None else f", {time_text(part.left)} left"),
+        DEAD: f"dead: {process} has ended without a word, last file {ago}",
+        SILENT: f"silent: no file from {process} since {time_text(part.age)}",
+        ABSENT: "no file: not started, or lost",
+        INCOMPLETE: f"incomplete, {ago}",
+        FINISHED: f"finished {ago}",
+    }.get(part.state, f"{part.state} ({part.why}), {ago}")
+
+
+def _mean_lines(status: ExperimentStatus) -> list[str]:
+    """Show the means so far; of a large sweep those that are least certain."""
+    known = [(point, method, mean) for point, method, mean in status.means if mean.n]
+    shown = known
+    if len(known) > MOST_ROWS:
+        shown = sorted(known, key=lambda each: -_relative(each[2]))[:MOST_ROWS]
+    if not shown:
+        return []
+    rows = [(status.metric, "mean so far", "error", "trials")] + [
+        (
+            f"{method}   {point}".strip(),
+            with_error(mean.mean, mean.se),
+            f"{100.0 * _relative(mean):.2g} %" if math.isfinite(_relative(mean)) else "-",
+            str(mean.n) + (f" (and {mean.n_other} without a value)" if mean.n_other else ""),
+        )
+        for point, method, mean in shown
+    ]
+    more = [f"the {MOST_ROWS} of {len(known)} means with the largest error; --json has all"]
+    return ["", *_table(rows), *(more if len(known) > MOST_ROWS else [])]
+
+
+def _relative(mean: RunningMean) -> float:
+    """Return the standard error as a share of the mean; inf where there is none."""
+    return mean.se / abs(mean.mean) if mean.n > 1 and mean.mean else math.inf
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return [
+        "    " + "   ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
