@@ -13,7 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.execution.store_file import APPLICATION, FILE, FORMAT, MissingError, OccupiedError, StoreError, check_file
+from rmpc_bench.execution.store_file import (
+    APPLICATION,
+    FILE,
+    FORMAT,
+    MissingError,
+    OccupiedError,
+    StoreError,
+    check_file,
+)
 
 __all__ = ["FILE", "Database", "MissingError", "OccupiedError", "StoreError", "WriteError"]
 

@@ -107,9 +107,7 @@ _WAYS_OUT = (
 )
 
 
-def _read(
-    directory: Path, *, partial: bool, say: Callable[[str], None]
-) -> tuple[list[_Part], _Finished]:
+def _read(directory: Path, *, partial: bool, say: Callable[[str], None]) -> tuple[list[_Part], _Finished]:
     """Read the records of all shards, and which runs they and the directory have: (point, method) -> runs."""
     parts: list[_Part] = []
     finished: _Finished = {}

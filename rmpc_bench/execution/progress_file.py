@@ -13,13 +13,14 @@ import platform
 import threading
 import time
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Int8
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.engines.tasks import Done
@@ -145,15 +146,15 @@ class ProgressFile:
     def _count_stored(self) -> None:
         """Count what earlier sessions have stored."""
         for column in self._extent.columns:
-            runs, words = (np.asarray(each) for each in self._store.column(column.key, self._runs.stop))
+            runs, status = self._store.statuses(column.key, self._runs.stop)
             inside = runs >= self._runs.start
-            if column.metric is None or not np.any(inside):
-                continue
-            values = self._store.values(column.key, column.metric, runs[inside].tolist())
-            found, counts = np.unique(words[inside], return_counts=True)
-            self._add(column, dict(zip(found.tolist(), counts.tolist(), strict=True)), values)
+            if column.metric is not None and np.any(inside):
+                values = self._store.values(column.key, column.metric, runs[inside])
+                self._add(column, status[inside], values)
 
-    def _add(self, column: Column, words: Mapping[str, int], values: Array) -> None:
+    def _add(self, column: Column, status: Int8[Array, " runs"], values: Array) -> None:
+        codes, counts = np.unique(status, return_counts=True)
+        words = {_WORDS[int(code)]: int(n) for code, n in zip(codes, counts, strict=True)}
         self._failed.update({word: n for word, n in words.items() if word != _OK})
         before = self._means.get((column.point, column.method), RunningMean())
         self._means[column.point, column.method] = before.joined(mean_of(values))
@@ -181,13 +182,11 @@ class ProgressFile:
         done : the task, whose trials are stored
         """
         task, block = done.task, done.block
-        codes, counts = np.unique(block.status, return_counts=True)
-        words = {_WORDS[int(code)]: int(n) for code, n in zip(codes, counts, strict=True)}
         column = self._columns[task.point, task.method]
         with self._lock:
             self.done += len(task.runs)
             if column.metric is not None:
-                self._add(column, words, block.metrics[column.position])
+                self._add(column, block.status, block.metrics[column.position])
 
     def extend(self, n: int) -> None:
         """Add ``n`` trials to those that are to be computed."""

@@ -26,8 +26,8 @@ from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.manifest import Session
 from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
-from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
+from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
 from rmpc_bench.execution.shard_rows import stored_in, take_shards
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.source_copies import keep_sources
@@ -141,7 +141,7 @@ def compute(
             if tasks:
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)
-                chosen = choose_engine(config, tasks, workers, engine, place, progress.say)
+                chosen = choose_engine(config, tasks, workers, engine, place, progress.say, scheduler)
                 with file:
                     _compute(config, store, tasks, chosen, progress, file)
             elif not file.is_up_to_date():
