@@ -60,11 +60,12 @@ def regions(values: Mapping[str, Array]) -> Iterator[Region]:
     values : quantity -> (n,) values
     """
     for name, column in values.items():
-        found = np.unique(column)
-        if len(found) <= PARTS:
-            parts = [("", np.flatnonzero(column == value)) for value in found]
+        order = np.argsort(column, kind="stable")
+        ordered = column[order]
+        ends = np.flatnonzero(ordered[1:] != ordered[:-1]) + 1
+        if len(ends) < PARTS:
+            parts = [("", places) for places in np.split(order, ends)]
         else:
-            order = np.argsort(column, kind="stable")
             parts = list(zip(NAMES, np.array_split(order, PARTS), strict=True))
         for word, places in parts:
             inside = np.zeros(len(column), dtype=bool)
@@ -121,8 +122,8 @@ def most_failures(values: Mapping[str, Array], failed: Array, confidence: float)
     -------
     the region with the share and its Wilson interval; None with fewer than `FEWEST_FAILED` failed runs
     """
-    found = list(regions(values))
-    if failed.sum() < FEWEST_FAILED or not found:
+    found = list(regions(values)) if failed.sum() >= FEWEST_FAILED else []
+    if not found:
         return None
     level = 1 - (1 - confidence) / len(found)
     worst = max(found, key=lambda region: float(failed[region.inside].mean()))

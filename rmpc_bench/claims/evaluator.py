@@ -146,7 +146,9 @@ class Evaluator:
     @property
     def runs(self) -> Array:
         """Indices of the shared runs, each once."""
-        return np.unique(self.run[self.shared])
+        found = self.run[self.shared]
+        # The runs of one table are ascending.
+        return found if self.shared.dtype == bool and not self.pooled else np.unique(found)
 
     def column(self, term: tree.Term) -> Array | None:
         """Values of a metric over the shared runs; None when the term is not a metric."""

@@ -24,7 +24,7 @@ from rmpc_bench.types import Array
 _RESAMPLES = 1000
 _IN_THE_TAIL = 25
 """Resamples beyond each end of an interval; at a high level there are more of them."""
-MOST_DRAWN = 20_000
+MOST_DRAWN = 10_000
 """Largest number of runs of a resample, so that time does not grow with the number of runs."""
 _TOGETHER = 1_000_000
 """Numbers of resamples that are sorted together; they take 16 MB."""

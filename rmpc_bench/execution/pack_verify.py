@@ -218,7 +218,7 @@ class _Packed:
         return claims
 
     def _series(self, results: Results) -> list[str]:
-        from rmpc_bench.report.summary import write_csv
+        from rmpc_bench.report.csv_file import write_csv
 
         file, fresh = self._directory / "series.csv", results.directory / "series.csv"
         if not file.exists():

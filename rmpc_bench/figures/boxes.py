@@ -22,6 +22,8 @@ WHISKER = 1.5
 """Longest whisker, in interquartile ranges."""
 FILL = 0.75
 """Share of white in the inside of a box."""
+MOST_CROSSES = 500
+"""Most values beyond the whiskers of a box that are drawn; a page with a million runs would have 10 MB of them."""
 STRIP = 0.16
 """Height of the strip for runs without the event, as a share of the range of the finite values."""
 ABSENT = "did not\noccur"
@@ -37,7 +39,7 @@ def box_of(values: Array) -> dict[str, Any]:
 
     Returns
     -------
-    quartiles `q1`, `med`, `q3`, ends of the whiskers `whislo`, `whishi`, and the outliers `fliers`
+    quartiles `q1`, `med`, `q3`, ends of the whiskers `whislo`, `whishi`, and the values beyond them, `fliers`
     """
     q1, median, q3 = (float(quantile(values, share)) for share in (0.25, 0.5, 0.75))
     reach = WHISKER * (q3 - q1) if math.isfinite(q3) else math.inf
@@ -46,6 +48,31 @@ def box_of(values: Array) -> dict[str, Any]:
     high = values[values <= q3 + reach].max(initial=q3)
     outliers = np.concatenate([values[values < low], values[values > high]])
     return {"q1": q1, "med": median, "q3": q3, "whislo": low, "whishi": high, "fliers": outliers}
+
+
+def thinned(values: Array) -> Array:
+    """Return values beyond the whiskers, the lowest and the highest among them: at most `MOST_CROSSES`, by rank.
+
+    Parameters
+    ----------
+    values : (n,) values
+    """
+    if len(values) <= MOST_CROSSES:
+        return values
+    return np.asarray(np.sort(values)[np.linspace(0, len(values) - 1, MOST_CROSSES).round().astype(np.int64)])
+
+
+def crosses_sentence(panels: Sequence[Sequence[Array]]) -> str:
+    """Say that not all values beyond the whiskers are drawn; empty where all are.
+
+    Parameters
+    ----------
+    panels : values by panel and method, from `drawn_columns`
+    """
+    large = [column for panel in panels for column in panel if len(column) > MOST_CROSSES]
+    if not any(len(box_of(column)["fliers"]) > MOST_CROSSES for column in large):
+        return ""
+    return f"Of more than {MOST_CROSSES} values beyond the whiskers of a box {MOST_CROSSES} are drawn, at equal ranks"
 
 
 def drawn_columns(panels: Sequence[Sequence[Array]], *, is_log: bool) -> tuple[list[list[Array]], float | None]:
@@ -94,6 +121,7 @@ def draw_boxes(axes: Axes, columns: Sequence[Array], looks: Sequence[LineStyle],
         if not len(values):
             continue
         box = box_of(values)
+        box["fliers"] = thinned(box["fliers"])
         if ceiling is not None:
             box = {name: np.where(np.isinf(each), ceiling, each) for name, each in box.items()}
         drawn = axes.bxp(

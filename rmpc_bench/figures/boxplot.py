@@ -12,7 +12,7 @@ import numpy as np
 from rmpc_bench.analysis.layout import layout_of
 from rmpc_bench.figures.axes import FAR, make_logarithmic
 from rmpc_bench.figures.box_labels import counts_of, label_panels
-from rmpc_bench.figures.boxes import FILL, WHISKER, add_strip, draw_boxes, drawn_columns
+from rmpc_bench.figures.boxes import FILL, WHISKER, add_strip, crosses_sentence, draw_boxes, drawn_columns
 from rmpc_bench.figures.captions import (
     changes_sentence,
     infinite_sentence,
@@ -89,7 +89,8 @@ class Boxplot(SweepFigure):
 
         points, info = points_at(results, self.at), metric_of(results, self.metric)
         methods = self.order or list(results.methods)
-        is_log, remark = axis_of(self.log, _panels(points, info, methods))
+        panels = _panels(points, info, methods)
+        is_log, remark = axis_of(self.log, panels)
         scale = (
             ", on a logarithmic axis" if is_log else ", on a linear axis as some values are not positive" * bool(remark)
         )
@@ -100,6 +101,7 @@ class Boxplot(SweepFigure):
             f"{where}{scale}",
             "A box extends from the lower to the upper quartile, the line in it is the median, the whiskers reach to "
             f"the last values within {WHISKER:g} interquartile ranges of the box, and crosses are values beyond them",
+            crosses_sentence(drawn_columns(panels, is_log=is_log)[0]),
             runs_sentence(points, methods),
             infinite_sentence(points, methods, info),
             medians_sentence(points, methods, info),

@@ -8,6 +8,7 @@ import pytest
 
 from rmpc_bench.config.schema import model_of
 from rmpc_bench.figures import style
+from rmpc_bench.figures.boxes import MOST_CROSSES, box_of
 from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.figures.files import save
 from rmpc_bench.types import DesignError, MetricInfo
@@ -319,3 +320,18 @@ def test_same_bytes(make_trials, make_sweep, tmp_path, panels):
     assert b"tEXt" not in png and b"tIME" not in png
     assert b'width="252pt"' in svg
     assert int.from_bytes(png[16:20], "big") == 700  # 3.5 in at 200 dpi
+
+
+def test_very_many_values_beyond_the_whiskers(make_trials):
+    """At most 500 crosses per box, the extreme ones among them; the caption says so.  The box is that of all runs."""
+    rng = np.random.default_rng(6)
+    heavy, light = rng.standard_t(2, 20_000), rng.normal(size=20_000)
+    trials = make_trials({"mse": {"A": heavy, "B": light}})
+    (axes,) = Boxplot().draw(trials).axes
+    crosses = [line.get_ydata() for line in axes.lines if line.get_marker() == "+"]
+    beyond = [box_of(values)["fliers"] for values in (heavy, light)]
+    assert len(beyond[0]) > MOST_CROSSES > len(beyond[1]) > 0
+    assert len(crosses[0]) == MOST_CROSSES and {min(heavy), max(heavy)} <= set(crosses[0]) <= set(beyond[0])
+    np.testing.assert_array_equal(crosses[1], beyond[1])
+    assert "Of more than 500 values beyond the whiskers of a box 500 are drawn" in Boxplot().caption(trials)
+    assert "Of more than" not in Boxplot().caption(make_trials({"mse": {"A": heavy[:1000], "B": light[:1000]}}))
