@@ -7,6 +7,7 @@ the experiment is interrupted.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Collection, Sequence
 
 from rmpc_bench.execution.engines.tasks import Done, has_own_code
@@ -17,7 +18,7 @@ SECONDS = 0.5
 """Time of a block of the slowest method [s]."""
 FIRST = 0.1
 """The same before anything is measured [s]; the time is then estimated."""
-LEAST = 0.05
+LEAST = 0.1
 """Shorter blocks are not made to keep all workers busy until the end [s]."""
 GROWTH = 8
 """Factor by which a block may be longer than the longest one of its method that is finished."""
@@ -27,6 +28,8 @@ STEP_OF_A_BLOCK, STEP_OF_A_RUN = 5e-5, 2.5e-6
 """Time of a step, per block and per run [s], to the second of which slow designs add their `cost_per_step`."""
 STEP_OF_OWN_CODE = 1e-4
 """Time of a step of a run [s] with a component of the user that states no `cost_per_step`."""
+REMEMBERED = 3
+"""Blocks of a method whose shortest time of a run counts."""
 _MEGABYTES_PER_NUMBER = 8e-6
 
 Pair = tuple[int, str]
@@ -83,6 +86,7 @@ class BlockLengths:
         self.seconds = SECONDS
         """Time of a block of the slowest method [s]."""
         self._experiments, self._fixed = experiments, fixed
+        self._times: dict[Pair, deque[float]] = {}
         self._measured: dict[Pair, float] = {}
         self._longest: dict[Pair, int] = {}
         self._estimated: dict[Pair, float] = {}
@@ -94,9 +98,16 @@ class BlockLengths:
         pair, n = (done.task.point, done.task.method), len(done.task.runs)
         # A run that has failed outside of the simulation has no time.
         if done.seconds > 0.0 and n:
-            self._measured[pair] = done.seconds / n
+            times = self._times.setdefault(pair, deque(maxlen=REMEMBERED))
+            times.append(done.seconds / n)
+            # The first block of a process loads compiled code, and other programs delay a block: both only add time.
+            self._measured[pair] = min(times)
             self._longest[pair] = max(n, self._longest.get(pair, 0))
             self._correction = None
+
+    def is_measured(self, pair: Pair) -> bool:
+        """Whether a block of a method is finished."""
+        return pair in self._measured
 
     def seconds_of_a_run(self, pair: Pair) -> float:
         """Return the time of a run [s]: measured, or estimated and corrected by what is measured of others."""

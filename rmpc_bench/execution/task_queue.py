@@ -84,13 +84,27 @@ class TaskQueue:
         del self._begun[worker]
         return tasks
 
+    @property
+    def is_measured(self) -> bool:
+        """Whether a block of every method that is left has been finished."""
+        left = [pair for pair, n in self._left.items() if n]
+        return self._lengths is not None and all(map(self._lengths.is_measured, left))
+
+    def give_back(self, worker: Hashable = None) -> None:
+        """Take back what is left of the range that a worker has begun and will not finish."""
+        for task in self._begun.pop(worker, ()):
+            self._put(task)
+
     def add(self, tasks: Iterable[Task]) -> None:
         """Add tasks, also while an engine works; tasks of smaller runs are handed out first."""
         for task in tasks:
             if task.runs:
-                number = next(self._numbers)
-                heapq.heappush(self._ranges, (task.first if self._lengths else number, number, task))
+                self._put(task)
                 self._left[task.point, task.method] += len(task.runs)
+
+    def _put(self, task: Task) -> None:
+        number = next(self._numbers)
+        heapq.heappush(self._ranges, (task.first if self._lengths else number, number, task))
 
     def note(self, done: Done) -> None:
         """Note that a task, or a part of one, is finished and how long it has taken."""

@@ -14,8 +14,8 @@ from rmpc_bench.execution.engines.tasks import Done
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.simulation.scenario import Experiment
 
-MEASURED = 0.3
-"""Computing time after which the time of the rest is known well enough [s]."""
+MEASURED = 2.0
+"""Computing time after which the time of the rest is estimated, if not all methods are measured before [s]."""
 PAYS = 4.0
 """Computing time that pays for starting workers [s]."""
 
@@ -33,8 +33,10 @@ def here_first(experiments: Sequence[Experiment], queue: TaskQueue, workers: Eng
     """
 
     def pay() -> bool:
-        return queue.seconds_done > MEASURED and queue.seconds_left > PAYS
+        known = queue.is_measured or queue.seconds_done > MEASURED
+        return known and queue.seconds_left > PAYS
 
     yield from serial(experiments, queue, pay)
+    queue.give_back()
     if len(queue):
         yield from workers(experiments, queue)
