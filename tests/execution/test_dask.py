@@ -11,6 +11,7 @@ from execution.test_contained import stored
 from execution.test_disturbed import Slow, made_of, queue_of, results_of, serial_results
 from execution.test_isolation import ENDS, LIMITS, N_RUNS, Stuck
 from execution.worker_tree import DASK_WORKER, WORKER, below, disturbed, with_command
+from small_experiment import cli, ran, write
 
 from rmpc_bench.execution.engines import dask_cluster as engine
 from rmpc_bench.execution.engines import dask_worker
@@ -161,3 +162,31 @@ def test_closing_ends_a_run_that_hangs(scheduler):
     next(dones)
     dones.close()
     assert results_of(dask_cluster([made_of(Slow(0.0), 4)], queue_of(made_of(Slow(0.0), 4), 1), 2, scheduler), 4)
+
+
+KEYS = {
+    "runs": "20",
+    "noise": "{process: {gaussian: {std: 0.01}}, measurement: {same: {scale: 0.01}}}",
+    "initial": "{x: {gaussian: {std: 0.1}}}",
+    "metrics": "[mse, input_power, settling_time, steady_state_error]",
+}
+WAYS = {
+    "serial": ("--engine", "serial"),
+    "one worker process": ("--engine", "joblib", "-j", 1),
+    "two workers": ("-j", 2, "-s", "execution.block=3"),
+    "three workers": ("-j", 3, "-s", "execution.block=1"),
+    "block of 7": ("-s", "execution.block=7"),
+    "dask": ("--engine", "dask"),
+    "dask, block of 3": ("--engine", "dask", "-s", "execution.block=3"),
+}
+
+
+def test_every_engine_gives_the_same_bytes(tmp_path, scheduler):
+    """Any number of workers, any block."""
+    path, found = write(tmp_path, **KEYS), {}
+    for number, (way, options) in enumerate(WAYS.items()):
+        address = ("--scheduler", scheduler) if "dask" in options else ()
+        result = cli("run", path, "-o", tmp_path / str(number), "--progress", "none", *options, *address)
+        assert result.exit_code == 0, result.output
+        found[way] = (tmp_path / str(number) / "trials.csv").read_bytes()
+    assert {*found.values()} == {ran(path, tmp_path / "default")}, found
