@@ -10,8 +10,8 @@ Phases
 
 Plants
     The kernels call a plant through two function pointers of the type `FUNCTION`, ``advance`` and ``measure``, so that
-    its code is compiled and cached on its own: f(row, k, x, u, w, own, shared, sizes, work, out) writes x(k+1) or y(k)
-    into ``out`` and returns a status.  The arrays are those of `types.compiled.CompiledPlant`.
+    its code is compiled and cached on its own: f(k, x, u, w, own, shared, sizes, work, out) writes x(k+1) or y(k) into
+    ``out`` and returns a status; ``own`` is that of the run.  The arrays are those of `types.compiled.CompiledPlant`.
 
 Arrays
     Matrices lie row by row, one after the other, in a row of a packed array:
@@ -49,7 +49,7 @@ _CUBE, _INTS, _STATUSES = (
     types.Array(types.int8, 1, "C"),
 )
 FUNCTION = types.FunctionType(
-    _INT(_INT, _INT, _VECTOR, _VECTOR, _VECTOR, _CUBE, _MATRIX, _INTS, _MATRIX, _VECTOR),
+    _INT(_INT, _VECTOR, _VECTOR, _VECTOR, _MATRIX, _MATRIX, _INTS, _MATRIX, _VECTOR),
 )
 _PLANT = (FUNCTION, FUNCTION, _CUBE, _MATRIX, _INTS, _MATRIX, _STATUSES)
 _METHOD = (_MATRIX, _MATRIX, _CUBE, _VECTOR, _INTS, _MATRIX, _MATRIX)
@@ -89,7 +89,7 @@ def product_kernel(data: Any, x: Any, out: Any) -> None:  # pragma: no cover
 
 @compiled()
 def first_state(
-    row: int, k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
+    k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
 ) -> int:  # pragma: no cover
     """Measure the first state."""
     out[0] = x[0]
@@ -98,13 +98,13 @@ def first_state(
 
 @compiled()
 def sampled_advance(
-    row: int, k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
+    k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
 ) -> int:  # pragma: no cover
     """Move x(k+1) = E x + G u + w with E (nx, nx) and G (nx, nu) of the run."""
     nx, nu = len(x), len(u)
     driven = work[0]
-    _product(own[row], 0, 0, nx, nx, x, out)
-    _product(own[row], 0, nx * nx, nx, nu, u, driven)
+    _product(own, 0, 0, nx, nx, x, out)
+    _product(own, 0, nx * nx, nx, nu, u, driven)
     for i in range(nx):
         out[i] = (out[i] + driven[i]) + w[i]
     return OK
@@ -112,8 +112,7 @@ def sampled_advance(
 
 @compiled()
 def _through(
-    row: int, k: int, x: Any, own: Any, shared: Any, i: int, at_G: int, at_H: int, n: int, sizes: Any, work: Any,
-    out: Any,
+    i_F: int, x: Any, own: Any, shared: Any, i: int, at_G: int, at_H: int, n: int, sizes: Any, work: Any, out: Any
 ) -> None:  # fmt: skip  # pragma: no cover
     """Add H F G x to ``out``; a scalar F is not summed."""
     nx, r, s = len(x), sizes[0], sizes[1]
@@ -121,9 +120,9 @@ def _through(
     _product(shared, i, at_G, s, nx, x, seen)
     if r == 1 and s == 1:
         for j in range(n):
-            out[j] += (own[row, k, 0] * seen[0]) * shared[i, at_H + j]
+            out[j] += (own[i_F, 0] * seen[0]) * shared[i, at_H + j]
     else:
-        _product(own[row], k, 0, r, s, seen, pushed)
+        _product(own, i_F, 0, r, s, seen, pushed)
         _product(shared, i, at_H, n, r, pushed, moved)
         for j in range(n):
             out[j] += moved[j]
@@ -131,7 +130,7 @@ def _through(
 
 @compiled()
 def uncertain_advance(
-    row: int, k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
+    k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
 ) -> int:  # pragma: no cover
     """Move x(k+1) = (A + H_A F G) x + B u + w; ``sizes`` has r, s, whether F and B have an effect, and ny.
 
@@ -145,7 +144,7 @@ def uncertain_advance(
     for j in range(nx):
         out[j] += w[j]
     if sizes[2] != 0:
-        _through(row, k, x, own, shared, i, at_G, at_G + s * nx, nx, sizes, work, out)
+        _through(k, x, own, shared, i, at_G, at_G + s * nx, nx, sizes, work, out)
     if sizes[3] != 0:
         _product(shared, i, at_B, nx, nu, u, work[0])
         for j in range(nx):
@@ -155,7 +154,7 @@ def uncertain_advance(
 
 @compiled()
 def uncertain_measure(
-    row: int, k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
+    k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
 ) -> int:  # pragma: no cover
     """Measure y(k) = (C + H_C F G) x."""
     nx, nu, r, s, ny = len(x), len(u), sizes[0], sizes[1], sizes[4]
@@ -164,7 +163,7 @@ def uncertain_measure(
     at_G = at_C + ny * nx
     _product(shared, i, at_C, ny, nx, x, out)
     if sizes[2] != 0:
-        _through(row, k, x, own, shared, i, at_G, at_G + s * nx + nx * r, ny, sizes, work, out)
+        _through(k, x, own, shared, i, at_G, at_G + s * nx + nx * r, ny, sizes, work, out)
     return OK
 
 
@@ -175,7 +174,7 @@ def rows_kernel(
 ) -> None:  # fmt: skip  # pragma: no cover
     """Advance every row of ``x`` by one sample into ``x_next`` and ``status``."""
     for row in range(len(x)):
-        status[row] = advance(row, k, x[row], u[row], w[row], own, shared, sizes, work, x_next[row])
+        status[row] = advance(k, x[row], u[row], w[row], own[row], shared, sizes, work, x_next[row])
 
 
 @compiled()
@@ -267,6 +266,7 @@ def loop_kernel(
     e_now, x_pred, estimate, next_pred = np.empty(ny), np.empty(nh), np.empty(nh), np.empty(nh)
     half, kept = np.empty(width), np.empty(width)
     for row in range(len(x0)):
+        own_now = own[row]
         for j in range(nx):
             x_now[j] = x0[row, j]
         for j in range(nh):
@@ -274,7 +274,7 @@ def loop_kernel(
         for j in range(nu):
             u_now[j] = constants[nh + j]
         for k in range(n_steps + 1):
-            measure(row, k, x_now, u_now, w_now, own, shared, sizes, work, y_now)
+            measure(k, x_now, u_now, w_now, own_now, shared, sizes, work, y_now)
             for j in range(nx):
                 x[row, k, j] = x_now[j]
             for j in range(ny):
@@ -304,7 +304,7 @@ def loop_kernel(
             if status[row] == OK:
                 for j in range(shape[NW]):
                     w_now[j] = w[row, k, j]
-                end = advance(row, k, x_now, u_now, w_now, own, shared, sizes, work, x_next)
+                end = advance(k, x_now, u_now, w_now, own_now, shared, sizes, work, x_next)
                 fits, inside = True, True
                 for j in range(nx):
                     fits = fits and abs(x_next[j]) <= largest_x[row, j]

@@ -22,8 +22,10 @@ Arrays
         row 7, 8   coefficients of the derivatives of their velocities, d, without the first one
         row 9, 10  coefficients of e = exp(-alpha_2 s w), s the mode, in reverse order and followed by zeros: the first
                    coefficient is in column ORDER, so that rows 7 + b and 9 + b, shifted, multiply element by element
-    Torques are divided by inertias.  The entries of ``linear`` (9) and ``friction`` (2, 3) are those of
-    `plants.servo.coefficients`.  The two rows after those of ``c`` are for the modes of the bodies.
+        row 11     modes of load and motor
+        row 12     1 for a body that has just started to slip, else 0
+    ``p`` (3, 9) contains the coefficients of `plants.servo.coefficients`: linear ones, friction of load and of motor.
+    Torques are divided by inertias.
 
 The module is imported at the first step only, as it loads numba.  Functions of the inner loop are inlined, because a
 call takes as much time as the work.  All functions are in one file, because numba's cache does not detect a change of a
@@ -65,11 +67,11 @@ LARGEST = 1e100
 
 
 @compiled(inline="always")
-def _accelerations(c: Any, n: int, linear: Any) -> tuple[float, float]:  # pragma: no cover
+def _accelerations(c: Any, n: int, p: Any) -> tuple[float, float]:  # pragma: no cover
     """Write and return coefficients n of the accelerations without dry friction."""
-    twist = c[2, n] * linear[0] - c[0, n]
-    c[5, n] = linear[1] * twist - linear[2] * c[1, n]
-    c[6, n] = linear[5] * c[4, n] - linear[3] * twist - linear[4] * c[3, n]
+    twist = c[2, n] * p[0, 0] - c[0, n]
+    c[5, n] = p[0, 1] * twist - p[0, 2] * c[1, n]
+    c[6, n] = p[0, 5] * c[4, n] - p[0, 3] * twist - p[0, 4] * c[3, n]
     return c[5, n], c[6, n]
 
 
@@ -77,70 +79,78 @@ def _accelerations(c: Any, n: int, linear: Any) -> tuple[float, float]:  # pragm
 def _slip(
     c: Any, b: int, n: int, d_0: float, d_n: float, e_0: float, e_n: float, rate: float
 ) -> tuple[float, float]:  # fmt: skip  # pragma: no cover
-    """Write and return coefficients n + 1 of the velocity and of e, from e' = rate w' e, of a body that slips.
+    """Write and return coefficients n + 1 of the velocity and of e, from e' = rate w' e, of a body that slips, n > 0.
 
-    The sum of products has a constant length and four partial sums, so that the compiler can vectorise it.
+    The sum of products has four partial sums, so that the processor adds them at the same time.  Products beyond n are
+    zero and are left out.
     """
     p_0 = p_1 = p_2 = p_3 = 0.0
-    for j in range(0, ORDER, 4):
+    for j in range(0, n, 4):
         p_0 += c[7 + b, j] * c[9 + b, ORDER - n + j]
         p_1 += c[7 + b, j + 1] * c[9 + b, ORDER - n + j + 1]
         p_2 += c[7 + b, j + 2] * c[9 + b, ORDER - n + j + 2]
         p_3 += c[7 + b, j + 3] * c[9 + b, ORDER - n + j + 3]
-    ends = d_0 * e_n + d_n * e_0 if n > 0 else d_0 * e_0
-    c[1 + 2 * b, n + 1] = INVERSE[n + 1] * d_n
-    c[7 + b, n] = d_n if n > 0 else 0.0
-    c[9 + b, ORDER - n - 1] = rate * INVERSE[n + 1] * (((p_0 + p_1) + (p_2 + p_3)) + ends)
-    return c[1 + 2 * b, n + 1], c[9 + b, ORDER - n - 1]
+    w, ends = INVERSE[n + 1] * d_n, d_0 * e_n + d_n * e_0
+    e = rate * INVERSE[n + 1] * (((p_0 + p_1) + (p_2 + p_3)) + ends)
+    c[1 + 2 * b, n + 1], c[7 + b, n], c[9 + b, ORDER - n - 1] = w, d_n, e
+    return w, e
 
 
 @compiled()
-def _prepare(c: Any, friction: Any) -> None:  # pragma: no cover
+def _prepare(c: Any, p: Any) -> None:  # pragma: no cover
     """Clear the sums of the recursion and set the first coefficient of e, 0 if e is below rounding."""
     for b in range(2):
-        drop = friction[b, 2] * abs(c[1 + 2 * b, 0])
+        drop = p[1 + b, 2] * abs(c[1 + 2 * b, 0])
         c[9 + b, ORDER] = exp(-drop) if drop < FAST else 0.0
         for n in range(ORDER):
-            c[1 + 2 * b, n + 1] = 0.0
-            c[7 + b, n] = 0.0
+            c[1 + 2 * b, n + 1], c[7 + b, n] = 0.0, 0.0
 
 
 @compiled()
-def _expand(
-    c: Any, u: float, h: float, mode: Any, eased: Any, linear: Any, friction: Any, tolerance: float
-) -> tuple[int, float]:  # fmt: skip  # pragma: no cover
+def _expand(c: Any, u: float, h: float, p: Any, tolerance: float) -> tuple[int, float]:  # pragma: no cover
     """Compute the coefficients over a time h from the state c[:, 0]; return the order and the size of the series.
 
     The series ends after two consecutive small terms of velocities and current (those of the angles are then small,
-    too).  The order is ORDER + 1 if the series has not ended.  A body that has just started to slip (``eased``) has
-    acceleration exactly zero.
+    too).  The order is ORDER + 1 if the series has not ended.  A body that has just started to slip has acceleration
+    exactly zero.
     """
-    _prepare(c, friction)
-    e_l, e_m, d_l, d_m, w_l, w_m = c[9, ORDER], c[10, ORDER], 0.0, 0.0, 0.0, 0.0
-    slips_l, slips_m, calm = mode[0] != 0.0, mode[1] != 0.0, 0
-    size_l, size_m, size_i = abs(c[1, 0]), abs(c[3, 0]), abs(c[4, 0])
-    for n in range(ORDER):
-        a_l, a_m = _accelerations(c, n, linear)
-        step, first = h * INVERSE[n + 1], 1.0 if n == 0 else 0.0
-        c[0, n + 1], c[2, n + 1] = step * c[1, n], step * c[3, n]
-        current = step * (first * linear[8] * u - linear[6] * c[4, n] - linear[7] * c[3, n])
-        c[4, n + 1] = current
-        if slips_l:
-            d_n = h * (a_l - mode[0] * (first * friction[0, 0] + friction[0, 1] * e_l)) * (1.0 - first * eased[0])
-            d_l = d_n if n == 0 else d_l
-            w_l, e_l = _slip(c, 0, n, d_l, d_n, c[9, ORDER], e_l, -friction[0, 2] * mode[0])
-        if slips_m:
-            d_n = h * (a_m - mode[1] * (first * friction[1, 0] + friction[1, 1] * e_m)) * (1.0 - first * eased[1])
-            d_m = d_n if n == 0 else d_m
-            w_m, e_m = _slip(c, 1, n, d_m, d_n, c[10, ORDER], e_m, -friction[1, 2] * mode[1])
+    _prepare(c, p)
+    m_l, m_m, f_l, f_m, e_0l, e_0m = c[11, 0], c[11, 1], p[1, 1], p[2, 1], c[9, ORDER], c[10, ORDER]
+    rate_l, rate_m, e_l, e_m, d_l, d_m, calm = -p[1, 2] * m_l, -p[2, 2] * m_m, e_0l, e_0m, 0.0, 0.0, 0
+    a_l, a_m = _accelerations(c, 0, p)
+    c[0, 1], c[2, 1] = h * c[1, 0], h * c[3, 0]
+    current = h * (p[0, 8] * u - p[0, 6] * c[4, 0] - p[0, 7] * c[3, 0])
+    c[4, 1] = current
+    if m_l != 0.0:
+        d_l = h * (a_l - m_l * (p[1, 0] + f_l * e_0l)) * (1.0 - c[12, 0])
+        e_l = rate_l * (0.0 + d_l * e_0l)
+        c[1, 1], c[9, ORDER - 1] = d_l, e_l
+    if m_m != 0.0:
+        d_m = h * (a_m - m_m * (p[2, 0] + f_m * e_0m)) * (1.0 - c[12, 1])
+        e_m = rate_m * (0.0 + d_m * e_0m)
+        c[3, 1], c[10, ORDER - 1] = d_m, e_m
+    w_l, w_m, size_l, size_m, size_i = d_l, d_m, abs(c[1, 0]), abs(c[3, 0]), abs(c[4, 0])
+    # A zero with the sign of u, as if the voltage had a coefficient for every n.
+    no_voltage = 0.0 * p[0, 8] * u
+    for n in range(1, ORDER + 1):
         term_l, term_m, term_i = abs(w_l), abs(w_m), abs(current)
         size_l, size_m, size_i = max(size_l, term_l), max(size_m, term_m), max(size_i, term_i)
         small = term_l <= tolerance * size_l and term_m <= tolerance * size_m and term_i <= tolerance * size_i
         calm = calm + 1 if small else 0
-        if calm >= 2 and n + 1 >= LEAST_ORDER:
-            _accelerations(c, n + 1, linear)
-            return n + 1, size_l + size_m + size_i
-    _accelerations(c, ORDER, linear)
+        a_l, a_m = _accelerations(c, n, p)
+        if calm >= 2 and n >= LEAST_ORDER:
+            return n, size_l + size_m + size_i
+        if n == ORDER:
+            break
+        step = h * INVERSE[n + 1]
+        c[0, n + 1], c[2, n + 1] = step * c[1, n], step * c[3, n]
+        current = step * (no_voltage - p[0, 6] * c[4, n] - p[0, 7] * c[3, n])
+        c[4, n + 1] = current
+        # 0 + f e, because the sign of a zero has an effect.
+        if m_l != 0.0:
+            w_l, e_l = _slip(c, 0, n, d_l, h * (a_l - m_l * (0.0 + f_l * e_l)), e_0l, e_l, rate_l)
+        if m_m != 0.0:
+            w_m, e_m = _slip(c, 1, n, d_m, h * (a_m - m_m * (0.0 + f_m * e_m)), e_0m, e_m, rate_m)
     # The last terms make the size NaN if any coefficient is NaN.
     return ORDER + 1, size_l + size_m + size_i + term_l + term_m + term_i
 
@@ -177,19 +187,19 @@ def _converge(c: Any, tolerance: float) -> float:  # pragma: no cover
 
 
 @compiled()
-def _brake(c: Any, order: int, friction: Any) -> float:  # pragma: no cover
+def _brake(c: Any, order: int, p: Any) -> float:  # pragma: no cover
     """Limit the loss of speed within a piece, so that e stays negligible if it is at the start; return the factor.
 
     A body with e set to zero stays so fast that e remains below rounding until the end of the piece.
     """
     total = 1.0
     for b in range(2):
-        fast = friction[b, 2] * abs(c[1 + 2 * b, 0])
-        if fast > FAST - STILL_FAST and friction[b, 1] > 0.0:
+        fast = p[1 + b, 2] * abs(c[1 + 2 * b, 0])
+        if fast > FAST - STILL_FAST and p[1 + b, 1] > 0.0:
             loss, sign = 0.0, 1.0 if c[1 + 2 * b, 0] > 0.0 else -1.0
             for n in range(order, 0, -1):
                 loss = max(0.0, loss - sign * c[1 + 2 * b, n])
-            room = (max(fast, FAST) - STILL_FAST) / friction[b, 2]
+            room = (max(fast, FAST) - STILL_FAST) / p[1 + b, 2]
             if loss > room:
                 _shrink(c, order, room / loss)
                 total *= room / loss
@@ -197,18 +207,16 @@ def _brake(c: Any, order: int, friction: Any) -> float:  # pragma: no cover
 
 
 @compiled()
-def _series(
-    c: Any, u: float, h: float, mode: Any, eased: Any, linear: Any, friction: Any, tolerance: float
-) -> tuple[int, float]:  # fmt: skip  # pragma: no cover
+def _series(c: Any, u: float, h: float, p: Any, tolerance: float) -> tuple[int, float]:  # pragma: no cover
     """Return the order of the series and the fraction of h that it covers; order 0 if no finite series exists."""
     fraction = 1.0
     while fraction > 1e-200:
-        order, size = _expand(c, u, fraction * h, mode, eased, linear, friction, tolerance)
+        order, size = _expand(c, u, fraction * h, p, tolerance)
         if isfinite(size):
             if order > ORDER:
                 order = ORDER
                 fraction *= _converge(c, tolerance)
-            return order, fraction * _brake(c, order, friction)
+            return order, fraction * _brake(c, order, p)
         # The series overflows: try a shorter time.
         fraction *= 1e-2
     return 0, 0.0
@@ -302,20 +310,20 @@ def _first_fall(
 
 
 @compiled()
-def _first_event(c: Any, order: int, mode: Any, friction: Any) -> tuple[float, int, float]:  # pragma: no cover
+def _first_event(c: Any, order: int, p: Any) -> tuple[float, int, float]:  # pragma: no cover
     """Return the end of the piece, the body with an event there (-1: none) and its new direction (0: it stops)."""
     end, body, direction = 1.0, -1, 0.0
     for b in range(2):
-        level = friction[b, 0] + friction[b, 1]
+        level = p[1 + b, 0] + p[1 + b, 1]
         for sign in (1.0, -1.0):
-            if level == 0.0 or mode[b] == sign:
+            if level == 0.0 or c[11, b] == sign:
                 continue
-            if mode[b] == 0.0:
+            if c[11, b] == 0.0:
                 t, falls = _first_fall(c, 5 + b, order, end, level, sign)
             else:
                 t, falls = _first_fall(c, 1 + 2 * b, order, end, 0.0, sign)
             if falls:
-                end, body, direction = t, b, sign if mode[b] == 0.0 else 0.0
+                end, body, direction = t, b, sign if c[11, b] == 0.0 else 0.0
             elif t < end:
                 end, body = t, -1
     return end, body, direction
@@ -332,16 +340,14 @@ def _mode(w: float, acceleration: float, level: float) -> float:  # pragma: no c
 
 
 @compiled()
-def _begin(c: Any, body: int, mode: Any, linear: Any, friction: Any) -> None:  # pragma: no cover
+def _begin(c: Any, body: int, p: Any) -> None:  # pragma: no cover
     """Determine the mode of a body from the state alone."""
-    _accelerations(c, 0, linear)
-    mode[body] = _mode(c[1 + 2 * body, 0], c[5 + body, 0], friction[body, 0] + friction[body, 1])
+    _accelerations(c, 0, p)
+    c[11, body] = _mode(c[1 + 2 * body, 0], c[5 + body, 0], p[1 + body, 0] + p[1 + body, 1])
 
 
 @compiled()
-def _sample(
-    c: Any, mode: Any, eased: Any, u: float, linear: Any, friction: Any, Ts: float, tolerance: float
-) -> int:  # fmt: skip  # pragma: no cover
+def _sample(c: Any, u: float, p: Any, Ts: float, tolerance: float) -> int:  # pragma: no cover
     """Advance the state c[:, 0] by one sample; return the status, or NO_NUMBERS."""
     rest, events, size = Ts, 0, abs(u)
     for i in range(5):
@@ -349,25 +355,25 @@ def _sample(
     if not size < LARGEST:
         return NO_NUMBERS
     for b in range(2):
-        _begin(c, b, mode, linear, friction)
-        eased[b] = 0.0
+        _begin(c, b, p)
+        c[12, b] = 0.0
     for _ in range(MOST_PIECES):
-        order, fraction = _series(c, u, rest, mode, eased, linear, friction, tolerance)
+        order, fraction = _series(c, u, rest, p, tolerance)
         if order == 0:
             return NO_NUMBERS
-        t, body, direction = _first_event(c, order, mode, friction)
+        t, body, direction = _first_event(c, order, p)
         _evaluate(c, order, t)
         if body < 0 and t * fraction == 1.0:
             return OK
         rest -= t * fraction * rest
-        eased[0] = eased[1] = 0.0
+        c[12, 0] = c[12, 1] = 0.0
         if body >= 0:
             events += 1
             c[1 + 2 * body, 0] = 0.0
             if direction != 0.0:
-                mode[body], eased[body] = direction, 1.0
+                c[11, body], c[12, body] = direction, 1.0
             else:
-                _begin(c, body, mode, linear, friction)
+                _begin(c, body, p)
         if events > MOST_EVENTS:
             break
     return TOO_MANY_EVENTS
@@ -375,20 +381,18 @@ def _sample(
 
 @compiled()
 def servo_advance(
-    row: int, k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
-) -> int:  # pragma: no cover
+    k: int, x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, out: Any
+) -> int:  # fmt: skip  # pragma: no cover
     """Write the state after one sample with constant voltage, process noise included, into ``out``; return the status.
 
-    ``own[row, 0]`` has the coefficients of the run, linear ones first, ``shared`` the sampling time and the bound of
-    the last terms of a series relative to its largest term.
+    ``own`` has the coefficients of the run, ``shared`` the sampling time and the bound of the last terms of a series
+    relative to its largest term.
     """
-    c, mode, eased = work, work[11], work[12]
-    linear, friction = own[row, 0, :9], own[row, 0, 9:].reshape((2, 3))
     for i in range(5):
-        c[i, 0] = x[i]
-    end = _sample(c, mode, eased, u[0], linear, friction, shared[0, 0], shared[0, 1])
+        work[i, 0] = x[i]
+    end = _sample(work, u[0], own, shared[0, 0], shared[0, 1])
     for i in range(5):
-        out[i] = np.nan if end == NO_NUMBERS else c[i, 0]
+        out[i] = np.nan if end == NO_NUMBERS else work[i, 0]
     for i in range(4):
         out[i] += w[i]
     return max(end, OK)

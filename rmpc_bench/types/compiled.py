@@ -21,8 +21,8 @@ class CompiledPlant(NamedTuple):
     """Compiled function that writes x(k+1), w(k) included, and returns a status."""
     measure: Any
     """Compiled function that writes y(k) without measurement noise."""
-    own: Float[Array, "runs kown own"]
-    """Numbers of every run; axis 1 is k and has length 1 if they are constant."""
+    own: Float[Array, "runs rows own"]
+    """Numbers of every run, as the two functions need them; those of one run are passed to them."""
     shared: Float[Array, "kshared shared"]
     """Numbers that all runs have in common; axis 0 is k and has length 1 if they are constant."""
     sizes: Int[Array, " sizes"]
