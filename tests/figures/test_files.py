@@ -12,7 +12,7 @@ from pypdf import PdfReader
 
 from rmpc_bench.execution.evaluation import figure
 from rmpc_bench.expressions.units import inches
-from rmpc_bench.figures import fonts, pgf
+from rmpc_bench.figures import fonts, pdf_fonts, pgf
 from rmpc_bench.figures.boxplot import Boxplot
 from rmpc_bench.figures.figure_result import FigureResult
 from rmpc_bench.figures.files import save
@@ -163,3 +163,19 @@ def test_lines_of_a_paper_are_thinner(make_trials):
 def test_public_function_is_exported():
     """`figure` takes a rendering."""
     assert "rendering" in figure.__annotations__
+
+
+def test_fonts_that_are_left_to_fonttools(make_trials, tmp_path, monkeypatch):
+    """A font that `subset_of` does not read is embedded all the same, and the texts are there."""
+    monkeypatch.setattr(pdf_fonts, "subset_of", lambda file, glyphs: None)
+    picture, rendering = drawn(make_trials, formats=("pdf",))
+    (file,) = save(picture, tmp_path, "a", rendering)
+    (page,) = PdfReader(file).pages
+    assert "S-MPC" in page.extract_text()
+
+
+def test_fonttools_is_not_imported_for_usual_fonts(tmp_path):
+    """It takes 0.1 s; a module that was not executed has no class of it."""
+    script = f"{SCRIPT}\nassert 'fontTools.varLib' not in sys.modules, 'fontTools was imported'"
+    subprocess.run([sys.executable, "-c", script, str(tmp_path)], check=True, timeout=120)
+    assert (tmp_path / "a.pdf").exists()
