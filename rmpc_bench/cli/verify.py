@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from rmpc_bench.cli import exits, own_code
-from rmpc_bench.cli.run import Workers
+from rmpc_bench.cli.run_request import Workers
 
 
 @click.command()
