@@ -55,7 +55,10 @@ def test_installed_command():
 
 def test_help_shows_every_verb():
     """In the order of a day's work, each with a line; each has help of its own."""
-    verbs = ["init", "run", "check", "list", "describe", "status", "merge", "show", "report", "compare", "schema"]
+    verbs = [
+        *("init", "run", "check", "list", "describe", "status"),
+        *("merge", "show", "report", "compare", "pack", "verify", "schema"),
+    ]
     lines = [line.split(maxsplit=1) for line in cli("--help").stdout.split("Commands:")[1].splitlines() if line.strip()]
     assert [name for name, _ in lines] == verbs
     assert all(cli(verb, option).stdout.startswith("Usage: ") for verb in verbs for option in ("-h", "--help"))
