@@ -12,7 +12,8 @@ from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.stable_svg import stable_svg
 from rmpc_bench.figures.style import rendered, style
 from rmpc_bench.figures.svg_text import readable_text
-from rmpc_bench.replaced_file import replaced
+from rmpc_bench.figures.vector_files import can_be_drawn_once, svg_and_pdf
+from rmpc_bench.replaced_file import replace_text, replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
@@ -44,9 +45,22 @@ def save(figure: MplFigure, directory: Path, stem: str, rendering: Rendering | N
     directory.mkdir(parents=True, exist_ok=True)
     files = [directory / f"{stem}.{ending}" for ending in rendering.formats]
     with rendered(rendering):
+        together = {"svg", "pdf"} <= set(rendering.formats) and can_be_drawn_once(figure)
+        if together:
+            _save_vectors(figure, directory, stem)
         for file in files:
-            save_as(figure, file)
+            if not (together and file.suffix in (".svg", ".pdf")):
+                save_as(figure, file)
     return files
+
+
+def _save_vectors(figure: MplFigure, directory: Path, stem: str) -> None:
+    """Write SVG and PDF from one draw."""
+    with style(), small_fonts():
+        svg, pdf = svg_and_pdf(figure, FORMATS[".svg"], FORMATS[".pdf"])
+    replace_text(directory / f"{stem}.svg", readable_text(stable_svg(svg)))
+    with replaced(directory / f"{stem}.pdf") as partial:
+        partial.write_bytes(pdf)
 
 
 def save_as(figure: MplFigure, file: Path) -> None:
