@@ -10,7 +10,9 @@ import operator
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import NoReturn
+from typing import Any, NoReturn, TypeAlias
+
+import numpy as np
 
 from rmpc_bench.expressions.arithmetic import (
     ArithmeticParser,
@@ -26,9 +28,17 @@ from rmpc_bench.expressions.arithmetic import (
 from rmpc_bench.expressions.tokens import ExpressionError, Token
 
 MAX_LENGTH = 1000
+Column: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+"""Numbers of many rows, (n,)."""
 _CONSTANTS = {"pi": math.pi}
 _FUNCTIONS: dict[str, Callable[[float], float]] = {"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos}
 _OPERATORS: dict[str, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+}
+_ON_ARRAYS: dict[str, Callable[[Column, Column], Column]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
@@ -82,6 +92,44 @@ class Expression:
             return _value(self.tree, values)
         except ExpressionError as error:
             _fail(self.text, error)
+
+    def of_columns(self, columns: Mapping[str, Column], n: int) -> Column | None:
+        """Evaluate many rows at once, each as a call does.
+
+        Parameters
+        ----------
+        columns : (n,) numbers for every name in ``names``
+        n : number of rows
+
+        Returns
+        -------
+        (n,) numbers; None where a row has no finite value, or where the expression is more than plain arithmetic
+        """
+        return _column(self.tree, columns, n)
+
+
+def _column(node: Node, columns: Mapping[str, Column], n: int) -> Column | None:
+    """Evaluate a node for many rows; None where a value is not finite, or where it calls a function."""
+    found: Column | None = None
+    if isinstance(node, Number):
+        found = np.full(n, float(node.value))
+    elif isinstance(node, Name):
+        found = columns.get(node.name)
+    elif isinstance(node, Negation | Percent):
+        operand = _column(node.operand, columns, n)
+        if operand is not None:
+            found = -operand if isinstance(node, Negation) else operand / 100
+    elif isinstance(node, Operation):
+        found = _column(node.first, columns, n)
+        for following in node.rest:
+            right = _column(following.node, columns, n)
+            if found is None or right is None:
+                return None
+            with np.errstate(all="ignore"):
+                found = _ON_ARRAYS[following.operator](found, right)
+            if not np.isfinite(found).all():
+                return None
+    return found if found is not None and np.isfinite(found).all() else None
 
 
 def _value(node: Node, values: Mapping[str, float]) -> float:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -67,8 +67,10 @@ class ServoDelta(NamedTuple):
     status: Statuses
 
 
-def coefficients(p: Mapping[str, float]) -> tuple[Float[Array, " 9"], Float[Array, "2 3"]]:
+def coefficients(p: Mapping[str, Any]) -> tuple[Float[Array, "*runs 9"], Float[Array, "*runs 2 3"]]:
     """Coefficients of the equations of motion in the order of the kernel, torques divided by inertias.
+
+    The parameters are numbers, or arrays with one number per run.
 
     First array: twist th_m / rho - th_l, load (twist, w_l), motor (twist, w_m, I), current (I, w_m, V).  Second array:
     friction, rows load and motor, columns alpha_0 to alpha_2.
@@ -78,7 +80,7 @@ def coefficients(p: Mapping[str, float]) -> tuple[Float[Array, " 9"], Float[Arra
     linear += [p["k_theta"] / p["rho"] / motor, p["beta_m"] / motor, p["K_t"] / motor]
     linear += [p["R"] / current, p["K_t"] / current, 1.0 / current]
     friction = [[p[f"alpha_{b}0"] / J, p[f"alpha_{b}1"] / J, p[f"alpha_{b}2"]] for b, J in (("l", load), ("m", motor))]
-    return np.array(linear), np.array(friction)
+    return np.stack(linear, axis=-1), np.stack([np.stack(row, axis=-1) for row in friction], axis=-2)
 
 
 def with_current(p: Mapping[str, float]) -> tuple[Float[Array, "5 5"], Float[Array, "5 3"]]:
@@ -104,8 +106,18 @@ def _rows(
     return rows, np.where(good, Status.OK, Status.OUT_OF_RANGE).astype(np.int8)
 
 
+def _surely_slow_enough(linear: Float[Array, "runs 9"], Ts: float) -> Bool[Array, " runs"]:
+    """Whether a bound of the fastest mode, the largest sum of a row of the matrix, is half the limit or less."""
+    l_0, l_1, l_2, m_3, m_4, m_5, i_6, i_7, _ = linear.T
+    sums = [np.ones_like(l_0), l_1 * (1.0 + l_0) + l_2, m_3 * (1.0 + l_0) + m_4 + m_5, i_6 + i_7]
+    # False for NaN.
+    return np.asarray(np.max(sums, axis=0) * Ts <= 0.5 * MOST_RATE)
+
+
 def _slow_enough(rows: Sequence[Mapping[str, float]], Ts: float) -> Bool[Array, " runs"]:
     """Whether the fastest mode of the linear part of each run is within the range of the kernel."""
+    if not rows:
+        return np.ones(0, dtype=bool)
     A = np.stack([with_current(p)[0] for p in rows])
     finite = np.isfinite(A).all(axis=(1, 2))
     rates = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], A, 0.0))).max(axis=1)
@@ -130,13 +142,20 @@ class Servo(Plant):
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
     ) -> ServoDelta:
         """Return the coefficients of every run."""
-        rows, status = _rows(parameters, self.nominal)
-        slow = _slow_enough(rows, self.Ts)
-        made = [coefficients(p if good else self.nominal) for p, good in zip(rows, slow, strict=True)]
+        good = admissible(parameters)
+        p = {name: np.where(good, values, self.nominal[name]) for name, values in parameters.items()}
+        # Extreme parameters may overflow; such a run is out of range.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            linear, friction = coefficients(p)
+            slow = _surely_slow_enough(linear, self.Ts)
+        # Eigenvalues of the few runs that are close to the limit or beyond it.
+        doubtful = np.flatnonzero(~slow)
+        slow[doubtful] = _slow_enough([{name: float(p[name][i]) for name in p} for i in doubtful], self.Ts)
+        usual = coefficients(self.nominal)
         return ServoDelta(
-            linear=np.stack([linear for linear, _ in made]),
-            friction=np.stack([friction for _, friction in made]),
-            status=np.where(slow, status, Status.OUT_OF_RANGE).astype(np.int8),
+            linear=np.where(slow[:, None], linear, usual[0]),
+            friction=np.where(slow[:, None, None], friction, usual[1]),
+            status=np.where(good & slow, Status.OK, Status.OUT_OF_RANGE).astype(np.int8),
         )
 
     def step(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.simulation.scenario import stream
+from rmpc_bench.simulation.random_streams import stream
 from rmpc_bench.types import NO_WATCH, Array, Controller, Estimator, Journal, Plant, RunInfo, Status, Statuses, Watch
 
 OK = np.int8(Status.OK)

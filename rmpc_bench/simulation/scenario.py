@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from jaxtyping import Bool, Float
 from rmpc_bench.noise.distributions import Distribution
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
+from rmpc_bench.simulation.random_streams import Streams, first_uniforms, stream
 from rmpc_bench.simulation.state_range import StateRange
 from rmpc_bench.types import (
     Array,
@@ -44,17 +44,30 @@ class Draws(NamedTuple):
     """Whether a term of v is in a burst; None where none has bursts."""
 
 
-def stream(seed: int, run: int, name: str) -> np.random.Generator:
-    """Random generator of one run and one quantity.
+class RunParameter:
+    """A plant parameter as a function of the named uncertain values of a run."""
 
-    Parameters
-    ----------
-    seed : seed of the experiment
-    run : index of the run, from 0
-    name : name of the quantity, such as ``uncertainty/eps_min`` or ``v/0``
-    """
-    words = np.frombuffer(sha256(name.encode()).digest()[:8], dtype="<u4")
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(run, *map(int, words)))))
+    def __call__(self, values: Mapping[str, float]) -> float:
+        """Return the parameter of one run."""
+        raise NotImplementedError("__call__")
+
+    def of_runs(self, columns: Mapping[str, Array], n_runs: int) -> Float[Array, " runs"]:
+        """Return the parameters of many runs, those of `__call__` bit for bit.
+
+        Parameters
+        ----------
+        columns : (runs,) named values
+        n_runs : number of runs
+        """
+        return one_by_one(self, columns, n_runs)
+
+
+def one_by_one(
+    parameter: Callable[[Mapping[str, float]], float], columns: Mapping[str, Array], n_runs: int
+) -> Float[Array, " runs"]:
+    """Call a function of the named values of a run for every run."""
+    lists = {name: values.tolist() for name, values in columns.items()}
+    return np.array([parameter({name: each[row] for name, each in lists.items()}) for row in range(n_runs)])
 
 
 def initial_state(value: float | list[float], n: int) -> Float[Array, " n"]:
@@ -118,6 +131,18 @@ class Scenario:
             for name, law in self.uncertainty.items()
         }
 
+    def named_columns(self, runs: range) -> dict[str, Float[Array, " runs"]]:
+        """Draw the named uncertain quantities of many runs, those of `named_values`.
+
+        Parameters
+        ----------
+        runs : indices of the runs
+        """
+        return {
+            name: np.array([law.quantile(p) for p in first_uniforms(self.seed, runs, f"uncertainty/{name}").tolist()])
+            for name, law in self.uncertainty.items()
+        }
+
     def draw(self, plant: Plant, runs: range, n_steps: int) -> Draws:
         """Draw a block of runs.
 
@@ -150,12 +175,18 @@ class Scenario:
         runs : indices of the runs
         n_steps : number of control periods N
         """
-        drawn = [self.named_values(run) for run in runs]
+        columns, n_runs = self.named_columns(runs), len(runs)
         parameters = {
-            name: np.array([self.parameters[name](values) if name in self.parameters else nominal for values in drawn])
+            name: self._parameter(name, columns, n_runs) if name in self.parameters else np.full(n_runs, nominal)
             for name, nominal in plant.nominal.items()
         }
-        return plant.draw(parameters, [stream(self.seed, run, "delta") for run in runs], n_steps)
+        return plant.draw(parameters, Streams(self.seed, runs, "delta"), n_steps)
+
+    def _parameter(self, name: str, columns: Mapping[str, Array], n_runs: int) -> Float[Array, " runs"]:
+        parameter = self.parameters[name]
+        if isinstance(parameter, RunParameter):
+            return parameter.of_runs(columns, n_runs)
+        return one_by_one(parameter, columns, n_runs)
 
     @property
     def burst_names(self) -> tuple[str, ...]:

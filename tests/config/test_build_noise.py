@@ -12,7 +12,7 @@ from rmpc_bench.config.writer import dump
 from rmpc_bench.estimators import kalman
 from rmpc_bench.noise.bounded import ellipsoid, uniform
 from rmpc_bench.noise.gaussian import gaussian
-from rmpc_bench.simulation.scenario import stream
+from rmpc_bench.simulation.random_streams import stream
 from rmpc_bench.types import ConfigError
 
 G, E = "{gaussian: {cov: 0.25}}", "{ellipsoid: {shape: [4, 3, 2, 1], law: skewed-cube, outside: project}}"

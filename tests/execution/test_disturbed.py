@@ -18,6 +18,7 @@ from rmpc_bench.execution.engines.processes import processes
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Task
 from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.execution.sampled_values import by_name
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.types import Method
 
@@ -52,9 +53,11 @@ def results_of(dones, n_runs):
     """Return (metric, uncertain values, status) of every run, which must be there once."""
     found = {}
     for done in dones:
+        values = by_name(done.uncertainty)
         for row, run in enumerate(done.task.runs):
             assert run not in found
-            found[run] = (done.block.metrics[0, row], done.uncertainty[row], done.block.status[row])
+            drawn = {name: each[row] for name, each in values.items()}
+            found[run] = (done.block.metrics[0, row], drawn, done.block.status[row])
     return [found[run] for run in range(n_runs)]
 
 

@@ -215,10 +215,11 @@ def test_blas_runs_on_one_thread(tmp_path, monkeypatch):
 
 
 def test_a_task_brings_its_uncertain_values(noisy):
-    """One record per run, the same as any other task that contains the run."""
+    """One value per run and name, the same as any other task that contains the run."""
     config = load_config(noisy)
     done = tasks.work([config.experiment], tasks.Task("S-MPC", 2, 5))
     again = tasks.work([config.experiment], tasks.Task("R-MPC", 4, 6))
-    assert [*done.uncertainty[0]] == ["eps", "delta"]
-    assert done.uncertainty[2] == again.uncertainty[0]
+    assert [*done.uncertainty] == ["eps", "delta"]
+    for name, values in done.uncertainty.items():
+        assert len(values) == 3 and values[2] == again.uncertainty[name][0]
     assert done.block.metrics.shape == (4, 3) and np.isfinite(done.block.metrics[0]).all()

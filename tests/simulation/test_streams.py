@@ -10,8 +10,9 @@ from rmpc_bench.noise.distributions import Uniform
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.plants import servo
+from rmpc_bench.simulation.random_streams import stream
 from rmpc_bench.simulation.reference import constant
-from rmpc_bench.simulation.scenario import Scenario, stream
+from rmpc_bench.simulation.scenario import Scenario
 
 SEED = 20180418
 # The first 8 bytes of `printf NAME | sha256sum`, read as two little-endian words.

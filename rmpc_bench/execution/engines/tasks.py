@@ -10,12 +10,15 @@ from contextlib import contextmanager, nullcontext
 from pathlib import PurePath
 from typing import Any, NamedTuple, TextIO
 
+import numpy as np
+
 from rmpc_bench.components.recipes import recipe_of
+from rmpc_bench.execution.sampled_values import Sampled
 from rmpc_bench.simulation.checked_calls import is_own
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
 from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.scenario import Draws, Experiment
-from rmpc_bench.types import NO_WATCH, Method, Watch
+from rmpc_bench.types import NO_WATCH, Array, Method, Watch
 from rmpc_bench.types.design import Design
 
 
@@ -38,7 +41,7 @@ class Done(NamedTuple):
 
     task: Task
     block: Block
-    uncertainty: list[dict[str, float]]
+    uncertainty: Sampled
     seconds: float = 0.0
     """Time that the computation has taken [s]."""
 
@@ -113,13 +116,13 @@ def _counted_warnings(counts: Counter[str]) -> Iterator[None]:
         yield
 
 
-def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> list[dict[str, float]]:
+def _uncertain_values(experiment: Experiment, runs: range, draws: Draws) -> dict[str, Array]:
     """Values that are constant during a run: named quantities, times of bursts, and constants that the plant draws."""
-    drawn = experiment.plant.drawn(draws.delta)
-    return [
-        named_values(experiment, run) | {name: float(values[row]) for name, values in drawn.items()}
-        for row, run in enumerate(runs)
-    ]
+    scenario = experiment.scenario
+    bursts = [scenario.burst_values(run) for run in runs] if scenario.burst_names else []
+    found = scenario.named_columns(runs)
+    found |= {name: np.array([each[name] for each in bursts]) for name in (bursts[0] if bursts else ())}
+    return found | {name: np.array(values, dtype=float) for name, values in experiment.plant.drawn(draws.delta).items()}
 
 
 def named_values(experiment: Experiment, run: int) -> dict[str, float]:
