@@ -30,6 +30,7 @@ MAX_WIDTH = 130
     is_flag=True,
     help="Add the mismatch of plant and design model, and warnings on stability and convergence.",
 )
+@click.option("--shards", type=click.IntRange(min=1), help="Measure the time of each of so many shards of `run`.")
 @own_code.allow_code_option
 @own_code.import_option
 @click.option("--component", metavar="FILE:NAME", help="Run the conformance checks of a component of a Python file.")
@@ -41,6 +42,7 @@ MAX_WIDTH = 130
 def check(
     configs: tuple[Path, ...],
     deep: bool,
+    shards: int | None,
     allow_code: tuple[Path, ...],
     component: str | None,
     keys: str | None,
@@ -49,6 +51,8 @@ def check(
     seconds: float,
 ) -> int:
     """Validate configurations; show plant and design model, differences between the methods, assumptions and cost.
+
+    With --deep or --shards time and memory are measured: the first runs are computed and reported, and nothing is kept.
 
     With --component: run the conformance checks of a plant, an estimator, a controller, a reference, a noise, a metric
     or a figure, and print one line per check; exit code 1 if one of them fails.
@@ -67,6 +71,10 @@ def check(
         try:
             config = load_config(path, allow_code=allow_code)
             lines = _describe(path, config)
+            if (deep or shards is not None) and "runs" in config.evaluate:
+                from rmpc_bench.cli.cost_lines import measured_lines
+
+                lines += measured_lines(path, config, allow_code, shards)
             if deep:
                 from rmpc_bench.cli.mismatch import mismatch_lines
                 from rmpc_bench.cli.own_components import own_component_lines
@@ -118,7 +126,7 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += [
         "",
         f"  size          {points}{size}{shared}",
-        f"  time          about {seconds(config):.0f} s on {config.execution.workers} processes",
+        f"  time          roughly {seconds(config):.0f} s on {config.execution.workers} processes; --deep measures it",
         f"  memory        {megabytes(config):.0f} MB per process for the trajectories of a block",
     ]
     return lines if simulated else lines[:-2]

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from rmpc_bench.components.code import CodeReference
     from rmpc_bench.components.consent import CodeAccess
 
+imported: list[str] = []
+"""Modules that `--import` has imported, which a process of its own imports too."""
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
@@ -49,6 +51,7 @@ def _import(context: click.Context, parameter: click.Parameter, names: tuple[str
     for name in names:
         try:
             import_module(name)
+            imported.append(name)
         except (Exception, SystemExit) as error:
             frames = traceback.extract_tb(error.__traceback__)
             last = frames[-1] if frames and not frames[-1].filename.startswith("<frozen") else None

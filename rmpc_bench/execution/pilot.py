@@ -1,0 +1,220 @@
+"""A pilot: the first runs of an experiment, computed and reported in a process of their own to measure time and memory.
+
+Nothing of it is kept.  Time is that of all processors [s], which another program on the machine changes little.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from rmpc_bench.simulation.ensemble import SIZE
+
+if TYPE_CHECKING:
+    from rmpc_bench.config.experiment_config import ExperimentConfig
+    from rmpc_bench.execution.results import Results
+
+FIRST = 2
+"""Runs of the first measurement, which has what is done once: imports, compiled kernels, tables of controllers."""
+ENOUGH = 0.6
+"""Time of the last runs of a pilot [s]; with less of it twice as many runs are added."""
+BUDGET = 6.0
+"""Time of all runs of a pilot [s], after which no more are added."""
+MOST_POINTS = 6
+"""Points of a sweep that a pilot computes, spread evenly; the time of the others is that of these on average."""
+REPORTED = 20_000
+"""Most runs for which the report is made; of more runs the time of the report grows in proportion."""
+WORKER = 1.2
+"""Time of starting a worker process [s]."""
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """Measured time and memory of an experiment.
+
+    Parameters
+    ----------
+    n_runs : runs of the experiment
+    n_pilot : runs that were computed for the measurement
+    start : time until the first run: imports, design, compiled kernels, tables [s]
+    per_run : time of one run with all methods at all points [s]
+    report : time of tables, figures and claims of all runs [s]
+    megabytes : largest memory of the process [MB]
+    """
+
+    n_runs: int
+    n_pilot: int
+    start: float
+    per_run: float
+    report: float
+    megabytes: float
+
+    @property
+    def total(self) -> float:
+        """Time of the whole experiment on one process [s]."""
+        return self.start + self.n_runs * self.per_run + self.report
+
+    def elapsed(self, workers: int) -> float:
+        """Return the time that passes with so many processes that have a processor each [s]."""
+        simulated = self.n_runs * self.per_run
+        if workers > 1:
+            simulated = min(simulated, simulated / workers + WORKER)
+        return self.start + simulated + self.report
+
+    def of_shard(self, shards: int, workers: int = 1) -> float:
+        """Return the time that one of so many shards takes, with so many processes each [s]; it has no report."""
+        runs = runs_of_shard(self.n_runs, shards)
+        return replace(self, n_runs=runs, report=0.0).elapsed(workers)
+
+
+def runs_of_shard(n_runs: int, shards: int) -> int:
+    """Return the number of runs of the largest shard: whole groups of 50 runs where there are enough of them.
+
+    Examples
+    --------
+    >>> runs_of_shard(1000, 3), runs_of_shard(200, 7)
+    (350, 29)
+    """
+    groups = math.ceil(n_runs / SIZE)
+    return min(n_runs, math.ceil(groups / shards) * SIZE) if groups >= shards else math.ceil(n_runs / shards)
+
+
+class PilotError(Exception):
+    """A pilot that did not end."""
+
+
+def measure(path: Path, allow_code: Sequence[Path] = (), modules: Sequence[str] = ()) -> Pilot:
+    """Measure time and memory of an experiment in a process of its own.
+
+    Parameters
+    ----------
+    path : the configuration, which is valid
+    allow_code : Python files that may be loaded besides
+    modules : installed modules to import first
+
+    Raises
+    ------
+    PilotError
+        If the process does not end well.
+    """
+    with TemporaryDirectory() as temporary:
+        request, answer = Path(temporary) / "request.json", Path(temporary) / "answer.json"
+        texts = {"path": str(path), "allow_code": [str(each) for each in allow_code], "modules": list(modules)}
+        request.write_text(json.dumps(texts), encoding="utf-8")
+        code = "from rmpc_bench.execution.pilot import answered; answered()"
+        command = [sys.executable, "-P", "-c", code, str(request), str(answer)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode or not answer.exists():
+            last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
+            raise PilotError(last[0])
+        return Pilot(**json.loads(answer.read_text(encoding="utf-8")))
+
+
+def answered() -> None:
+    """Run a pilot and write what it measures; the files are the arguments of the process."""
+    from importlib import import_module
+
+    request = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    for name in request["modules"]:
+        import_module(name)
+    from rmpc_bench.config.load import load_config
+
+    config = load_config(request["path"], allow_code=request["allow_code"])
+    Path(sys.argv[2]).write_text(json.dumps(asdict(_measured(config))), encoding="utf-8")
+
+
+def _measured(config: ExperimentConfig) -> Pilot:
+    from rmpc_bench.execution.pilot_rows import enlarged
+    from rmpc_bench.execution.publish import publish
+
+    part = _points(config)
+    scale = _n_methods(config) / max(1, _n_methods(part))
+    n_runs = config.experiment.n_runs
+    with TemporaryDirectory() as temporary:
+        loaded = _cpu()
+        first, per_run, n, results = _simulated(part, Path(temporary) / "pilot")
+        before, published = _cpu(), min(n_runs, REPORTED)
+        publish(enlarged(results, published), to=Path(temporary) / "report")
+        report = (_cpu() - before) * n_runs / published
+    memory = _megabytes() + _megabytes_of_rows(config, n_runs - published)
+    start = loaded + max(0.0, first - min(FIRST, n_runs) * per_run)
+    return Pilot(n_runs, n, start, per_run * scale, report * scale, memory)
+
+
+def _simulated(config: ExperimentConfig, place: Path) -> tuple[float, float, int, Results]:
+    """Compute twice as many runs again and again, until the last of them have taken long enough.
+
+    Parameters
+    ----------
+    config : the experiment
+    place : an empty results directory
+
+    Returns
+    -------
+    time of the first call and of a run [s], the number of runs, and their results
+    """
+    from rmpc_bench.execution.results import run
+
+    def computed(n: int) -> tuple[float, Results]:
+        before = _cpu()
+        found = run(_with_runs(config, n), directory=place, jobs=1)
+        return _cpu() - before, found
+
+    n_runs = config.experiment.n_runs
+    n = min(FIRST, n_runs)
+    first, _ = computed(n)
+    # The same without a run: what a call costs by itself.
+    again, results = computed(n)
+    took, spent, per_run = 0.0, 0.0, max(0.0, first - again) / n
+    while n < n_runs and took < ENOUGH and spent < BUDGET:
+        new = min(n_runs, 2 * n + FIRST)
+        took, results = computed(new)
+        took = max(1e-6, took - again)
+        spent, per_run, n = spent + took, took / (new - n), new
+    return first, per_run, n, results
+
+
+def _cpu() -> float:
+    """Return the time of this process and of those that it has waited for [s]."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def _megabytes() -> float:
+    """Return the largest memory of this process [MB]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1e6 if sys.platform == "darwin" else peak / 1e3
+
+
+def _megabytes_of_rows(config: ExperimentConfig, n_runs: int) -> float:
+    """Return the memory of further rows, at their largest when the report is made [MB]."""
+    numbers = len(config.experiment.metrics) + len(config.experiment.scenario.uncertainty) + 4
+    return 8e-6 * 3 * numbers * n_runs * _n_methods(config)
+
+
+def _n_methods(config: ExperimentConfig) -> int:
+    """Count the methods at all points; what points share counts once."""
+    return len({key for point in config.points for key in point.method_keys.values()})
+
+
+def _points(config: ExperimentConfig) -> ExperimentConfig:
+    """Return an experiment at some points of its sweep, without the claims, which may need the others."""
+    n = len(config.points)
+    if n <= MOST_POINTS:
+        return config
+    chosen = tuple(config.points[i * (n - 1) // (MOST_POINTS - 1)] for i in range(MOST_POINTS))
+    return replace(config, points=chosen, claims=(), figures=())
+
+
+def _with_runs(config: ExperimentConfig, n_runs: int) -> ExperimentConfig:
+    points = tuple(replace(point, experiment=replace(point.experiment, n_runs=n_runs)) for point in config.points)
+    return replace(config, points=points)
