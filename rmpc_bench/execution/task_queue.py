@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections import Counter, deque
 from collections.abc import Hashable, Iterable
 from itertools import count
@@ -89,6 +90,16 @@ class TaskQueue:
         """Whether a block of every method that is left has been finished."""
         left = [pair for pair, n in self._left.items() if n]
         return self._lengths is not None and all(map(self._lengths.is_measured, left))
+
+    def seconds_of(self, tasks: Iterable[Task]) -> float:
+        """Return the computing time of tasks [s]; infinite where a block of their method has not been finished."""
+        lengths, total = self._lengths, 0.0
+        for task in tasks:
+            pair = (task.point, task.method)
+            if lengths is None or not lengths.is_measured(pair):
+                return math.inf
+            total += len(task.runs) * lengths.seconds_of_a_run(pair)
+        return total
 
     def give_back(self, worker: Hashable = None) -> None:
         """Take back what is left of the range that a worker has begun and will not finish."""

@@ -1,10 +1,14 @@
 """The engine on a dask cluster: the same results, whatever happens to its workers."""
 
 import logging
+import os
 import signal
+import subprocess
+import time
 
 import numpy as np
 import pytest
+from cli.test_interruption import COMMAND, gone
 from execution import misbehaving
 from execution.misbehaving import BAD, do_nothing, experiment, tasks_of
 from execution.test_contained import stored
@@ -190,3 +194,39 @@ def test_every_engine_gives_the_same_bytes(tmp_path, scheduler):
         assert result.exit_code == 0, result.output
         found[way] = (tmp_path / str(number) / "trials.csv").read_bytes()
     assert {*found.values()} == {ran(path, tmp_path / "default")}, found
+
+
+WAITING = """
+import time
+from rmpc_bench import single_run
+
+@single_run
+class Own:
+    def __init__(self, model):
+        self.nx = model.nx
+    def start(self, x0, run):
+        self.x_hat = x0
+    def update(self, y, k):
+        print("computes", flush=True)
+        time.sleep(0.05)
+        return self.x_hat
+"""
+
+
+def test_an_interruption(tmp_path):
+    """Ctrl-C, which reaches all processes of the group, ends it without a traceback, and no process stays."""
+    (tmp_path / "own.py").write_text(WAITING, encoding="utf-8")
+    path = write(tmp_path, methods="{A: {estimator: {file: own.py:Own}}}", runs=200)
+    command = [COMMAND, "run", path, "-o", tmp_path / "out", "--engine", "dask", "--progress", "none"]
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60.0
+    try:
+        while time.monotonic() < deadline and not any(file.stat().st_size for file in tmp_path.glob("out/logs/*/*")):
+            time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+        assert process.returncode == 130 and "the same command continues" in err and "Traceback" not in err, err
+        with pytest.raises(ProcessLookupError):
+            gone(process.pid)
+    finally:
+        process.kill()

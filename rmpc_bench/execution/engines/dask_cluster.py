@@ -1,7 +1,8 @@
 """The engine on a dask cluster: a scheduler that runs already, or workers on this machine.
 
-A future computes all methods of a range of runs.  A dask worker that is lost has been killed or stopped from outside,
-since components run in processes of their own there; what it had is repeated, by dask or as new futures run by run.
+A future computes all methods of a range of runs, for a second or more.  A dask worker that is lost has been killed or
+stopped from outside, since components run in processes of their own there; what it had is repeated, by dask or as new
+futures run by run.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from rmpc_bench.simulation.scenario import Experiment
 WINDOW = 4
 """Futures per thread of a dask worker, so that none waits for the client."""
 SECONDS = 1.0
-"""Time of the slowest task of a future [s]: the scheduler needs about a millisecond for each."""
+"""Least time of a future [s]: the scheduler, the client and the worker need some milliseconds for each."""
 BETWEEN = 1.0
 """Time between two looks at the workers of the cluster [s]."""
 CONNECT = 30.0
@@ -114,7 +115,7 @@ class _Cluster:
         dask: Any = distributed
         try:
             if self._scheduler is None and self._local is None:
-                # Ctrl-C in a terminal reaches every process of the group; only this one handles it.
+                # An interruption before the assignment would leave processes that nobody ends.
                 with held():
                     self._local = dask.LocalCluster(
                         n_workers=self._workers,
@@ -125,7 +126,8 @@ class _Cluster:
                         silence_logs=logging.CRITICAL,
                     )
             self._client = dask.Client(self._scheduler or self._local, set_as_default=False, timeout=CONNECT)
-            self._client.register_plugin(ExperimentPlugin(self._setup), name=self._setup.key)
+            plugin = ExperimentPlugin(self._setup, local=self._local is not None)
+            self._client.register_plugin(plugin, name=self._setup.key)
         except (OSError, TimeoutError, ValueError) as error:
             where = self._scheduler or "this machine"
             raise WorkerError(f"engine dask: no connection to the scheduler at {where}: {error}") from None
@@ -226,12 +228,23 @@ class _Futures:
 
     def _submit(self) -> None:
         while len(self._jobs) < WINDOW * max(self._n_threads, 1):
-            jobs = self._left.popleft() if self._left else [Job(task) for task in self._queue.take_range()]
+            jobs = self._left.popleft() if self._left else self._next()
             if not jobs:
                 return
             future = self._cluster.submit(jobs)
             self._jobs[future.key] = future, jobs
             future.add_done_callback(self._ready.put)
+
+    def _next(self) -> list[Job]:
+        """Take all methods of a range of runs, and further ranges where they take less than a second together."""
+        tasks = self._queue.take_range()
+        shared = self._queue.seconds_left / (2 * self._queue.workers)
+        while tasks and self._queue.seconds_of(tasks) < min(SECONDS, shared):
+            more = self._queue.take_range()
+            if not more:
+                break
+            tasks += more
+        return [Job(task) for task in tasks]
 
     def _handle(self, future: Any, jobs: list[Job]) -> Iterator[Done | Failed]:
         """Take the report of a future, or repeat its jobs."""

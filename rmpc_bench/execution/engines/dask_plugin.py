@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 from distributed import Worker, WorkerPlugin
 
 from rmpc_bench.execution.engines.dask_worker import Setup, forget, remember
@@ -13,14 +15,18 @@ class ExperimentPlugin(WorkerPlugin):
     Parameters
     ----------
     described : the experiment
+    local : whether the client has started the worker
     """
 
-    def __init__(self, described: Setup) -> None:
+    def __init__(self, described: Setup, *, local: bool) -> None:
         self.name = described.key
-        self._described = described
+        self._described, self._local = described, local
 
     def setup(self, worker: Worker) -> None:
         """Take the description."""
+        if self._local:
+            # Ctrl-C in a terminal reaches every process of the group; only the client handles it.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
         remember(self._described)
 
     def teardown(self, worker: Worker) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -16,8 +17,10 @@ from rmpc_bench.execution.engines.worker_process import HUNG, LONGEST_PAUSE, Wor
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.worker_error import WorkerError
 
-WAITING = 2
-"""Tasks in a worker: one that it does, and one that it finds when it has done that."""
+WAITING, MOST_WAITING = 2, 16
+"""Tasks in a worker: one that it does, and one that it finds when it has done that; more where they are short."""
+AHEAD = 0.2
+"""Time of the tasks in a worker, which does not wait while this process commits results [s]."""
 
 
 Note: TypeAlias = Callable[[str, End], None]
@@ -48,7 +51,7 @@ class Pool:
         self._left = deque[Job]()
         self._workers: dict[int, WorkerProcess] = {}
         self._failed_starts = self._killed_starts = 0
-        self._cancelled = False
+        self._cancelled, self._seconds = False, AHEAD
 
     def start(self, numbers: Sequence[int]) -> None:
         """Start workers, each in place of an earlier one with its number."""
@@ -116,7 +119,11 @@ class Pool:
         return min(max(shortest / 4.0, 0.01), 0.25)
 
     def _feed(self, queue: TaskQueue) -> None:
-        for n_waiting in range(1, WAITING + 1):
+        most = min(max(WAITING, math.ceil(AHEAD / max(self._seconds, 1e-3))), MOST_WAITING)
+        if len(queue) < 2 * most * len(self._workers):
+            # All workers are to end at the same time.
+            most = WAITING
+        for n_waiting in range(1, most + 1):
             for number, worker in self._workers.items():
                 if len(worker.jobs) < n_waiting and (job := self._next(queue, number)) is not None:
                     worker.give(job)
@@ -133,6 +140,8 @@ class Pool:
         if isinstance(message, str):
             raise WorkerError(f"worker processes cannot load the experiment: {message}")
         if isinstance(message, Done):
+            # A mean in which the last ten count most.
+            self._seconds += 0.1 * (message.seconds - self._seconds)
             job = worker.jobs[0]
             worker.jobs[0] = Job(job.task._replace(first=message.task.stop), job.alone)
             yield message
