@@ -90,7 +90,8 @@ class Drivers(OnePointFigure):
         ]
         if self.panels and content.quantities:
             shown = " and ".join(content.quantities[: self.panels])
-            parts.append(f"Below: every run against {shown}; curves: quadratic fits to the quantity alone.")
+            drawn = "every run" if max(n) <= MOST_POINTS else f"at most {MOST_POINTS} runs of a method"
+            parts.append(f"Below: {drawn} against {shown}; curves: quadratic fits to the quantity alone.")
         for method, rows in content.rows.items():
             texts = [f"{row['quantity']} {share_text(row)}" for row in _sorted(rows) if row["quantity"] != "(rest)"]
             parts.append(f"{method}: {', '.join(texts)}.")
@@ -217,7 +218,7 @@ def _bar(axes: Axes, row: Mapping[Any, Any], y: float, look: LineStyle) -> None:
 
 
 def _points(axes: Axes, content: DriversContent, quantity: str, styles: Mapping[str, LineStyle]) -> None:
-    """Draw the response of every run against one quantity, with the fitted curve."""
+    """Draw the response of the runs, at most `MOST_POINTS`, against one quantity, with the fitted curve."""
     from matplotlib.ticker import MaxNLocator
 
     x = content.values[quantity]
@@ -226,9 +227,9 @@ def _points(axes: Axes, content: DriversContent, quantity: str, styles: Mapping[
     for response in content.responses:
         look, known = styles[response.method], response.known
         step = -(-int(known.sum()) // MOST_POINTS) or 1
-        y = np.array([response.shown(float(value)) for value in response.values[known]])
+        y = np.array([response.shown(float(value)) for value in response.values[known][::step]])
         mark: dict[str, Any] = {"marker": look.marker, "ms": 1.6, "mew": 0.0, "ls": "", "gid": look.gid}
-        axes.plot(x[known][::step], drawable(y)[::step], color=paler(look.color, 0.5), zorder=2.2, **mark)
+        axes.plot(x[known][::step], drawable(y), color=paler(look.color, 0.5), zorder=2.2, **mark)
     for response in content.responses:
         at, fitted = _curve(content, response, quantity)
         axes.plot(at, drawable(fitted), **{**styles[response.method].line(), "zorder": 2.6})

@@ -88,3 +88,15 @@ def test_what_cannot_be_drawn(trials):
     layout = ResultLayout(methods=("S", "R"), metrics=("mse",), points=({},), is_uncertain=False)
     assert [issue.message for issue in Drivers().check(layout)] == [NO_QUANTITY]
     assert len(Drivers(order=["S"]).draw(trials).axes[0].get_yticklabels()) == 3
+
+
+def test_caption_says_that_not_all_runs_are_points(make_trials):
+    """More than 500 runs: a part of them is drawn, and the caption does not say that all are."""
+    rng = np.random.default_rng(8)
+    for n, words in ((400, "every run"), (1200, "at most 500 runs of a method")):
+        values = rng.uniform(-1, 1, n)
+        table = make_trials({"mse": {"A": np.exp(values), "B": np.exp(0.5 * values + rng.normal(0, 0.1, n))}})
+        table = replace(table, uncertainty=pd.DataFrame({"run": np.arange(n), "eps": values}))
+        assert f"Below: {words} against eps" in Drivers().caption(table)
+        points = [line for axes in Drivers().draw(table).axes for line in axes.lines if line.get_markersize() == 1.6]
+        assert points and all(300 < len(line.get_xdata()) <= 500 for line in points)
