@@ -76,17 +76,16 @@ def show(written: Publication, seconds: float | None = None, *, notes: bool = Tr
     notes : whether to print to stderr
     """
     if notes:
-        _show_notes(written)
+        for text in notes_of(written):
+            click.echo(text, err=True)
     click.echo(written.summary(seconds))
 
 
-def _show_notes(written: Publication) -> None:
-    if written.results.other_code:
-        click.echo(f"{written.results.other_code}; `rmpc-bench run` computes them again", err=True)
-    for text in written.remarks:
-        click.echo(text, err=True)
-    for text in written.left_out:
-        click.echo(f"figure left out: {text}", err=True)
+def notes_of(written: Publication) -> list[str]:
+    """Return the lines for stderr: rows of other code, remarks, and figures that are left out."""
+    other = written.results.other_code
+    lines = [f"{other}; `rmpc-bench run` computes them again"] if other else []
+    return [*lines, *written.remarks, *(f"figure left out: {text}" for text in written.left_out)]
 
 
 def code_of(written: Publication, *, strict: bool) -> int:

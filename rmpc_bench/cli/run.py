@@ -17,6 +17,7 @@ from rmpc_bench.execution.interrupts import held
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
+    from rmpc_bench.execution.published_state import Shown
 
 
 @click.command()
@@ -97,7 +98,13 @@ def run(**options: Any) -> int:
 
 
 def _run_all(request: Request, config: ExperimentConfig, directory: Path, started: float) -> int:
-    """Compute what is missing and write all results."""
+    """Compute what is missing and write all results; show them as they are where nothing has changed."""
+    options = [f"--only {name}" for name in request.only] + ["--accept-versions"] * request.accept_versions
+    with held():
+        from rmpc_bench.execution.published_state import Shown, keep_state, up_to_date
+    shown = None if request.missing or request.fresh else up_to_date(config, directory, options)
+    if shown is not None:
+        return _show_again(request, config, shown, time.monotonic() - started)
     with held():
         from rmpc_bench.execution.progress import choose
         from rmpc_bench.execution.publish import publish
@@ -123,9 +130,27 @@ def _run_all(request: Request, config: ExperimentConfig, directory: Path, starte
         times = (loaded - started, computed - loaded, time.monotonic() - computed)
         click.echo("configuration {:.1f} s, trials {:.1f} s, report {:.1f} s".format(*times), err=True)
         click.echo("\n".join(f"written: {path}" for path in written.paths), err=True)
-    if request.strict and config.claims and not results.is_final:
+    _say_uncompared(request, config, results.is_final)
+    codes = [exits.code_of(written, strict=strict) for strict in (False, True)]
+    if not results.other_code:
+        keep_state(config, directory, options, written.paths, Shown.of(written, exits.notes_of(written), codes))
+    return codes[request.strict]
+
+
+def _show_again(request: Request, config: ExperimentConfig, shown: Shown, seconds: float) -> int:
+    """Show results of which nothing has changed."""
+    for text in shown.notes:
+        request.note(text)
+    click.echo(shown.text(seconds))
+    if request.verbose:
+        click.echo("nothing has changed: no trial was computed and no file written", err=True)
+    _say_uncompared(request, config, shown.is_final)
+    return shown.codes[request.strict]
+
+
+def _say_uncompared(request: Request, config: ExperimentConfig, is_final: bool) -> None:
+    if request.strict and config.claims and not is_final:
         click.echo("--strict compared no finding: see the line `claims`", err=True)
-    return exits.code_of(written, strict=request.strict)
 
 
 def _say_shards(request: Request, directory: Path) -> None:

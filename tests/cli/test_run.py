@@ -10,7 +10,15 @@ FAILING = {"uncertainty": "{eps: +-150%}", "runs": "20"}
 HOLDS = "{says: small, check: 'mean(mse[S-MPC]) < 1000', finding: confirmed}"
 FAILS = "{says: large, check: 'mean(mse[S-MPC]) > 1000', finding: confirmed}"
 FILES = {
-    *("config.yaml", "config.resolved.yaml", "manifest.json", "trials.sqlite", "trials.csv", "uncertainty.csv"),
+    *(
+        "config.yaml",
+        "config.resolved.yaml",
+        "published.json",
+        "manifest.json",
+        "trials.sqlite",
+        "trials.csv",
+        "uncertainty.csv",
+    ),
     *("series.csv", "summary.csv", "comparisons.csv", "tables", "progress.json"),
 }
 

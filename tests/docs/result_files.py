@@ -21,6 +21,7 @@ FILES: dict[str, str] = {
     "code/": "copies of own Python files, as they were when the runs were computed",
     "config.yaml, config.resolved.yaml": "the configuration as given, and with every default filled in",
     "manifest.json": "experiment hash, seed, versions, platform and times of the sessions",
+    "published.json": "what the derived files were made from; `run` with nothing to do shows them as they are",
     "progress.json": "how far the computation is, replaced every two seconds; `rmpc-bench status` reads it",
     "shards/": "one directory per shard of `rmpc-bench run --shard I/N`, each with a trial store of its own",
     "trials.sqlite": "the trial store: all results, from which every other file is written",

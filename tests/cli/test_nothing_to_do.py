@@ -1,0 +1,143 @@
+"""`run` where no trial is missing: nothing is imported, computed or written unless something has changed."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from small_experiment import cli, write
+
+from rmpc_bench.execution import published_state
+from rmpc_bench.execution.published_state import FILE
+
+CODE = """
+import sys
+from rmpc_bench.cli import main
+try:
+    main(sys.argv[1:], prog_name="rmpc-bench")
+except SystemExit as done:
+    assert not done.code, done.code
+print(*{name.split(".")[0] for name in sys.modules}, *sys.modules, file=sys.stderr)
+"""
+
+
+@pytest.fixture
+def finished(tmp_path, monkeypatch):
+    """Call `run` in a directory whose results are published; return what was written meanwhile."""
+    monkeypatch.chdir(tmp_path)
+    path = write(tmp_path, runs=3)
+    first = cli("run", path, "-o", "out", "-j", "1")
+    assert first.exit_code == 0, first.stderr
+
+    def again(*options):
+        before = times(tmp_path / "out")
+        done = cli("run", path, "-o", "out", "-j", "1", *options)
+        after = times(tmp_path / "out")
+        return done, {name for name in {*before, *after} if before.get(name) != after.get(name)}
+
+    again.path, again.out, again.first = path, tmp_path / "out", first
+    return again
+
+
+def times(directory):
+    return {
+        path.relative_to(directory).as_posix(): path.lstat().st_mtime_ns
+        for path in directory.rglob("*")
+        if path.is_file()
+    }
+
+
+def untimed(text):
+    head, _, rest = text.partition("   ")
+    return head.split(" done in ")[0], rest
+
+
+def test_nothing_is_written(finished):
+    """The screen is the same but for the time."""
+    done, written = finished()
+    assert (done.exit_code, written) == (0, set())
+    assert untimed(done.stdout) == untimed(finished.first.stdout)
+    assert " done in " in done.stdout
+
+
+def test_nothing_heavy_is_imported(finished):
+    command = [sys.executable, "-c", CODE, "run", finished.path, "-o", "out", "-j", "1"]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    modules = {*done.stderr.split()}
+    assert not modules & {"numba", "pandas", "matplotlib", "joblib", "jinja2", "rich", "distributed", "scipy.stats"}
+
+
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("summary.csv", "deleted"),
+        ("manifest.json", "deleted"),
+        ("report.html", "edited"),
+        ("config.yaml", "edited"),
+        ("tables/summary.md", "replaced by a link"),
+    ],
+)
+def test_a_file_that_has_changed_is_written_again(finished, name, how):
+    file = finished.out / name
+    content = file.read_bytes()
+    file.unlink()
+    if how == "edited":
+        file.write_bytes(content + b" ")
+    elif how == "replaced by a link":
+        file.symlink_to(finished.out.parent / "elsewhere")
+    done, written = finished()
+    assert done.exit_code == 0 and name in written
+    assert file.is_file() and not file.is_symlink()
+    if name not in ("manifest.json", "report.html"):
+        assert file.read_bytes() == content
+    assert finished()[1] == set()
+
+
+def test_more_runs_or_another_text_in_the_configuration(finished):
+    done, written = finished("--runs", "4")
+    assert "4 of 4 runs" in done.stdout and {"trials.csv", "trials.sqlite"} <= written
+    text = finished.path.read_text("utf-8")
+    finished.path.write_text(text + "title: Another title\n", encoding="utf-8")
+    assert "report.html" in finished("--runs", "4")[1]
+    assert finished("--runs", "4")[1] == set()
+
+
+def test_another_option(finished):
+    """Such as one that changes what is shown; those that change only how it is computed do not count."""
+    assert "report.html" in finished("--only", "S-MPC")[1]
+    assert finished()[1] != set()
+    assert finished("--progress", "none")[1] == set()
+
+
+def test_a_store_that_has_changed(finished):
+    """The time of the file stands for a store that was copied into the directory."""
+    os.utime(finished.out / "trials.sqlite")
+    assert "summary.csv" in finished()[1]
+
+
+def test_another_version_of_a_library_or_of_the_code(finished, monkeypatch):
+    monkeypatch.setattr(published_state, "_version", lambda name: "0.0")
+    assert "report.html" in finished()[1]
+    monkeypatch.setattr(published_state, "_sources", lambda: [])
+    assert "report.html" in finished()[1]
+    assert finished()[1] == set()
+
+
+@pytest.mark.parametrize("text", ["", "[]", "\udcff"])
+def test_a_damaged_note_is_no_note(finished, text):
+    (finished.out / FILE).write_bytes(text.encode("utf-8", "surrogateescape"))
+    done, written = finished()
+    assert done.exit_code == 0 and {FILE, "report.html"} <= written
+
+
+def test_exit_codes_are_kept(tmp_path, monkeypatch):
+    """A claim that differs from its record, and a run without --strict."""
+    monkeypatch.chdir(tmp_path)
+    claims = "[{says: wrong, check: 'mean(mse[S-MPC]) > 1e9', finding: confirmed}]"
+    path = write(tmp_path, runs=3, claims=claims)
+    first = cli("run", path, "-o", "out", "-j", "1")
+    assert first.exit_code == 0, first.stderr
+    assert cli("run", path, "-o", "out").exit_code == 0
+    assert cli("run", path, "-o", "out", "--strict").exit_code == 1
+    assert cli("run", path, "-o", "out", "--strict", "--fresh", "-j", "1").exit_code == 1
