@@ -87,7 +87,8 @@ def _missing(source: Opened, target: Opened) -> _Rows:
 def _copy_runs(source: Opened, target: Database, method: str, runs: Int[Array, " runs"]) -> None:
     """Copy what has a row per run or per block; it is written inside a transaction of the target."""
     there, here = source.database.find_number(method), target.number(method)
-    allowed = covered(int(runs.max(initial=-1)) + 1, ((run, run + 1) for run in runs.tolist()))
+    allowed = np.zeros(int(runs.max(initial=-1)) + 1, dtype=bool)
+    allowed[runs] = True
 
     def of_method(table: str, run: int) -> Iterator[tuple[Any, ...]]:
         for row in source.read(f"SELECT * FROM {table} WHERE method = ?", (there,)):
@@ -110,8 +111,10 @@ def _copy_runs(source: Opened, target: Database, method: str, runs: Int[Array, "
 def _new_groups(source: Opened, target: Opened, method: str) -> list[Any]:
     """Return the moments of runs that the target lacks; groups of which both have runs are reduced."""
     there, here = source.database.find_number(method), target.database.find_number(method)
-    known = {run for group in read_groups(target.read, here, _ALL_RUNS) for run in range(group.first, group.stop)}
-    new = [group for group in read_groups(source.read, there, _ALL_RUNS) if group.first not in known]
+    found = read_groups(source.read, there, _ALL_RUNS)
+    stop = max((group.stop for group in found), default=0)
+    known = covered(stop, ((group.first, group.stop) for group in read_groups(target.read, here, stop)))
+    new = [group for group in found if not known[group.first]]
     return with_stored_runs(target.read, here, new)
 
 
