@@ -115,8 +115,8 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
     """
     here, parts = read(directory), {name: read(place) for name, place in shards.items()}
     first = next((part for part in parts.values() if part), {})
-    own = [session for session in here.get("sessions", []) if session.get("shard") not in shards]
-    of_shards = [{"shard": name} | session for name, part in parts.items() for session in part.get("sessions", [])]
+    own = [session for session in _sessions(here) if session.get("shard") not in shards]
+    of_shards = [{"shard": name} | session for name, part in parts.items() for session in _sessions(part)]
     _write(directory / FILE, {**first, **here, "looks": looks(directory), "sessions": [*own, *of_shards]})
     found: dict[str, dict[str, list[str]]] = {}
     for name, part in parts.items():
@@ -128,6 +128,11 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
         for library, versions in found.items()
         if len(versions) > 1
     ]
+
+
+def _sessions(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    found = data.get("sessions", [])
+    return [session for session in found if isinstance(session, dict)] if isinstance(found, list) else []
 
 
 def _write(path: Path, data: dict[str, Any]) -> None:

@@ -147,9 +147,17 @@ def read_status(directory: str | Path, *, now: datetime | None = None) -> Experi
     Raises
     ------
     MissingError
-        If there is no progress.json.
+        If there is no progress.json, or another program has written it.
     """
-    place, now = Path(directory), now or datetime.now(UTC)
+    place = Path(directory)
+    try:
+        return _read(place, now or datetime.now(UTC))
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        text = f"{place}: a {FILE} is damaged, or another version has written it ({type(error).__name__}: {error})"
+        raise MissingError(f"{text}; `rmpc-bench run` writes it again") from None
+
+
+def _read(place: Path, now: datetime) -> ExperimentStatus:
     whole = read(place)
     found = {shard: data for shard, path in shards_in(place, FILE).items() if (data := read(path)) is not None}
     if whole is None and not found:
@@ -169,15 +177,15 @@ def _status(
     means: dict[tuple[str, str], RunningMean] = {}
     for _, data in parts:
         for each in data.get("means", []):
-            mean = RunningMean(each["n"], _float(each["mean"]), _float(each["m2"]), each["n_other"])
-            key = each["point"], each["method"]
+            mean = RunningMean(int(each["n"]), _float(each["mean"]), _float(each["m2"]), int(each["n_other"]))
+            key = str(each["point"]), str(each["method"])
             means[key] = means.get(key, RunningMean()).joined(mean)
     shown = sorted([*(part for part, _ in parts), *absent], key=_order)
     return ExperimentStatus(
-        name=first["name"],
+        name=str(first["name"]),
         directory=directory,
         parts=tuple(shown),
-        metric=first["metric"],
+        metric=str(first["metric"]),
         means=tuple((*key, mean) for key, mean in means.items()),
         total=sum(part.total for part in shown),
         done=sum(part.done for part in shown),
@@ -206,16 +214,16 @@ def _part(name: str, data: Mapping[str, Any], now: datetime) -> Part:
     return Part(
         name=name,
         state=state,
-        runs=(data["runs"][0], data["runs"][1]),
-        total=data["total"],
-        done=data["done"],
-        failed=data["failed"],
-        host=data["host"],
-        pid=data["pid"],
+        runs=(int(data["runs"][0]), int(data["runs"][1])),
+        total=int(data["total"]),
+        done=int(data["done"]),
+        failed={str(word): int(n) for word, n in data["failed"].items()},
+        host=str(data["host"]),
+        pid=int(data["pid"]),
         age=age,
-        rate=data["rate"],
-        left=data["left_seconds"] if state == RUNNING else None,
-        why=data["why"],
+        rate=float(data["rate"]),
+        left=float(data["left_seconds"]) if state == RUNNING and data["left_seconds"] is not None else None,
+        why=str(data["why"]),
     )
 
 
@@ -246,7 +254,7 @@ def _updated(data: Mapping[str, Any]) -> datetime:
 
 
 def _float(value: float | None) -> float:
-    return math.nan if value is None else value
+    return math.nan if value is None else float(value)
 
 
 def _number(value: float) -> float | None:

@@ -222,3 +222,28 @@ def test_without_a_report(tmp_path):
     assert not (out / "trials.csv").exists()
     assert cli("report", out).exit_code == 0
     assert (out / "trials.csv").read_bytes() == ran(path, tmp_path / "other")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Return the text of the progress file of a run."""
+    directory = tmp_path_factory.mktemp("finished")
+    ran(write(directory, runs=1), directory / "out")
+    return (directory / "out" / "progress.json").read_text()
+
+
+@pytest.mark.parametrize("content", ['{"state": "running"}', '{"updated": 3}', "[]", "{", '{"updated": "today"}'])
+def test_a_damaged_file(tmp_path, content):
+    """One line and exit code 2, no traceback."""
+    (tmp_path / "progress.json").write_text(content)
+    result = cli("status", tmp_path)
+    assert result.exit_code == 2 and "progress.json" in result.stderr and "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("key", ["means", "done", "failed", "runs", "host", "every", "rate", "pid", "left_seconds"])
+@pytest.mark.parametrize("value", [None, "x", [1], {"a": 1}, -1e300])
+def test_a_file_with_other_values(tmp_path, finished, key, value):
+    (tmp_path / "progress.json").write_text(finished)
+    changed(tmp_path, state="running", **{key: value})
+    for options in ((), ("--json",)):
+        assert cli("status", tmp_path, *options).exit_code in (0, 2)

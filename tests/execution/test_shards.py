@@ -1,15 +1,22 @@
 """Shards: every run once, the bytes of one process when they are joined, and refusals of what does not fit together."""
 
 import json
+import os
 import shutil
+import signal
 import sqlite3
+import subprocess
+import sys
+import time
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 from execution.test_ensemble_store import write_estimation
 from execution.test_isolation import OWN
 from small_experiment import cli, ran, spied, write
 
+from rmpc_bench.execution.progress_file import read
 from rmpc_bench.execution.shards import Shard, parse_shard, shards_in
 
 KEYS = {
@@ -363,3 +370,50 @@ def test_fresh_sets_one_shard_aside(serial, tmp_path, monkeypatch):
     assert len([*(tmp_path / "out" / "shards").iterdir()]) == 3
     assert joined(tmp_path / "out").exit_code == 0
     same(out, tmp_path / "out")
+
+
+STEADY = """
+import time
+from rmpc_bench import single_run
+
+@single_run
+class Steady:
+    def start(self, x0):
+        self.x_hat = x0
+    def update(self, y, k):
+        time.sleep(0.002)
+        return self.x_hat
+"""
+
+
+def children(pid):
+    """Process numbers of the children of a process."""
+    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds the workers in /proc")
+def test_shards_at_the_same_time_and_kills_from_outside(tmp_path):
+    """A worker of one is killed, the whole second is killed and started again: the bytes are those of one process."""
+    (tmp_path / "steady.py").write_text(STEADY, encoding="utf-8")
+    keys = {"methods": "{A: {estimator: {file: steady.py:Steady}}}", "execution": "{block: 5}"}
+    path = write(tmp_path, runs=100, **keys)
+    command = [Path(sys.executable).with_name("rmpc-bench"), "run", path, "-o", tmp_path / "out", "-j", "1"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    started = [subprocess.Popen([*command, "--shard", f"{number}/2"], **pipes) for number in (1, 2)]
+    try:
+        for number, process in enumerate(started, 1):
+            place, deadline = tmp_path / "out" / "shards" / f"{number}-of-2", time.monotonic() + 120.0
+            while (read(place) or {"done": 0})["done"] < 5 and time.monotonic() < deadline:
+                time.sleep(0.02)
+            assert process.poll() is None, process.communicate()
+            os.kill(process.pid if number == 2 else children(process.pid)[0], signal.SIGKILL)
+        codes = [(process.communicate(timeout=120), process.returncode) for process in started]
+    finally:
+        for process in started:
+            process.kill()
+    assert [code for _, code in codes] == [0, -signal.SIGKILL], codes
+    shard(path, tmp_path / "out", "2/2")
+    result = joined(tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    ran(path, tmp_path / "whole")
+    same(tmp_path / "whole", tmp_path / "out")
