@@ -29,6 +29,8 @@ class TaskQueue:
         """How many workers share the tasks; an engine sets it."""
         self.seconds_done = 0.0
         """Computing time of what is finished [s]."""
+        self.has_grown = False
+        """Whether tasks were added after the first one was handed out; more may follow."""
         self._lengths = lengths
         self._numbers = count()
         # Sorted by first run, then by the order in which the tasks were added.
@@ -108,6 +110,7 @@ class TaskQueue:
 
     def add(self, tasks: Iterable[Task]) -> None:
         """Add tasks, also while an engine works; tasks of smaller runs are handed out first."""
+        self.has_grown = bool(self._begun)
         for task in tasks:
             if task.runs:
                 self._put(task)

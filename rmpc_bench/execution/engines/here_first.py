@@ -34,7 +34,9 @@ def here_first(experiments: Sequence[Experiment], queue: TaskQueue, workers: Eng
 
     def pay() -> bool:
         known = queue.is_measured or queue.seconds_done > MEASURED
-        return known and queue.seconds_left > PAYS
+        # With a stopping rule the queue has the tasks up to the next decision only.
+        more = queue.has_grown and queue.seconds_done > PAYS
+        return known and (more or queue.seconds_left > PAYS)
 
     yield from serial(experiments, queue, pay)
     queue.give_back()
