@@ -23,7 +23,7 @@ def followed(tmp_path_factory):
 
 def test_every_command_works(followed):
     _, steps = followed
-    assert len(steps) == 11
+    assert len(steps) == 12
     for line, step in steps.items():
         assert step.code == 0, f"{line}\n{step.out}{step.err}"
         assert "Traceback" not in step.err, f"{line}\n{step.err}"
