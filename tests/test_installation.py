@@ -81,3 +81,33 @@ def test_a_plant_of_an_installed_configuration(installed, tmp_path):
     (tmp_path / "own.yaml").write_text(text, encoding="utf-8")
     done = call(installed, tmp_path, "check", "own.yaml")
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_read_only_installation_and_home(installed, tmp_path):
+    """No cache of compiled code is possible: one line says so.  Root loses the capability to write everywhere."""
+    as_root = ["setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner"] if os.geteuid() == 0 else []
+    if as_root and shutil.which(as_root[0]) is None:
+        pytest.skip("root may write everywhere, and there is no setpriv")
+    site, home, work = (tmp_path / name for name in ("site", "home", "work"))
+    shutil.copytree(installed, site, ignore=shutil.ignore_patterns("__pycache__"))
+    home.mkdir()
+    work.mkdir()
+    folders = [home, site, *(path for path in site.rglob("*") if path.is_dir())]
+    environment = {
+        name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+    }
+    environment |= {"HOME": str(home), "PYTHONPATH": str(site)}
+    try:
+        for folder in folders:
+            folder.chmod(0o555)
+        assert subprocess.run([*as_root, "touch", str(site / "x")], capture_output=True).returncode != 0
+        command = [*as_root, sys.executable, "-P", "-m", "rmpc_bench", "run", "quickstart", "--runs", "4"]
+        done = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True)
+    finally:
+        for folder in folders:
+            folder.chmod(0o755)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("NUMBA_CACHE_DIR") == 1
+    assert (work / "results" / "quickstart" / "report.html").is_file()
+    assert not [*site.rglob("*.nb?"), *home.rglob("*")]
