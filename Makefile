@@ -3,7 +3,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow smoke site docs lint type perf clean zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks papers
+.PHONY: help setup run test test-slow smoke site docs lint type perf perf-large clean zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks papers
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -37,8 +37,11 @@ lint: setup  ## check style and format
 type: setup  ## check types
 	$(BIN)/mypy
 
-perf: setup  ## measure speed
-	RMPC_BENCH_UNCHECKED=1 $(BIN)/python -m pytest tests/perf -m perf --benchmark-columns=min,median,rounds --benchmark-sort=name
+perf: setup  ## measure speed and memory beside plain programs, and write results/perf (needs the extra perf)
+	RMPC_BENCH_UNCHECKED=1 PYTHONPATH=tests $(BIN)/python -m perf
+
+perf-large: setup  ## the same for 100,000 and 1,000,000 runs
+	RMPC_BENCH_UNCHECKED=1 PYTHONPATH=tests $(BIN)/python -m perf --large
 
 clean:  ## remove generated files (results stay)
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage

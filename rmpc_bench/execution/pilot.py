@@ -17,6 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from rmpc_bench.execution.block_lengths import SECONDS
 from rmpc_bench.simulation.ensemble import SIZE
 
 if TYPE_CHECKING:
@@ -29,6 +30,10 @@ ENOUGH = 0.6
 """Time of the last runs of a pilot [s]; with less of it twice as many runs are added."""
 BUDGET = 6.0
 """Time of all runs of a pilot [s], after which no more are added."""
+LEAST_PARTS = 3
+"""Groups of runs that a pilot computes one after the other, each larger than the one before."""
+SMALLEST_SHARE = 0.2
+"""Smallest share of the time of a group of runs that grows with their number."""
 MOST_POINTS = 6
 """Points of a sweep that a pilot computes, spread evenly; the time of the others is that of these on average."""
 REPORTED = 20_000
@@ -151,7 +156,7 @@ def _measured(config: ExperimentConfig) -> Pilot:
 
 
 def _simulated(config: ExperimentConfig, place: Path) -> tuple[float, float, int, Results]:
-    """Compute twice as many runs again and again, until the last of them have taken long enough.
+    """Compute three times as many runs again and again, until the last of them have taken long enough.
 
     Parameters
     ----------
@@ -174,13 +179,38 @@ def _simulated(config: ExperimentConfig, place: Path) -> tuple[float, float, int
     first, _ = computed(n)
     # The same without a run: what a call costs by itself.
     again, results = computed(n)
-    took, spent, per_run = 0.0, 0.0, max(0.0, first - again) / n
-    while n < n_runs and took < ENOUGH and spent < BUDGET:
-        new = min(n_runs, 2 * n + FIRST)
+    parts: list[tuple[int, float]] = []
+    while n < n_runs and not _is_enough(parts):
+        new = min(n_runs, 3 * n + FIRST)
         took, results = computed(new)
-        took = max(1e-6, took - again)
-        spent, per_run, n = spent + took, took / (new - n), new
-    return first, per_run, n, results
+        parts.append((new - n, max(1e-6, took - again)))
+        n = new
+    simulated = _extrapolated(parts, n_runs - n) if parts else max(0.0, first - again)
+    return first, simulated / n_runs, n, results
+
+
+def _is_enough(parts: Sequence[tuple[int, float]]) -> bool:
+    """Whether the last parts of a pilot, runs and time [s] each, have taken long enough."""
+    times = [time for _, time in parts]
+    return len(parts) >= LEAST_PARTS and (times[-1] > ENOUGH or sum(times) > BUDGET) or sum(times) > 2 * BUDGET
+
+
+def _extrapolated(parts: Sequence[tuple[int, float]], n_left: int) -> float:
+    """Return the time of all runs [s]: that of the measured parts, and of the others from the last two of these.
+
+    A block takes a time that does not depend on its runs, and a time per run.
+
+    Examples
+    --------
+    >>> round(_extrapolated([(10, 1.0), (30, 2.0)], 0), 2), round(_extrapolated([(10, 1.0), (30, 2.0)], 10), 2)
+    (3.0, 4.0)
+    """
+    n, time = parts[-1]
+    earlier, before = parts[-2] if len(parts) > 1 else (0, 0.0)
+    per_run = (time - before) / (n - earlier) if n > earlier else time / n
+    per_run = min(max(per_run, SMALLEST_SHARE * time / n), time / n)
+    n_blocks = math.ceil(n_left * per_run / SECONDS)
+    return sum(each for _, each in parts) + n_left * per_run + n_blocks * (time - n * per_run)
 
 
 def _cpu() -> float:

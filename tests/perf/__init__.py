@@ -1,0 +1,1 @@
+"""Speed and memory of the bench beside plainly written programs: ``make perf`` writes the table."""

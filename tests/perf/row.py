@@ -1,0 +1,51 @@
+"""A row of the table: a piece of work done by this package and by a baseline, each in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+SHORTEST = 0.05
+"""Least time of a round [s]."""
+
+
+class Row(NamedTuple):
+    """A piece of work.
+
+    `ours` and `baseline` prepare it and return a function without arguments, which is measured, and how many units of
+    the work a call of it does.
+    """
+
+    name: str
+    unit: str
+    ours: Callable[[], tuple[Callable[[], object], float]]
+    baseline: Callable[[], tuple[Callable[[], object], float]]
+    beside: str
+    """What the baseline is, in words."""
+    large: bool = False
+    """Whether it takes minutes: `make perf-large` measures it."""
+
+
+def cpu():
+    """Time of this process and of those that it has waited for [s]."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
+
+
+def measured(prepare, rounds=3):
+    """Return the least time of a unit of the work [s], after one call that does not count."""
+    work, units = prepare()
+    work()
+    best = float("inf")
+    for _ in range(rounds):
+        before, calls = cpu(), 0
+        # Short work is repeated, since the clock of child processes ticks a hundred times a second.
+        while not calls or cpu() - before < SHORTEST:
+            work()
+            calls += 1
+        best = min(best, (cpu() - before) / calls)
+        if best > 20.0:
+            break
+    return max(best, 1e-9) / units
