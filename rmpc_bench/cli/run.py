@@ -259,16 +259,16 @@ def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> i
 
 def _set_aside(directory: Path) -> None:
     """Rename a directory; nothing is ever deleted."""
-    from rmpc_bench.execution.database import FILE
-    from rmpc_bench.execution.store import Store
+    from rmpc_bench.execution.store_file import FILE, StoreError, is_in_use, is_there
 
-    if (directory / FILE).exists():  # without it the directory counts as new
+    if is_there(directory):  # without a store, whole or damaged, the directory counts as new
         if directory.resolve() in (Path.cwd(), *Path.cwd().parents):
             raise click.BadParameter("cannot rename the directory it stands in", param_hint="--fresh")
+        if is_in_use(directory):
+            raise StoreError(f"{directory / FILE}: another process writes to it; wait for it to end")
         old = directory.with_name(f"{directory.name}.{datetime.now():%Y%m%d-%H%M%S}")
         old = _free(old) if old.exists() else old
-        with Store(directory):  # nobody else may be writing to it
-            directory.rename(old)
+        directory.rename(old)
         click.echo(f"the old results are in {old}", err=True)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import reduce
 
 import numpy as np
 from jaxtyping import Int
@@ -41,11 +40,10 @@ def read_sampled(columns: Columns, draw: str, n_runs: int) -> tuple[Int[Array, "
     found = {
         name: columns.read(Column("uncertainty", draw, name), n_runs) for name in columns.names("uncertainty", draw)
     }
-    runs: Array = reduce(np.union1d, (stored for stored, _ in found.values()), np.empty(0, dtype=np.int64))
-    there = np.zeros(len(runs), dtype=bool)
+    stop = max((int(stored[-1]) + 1 for stored, _ in found.values() if len(stored)), default=0)
+    there, whole = np.zeros(stop, dtype=bool), dict[str, Array]()
     for name, (stored, values) in found.items():
-        whole = np.full(len(runs), np.nan)
-        whole[np.searchsorted(runs, stored)] = values
-        there |= ~np.isnan(whole)
-        found[name] = runs, whole
-    return runs[there], {name: whole[there] for name, (_, whole) in found.items()}
+        whole[name] = np.full(stop, np.nan)
+        whole[name][stored] = values
+        there |= ~np.isnan(whole[name])
+    return np.flatnonzero(there), {name: values[there] for name, values in whole.items()}

@@ -270,7 +270,8 @@ class Store:
             for signal, recorded in block.traces.items()
             for run, trace in zip(indices.tolist(), recorded, strict=False)  # the first ones of the block
         ]
-        self._writes.add(partial(self._write_block, method, indices, columns, traces, block))
+        size = sum(values.nbytes for values in columns.values()) + sum(len(data) for *_, data in traces)
+        self._writes.add(partial(self._write_block, method, indices, columns, traces, block), size)
 
     def _write_block(
         self,

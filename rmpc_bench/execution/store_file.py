@@ -1,10 +1,12 @@
-"""What the first bytes of a file say: whether it is a trial store, of which format, or a file of somebody else.
+"""What kind of file a trials.sqlite is: a trial store and of which format, a damaged file, or one of somebody else.
 
-The bytes are read without SQLite, because opening a database may change it.
+Looking at a file leaves it as it is: it is read without its journal and is not locked.  It is opened by SQLite only,
+because a process that closes a file which it has opened in another way loses the locks that SQLite holds on it.
 """
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import stat
 from contextlib import closing
@@ -15,9 +17,7 @@ APPLICATION = 0x524D5043
 """Number in the header of the file that marks a trial store (the letters RMPC)."""
 FORMAT = 2
 """Number of the format, which the header of the file holds."""
-_MAGIC = b"SQLite format 3\x00"
-_HEADER = 100
-_FORMAT_AT, _APPLICATION_AT = 60, 68
+_JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 _FIRST_TABLES = {"meta", "trials", "metrics", "uncertainty"}
 """Tables of the first format, which did not number itself."""
 
@@ -35,7 +35,7 @@ class MissingError(Exception):
 
 
 def check_file(path: Path, *, writable: bool) -> bool:
-    """Refuse a file that is not a trial store of this format, and leave it as it is.
+    """Refuse a file that is not a trial store of this format.
 
     Parameters
     ----------
@@ -55,45 +55,82 @@ def check_file(path: Path, *, writable: bool) -> bool:
     """
     try:
         found = path.stat()
-        if not stat.S_ISREG(found.st_mode):
-            raise StoreError(_no_store(path, "it is not a regular file"))
-        if found.st_size:
-            with path.open("rb") as file:
-                _check_header(path, file.read(_HEADER), writable=writable)
-            return False
     except FileNotFoundError:
-        pass
+        found = None
     except PermissionError as error:
-        raise StoreError(f"{path}: {error.strerror}; choose another -o DIR, or --fresh") from None
-    if not writable:
-        raise MissingError(f"{path}: holds no trial; fill the directory with `rmpc-bench run`")
-    return True
-
-
-def _check_header(path: Path, header: bytes, *, writable: bool) -> None:
-    if len(header) < _HEADER or not header.startswith(_MAGIC):
-        raise StoreError(_no_store(path, "file is not a database"))
-    number = int.from_bytes(header[_FORMAT_AT : _FORMAT_AT + 4], "big")
-    if int.from_bytes(header[_APPLICATION_AT : _APPLICATION_AT + 4], "big") != APPLICATION:
-        if not _is_of_first_format(path):
-            raise StoreError(_no_store(path, "it is a database of another program"))
-        number = 1
+        raise StoreError(_unusable(path, f"{error.strerror}")) from None
+    if found is None or (found.st_size == 0 and stat.S_ISREG(found.st_mode)):
+        if not writable:
+            raise MissingError(f"{path}: holds no trial; fill the directory with `rmpc-bench run`")
+        return True
+    if not stat.S_ISREG(found.st_mode):
+        raise StoreError(_unusable(path, "is not a store of trials (it is not a regular file)"))
+    if not os.access(path, os.R_OK):
+        raise StoreError(_unusable(path, "cannot be read (permission denied)"))
+    try:
+        number = _format(path)
+    except sqlite3.DatabaseError as error:
+        raise StoreError(_unusable(path, f"is not a store of trials ({error})")) from None
+    if number is None:
+        raise StoreError(_unusable(path, "is not a store of trials (it is a database of another program)"))
     if number != FORMAT:
         when = "an earlier" if number < FORMAT else "a later"
         way_out = "`rmpc-bench run --fresh` keeps it under another name and computes everything again"
         text = f"{path}: {when} version of rmpc-bench has written it (format {number}, here {FORMAT}); {way_out}"
         raise StoreError(text) if writable else MissingError(text)
+    _check_journal(path)
+    return False
 
 
-def _is_of_first_format(path: Path) -> bool:
-    """Whether a database has the tables of the first format; the file is read without its journal and not locked."""
+def _format(path: Path) -> int | None:
+    """Return the number of the format of a trial store; None for a database of somebody else."""
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as connection:
+        [(application,)] = connection.execute("PRAGMA application_id").fetchall()
+        if application == APPLICATION:
+            [(number,)] = connection.execute("PRAGMA user_version").fetchall()
+            return int(number)
+        rows = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+    return 1 if {name for (name,) in rows} >= _FIRST_TABLES else None
+
+
+def _check_journal(path: Path) -> None:
+    """Refuse the journal of a transaction over several databases: SQLite deletes the file that it names at its end."""
+    journal = path.with_name(f"{path.name}-journal")
+    end = b""
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as connection:
-            rows = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
-    except sqlite3.DatabaseError:
+        is_journal = stat.S_ISREG(journal.stat().st_mode)
+        if is_journal:
+            with journal.open("rb") as file:
+                file.seek(-min(journal.stat().st_size, len(_JOURNAL_MAGIC)), os.SEEK_END)
+                end = file.read()
+    except FileNotFoundError:
+        return
+    if not is_journal or end == _JOURNAL_MAGIC:
+        raise StoreError(_unusable(path, f"{journal.name} is not the journal of a store"))
+
+
+def _unusable(path: Path, text: str) -> str:
+    return f"{path}: {text}; choose another -o DIR, or --fresh"
+
+
+def is_there(directory: Path) -> bool:
+    """Whether a directory has a store, whole or damaged, or cannot be looked into."""
+    try:
+        (directory / FILE).lstat()
+    except (FileNotFoundError, NotADirectoryError):
         return False
-    return {name for (name,) in rows} >= _FIRST_TABLES
+    except OSError:
+        return True
+    return True
 
 
-def _no_store(path: Path, text: str) -> str:
-    return f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh"
+def is_in_use(directory: Path) -> bool:
+    """Whether another process writes to the store of a directory; a damaged one is not in use."""
+    path = directory / FILE
+    try:
+        check_file(path, writable=True)
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True, timeout=0.0)) as connection:
+            connection.execute("BEGIN EXCLUSIVE")
+    except (StoreError, sqlite3.DatabaseError) as error:
+        return "locked" in str(error)
+    return False

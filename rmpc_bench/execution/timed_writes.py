@@ -12,6 +12,8 @@ from rmpc_bench.execution.interrupts import held
 
 INTERVAL = 0.5
 """Longest time that a block waits [s]; a process that is killed loses no more than the blocks of this time."""
+LARGEST = 32_000_000
+"""Size of the numbers that may wait [bytes]."""
 Write = Callable[[], None]
 """Writes a block inside a transaction."""
 
@@ -30,6 +32,7 @@ class TimedWrites:
         self.lock = RLock()
         self._database = database
         self._waiting: list[Write] = []
+        self._size = 0
         self._at_end: list[tuple[Write, Callable[[], None]]] = []
         self._timer: Timer | None = None
         self._last = -INTERVAL
@@ -52,8 +55,13 @@ class TimedWrites:
             self.flush()
             yield
 
-    def add(self, write: Write) -> None:
+    def add(self, write: Write, size: int = 0) -> None:
         """Write now if the last commit is longer ago than the interval, otherwise at the end of the interval.
+
+        Parameters
+        ----------
+        write : writes a block
+        size : of its numbers [bytes]; where too many wait, they are written at once
 
         Raises
         ------
@@ -62,8 +70,9 @@ class TimedWrites:
         """
         with self.lock:
             self._waiting.append(write)
+            self._size += size
             left = self._last + INTERVAL - time.monotonic()
-            if left <= 0.0:
+            if left <= 0.0 or self._size > LARGEST:
                 self.flush()
             elif self._timer is None:
                 self._timer = Timer(left, self._on_time)
@@ -94,7 +103,7 @@ class TimedWrites:
                     self._waiting.clear()
                 except WriteError:
                     self._commit_one_by_one()
-                self._last = time.monotonic()
+                self._last, self._size = time.monotonic(), 0
             error, self._error = self._error, None
             if error is not None:
                 raise error
