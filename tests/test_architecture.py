@@ -42,6 +42,7 @@ MAY_IMPORT = {
     "diagnostics": {"simulation", "noise", "numerics", "types"},
     "notices": set(),
     "replaced_file": set(),
+    "regular_file": set(),
     # A name that is replaced or refused is said where a notebook shows it.
     "registry": {"notices", "types", "installed"},
     "installed": set(),
@@ -54,7 +55,17 @@ MAY_IMPORT = {
     "report": {"figures", "claims", "analysis", "types", "replaced_file"},
     # Keys of an uncertain quantity are the fields of its law; the noise `same` and sets of x(0) are made as laws.
     # NUMERICS is a part of the key of a trial.
-    "config": {"registry", "components", "expressions", "claims", "simulation", "noise", "types", "rmpc_bench"},
+    "config": {
+        "registry",
+        "components",
+        "expressions",
+        "claims",
+        "simulation",
+        "noise",
+        "types",
+        "rmpc_bench",
+        "regular_file",
+    },
     "execution": {
         "config",
         "components",
@@ -64,6 +75,7 @@ MAY_IMPORT = {
         "figures",
         "report",
         "replaced_file",
+        "regular_file",
         "types",
         "numerics",  # whether compiled code is kept in a file
         "rmpc_bench",  # for the version

@@ -11,6 +11,7 @@ from rmpc_bench.claims.claim import FINDINGS
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.reader import load
 from rmpc_bench.config.tree import Map
+from rmpc_bench.regular_file import text_of
 from rmpc_bench.types import ConfigError
 
 
@@ -53,7 +54,7 @@ def _findings(path: Path, paper: str, ids: set[str]) -> dict[str, dict[str, str]
         if other.resolve() == path.resolve():
             continue
         try:
-            text = other.read_text(encoding="utf-8")
+            text = text_of(other)
             # Reading YAML takes ten times as long as looking for a name in its text.
             tree = load(other) if any(name in text for name in ids) else None
         except (OSError, UnicodeDecodeError, ConfigError):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.known_files import file_beside
+from rmpc_bench.config.known_files import file_beside, is_file_name
 from rmpc_bench.config.reader import EXTENDS, load
 from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.tree import DELETE, Items, Map, Mark, join, locate, locate_key, same_kind
@@ -66,7 +66,7 @@ def read_extended(path: str | Path, extended: tuple[Path, ...] = ()) -> Any:
 def _base_of(tree: Map, path: Path, extended: tuple[Path, ...]) -> Map:
     """Read the configuration that a tree extends, and return it as an own copy."""
     text, mark = tree[EXTENDS], locate(tree, [EXTENDS])
-    if not isinstance(text, str) or not text.strip():
+    if not is_file_name(text):
         raise ConfigError([Problem(*mark, EXTENDS, f"must be the name of a configuration (got {shown(text)})")])
     file = file_beside(path.parent, text)
     if file.resolve() in extended:

@@ -14,7 +14,7 @@ from typing import Any
 from rmpc_bench.config.added_methods import with_methods
 from rmpc_bench.config.extension import read_extended
 from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.known_files import file_beside
+from rmpc_bench.config.known_files import file_beside, is_file_name
 from rmpc_bench.config.plant_source import FILE, PATH, SECTIONS_OF_A_PLANT, lay_over_source, open_section
 from rmpc_bench.config.reader import Override
 from rmpc_bench.config.source import GivenConfig
@@ -146,7 +146,7 @@ class _FileReader:
 
 def _plant_file(text: str, mark: Mark, file: Path, including: tuple[Path, ...]) -> Map:
     """Read a configuration that has a plant, without its sweep; ConfigError at the place of its name."""
-    if not text.strip():
+    if not is_file_name(text):
         raise ConfigError([Problem(*mark, PATH, f"must be the name of a configuration (got {shown(text)})")])
     if file.resolve() in including:
         raise ConfigError([Problem(*mark, PATH, f"{text}: includes itself")])

@@ -7,6 +7,7 @@ the names are listed at once.
 
 from __future__ import annotations
 
+import os
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import rmpc_bench
 
 FOLDER = "configs"
 SUFFIX = ".yaml"
+MAX_NAME = 1000
+"""Largest number of characters of a file name."""
 
 
 def installed_folder() -> Path:
@@ -53,6 +56,11 @@ def files_of(name: str) -> list[Path]:
     return []
 
 
+def is_file_name(text: object) -> bool:
+    """Whether a value may be the name of a file; the operating system refuses others."""
+    return isinstance(text, str) and bool(text.strip()) and len(text) <= MAX_NAME and "\0" not in text
+
+
 def file_beside(directory: Path, name: str) -> Path:
     """Return the file that a configuration names in ``extends`` or ``plant.from``.
 
@@ -62,7 +70,7 @@ def file_beside(directory: Path, name: str) -> Path:
     name : of a file; if it is not there, a place below configs or a short name of an installed configuration
     """
     file, folder = directory / name, installed_folder()
-    if file.exists() or not name.strip():
+    if os.path.exists(file) or not is_file_name(name):
         return file
     found = [place for place in _places(folder) if name == place or name in short_names(place)]
     return folder / Path(found[0]).relative_to(FOLDER) if len(found) == 1 else file
@@ -82,14 +90,14 @@ def located(given: str | Path) -> Path:
     """
     path, name = Path(given), Path(given).as_posix()
     is_name = path.suffix != SUFFIX or path.parts[:1] == (FOLDER,)
-    if path.is_file() or not is_name:
+    if os.path.isfile(path) or not is_name:
         return path
     found = files_of(name)
     if len(found) == 1:
         return found[0]
     if len(found) > 1:
         raise _error(name, f"may be any of {', '.join(map(str, found))}")
-    if path.exists():
+    if os.path.exists(path):
         # What cannot be read as a configuration is described by the reader.
         return path
     known = known_configs()

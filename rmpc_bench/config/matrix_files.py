@@ -11,16 +11,21 @@ from __future__ import annotations
 import csv
 import difflib
 from collections.abc import Mapping
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rmpc_bench.config.known_files import MAX_NAME, is_file_name
 from rmpc_bench.config.tree import Items, Map, Mark, join, locate
 from rmpc_bench.expressions import quantity
+from rmpc_bench.regular_file import content_of
 from rmpc_bench.types import Array, ConfigError, Problem
 
 SUFFIXES = (".mat", ".npz", ".csv")
+MAX_UNPACKED = 100_000_000
+"""Largest size of all arrays of an archive [bytes]."""
 SECTIONS_WITHOUT_MATRICES = ("input", "plugins", "claims")
 """Sections in which the key `file` has another meaning."""
 SYSTEM = {"models": {"A": "A", "B": "B", "C": "C", "Q": "P_w", "R": "P_v"}, "plants": {"A": "A", "B": "B", "C": "C"}}
@@ -153,49 +158,57 @@ def _read(file: Path, text: str) -> Mapping[str, Array]:
     suffix = file.suffix.lower()
     if suffix not in readers:
         raise _FileError(f"{text}: the ending must be one of {', '.join(SUFFIXES)}")
-    if not file.is_file():
+    if not is_file_name(text):
+        raise _FileError(f"the name of a file has at most {MAX_NAME} characters (got {len(text)})")
+    if not file.exists():
         near = difflib.get_close_matches(file.name, [each.name for each in file.parent.glob(f"*{suffix}")], n=1)
         raise _FileError(f"{text}: there is no such file" + (f"; did you mean {near[0]!r}?" if near else ""))
     try:
-        return readers[suffix](file)
+        return readers[suffix](content_of(file), file.stem)
     except _FileError as error:
         raise _FileError(f"{text}: {error}") from None
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except OSError as error:
+        raise _FileError(f"{text}: cannot be read ({error.strerror or error})") from None
+    except (ValueError, TypeError, KeyError) as error:
         raise _FileError(f"{text}: cannot be read ({error})") from None
 
 
-def _read_mat(file: Path) -> Mapping[str, Array]:
+def _read_mat(content: bytes, stem: str) -> Mapping[str, Array]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
     try:
-        content = loadmat(file)
+        found = loadmat(BytesIO(content))
     except NotImplementedError:
         message = "is a file of MATLAB version 7.3 (HDF5); save it with save('file.mat', ..., '-v7')"
         raise _FileError(message) from None
     except MatReadError as error:
         raise _FileError(f"is not a MATLAB file ({error})") from None
-    return {name: np.asarray(value) for name, value in content.items() if not name.startswith("__")}
+    return {name: np.asarray(value) for name, value in found.items() if not name.startswith("__")}
 
 
-def _read_npz(file: Path) -> Mapping[str, Array]:
-    from zipfile import BadZipFile
+def _read_npz(content: bytes, stem: str) -> Mapping[str, Array]:
+    from zipfile import BadZipFile, ZipFile
 
     try:
-        with np.load(file, allow_pickle=False) as content:
-            return {name: content[name] for name in content.files}
+        with ZipFile(BytesIO(content)) as archive:
+            size = sum(each.file_size for each in archive.infolist())
+        if size > MAX_UNPACKED:
+            raise _FileError(f"has arrays of {size / 1e6:.0f} MB; they must have at most {MAX_UNPACKED / 1e6:g} MB")
+        with np.load(BytesIO(content), allow_pickle=False) as found:
+            return {name: found[name] for name in found.files}
     except (BadZipFile, AttributeError):
         raise _FileError("is not an archive of numpy.savez") from None
 
 
-def _read_csv(file: Path) -> Mapping[str, Array]:
-    with file.open(encoding="utf-8-sig", newline="") as lines:
-        rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
+def _read_csv(content: bytes, stem: str) -> Mapping[str, Array]:
+    lines = StringIO(content.decode("utf-8-sig"), newline="")
+    rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
     try:
         matrix = np.array([[float(cell) for cell in row] for row in rows])
     except ValueError:
         raise _FileError("must have rows of equally many numbers, with commas between them and no heading") from None
-    return {file.stem: matrix}
+    return {stem: matrix}
 
 
 def _named(content: Mapping[str, Array], name: str, text: str) -> Array:

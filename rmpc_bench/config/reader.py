@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import yaml  # type: ignore[import-untyped]
 
 from rmpc_bench.config.tree import DELETE, MAX_DEPTH, Items, Map, Mark, join, scalar, split
+from rmpc_bench.regular_file import content_of
 from rmpc_bench.types import ConfigError, Problem
 
 MAX_NODES = 100_000
@@ -59,7 +60,7 @@ def load(path: str | Path) -> Any:
     """
     where = Path(path)
     try:
-        return parse(where.read_bytes().decode("utf-8-sig"), str(path), may_extend=True)
+        return parse(content_of(where).decode("utf-8-sig"), str(path), may_extend=True)
     except FileNotFoundError:
         siblings = sorted(other.name for other in where.parent.glob("*.yaml"))
         near = get_close_matches(where.name, siblings, n=1, cutoff=0.0)

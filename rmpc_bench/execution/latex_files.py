@@ -48,11 +48,16 @@ def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, repo
     notes = requirements_note(tables) | latex_notes(tables, report.columns, width)
     files |= {f"{name}.note.tex": f"{_head_of_note(name)}{text}" for name, text in notes.items()}
     for old in directory.glob("*.tex"):
-        if old.name not in files and not old.is_symlink() and old.read_bytes().startswith(WRITTEN.encode()):
+        if old.name not in files and old.is_file() and not old.is_symlink() and _is_ours(old):
             old.unlink()
     for name, text in files.items():
         replace_text(directory / name, text)
     return [directory / name for name in files]
+
+
+def _is_ours(file: Path) -> bool:
+    with file.open("rb") as lines:
+        return lines.read(len(WRITTEN.encode())) == WRITTEN.encode()
 
 
 def _head(name: str) -> str:

@@ -17,6 +17,7 @@ import rmpc_bench
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.libraries import OF_THE_BENCH, all_versions
+from rmpc_bench.regular_file import text_of
 from rmpc_bench.replaced_file import replace_text
 
 FILE = "manifest.json"
@@ -82,7 +83,7 @@ class Session:
 def read(directory: Path) -> dict[str, Any]:
     """Return the manifest of a directory; empty when there is none that can be read."""
     try:
-        data = json.loads((directory / FILE).read_text(encoding="utf-8"))
+        data = json.loads(text_of(directory / FILE))
     except (OSError, ValueError):
         return {}
     return data if isinstance(data, dict) else {}

@@ -17,6 +17,7 @@ from rmpc_bench.execution.manifest import read
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.sweep_points import MOST_PANELS
+from rmpc_bench.regular_file import text_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.page.context import page_context
@@ -160,7 +161,7 @@ def _configuration(directory: Path) -> tuple[str, Mapping[str, Any]]:
     file = directory / CONFIGURATION
     try:
         data = plain(load(file))
-        return file.read_text(encoding="utf-8"), data if isinstance(data, dict) else {}
+        return text_of(file), data if isinstance(data, dict) else {}
     except (ConfigError, OSError):
         return "", {}
 

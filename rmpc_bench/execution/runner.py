@@ -35,6 +35,7 @@ from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.numerics.code_cache import cache_remark
+from rmpc_bench.regular_file import content_of
 from rmpc_bench.replaced_file import replace_text, replaced
 from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.recording import kept
@@ -179,7 +180,7 @@ def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mappin
         keep_sources(config.own, directory)
         resolved = in_directory(config.resolved, directory, config.own)
         replace_text(directory / RESOLVED, dump(plain(resolved)))
-        lines = [line for line in given.read_bytes().splitlines(keepends=True) if not line.startswith(_ADDED.encode())]
+        lines = [line for line in content_of(given).splitlines(keepends=True) if not line.startswith(_ADDED.encode())]
         comments = [f"{_ADDED}{shlex.quote(text)}\n".encode() for text in added.values()]
         end = b"\n" if comments and lines and not lines[-1].endswith(b"\n") else b""
         with replaced(kept) as partial:

@@ -14,6 +14,7 @@ from rmpc_bench.claims.record import ClaimsRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.execution.page_files import PAGE
 from rmpc_bench.execution.publish import Publication, experiment_record
+from rmpc_bench.regular_file import text_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.page.headline import headline
 from rmpc_bench.report.page.index_page import KINDS, IndexEntry, index_context
@@ -37,7 +38,7 @@ def kept_claims(directory: Path) -> KeptClaims | None:
     directory : of an experiment
     """
     try:
-        data: Any = json.loads((directory / CLAIMS).read_text(encoding="utf-8"))
+        data: Any = json.loads(text_of(directory / CLAIMS))
         usable = _is_usable(data)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

@@ -43,6 +43,8 @@ def read_table(file: Path) -> Columns:
     try:
         if file.suffix.lower() not in readers:
             raise DesignError(f"the ending must be one of {', '.join(readers)}")
+        if file.exists() and not file.is_file():
+            raise DesignError("is not a regular file")
         table = readers[file.suffix.lower()](file)
         lengths = {len(column) for column in table.values()}
         if len(lengths) > 1:

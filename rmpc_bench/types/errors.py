@@ -2,9 +2,37 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+
+MAX_QUOTED = 200
+"""Largest number of characters of a value that a message quotes."""
+_MAX_MESSAGE = 4000
+_QUOTED = re.compile(rf"(?<!\w)(['\"])((?:(?!\1)[^\n]){{{MAX_QUOTED}}})(?:(?!\1)[^\n])+\1")
+_GOT = re.compile(rf"\(got ([^\n]{{{MAX_QUOTED}}})[^\n]+\)")
+_WORD = re.compile(rf"(\S{{{MAX_QUOTED}}})\S{{8,}}")
+
+
+def shortened(message: str) -> str:
+    """Return a message in which the text of a value has at most 200 characters.
+
+    Parameters
+    ----------
+    message : quotes values in quotation marks or after ``got``, or contains names of any length
+
+    Examples
+    --------
+    >>> print(shortened("must be a number (got '" + 300 * "x" + "')").replace(200 * "x", "x..x"))
+    must be a number (got 'x..x...')
+    """
+    if len(message) <= MAX_QUOTED:
+        return message
+    short = _QUOTED.sub(r"\1\2...\1", message)
+    short = _GOT.sub(lambda found: found[0] if len(found[0]) <= MAX_QUOTED + 12 else f"(got {found[1]}...)", short)
+    short = _WORD.sub(r"\1...", short)
+    return short if len(short) <= _MAX_MESSAGE else f"{short[:_MAX_MESSAGE]}..."
 
 
 @dataclass(frozen=True, order=True)
@@ -19,8 +47,9 @@ class Problem:
 
     def __str__(self) -> str:
         """Render as ``file:line:column: path: message``."""
-        where = f"{self.file}:{self.line}:{self.column}: "
-        return where + (f"{self.path}: {self.message}" if self.path else self.message)
+        where = f"{shortened(self.file)}:{self.line}:{self.column}: "
+        message = shortened(self.message)
+        return where + (f"{shortened(self.path)}: {message}" if self.path else message)
 
 
 class ConfigError(Exception):

@@ -14,12 +14,12 @@ from stored_rows import n_stored
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
 KEYS = {
-    "runs": "100",
+    "runs": "300",
     "time": "{step: 0.1, steps: 100}",
     "noise": "{process: {gaussian: {std: 0.01}}}",
     "execution": "{block: 1}",
 }
-N_TRIALS = 200
+N_TRIALS = 600
 
 
 @pytest.fixture(scope="module")
@@ -45,11 +45,12 @@ def again(path, jobs=1):
 
 
 def wait_for_blocks(process, path):
-    """Wait until the store has a column of statuses."""
+    """Wait until a transaction with a column of statuses is complete."""
     store, deadline = path.parent / "out" / "trials.sqlite", time.monotonic() + 60.0
-    while not (store.exists() and b"status" in store.read_bytes()) and process.poll() is None:
+    journal = store.with_name(f"{store.name}-journal")
+    while not (store.exists() and b"status" in store.read_bytes() and not journal.exists()) and process.poll() is None:
         assert time.monotonic() < deadline
-        time.sleep(0.01)
+        time.sleep(0.005)
     assert process.poll() is None, process.communicate()
 
 
@@ -98,7 +99,7 @@ def test_a_full_disk(tmp_path, uninterrupted):
     path = write(tmp_path, **KEYS, record="{runs: all}")
 
     def small_disk():
-        # The first trials make a file of 143 kB, all of them one of 532 kB.
+        # The first trials make a file of 143 kB, all of them one of 1.4 MB.
         resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
 
     process = start(path, preexec_fn=small_disk)
