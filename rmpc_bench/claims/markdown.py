@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 
 from rmpc_bench.analysis.rounding import significant_text
@@ -12,6 +13,7 @@ from rmpc_bench.claims.evidence import evidence, number_text
 from rmpc_bench.claims.size import Size
 from rmpc_bench.claims.verdict import ClaimVerdict
 
+_TAG = re.compile(r"<(?=[A-Za-z/!?])")
 INFORMATIONAL = "For information only: the configuration was modified or did not run at full size."
 _SECTIONS = ("What the paper says", "Additional results", "Suspected misprints")
 
@@ -36,7 +38,7 @@ def claims_markdown(verdicts: Iterable[ClaimVerdict], *, informational: bool, en
         if _section(verdict.claim) != section:
             section = _section(verdict.claim)
             lines += [f"# {section}", ""]
-        lines += [f"## {position}. {_line(verdict.claim.says)}", "", *_items(verdict, ending), ""]
+        lines += [f"## {position}. {_text(verdict.claim.says)}", "", *_items(verdict, ending), ""]
     return "\n".join(lines)
 
 
@@ -47,24 +49,26 @@ def _section(claim: Claim) -> str:
 def _items(verdict: ClaimVerdict, ending: str) -> list[str]:
     """The list below a statement."""
     claim = verdict.claim
-    items = [f"- source: {_line(claim.source)}"]
+    items = [f"- source: {_text(claim.source)}"]
     if claim.quote:
-        items.append(f'- quote: "{_line(claim.quote)}"')
+        items.append(f'- quote: "{_text(claim.quote)}"')
     items += _finding(verdict)
     if claim.figures:
-        items.append(f"- figure: {', '.join(f'[{name}](figures/{name}.{ending})' for name in claim.figures)}")
+        items.append(
+            f"- figure: {', '.join(f'[{name}](figures/{name}.{ending})' for name in map(_text, claim.figures))}"
+        )
     if verdict.reason:
-        items.append(f"- not evaluated: {_line(verdict.reason)}")
+        items.append(f"- not evaluated: {_text(verdict.reason)}")
     items += _interpretations(verdict)
-    items += [f"- {cases_text(verdict)}"] if verdict.cases else []
+    items += [f"- {_text(cases_text(verdict))}"] if verdict.cases else []
     items += [_comparison(comparison) for comparison in verdict.comparisons]
-    items.append(f"- {basis_text(verdict)}")
-    items += [f"- {lead}`{code}`{rest}" for lead, code, rest in map(size_parts, verdict.sizes)]
+    items.append(f"- {_text(basis_text(verdict))}")
+    items += [f"- {_text(lead)} {_code(code)}{rest}" for lead, code, rest in map(size_parts, verdict.sizes)]
     if isinstance(claim.stated, str):
-        items.append(f"- stated: {_line(claim.stated)}")
+        items.append(f"- stated: {_text(claim.stated)}")
     assumptions = [*claim.assumptions, *limits(verdict)]
     if assumptions:
-        items += ["- assumptions:", *(f"  - {_line(assumption)}" for assumption in assumptions)]
+        items += ["- assumptions:", *(f"  - {_text(assumption)}" for assumption in assumptions)]
     return items
 
 
@@ -73,7 +77,7 @@ def _finding(verdict: ClaimVerdict) -> list[str]:
     recorded = f" (recorded: {verdict.claim.finding.sentence})" if verdict.claim.finding else ""
     if not verdict.claim.elsewhere:
         return [f"- finding: **{verdict.finding.sentence}**{recorded}"]
-    others = [f"{name} ({finding.sentence})" for name, finding in verdict.claim.elsewhere.items()]
+    others = [f"{_text(name)} ({finding.sentence})" for name, finding in verdict.claim.elsewhere.items()]
     return [
         f"- finding: **{verdict.joined.sentence}**, joined over this configuration and {', '.join(others)}",
         f"- finding here: {verdict.finding.sentence}{recorded}",
@@ -89,10 +93,10 @@ def _interpretations(verdict: ClaimVerdict) -> list[str]:
         items.append(f"- confirmed under {n_confirmed} of {len(found)} interpretations")
     for finding in dict.fromkeys(each.finding for each in found):
         points = [each.at for each in found if each.finding == finding]
-        items.append(f"- {finding.sentence} at: {'; '.join(points)}")
+        items.append(f"- {finding.sentence} at: {_text('; '.join(points))}")
     if verdict.claim.grounds:
         grounds = verdict.claim.grounds.items()
-        items += ["- grounds in the text:", *(f"  - {name}: {_line(ground)}" for name, ground in grounds)]
+        items += ["- grounds in the text:", *(f"  - {_text(name)}: {_text(ground)}" for name, ground in grounds)]
     return items
 
 
@@ -142,9 +146,19 @@ def _where(claim: Claim) -> str:
 
 
 def _comparison(comparison: ComparisonResult) -> str:
-    where = f" at {comparison.at}" if comparison.at else ""
-    return f"- `{_line(comparison.text)}`{where}: {evidence(comparison)}"
+    where = f" at {_text(comparison.at)}" if comparison.at else ""
+    return f"- {_code(comparison.text)}{where}: {_text(evidence(comparison))}"
 
 
 def _line(text: str) -> str:
     return " ".join(text.split())
+
+
+def _text(text: str) -> str:
+    """Write a text on one line, without HTML, code and links; formulas stay as they are."""
+    return _TAG.sub("&lt;", _line(text)).replace("`", "&#96;").replace("](", "]&#40;")
+
+
+def _code(text: str) -> str:
+    """Write an expression on one line as code, which a backtick would end."""
+    return f"`{_line(text).replace('`', chr(39))}`"

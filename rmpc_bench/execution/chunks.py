@@ -12,8 +12,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
+from rmpc_bench.execution.damage import decoded
 from rmpc_bench.execution.database import Database
-from rmpc_bench.execution.store_file import StoreError
 from rmpc_bench.execution.timed_writes import TimedWrites
 from rmpc_bench.types import Array
 
@@ -76,11 +76,12 @@ class Columns:
         runs, parts = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=_TYPES[column.kind])]
         with self._reading():
             rows = self._database.read(query, (self._find(column), (n_runs - 1) // SIZE))
-        for group, mask, data in rows:
-            chunk = _unpacked(mask, data, column.kind)
-            at = np.flatnonzero(chunk.stored)
-            runs.append(at + group * SIZE)
-            parts.append(chunk.data[at])
+        with decoded(self._database.directory):
+            for group, mask, data in rows:
+                chunk = _unpacked(mask, data, column.kind)
+                at = np.flatnonzero(chunk.stored)
+                runs.append(at + group * SIZE)
+                parts.append(chunk.data[at])
         found, values = np.concatenate(runs), np.concatenate(parts)
         n = int(np.searchsorted(found, n_runs))
         return found[:n], values[:n]
@@ -103,10 +104,11 @@ class Columns:
         found = np.zeros(n_runs, dtype=bool)
         with self._reading():
             rows = self._database.read(query, (self._find(column), (n_runs - 1) // SIZE))
-        for group, mask, length in rows:
-            there = _mask(mask, min(length // _TYPES[column.kind].itemsize, SIZE))
-            part = found[group * SIZE : group * SIZE + len(there)]
-            part[:] = there[: len(part)]
+        with decoded(self._database.directory):
+            for group, mask, length in rows:
+                there = _mask(mask, min(length // _TYPES[column.kind].itemsize, SIZE))
+                part = found[group * SIZE : group * SIZE + len(there)]
+                part[:] = there[: len(part)]
         return found
 
     def stop(self, column: Column) -> int:
@@ -173,7 +175,7 @@ def _packed(chunk: _Chunk) -> tuple[bytes | None, bytes]:
 def _unpacked(mask: bytes | None, data: bytes, kind: Kind) -> _Chunk:
     n, rest = divmod(len(data), _TYPES[kind].itemsize)
     if rest or n > SIZE:
-        raise StoreError("the store is damaged: a chunk has a wrong length; --fresh computes everything again")
+        raise ValueError("a chunk has a wrong length")
     return _Chunk(_mask(mask, n), np.frombuffer(data, dtype=_TYPES[kind]))
 
 

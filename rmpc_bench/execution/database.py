@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rmpc_bench.execution.damage import damage
 from rmpc_bench.execution.store_file import (
     APPLICATION,
     FILE,
@@ -73,6 +74,7 @@ class Database:
     """
 
     def __init__(self, directory: Path, *, writable: bool) -> None:
+        self.directory = directory
         self._path = path = directory / FILE
         self._numbers: dict[str, int] = {}
         try:
@@ -92,7 +94,7 @@ class Database:
             raise WriteError(f"{path}: {error}") from None
         try:
             self._prepare(writable=writable, is_new=is_new)
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             self.connection.close()
             raise _translated(error, path) from None
 
@@ -120,7 +122,7 @@ class Database:
         """Return the rows that a query finds."""
         try:
             return self.connection.execute(query, parameters).fetchall()
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             raise _translated(error, self._path) from None
 
     def write(self, statements: Sequence[Statement]) -> None:
@@ -180,10 +182,12 @@ class Database:
         return self.find_number(key)
 
 
-def _translated(error: sqlite3.DatabaseError, path: Path) -> Exception:
+def _translated(error: sqlite3.DatabaseError | UnicodeDecodeError, path: Path) -> Exception:
     text = str(error)
+    if isinstance(error, UnicodeDecodeError) or "Could not decode" in text:
+        return StoreError(damage(path.parent, "a text is not UTF-8"))
     if "locked" in text:
         return OccupiedError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
-    if "not a database" in text or "no such table" in text or "malformed" in text:
+    if "not a database" in text or "no such table" in text or "malformed" in text or "corrupt" in text:
         return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh")
     return WriteError(f"{path}: {text}")

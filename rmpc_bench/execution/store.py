@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Int, Int8
 
 from rmpc_bench.execution.chunks import Column, Columns
+from rmpc_bench.execution.damage import damage, decoded
 from rmpc_bench.execution.database import Database, Statement, StoreError, WriteError
 from rmpc_bench.execution.differences import Names, differences
 from rmpc_bench.execution.durations import Durations
@@ -126,8 +127,10 @@ class Store:
 
     def array(self, name: str) -> Array:
         """Read an array that was set with `set_layout`."""
-        [(shape, data)] = self._read("SELECT shape, data FROM arrays WHERE name = ?", (name,))
-        return as_array(zlib.decompress(data)).reshape(json.loads(shape))
+        rows = self._read("SELECT shape, data FROM arrays WHERE name = ?", (name,))
+        with decoded(self.directory):
+            [(shape, data)] = rows
+            return as_array(zlib.decompress(data)).reshape(json.loads(shape))
 
     def has_trials(self, method: str) -> bool:
         """Whether a run of a method is stored."""
@@ -308,7 +311,8 @@ class Store:
 
     def failures(self, method: str, n_runs: int) -> list[RunFailure]:
         """Failures of a method that have a description, in the order of the runs."""
-        return read_failures(self._read, self._number(method), n_runs)
+        with decoded(self.directory):
+            return read_failures(self._read, self._number(method), n_runs)
 
     def held(self, method: str, n_runs: int) -> dict[int, int]:
         """Run -> number of held steps, of the runs that have some."""
@@ -322,11 +326,15 @@ class Store:
 
     def durations(self, method: str, n_runs: int) -> dict[str, Durations]:
         """Component and phase -> durations of its calls."""
-        return read_durations(self._read, self._number(method), n_runs)
+        with decoded(self.directory):
+            return read_durations(self._read, self._number(method), n_runs)
 
     def statuses(self, method: str, n_runs: int) -> tuple[Int[Array, " stored"], Int8[Array, " stored"]]:
         """Run indices and numbers of the statuses of a method, in the order of the runs."""
-        return self._columns.read(Column("status", method), n_runs)
+        runs, status = self._columns.read(Column("status", method), n_runs)
+        if len(status) and not 0 <= status.min() <= status.max() < len(WORDS):
+            raise StoreError(damage(self.directory, "a status has no meaning"))
+        return runs, status
 
     def column(self, method: str, n_runs: int) -> tuple[list[int], list[str]]:
         """Run indices and status words of a method, in the order of the runs."""
@@ -341,15 +349,17 @@ class Store:
         """Recorded runs of a method and their trajectories, (recorded, samples, components)."""
         query = "SELECT run, width, data FROM traces WHERE method = ? AND signal = ? AND run < ? ORDER BY run"
         rows = self._read(query, (self._number(method), self._number(signal), n_runs))
-        recorded = [as_array(data).reshape(-1, width) for _, width, data in rows]
-        return [run for run, *_ in rows], np.array(recorded) if rows else np.zeros((0, 0, 0))
+        with decoded(self.directory):
+            recorded = [as_array(data).reshape(-1, width) for _, width, data in rows]
+            return [run for run, *_ in rows], np.array(recorded) if rows else np.zeros((0, 0, 0))
 
     def ensemble(self, method: str, n_runs: int) -> list[Group]:
         """Groups of runs of a method and single runs of groups that are not whole, in their order.
 
         A group that reaches beyond n_runs is left out.
         """
-        return read_groups(self._read, self._number(method), n_runs)
+        with decoded(self.directory):
+            return read_groups(self._read, self._number(method), n_runs)
 
     def uncertainty(self, draw: str, n_runs: int) -> tuple[Int[Array, " runs"], dict[str, Array]]:
         """Return the runs that have named uncertain quantities, and name -> (runs,) values, NaN where there is none."""

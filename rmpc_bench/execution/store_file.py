@@ -69,7 +69,7 @@ def check_file(path: Path, *, writable: bool) -> bool:
         raise StoreError(_unusable(path, "cannot be read (permission denied)"))
     try:
         number = _format(path)
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
         raise StoreError(_unusable(path, f"is not a store of trials ({error})")) from None
     if number is None:
         raise StoreError(_unusable(path, "is not a store of trials (it is a database of another program)"))

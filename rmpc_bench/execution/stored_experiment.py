@@ -7,6 +7,7 @@ else of the experiment: they build no design and load no code, and they need no 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -15,7 +16,7 @@ from rmpc_bench.claims.claim import Claim
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.sweep_point import key_of_trials
-from rmpc_bench.execution.database import MissingError
+from rmpc_bench.execution.database import MissingError, StoreError
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_method import StoredMethod, each_once
 from rmpc_bench.simulation.scenario import Recording
@@ -23,6 +24,7 @@ from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.requirement import Requirement
 
 KEY = "layout"
+METRIC_NAME = re.compile(r"[A-Za-z_]\w{0,199}")
 WAY_OUT = "`rmpc-bench run` with its configuration adds it and computes nothing again"
 
 
@@ -234,6 +236,10 @@ def read_experiment(store: Store) -> StoredExperiment:
     if text is None:
         raise MissingError(f"{store.directory}: an earlier version wrote it without what a report needs; {WAY_OUT}")
     try:
-        return TypeAdapter(StoredExperiment).validate_python(json.loads(text))
-    except ValidationError:
+        found = TypeAdapter(StoredExperiment).validate_python(json.loads(text))
+        if all(METRIC_NAME.fullmatch(metric.name) for point in found.points for metric in point.metrics):
+            return found
+        # Files have the names of metrics, and a store of somebody else may hold `../../name`.
+        raise StoreError(f"{store.directory}: the store is damaged: a metric has no valid name")
+    except (ValidationError, ValueError, RecursionError):
         raise MissingError(f"{store.directory}: another version has written what a report needs; {WAY_OUT}") from None

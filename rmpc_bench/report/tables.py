@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
@@ -17,6 +18,7 @@ from rmpc_bench.report.sentences import AVERAGES, explanation, sentence
 from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo, Status
 
+_TAG = re.compile(r"<(?=[A-Za-z/!?])")
 GAPS = {"mean": 4, "median": 3, "change": 4, "other": 3, "won": 5, "n": 3, "verdict": 3}
 """Blanks before each column of the screen."""
 
@@ -146,8 +148,13 @@ def metric_columns(table: MetricTable) -> dict[str, list[str]]:
 def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:
     """Lay out columns, head -> cells, as a Markdown table without a line end."""
     rows = [list(columns), *([*row] for row in zip(*columns.values(), strict=True))]
-    texts = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
+    texts = ["| " + " | ".join(map(_cell, row)) + " |" for row in rows]
     return "\n".join([texts[0], "|" + " --- |" * len(columns), *texts[1:]])
+
+
+def _cell(text: str) -> str:
+    """Write the text of a cell without HTML and links; formulas and code stay as they are."""
+    return _TAG.sub("&lt;", text).replace("\n", " ").replace("|", r"\|").replace("](", "]&#40;")
 
 
 def legend(table: MetricTable, *, on_screen: bool) -> list[str]:

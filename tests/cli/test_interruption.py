@@ -9,17 +9,40 @@ import time
 from pathlib import Path
 
 import pytest
-from small_experiment import cli, ran, write
+from small_experiment import cli, ran
+from small_experiment import write as write_keys
 from stored_rows import n_stored
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
+OWN = """
+import time
+from rmpc_bench import single_run
+
+@single_run
+class Slow:
+    def __init__(self, model):
+        pass
+    def start(self, x0, run):
+        self.x_hat = x0
+    def update(self, y, k):
+        if k == 2:
+            time.sleep(0.03)
+        return self.x_hat
+"""
 KEYS = {
-    "runs": "300",
+    "runs": "60",
     "time": "{step: 0.1, steps: 100}",
     "noise": "{process: {gaussian: {std: 0.01}}}",
+    "methods": "{S-MPC: {estimator: {kind: kalman}}, slow: {estimator: {file: 'own.py:Slow'}}}",
     "execution": "{block: 1}",
 }
-N_TRIALS = 600
+N_TRIALS = 120
+
+
+def write(directory, **keys):
+    """Write an experiment of two seconds, so that it is interrupted behind the first half a second."""
+    (directory / "own.py").write_text(OWN, encoding="utf-8")
+    return write_keys(directory, **keys)
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +68,13 @@ def again(path, jobs=1):
 
 
 def wait_for_blocks(process, path):
-    """Wait until a transaction with a column of statuses is complete."""
+    """Wait until a transaction with a column of statuses is complete, when the header of the journal is empty."""
     store, deadline = path.parent / "out" / "trials.sqlite", time.monotonic() + 60.0
     journal = store.with_name(f"{store.name}-journal")
-    while not (store.exists() and b"status" in store.read_bytes() and not journal.exists()) and process.poll() is None:
+    while process.poll() is None:
+        is_written = store.exists() and b"status" in store.read_bytes()
+        if is_written and not (journal.exists() and journal.read_bytes()[:8].strip(b"\0")):
+            break
         assert time.monotonic() < deadline
         time.sleep(0.005)
     assert process.poll() is None, process.communicate()
@@ -99,8 +125,8 @@ def test_a_full_disk(tmp_path, uninterrupted):
     path = write(tmp_path, **KEYS, record="{runs: all}")
 
     def small_disk():
-        # The first trials make a file of 143 kB, all of them one of 1.4 MB.
-        resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+        # The first trials make a file of 143 kB, all of them one of 385 kB.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (250_000, 250_000))
 
     process = start(path, preexec_fn=small_disk)
     out, err = process.communicate(timeout=60)

@@ -196,3 +196,39 @@ def test_numbers_of_the_statuses_are_part_of_the_format():
     words = "ok diverged out-of-range too-many-events empty-set singular infeasible not-converged timeout crashed"
     assert [status.word for status in sorted(Status)] == words.split()
     assert [int(status) for status in sorted(Status)] == [*range(10)]
+
+
+@pytest.mark.parametrize(("n_runs", "block", "limit"), [(100_000, 5000, 70e6), (10_000, 50, 6e6), (500, 1, 300e3)])
+def test_size_of_a_trial(tmp_path, rng, n_runs, block, limit):
+    """Four methods with four metrics and three uncertain quantities: at most 150 bytes a trial, whatever the blocks."""
+    with Store(tmp_path) as store:
+        for first in range(0, n_runs, block):
+            sampled = {name: rng.random(block) for name in ("eps_min", "eps_max", "eps_jl")}
+            for method in "abcd":
+                values = rng.random((4, block))
+                results = Block(np.zeros(block, dtype=np.int8), values, {}, (), Journal())
+                columns = {64 * name: column for name, column in zip("efgh", values, strict=True)}
+                store.add_block(64 * method, range(first, first + block), results, columns, 64 * "i", sampled)
+    size = (tmp_path / FILE).stat().st_size
+    assert size < limit and size / (4 * n_runs) <= 150
+    with Store(tmp_path, writable=False) as store:
+        assert len(store.finished(64 * "d", [64 * "h"])) == n_runs
+
+
+def test_a_block_is_committed_by_a_timer(tmp_path):
+    """Half a second later, also if no other block comes; a copy of the file has it then."""
+    import shutil
+    import time
+
+    with Store(tmp_path / "a") as store:
+        add(store, [0])
+        add(store, [1])
+        deadline = time.monotonic() + 20.0
+        found = []
+        while found != [0, 1] and time.monotonic() < deadline:
+            time.sleep(0.1)
+            shutil.rmtree(tmp_path / "b", ignore_errors=True)
+            shutil.copytree(tmp_path / "a", tmp_path / "b")
+            with Store(tmp_path / "b", writable=False) as copy:
+                found = copy.finished("m", ["q"]).tolist()
+        assert found == [0, 1]
