@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.looks import PlannedLook
 from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.analysis.traces import Traces
@@ -42,6 +43,7 @@ class Trials:
     average : averages that are asked for: ``geometric``, ``mean`` or ``both``
     headline : the average that the verdict rests on where both are asked for
     look : how often a verdict was published with other numbers of runs, this one included
+    planned : look of a stopping rule that the table rests on; `confidence` is then the level of each interval
     with_verdicts : whether comparisons have a verdict; those of a smoke run have none
     seed : seed of the experiment
     Ts : sampling time [s]; 0 where it is not known
@@ -90,6 +92,7 @@ class Trials:
     average: str = "both"
     headline: str = "geometric"
     look: int = 1
+    planned: PlannedLook | None = None
     with_verdicts: bool = True
     groups: Mapping[str, RunGroups] = field(default_factory=dict)
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)

@@ -121,6 +121,8 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     points = f"{len(config.points)} points x " if config.paths else ""
     simulated = "runs" in config.evaluate
     what = f"{experiment.n_runs} runs" if simulated else "exact moments, no runs"
+    if config.stop is not None:
+        what = f"at most {what} (stop: {config.stop.text})"
     size = f"{what} x {len(experiment.methods)} methods x {experiment.n_steps} steps"
     shared = f"; {config.n_trials():,} trials; those that points share count once" if config.paths and simulated else ""
     lines += [

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 FINDING_DIFFERS = 1
 USAGE = 2
 TOO_MANY_FAILURES = 3
+STOP_UNMET = 4
 OCCUPIED = 5
 INTERNAL = 70
 CANNOT_WRITE = 74
@@ -31,6 +32,7 @@ MEANINGS: Mapping[int, str] = {
     OCCUPIED: "the directory holds another experiment, another process writes to it, or versions of libraries differ",
     USAGE: "an option or the configuration is wrong",
     TOO_MANY_FAILURES: "more runs have failed than `execution.max_failures`",
+    STOP_UNMET: "the rule under `stop` is not met with `max_runs`",
     FINDING_DIFFERS: "a difference: with `--strict` the finding of a claim differs from its record, `compare` finds "
     "two experiments different, `verify` finds computed results different from packed ones, a replay differs from what "
     "is stored, or a check of a component fails",
@@ -89,7 +91,7 @@ def notes_of(written: Publication) -> list[str]:
 
 
 def code_of(written: Publication, *, strict: bool) -> int:
-    """Return the exit code of published results; failed runs have precedence over findings.
+    """Return the exit code of published results: failed runs, then a stopping rule, then findings.
 
     Parameters
     ----------
@@ -98,6 +100,9 @@ def code_of(written: Publication, *, strict: bool) -> int:
     """
     if written.results.trials.n_failed_trials > written.results.experiment.max_failures:
         return TOO_MANY_FAILURES
+    stop = written.results.experiment.stop
+    if stop is not None and stop.is_unmet:
+        return STOP_UNMET
     return FINDING_DIFFERS if strict and written.differing else 0
 
 

@@ -18,6 +18,7 @@ from rmpc_bench.execution.interrupts import held
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.execution.published_state import Shown
+    from rmpc_bench.execution.stored_stop import StoredStop
 
 
 @click.command()
@@ -176,6 +177,9 @@ def configured(request: Request) -> tuple[ExperimentConfig, Path]:
     directory = request.output or _directory(request, config)
     stored = {} if request.fresh else _stored_methods(directory, config)
     if request.part is not None:
+        if config.stop is not None:
+            message = f"a shard cannot decide `stop: {config.stop.text}`, which looks at all runs; --runs N gives them"
+            raise click.BadParameter(message, param_hint="--shard")
         check_division(request.part, directory)
         stored |= {} if request.fresh else _stored_methods(request.place(directory), config)
     if request.add_methods:
@@ -238,23 +242,36 @@ def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> i
     from rmpc_bench.execution.other_code import rows_of_other_code
     from rmpc_bench.execution.runner import pending
     from rmpc_bench.execution.store import Store
+    from rmpc_bench.execution.stored_stop import stop_of
 
     names = [method.name for method in config.experiment.methods if not request.only or method.name in request.only]
-    n_runs, place = config.experiment.n_runs, request.place(directory)
-    runs = range(n_runs) if request.shard is None else request.shard.runs(n_runs)
-    left = total = config.n_trials(names) // n_runs * len(runs)
+    stop, place = stop_of(config, None), request.place(directory)
+    runs = _planned_runs(config, stop, request)
+    left = total = config.n_trials(names, len(runs))
     apart = None
     if (place / FILE).exists():
         with Store(place, writable=False) as store:
             store.check(config.hash, config.shared, config.own.names())
+            stop = stop_of(config, store)
+            runs = _planned_runs(config, stop, request)
+            total = config.n_trials(names, len(runs))
             left = sum(len(task.runs) for task in pending(config, store, names, runs))
             apart = rows_of_other_code(config, store, names)
     part = "" if request.shard is None else f", shard {request.shard}"
-    click.echo(f"{config.name}{part}: {left} of {total} trials to compute ({', '.join(names)})")
+    until = f", up to the next look of `{stop.rule}`" if stop is not None and not stop.is_over else ""
+    click.echo(f"{config.name}{part}: {left} of {total} trials to compute ({', '.join(names)}){until}")
     if apart:
         click.echo("\n".join(apart.said("; they would be computed again", ": they would be computed again")))
     click.echo(f"results go to {place}; nothing was computed (--dry-run)")
     return 0
+
+
+def _planned_runs(config: ExperimentConfig, stop: StoredStop | None, request: Request) -> range:
+    """Return the runs that the command would compute: those of a shard, or those up to the next look of a rule."""
+    if stop is not None:
+        return range(stop.looks.wanted)
+    n_runs = config.experiment.n_runs
+    return range(n_runs) if request.shard is None else request.shard.runs(n_runs)
 
 
 def _set_aside(directory: Path) -> None:

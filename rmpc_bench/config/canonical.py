@@ -75,6 +75,7 @@ def canonicalise(
         axes=sweep.axes,
         statistics=values["statistics"],
         execution=values["execution"],
+        stop=values["stop"],
         report=values["report"],
         evaluate=tuple(values["evaluate"]),
         in_samples=values["time"].duration is None and values["time"].step == 1.0,
@@ -140,6 +141,10 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
     length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
     given = ("version", "name", "paper", "title", "summary", "seed", "runs")
     head = {key: values[key] for key in given if values[key] is not None}
+    stop = values["stop"]
+    if stop is not None:
+        # A rule has taken its largest number of runs for that of the experiment.
+        head |= {"runs": stop.first_look, "stop": plain_data(stop)}
     methods = {}
     for name, components in draft.methods.items():
         data = method_data(draft, components)

@@ -13,6 +13,7 @@ from rmpc_bench.config.labels import labels_of
 from rmpc_bench.config.left_out import Inherited, drop_statistics, leave_out
 from rmpc_bench.config.requirements import check_requirements
 from rmpc_bench.config.result_layout import layout_of
+from rmpc_bench.config.stop_checks import check_stop
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import Map, locate
@@ -50,6 +51,7 @@ def check(
     check_figures(first, layout)
     _check_report(first)
     check_requirements(first)
+    check_stop(first)
     claims = leave_out(first, claims, before, inherited)
     for draft, point in zip(drafts, points, strict=True):
         if point is not None:

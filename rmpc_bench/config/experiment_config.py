@@ -14,6 +14,7 @@ from rmpc_bench.config.draft import ModelFacts
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.sections import Execution, Statistics
+from rmpc_bench.config.stop_section import StopKeys
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
 from rmpc_bench.simulation.scenario import Experiment
@@ -32,6 +33,7 @@ class ExperimentConfig:
     points : points of the sweep; one where nothing is swept
     axes : swept paths; the paths of a zip, which change together, are one axis
     statistics, execution : settings of the comparison and of the computation
+    stop : rule that ends the experiment before its largest number of runs, which is then that of `experiment`
     evaluate : what to compute: ``runs``, ``ensemble``, ``moments``
     in_samples : whether time is counted in samples instead of seconds
     labels : method name -> text for tables and figures
@@ -70,6 +72,7 @@ class ExperimentConfig:
     model_facts: tuple[ModelFacts, ...] = ()
     own: OwnCode = field(default_factory=OwnCode)
     report: ReportKeys = field(default_factory=ReportKeys)
+    stop: StopKeys | None = None
 
     @property
     def experiment(self) -> Experiment:
@@ -106,16 +109,17 @@ class ExperimentConfig:
         names_mean, names_ratio = (f"{function}({self.primary}[" in checks for function in ("mean", "ratio"))
         return "mean" if names_mean and not names_ratio else "geometric"
 
-    def n_trials(self, methods: Collection[str] | None = None) -> int:
+    def n_trials(self, methods: Collection[str] | None = None, n_runs: int | None = None) -> int:
         """Count the trials; those that points of the sweep share count once.
 
         Parameters
         ----------
         methods : names of the methods to count; None for all
+        n_runs : number of runs; that of the experiment unless given
         """
         wanted = self.methods if methods is None else methods
         keys = {key for point in self.points for name, key in point.method_keys.items() if name in wanted}
-        return len(keys) * self.experiment.n_runs if "runs" in self.evaluate else 0
+        return len(keys) * (self.experiment.n_runs if n_runs is None else n_runs) if "runs" in self.evaluate else 0
 
     @cached_property
     def shared(self) -> Mapping[str, Any]:

@@ -11,6 +11,7 @@ from pydantic import Field
 from rmpc_bench.claims.claim import CLOSE, FINDINGS, MAX_QUOTED_WORDS
 from rmpc_bench.claims.exact import printed_number
 from rmpc_bench.config.report_section import ReportKeys
+from rmpc_bench.config.stop_section import StopKeys
 from rmpc_bench.expressions.quantity import number
 from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.types import Count, NonNegative, Positive
@@ -299,6 +300,11 @@ SECTIONS: dict[str, Section] = {
     "seed": Section(Annotated[int, Ge(0), Le(2**63 - 1)], 0, "Seed of all random streams."),
     "runs": Section(
         Annotated[int, Ge(1), Le(MAX_RUNS)], ..., "Number of runs; it may be raised later, finished runs are kept."
+    ),
+    "stop": Section(
+        StopKeys | None,
+        None,
+        "Rule that ends the experiment before its largest number of runs; `runs` is then the number at the first look.",
     ),
     "time": Section(
         Time, ..., "Sampling time `step` [s] with `duration` [s] or a number of `steps`; samples are k = 0..N."

@@ -19,6 +19,7 @@ from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncer
 from rmpc_bench.config.recorded_data import refuse_sections
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
 from rmpc_bench.config.short_forms import with_kind
+from rmpc_bench.config.stop_checks import apply_stop
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.tree import Map, locate, locate_key, merge
 from rmpc_bench.expressions import quantity
@@ -43,6 +44,7 @@ def validate_sections(
         draft = _sections(point, access, first=not drafts)
         if runs is not None:
             draft.values["runs"] = runs
+        apply_stop(draft, fixed=smoke or runs is not None)
         if smoke:
             _shrink(draft, drafts[0].values["time"] if drafts else None)
         drafts.append(draft)

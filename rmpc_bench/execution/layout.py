@@ -20,6 +20,7 @@ from rmpc_bench.execution.stored_experiment import (
     added_methods,
     write_experiment,
 )
+from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.simulation.design_series import design_series
 from rmpc_bench.simulation.moments import exact_laws, exact_moments
 from rmpc_bench.simulation.randomness import random_besides
@@ -94,6 +95,7 @@ class _Layout:
             report=config.report,
             requirements=_requirements(config),
             added=self._added,
+            stop=stop_of(config, None),
         )
 
     def _point(self, point: SweepPoint) -> StoredPoint:

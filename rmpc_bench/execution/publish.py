@@ -90,6 +90,7 @@ class Publication:
             overrides=self.results.overrides,
             incomplete=self.results.incomplete,
             files=self._to_open(),
+            stop="" if experiment.stop is None else experiment.stop.text,
         )
 
     def _to_open(self) -> list[str]:

@@ -71,9 +71,11 @@ class Results:
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """Methods of which runs are missing, each with their number."""
+        """Methods of which runs are missing, each with their number, and a stopping rule that has not ended."""
         n_runs = self.experiment.n_wanted
-        return tuple(f"{name}: {n} of {n_runs} runs" for name, n in self.n_complete.items() if n < n_runs)
+        missing = tuple(f"{name}: {n} of {n_runs} runs" for name, n in self.n_complete.items() if n < n_runs)
+        stop = self.experiment.stop
+        return missing if stop is None or stop.is_over else (*missing, stop.text)
 
     @property
     def is_final(self) -> bool:

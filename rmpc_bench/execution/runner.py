@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Int
@@ -42,6 +43,9 @@ from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from rmpc_bench.execution.stopping import Stopping
 
 CONFIG = "config.yaml"
 RESOLVED = "config.resolved.yaml"
@@ -134,17 +138,19 @@ def compute(
         _prepare(config, store, methods, progress, accept_versions=accept_versions)
         for folder in dict.fromkeys((place, directory)):
             _keep_configuration(config, folder, added_methods(store))
-        tasks = pending(config, store, methods, runs, also)
+        stopping = _stopping(config, store, methods, progress)
+        tasks = pending(config, store, methods, runs, also) if stopping is None else stopping.tasks()
         with Session(place, config, modified, progress.say):
             _say_other_code(config, store, methods, progress)
             n_left = sum(len(task.runs) for task in tasks)
+            runs = runs if stopping is None else range(stopping.n_runs)
             file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, shard=shard)
             if tasks:
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)
                 chosen = choose_engine(config, tasks, workers, engine, place, progress.say, scheduler)
                 with file:
-                    _compute(config, store, tasks, chosen, progress, file)
+                    _compute(config, store, tasks, chosen, progress, file, stopping)
             elif not file.is_up_to_date():
                 with file:
                     pass
@@ -166,6 +172,16 @@ def _say_other_code(config: ExperimentConfig, store: Store, methods: Collection[
     apart = rows_of_other_code(config, store, methods)
     for line in apart.said("; they are computed again", ": computing them again (old ones kept)"):
         progress.say(line)
+
+
+def _stopping(config: ExperimentConfig, store: Store, methods: Collection[str], progress: Progress) -> Stopping | None:
+    """Return what decides how many runs are computed; None where the configuration gives their number."""
+    if config.stop is None:
+        return None
+    # Claims and comparisons are imported where a rule evaluates them only.
+    from rmpc_bench.execution.stopping import Stopping
+
+    return Stopping(config, store, methods, lambda n, names: pending(config, store, names, range(n)), progress.say)
 
 
 def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mapping[str, str]) -> None:
@@ -196,9 +212,10 @@ def _compute(
     engine: Engine,
     progress: Progress,
     file: ProgressFile,
+    stopping: Stopping | None,
 ) -> None:
     experiments = tuple(point.experiment for point in config.points)
-    _warm_up(experiments, tasks, progress)
+    _warm_up(experiments, tasks if stopping is None else stopping.kinds(), progress)
     running = running_comparison(config)
     if file.done:
         add_stored(running, config, store)
@@ -212,6 +229,12 @@ def _compute(
                 add_done(running, config, done)
                 file.note(done)
                 progress.advance(len(done.task.runs))
+                following = [] if stopping is None else stopping.after(len(done.task.runs))
+                if following:
+                    queue.add(following)
+                    n_more = sum(len(task.runs) for task in following)
+                    file.extend(n_more)
+                    progress.extend(n_more)
     finally:
         progress.stop()
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from rmpc_bench.claims.claim import Claim
@@ -19,6 +19,7 @@ from rmpc_bench.config.sweep_point import key_of_trials
 from rmpc_bench.execution.database import MissingError, StoreError
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_method import StoredMethod, each_once
+from rmpc_bench.execution.stored_stop import StoredStop, read_looks
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.requirement import Requirement
@@ -141,6 +142,7 @@ class StoredExperiment:
     report : what tables and figures show, and how figures are written
     requirements : what the metric of a run must keep
     added : method that the command line has added -> its text; it stays in the directory when the option is left out
+    stop : the stopping rule with its looks; None where the number of runs is given
     """
 
     name: str
@@ -168,6 +170,12 @@ class StoredExperiment:
     report: ReportKeys = field(default_factory=ReportKeys)
     requirements: tuple[Requirement, ...] = ()
     added: Mapping[str, str] = field(default_factory=dict)
+    stop: StoredStop | None = None
+
+    @property
+    def level(self) -> float:
+        """Level of each interval; that of the experiment where a rule does not share it out among its looks."""
+        return self.confidence if self.stop is None else self.stop.level
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -238,8 +246,18 @@ def read_experiment(store: Store) -> StoredExperiment:
     try:
         found = TypeAdapter(StoredExperiment).validate_python(json.loads(text))
         if all(METRIC_NAME.fullmatch(metric.name) for point in found.points for metric in point.metrics):
-            return found
+            return _with_looks(found, store)
         # Files have the names of metrics, and a store of somebody else may hold `../../name`.
         raise StoreError(f"{store.directory}: the store is damaged: a metric has no valid name")
     except (ValidationError, ValueError, RecursionError):
         raise MissingError(f"{store.directory}: another version has written what a report needs; {WAY_OUT}") from None
+
+
+def _with_looks(experiment: StoredExperiment, store: Store) -> StoredExperiment:
+    """Add the looks of a stopping rule, which say how many runs the experiment has."""
+    if experiment.stop is None:
+        return experiment
+    found = read_looks(store)
+    looks = found if found is not None and found.key == experiment.stop.looks.key else experiment.stop.looks
+    points = tuple(replace(point, n_recorded=min(point.n_recorded, looks.wanted)) for point in experiment.points)
+    return replace(experiment, stop=replace(experiment.stop, looks=looks), n_runs=looks.wanted, points=points)

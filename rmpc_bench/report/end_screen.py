@@ -25,6 +25,7 @@ def end_screen(
     overrides: Sequence[str],
     incomplete: Sequence[str],
     files: Sequence[str],
+    stop: str = "",
 ) -> str:
     """Lay out the text at the end of a run; that of a smoke run has no verdicts and no findings.
 
@@ -40,8 +41,10 @@ def end_screen(
     overrides : options that changed the configuration
     incomplete : methods of which runs are missing
     files : files to open, relative to `directory`
+    stop : what a stopping rule has decided, in words
     """
     lines = [_head(trials, directory, n_complete, n_runs, seconds), "", *_indented(table.split("\n")), ""]
+    lines += _indented([f"{'stop':12}{stop}"] if stop else [])
     lines += _indented(driven)
     if verdicts and not trials.with_verdicts:
         lines += _indented([SMOKE_CLAIMS])

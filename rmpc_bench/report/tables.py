@@ -188,6 +188,7 @@ def _legend_of_pairs(table: MetricTable, compared: Sequence[Mapping[str, object]
     if info.direction in BEST:
         sizes = "the magnitudes" if info.direction == "zero" else "max(value, 1/value)"
         parts.append(f"comparisons are those of {sizes}")
+    parts += [trials.planned.text] if trials.planned is not None else []
     looks = max(int(str(row["look"])) for row in compared)
     parts += [f"look {looks} at a growing number of runs, with wider intervals"] if looks > 1 else []
     margin = margin_text(trials, info, next((row for row in compared if row["average"]), None))

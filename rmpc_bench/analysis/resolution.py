@@ -1,0 +1,70 @@
+"""How well an experiment resolves the comparison of its primary metric: relative half widths of its intervals."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.comparison import Comparison, compared, levels
+from rmpc_bench.analysis.intervals import student
+from rmpc_bench.analysis.pairs import Pairs
+from rmpc_bench.analysis.trials import Trials
+
+_LARGEST_LOG = 700.0
+"""Logarithms above it are those of no number."""
+
+
+class HalfWidth(NamedTuple):
+    """Relative half width of an interval."""
+
+    point: str
+    """The point of the sweep in words; empty without a sweep."""
+    method: str
+    value: float
+    """inf where there is no interval."""
+
+
+def half_widths(trials: Trials) -> list[HalfWidth]:
+    """Return the relative half widths of the comparisons of the primary metric, at all points of a sweep.
+
+    The intervals are those of the verdicts, which are simultaneous.  Of a change in per cent the half width is that of
+    the ratio: with 2 % the interval reaches from the ratio divided by 1.02 to the ratio times 1.02.  That of a signed
+    metric is relative to the mean absolute value of the metric in both methods.  Where counts decide it is that of the
+    probability of superiority.  Without a second method it is that of the mean of the metric, relative to the mean.
+
+    Parameters
+    ----------
+    trials : the table of an experiment
+    """
+    of, found = levels(trials), list[HalfWidth]()
+    for point in trials.each:
+        info = point.primary_info
+        if info is None:
+            continue
+        rows = compared(point, info, of)
+        found += [HalfWidth(point.title, row.method, _known(_of_comparison(pairs, row))) for pairs, row in rows]
+        if not rows:
+            values = point.column(info.name, point.baseline)
+            values = values[~np.isnan(values)]
+            low, high = student(values, of.held)
+            size = abs(low + high) / 2
+            found.append(HalfWidth(point.title, point.baseline, _known((high - low) / 2 / size if size else math.nan)))
+    return found
+
+
+def _of_comparison(pairs: Pairs, row: Comparison) -> float:
+    if not math.isnan(row.ci_low):
+        # A change of -100 % has no finite logarithm.
+        low, high = (math.log1p(end / 100) if end > -100 else -math.inf for end in (row.ci_low, row.ci_high))
+        half = (high - low) / 2
+        return math.expm1(half) if half < _LARGEST_LOG else math.inf
+    if not math.isnan(row.difference_low):
+        scale = pairs.scale()
+        return (row.difference_high - row.difference_low) / 2 / scale if scale else math.nan
+    return (row.superiority_high - row.superiority_low) / 2
+
+
+def _known(value: float) -> float:
+    return math.inf if math.isnan(value) else value

@@ -1,0 +1,153 @@
+"""Stopping rules: how many runs an experiment computes follows from its results (section `stop`).
+
+A rule looks at the trials when runs 0 to n-1 of all methods are stored, and at these runs only.  Its decisions are
+therefore the same for any workers, engine, blocks and interruptions.  Every look is stored before the runs of the next
+one are computed, so that the same command continues where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+from rmpc_bench.analysis.looks import next_width_look
+from rmpc_bench.claims.claim import Finding
+from rmpc_bench.claims.verdict import judge
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.stop_section import EVERY
+from rmpc_bench.execution.engines.tasks import Task
+from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
+from rmpc_bench.execution.stored_stop import note_looks, stop_of
+from rmpc_bench.execution.stored_trials import stored_trials
+
+Missing = Callable[[int, Collection[str]], list[Task]]
+"""Number of runs and names of methods -> the tasks that are not stored yet."""
+NAMED = 3
+"""Open claims and comparisons that are named."""
+
+
+class Stopping:
+    """Decides at every look whether runs follow, and which.
+
+    Parameters
+    ----------
+    config : an experiment with a stopping rule
+    store : its open store, which has the record that reports read
+    methods : names of the methods that are computed; no look takes place while others have missing runs
+    missing : finds the tasks that are not stored yet
+    say : gets a line per look
+    """
+
+    def __init__(
+        self,
+        config: ExperimentConfig,
+        store: Store,
+        methods: Collection[str],
+        missing: Missing,
+        say: Callable[[str], None],
+    ) -> None:
+        found = stop_of(config, store)
+        if config.stop is None or found is None:
+            raise ValueError("the configuration has no section `stop`")
+        self._config, self._store, self._methods, self._missing = config, store, methods, missing
+        self._keys, self.stop, self._left, self._say = config.stop, found, 0, say
+
+    @property
+    def n_runs(self) -> int:
+        """Number of runs that are wanted now."""
+        return self.stop.looks.wanted
+
+    def tasks(self) -> list[Task]:
+        """Return the missing tasks up to the next look; takes every look whose runs are there."""
+        every_method = [method.name for method in self._config.experiment.methods]
+        while True:
+            found = self._missing(self.n_runs, self._methods)
+            self._left = sum(len(task.runs) for task in found)
+            if found or self.stop.is_over or self._missing(self.n_runs, every_method):
+                return found
+            self._look()
+
+    def after(self, n_trials: int) -> list[Task]:
+        """Count trials as stored and return the tasks that follow from them.
+
+        Parameters
+        ----------
+        n_trials : number of trials that were stored since the last call
+        """
+        self._left -= n_trials
+        return self.tasks() if self._left <= 0 else []
+
+    def _look(self) -> None:
+        """Evaluate the rule on the runs that are there, and store the outcome."""
+        looks, experiment = self.stop.looks, read_experiment(self._store)
+        if self._keys.resolve is None:
+            opened, following = self._open_claims(experiment), self._next_planned()
+        else:
+            opened, following = self._too_wide(experiment, self._keys.resolve)
+        runs = (*looks.runs, self.n_runs)
+        wanted = following if opened else self.n_runs
+        looks = replace(looks, runs=runs, wanted=wanted, is_met=not opened, open=_first(opened))
+        note_looks(self._store, looks)
+        self.stop = replace(self.stop, looks=looks)
+        self._say(self.stop.text)
+
+    def kinds(self) -> list[Task]:
+        """Return a task of every method at every point, as any of them may follow."""
+        return [Task(name, 0, 1, number) for number in range(len(self._config.points)) for name in self._methods]
+
+    def _next_planned(self) -> int:
+        return next((n for n in self._keys.looks if n > self.n_runs), self.n_runs)
+
+    def _open_claims(self, experiment: StoredExperiment) -> list[str]:
+        """Name the claims that are inconclusive."""
+        trials = stored_trials(experiment, self._store)
+        verdicts = [judge(claim, trials) for claim in experiment.claims if claim.is_testable]
+        return [f"inconclusive: {each.claim.says}" for each in verdicts if each.finding is Finding.INCONCLUSIVE]
+
+    def _too_wide(self, experiment: StoredExperiment, resolve: float) -> tuple[list[str], int]:
+        """Name the comparisons that are not resolved, the worst first, and find the runs of the next look."""
+        # Only a rule about widths needs this module, which compares all methods.
+        from rmpc_bench.analysis.resolution import half_widths
+
+        # Earlier published verdicts widen the intervals of a report, not those of the rule.
+        table = replace(stored_trials(_of_primary(experiment), self._store), look=1)
+        table = replace(table, points=tuple(replace(point, look=1) for point in table.points))
+        wide = sorted((each for each in half_widths(table) if each.value > resolve), key=lambda each: -each.value)
+        texts = [
+            f"{' at '.join(filter(None, (each.method, each.point)))} is known to {100 * each.value:.2g} %"
+            for each in wide
+        ]
+        every = self._keys.every or EVERY
+        n = next_width_look(self.n_runs, wide[0].value, resolve, every, self._keys.max_runs) if wide else self.n_runs
+        return texts, n
+
+
+def _of_primary(experiment: StoredExperiment) -> StoredExperiment:
+    """Leave out what a comparison of the primary metric does not read, which may be large."""
+    points = []
+    for point in experiment.points:
+        methods = {
+            name: replace(method, signals=(), shapes={}, series_key=f"no series of {name}", series={}, moments=None)
+            for name, method in point.methods.items()
+        }
+        primary = tuple(info for info in point.metrics if info.name == experiment.primary)
+        keys = {info.name: point.metric_keys[info.name] for info in primary}
+        points.append(
+            replace(
+                point,
+                metrics=primary,
+                metric_keys=keys,
+                methods=methods,
+                n_recorded=0,
+                has_ensemble=False,
+                uncertainty=(),
+                uncertainty_key="",
+            )
+        )
+    return replace(experiment, points=tuple(points))
+
+
+def _first(texts: list[str]) -> tuple[str, ...]:
+    more = len(texts) - NAMED
+    return (*texts[:NAMED], *([f"{more} more"] if more > 0 else []))
