@@ -58,4 +58,12 @@ def run_trials(request: Request, config: ExperimentConfig, directory: Path, star
     click.echo("   ".join([*texts, str(place)]))
     if request.shard is None and sum(failed.values()) > config.execution.max_failures:
         return exits.TOO_MANY_FAILURES
-    return 0
+    return exits.STOP_UNMET if config.stop is not None and _is_unmet(place) else 0
+
+
+def _is_unmet(directory: Path) -> bool:
+    """Whether the largest number of runs is there and the stopping rule is not met."""
+    from rmpc_bench.execution.results import load_experiment
+
+    stop = load_experiment(directory).stop
+    return stop is not None and stop.is_unmet

@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from rmpc_bench.analysis.looks import schedule
 from rmpc_bench.types import Count
 
 EVERY = 50
@@ -52,11 +51,6 @@ class StopKeys:
     def first_look(self) -> int:
         """Number of runs at the first look, of a rule whose defaults are filled in."""
         return self.min_runs or self.max_runs
-
-    @property
-    def looks(self) -> tuple[int, ...]:
-        """Numbers of runs of the planned looks at claims; empty for a rule about widths, which has any number."""
-        return schedule(self.first_look, self.max_runs) if self.decide else ()
 
     @property
     def text(self) -> str:

@@ -189,9 +189,11 @@ class ProgressFile:
                 self._add(column, block.status, block.metrics[column.position])
 
     def extend(self, n: int) -> None:
-        """Add ``n`` trials to those that are to be computed."""
+        """Add ``n`` trials to those that are to be computed: later runs of all methods."""
         with self._lock:
             self.total += n
+            first = self._runs.start
+            self._constant["runs"] = [first, first + self.total // max(len(self._extent.columns), 1)]
 
     def _follow(self) -> None:
         while not self._end.wait(self._every):

@@ -18,7 +18,7 @@ from rmpc_bench.config.stop_section import EVERY
 from rmpc_bench.execution.engines.tasks import Task
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
-from rmpc_bench.execution.stored_stop import note_looks, stop_of
+from rmpc_bench.execution.stored_stop import note_looks, planned_looks, stop_of
 from rmpc_bench.execution.stored_trials import stored_trials
 
 Missing = Callable[[int, Collection[str]], list[Task]]
@@ -97,7 +97,7 @@ class Stopping:
         return [Task(name, 0, 1, number) for number in range(len(self._config.points)) for name in self._methods]
 
     def _next_planned(self) -> int:
-        return next((n for n in self._keys.looks if n > self.n_runs), self.n_runs)
+        return next((n for n in planned_looks(self._keys) if n > self.n_runs), self.n_runs)
 
     def _open_claims(self, experiment: StoredExperiment) -> list[str]:
         """Name the claims that are inconclusive."""

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import rmpc_bench
-from rmpc_bench.analysis.looks import PlannedLook, planned_level
+from rmpc_bench.analysis.looks import PlannedLook, planned_level, schedule
 from rmpc_bench.config.sweep_point import digest
 
 if TYPE_CHECKING:
@@ -119,6 +119,16 @@ def read_looks(store: Store) -> Looks | None:
         return None
 
 
+def planned_looks(stop: StopKeys) -> tuple[int, ...]:
+    """Return the numbers of runs of the looks at claims; empty for a rule about widths, which has any number.
+
+    Parameters
+    ----------
+    stop : a rule whose defaults are filled in
+    """
+    return schedule(stop.first_look, stop.max_runs) if stop.decide else ()
+
+
 def stop_of(config: ExperimentConfig, store: Store | None) -> StoredStop | None:
     """Return the rule of an experiment with the looks that its store has; None where there is none.
 
@@ -130,13 +140,13 @@ def stop_of(config: ExperimentConfig, store: Store | None) -> StoredStop | None:
     stop, confidence = config.stop, config.statistics.confidence
     if stop is None:
         return None
-    key = _key(config, stop)
+    key, planned = _key(config, stop), planned_looks(stop)
     found = None if store is None else read_looks(store)
     return StoredStop(
         rule=stop.text,
         max_runs=stop.max_runs,
-        n_looks=len(stop.looks),
-        level=planned_level(confidence, len(stop.looks)) if stop.looks else confidence,
+        n_looks=len(planned),
+        level=planned_level(confidence, len(planned)) if planned else confidence,
         confidence=confidence,
         looks=found if found is not None and found.key == key else Looks(key, wanted=stop.first_look),
     )

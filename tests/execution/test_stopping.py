@@ -242,6 +242,21 @@ def test_the_plan_ends_at_the_next_look(claims, tmp_path):
     assert "tiny: 0 of 80 trials to compute (S-MPC, R-MPC)\n" in plan
 
 
+def test_a_shard_cannot_look_at_all_runs(claims, tmp_path):
+    """It says so; a number of runs by hand has no rule."""
+    result = cli("run", claims, "-o", tmp_path / "a", "--shard", "1/2")
+    assert result.exit_code == 2
+    assert "a shard cannot decide `stop: decide: claims`, which looks at all runs; --runs N gives them" in result.stderr
+    assert cli("run", claims, "-o", tmp_path / "a", "--shard", "1/2", "--runs", 4, "-j", 1).exit_code == 0
+
+
+def test_trials_without_a_report(claims, tmp_path):
+    """The exit code and the numbers of runs are those of the last look."""
+    result = cli("run", claims, "-o", tmp_path / "a", "-j", 1, "--no-report")
+    assert result.exit_code == 4, result.output
+    assert "runs 0 to 39, 80 of 80 trials" in result.stdout
+
+
 def test_check_names_the_rule(claims):
     """Before any run."""
     assert "at most 40 runs (stop: decide: claims)" in cli("check", claims).stdout
