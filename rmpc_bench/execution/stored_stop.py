@@ -113,7 +113,13 @@ def read_looks(store: Store) -> Looks | None:
     """
     try:
         data = json.loads(store.meta(KEY) or "null")
-        return None if data is None else Looks(**data | {"runs": tuple(data["runs"]), "open": tuple(data["open"])})
+        if data is None:
+            return None
+        numbers, texts = [*data["runs"], data["wanted"]], [data["key"], *data["open"]]
+        # Somebody else may have written the store.
+        if not (all(type(n) is int and n >= 0 for n in numbers) and all(isinstance(text, str) for text in texts)):
+            return None
+        return Looks(data["key"], tuple(data["runs"]), data["wanted"], bool(data["is_met"]), tuple(data["open"]))
     except (TypeError, ValueError, KeyError):
         # Another version has written it; the looks are taken again.
         return None
