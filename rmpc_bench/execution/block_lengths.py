@@ -28,6 +28,8 @@ STEP_OF_A_BLOCK, STEP_OF_A_RUN = 5e-5, 2.5e-6
 """Time of a step, per block and per run [s], to the second of which slow designs add their `cost_per_step`."""
 STEP_OF_OWN_CODE = 1e-4
 """Time of a step of a run [s] with a component of the user that states no `cost_per_step`."""
+OVERHEAD = 5e-4
+"""Time of a step of a block of built-in components besides that of its runs [s], at most."""
 REMEMBERED = 3
 """Blocks of a method whose shortest time of a run counts."""
 _MEGABYTES_PER_NUMBER = 8e-6
@@ -135,9 +137,20 @@ class BlockLengths:
             # Towards the end the blocks become shorter, so that all workers end at the same time.
             seconds = min(seconds, max(seconds_left / (2 * workers) * max(times) / sum(times), LEAST))
         lengths = [seconds / max(times), *(self._bound(pair) for pair in pairs)]
-        stop = first + max(1, math.floor(min(lengths)))
+        stop = first + max(1, math.floor(min(lengths)), min(map(self._least, pairs)))
         # Groups of runs whose moments are kept are whole in long blocks.
         return stop - stop % SIZE if stop - first >= SIZE else stop
+
+    def _least(self, pair: Pair) -> int:
+        """Return the number of runs below which a block is hardly faster, because its steps cost most of the time.
+
+        Without it, blocks that take too long only because of their number of steps would shrink to single runs.
+        """
+        experiment = self._experiments[pair[0]]
+        if has_own_code(experiment, experiment.method(pair[1])):
+            return 1
+        runs = OVERHEAD * experiment.n_steps / max(self._estimate(pair), 1e-9)
+        return math.floor(min(runs, SIZE, MEGABYTES / max(megabytes_of_a_run(experiment), 1e-9)))
 
     def _bound(self, pair: Pair) -> float:
         """Return the largest number of runs that memory and experience allow."""

@@ -198,6 +198,7 @@ def test_numbers_may_be_arithmetic_everywhere(load):
         initial="{x: 0, x_hat: [0, 0, 0, 0], P: 2}",
         reference="{kind: constant, value: [1.5707963267948966]}",
         metrics="[{kind: mse, from: 2, to: 8}, {kind: settling_time, band: 0.05}]",
+        execution="{block: 50}",
     )
     assert written.resolved == plain.resolved
     assert written.full_hash == plain.full_hash
@@ -240,7 +241,7 @@ def test_defaults(load):
     assert config.experiment.scenario.measurement == ()
     assert list(config.points[0].metrics) == ["mse"]
     assert [part.kind for part in config.figures] == ["boxplot"]
-    assert (config.execution.workers, config.execution.block, config.execution.max_failures) == (2, 50, 0)
+    assert (config.execution.workers, config.execution.block, config.execution.max_failures) == (2, "auto", 0)
     assert (config.statistics.confidence, config.statistics.relevant) == (0.95, 0.01)
 
 

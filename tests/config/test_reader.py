@@ -242,7 +242,7 @@ def test_unreadable_file(tmp_path, monkeypatch):
     def refuse(_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
+    monkeypatch.setattr("rmpc_bench.config.reader.content_of", refuse)
     with pytest.raises(ConfigError, match=r"x\.yaml:1:1: cannot be read: Permission denied"):
         load(tmp_path / "x.yaml")
 

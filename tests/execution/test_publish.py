@@ -18,7 +18,14 @@ KEYS = {
     "record": "{runs: 2}",
     "sweep": "{grid: {seed: [7, 8]}}",
 }
-NOT_DERIVED = {"config.yaml", "config.resolved.yaml", "manifest.json", "trials.sqlite"}
+NOT_DERIVED = {
+    "config.yaml",
+    "config.resolved.yaml",
+    "manifest.json",
+    "progress.json",
+    "published.json",
+    "trials.sqlite",
+}
 SCRIPT = """
 import sys
 import rmpc_bench

@@ -5,6 +5,7 @@ import math
 import pytest
 from execution.misbehaving import do_nothing, experiment, raise_value_error
 
+from rmpc_bench.config.load import load_config
 from rmpc_bench.execution import block_lengths
 from rmpc_bench.execution.block_lengths import BlockLengths, megabytes_of_a_run
 from rmpc_bench.execution.engines.here_first import here_first
@@ -77,6 +78,19 @@ def test_blocks_become_shorter_towards_the_end():
         for task in tasks:
             queue.note(done(task, 2e-3))
     assert max(lengths) == 250 and max(lengths[-4:]) <= 100
+
+
+def test_blocks_of_many_steps_stay_long():
+    """A block of built-in components costs most of its time per step, whatever the number of runs is."""
+    config = load_config("configs/quickstart.yaml", runs=1000)
+    names = [method.name for method in config.experiment.methods]
+    queue = TaskQueue([Task(name, 0, 1000) for name in names], BlockLengths([config.experiment]))
+    lengths = []
+    while tasks := queue.take_range():
+        lengths.append(len(tasks[0].runs))
+        for task in tasks:
+            queue.note(Done(task, None, [], 2.0))
+    assert min(lengths[1:-1]) >= SIZE
 
 
 @pytest.mark.parametrize(("seconds_of_a_run", "grows", "expected"), [(1e-4, 0, 0), (1e-2, 0, 1), (1e-2, 9, 1)])
