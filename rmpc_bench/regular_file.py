@@ -9,10 +9,38 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from hashlib import sha256
 from pathlib import Path
 
 MAX_BYTES = 10_000_000
 """Largest size of a file of a configuration or of an experiment's record [bytes]."""
+_NOTES: ContextVar[dict[str, str] | None] = ContextVar("_NOTES", default=None)
+
+
+@contextmanager
+def noted() -> Iterator[dict[str, str]]:
+    """Note the files that are read in the block, so that a later process sees whether any of them has changed.
+
+    Yields
+    ------
+    Absolute path -> SHA-256 of what was read; empty for a file that was looked for and is not there.
+    """
+    notes: dict[str, str] = {}
+    token = _NOTES.set(notes)
+    try:
+        yield notes
+    finally:
+        _NOTES.reset(token)
+
+
+def note_absent(path: Path) -> None:
+    """Note that a file is not there, where another is read in its place."""
+    notes = _NOTES.get()
+    if notes is not None:
+        notes[os.path.abspath(path)] = ""
 
 
 def content_of(path: str | Path, max_bytes: int = MAX_BYTES) -> bytes:
@@ -39,6 +67,9 @@ def content_of(path: str | Path, max_bytes: int = MAX_BYTES) -> bytes:
         content = file.read(max_bytes + 1)
     if len(content) > max_bytes:
         raise OSError(errno.EFBIG, f"is larger than {max_bytes / 1e6:g} MB", str(path))
+    notes = _NOTES.get()
+    if notes is not None:
+        notes[os.path.abspath(path)] = sha256(content).hexdigest()
     return content
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -89,6 +89,8 @@ class Request:
     no_report: bool
     quiet: bool
     verbose: bool
+    said: list[str] = field(default_factory=list)
+    """What was noted."""
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other."""
@@ -134,8 +136,21 @@ class Request:
 
     def note(self, text: str) -> None:
         """Show a note on stderr."""
+        self.said.append(text)
         if not self.quiet:
             click.echo(text, err=True)
+
+    @property
+    def arguments(self) -> list[str]:
+        """Everything given, but for the directory, that decides the configuration and what is shown of its results."""
+        given = (str(self.config), self.overrides, self.runs, self.only, self.smoke, self.accept_versions)
+        return [*map(repr, given), *self.add_methods, *map(str, self.allow_code)]
+
+    @property
+    def may_be_done(self) -> bool:
+        """Whether the whole of it may have been done before: its results, and nothing said about how they came."""
+        special = (self.fresh, self.missing, self.part, self.dry_run, self.no_report, self.add_methods, self.allow_code)
+        return not any(special)
 
     def changes(self) -> list[str]:
         """Options that change what is computed."""

@@ -12,6 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import rmpc_bench
+from rmpc_bench.regular_file import note_absent
 
 FOLDER = "configs"
 SUFFIX = ".yaml"
@@ -72,6 +73,7 @@ def file_beside(directory: Path, name: str) -> Path:
     file, folder = directory / name, installed_folder()
     if os.path.exists(file) or not is_file_name(name):
         return file
+    note_absent(file)
     found = [place for place in _places(folder) if name == place or name in short_names(place)]
     return folder / Path(found[0]).relative_to(FOLDER) if len(found) == 1 else file
 

@@ -3,7 +3,10 @@
 `published.json` has a fingerprint of everything that the files were made from, the size and time of every file, and
 what the command line has shown.  If the trial store, the configuration, the code of this package, a library or a file
 has changed, the files are written again.  Experiments with own components are always published again, as their code
-may read anything.  Imports neither pandas nor matplotlib.
+may read anything.
+
+The same command on the same files has the same configuration.  So the file also has the command, the hash of every file
+that was read for its configuration and what was said about it: `unchanged` needs neither the configuration nor NumPy.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ import json
 import os
 import platform
 import stat
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
@@ -20,20 +23,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rmpc_bench
-from rmpc_bench.config.experiment_config import ExperimentConfig
-from rmpc_bench.config.tree import plain
-from rmpc_bench.execution.database import FILE as STORE
-from rmpc_bench.execution.engines.tasks import has_own_code
+from rmpc_bench.execution.store_file import FILE as STORE
+from rmpc_bench.regular_file import content_of
 from rmpc_bench.replaced_file import replace_text
 
 if TYPE_CHECKING:
+    from rmpc_bench.config.experiment_config import ExperimentConfig
     from rmpc_bench.execution.publish import Publication
 
 FILE = "published.json"
 KEPT = ("config.yaml", "config.resolved.yaml", "manifest.json")
 """Files that are not derived from trials, but written with them."""
-_LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "jinja2", "fonttools")
-"""Libraries that decide what is in the derived files."""
+_LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "jinja2", "fonttools", "pydantic", "pyyaml")
+"""Libraries that decide what is in the configuration and in the derived files."""
 _COUNTER = slice(24, 28)
 """Bytes of an SQLite file that count its changes."""
 
@@ -44,18 +46,20 @@ class Shown:
 
     Parameters
     ----------
-    notes : lines for stderr
+    said : lines for stderr about the configuration
+    notes : lines for stderr about the results
     head, tail : the text at the end of a run before and after its time
     timed : whether the text has a time
-    is_final : whether these are the results of the configuration as its file states it
+    uncompared : whether there are claims, and these are not the results of the configuration as its file states it
     codes : exit code without and with ``--strict``
     """
 
+    said: list[str]
     notes: list[str]
     head: str
     tail: str
     timed: bool
-    is_final: bool
+    uncompared: bool
     codes: list[int]
 
     def text(self, seconds: float) -> str:
@@ -68,17 +72,69 @@ class Shown:
         return f"{self.head} done in {seconds:.1f} s{self.tail}" if self.timed else self.head
 
     @classmethod
-    def of(cls, written: Publication, notes: Sequence[str], codes: Sequence[int]) -> Shown:
+    def of(cls, written: Publication, said: Sequence[str], notes: Sequence[str], codes: Sequence[int]) -> Shown:
         """Return what is shown of results that have just been published.
 
         Parameters
         ----------
         written : what `publish` has returned
-        notes : lines for stderr
+        said, notes : lines for stderr
         codes : exit code without and with ``--strict``
         """
         head, time, tail = written.summary(0.0).partition(" done in 0.0 s")
-        return cls([*notes], head, tail, bool(time), written.results.is_final, [*codes])
+        uncompared = bool(written.results.experiment.claims) and not written.results.is_final
+        return cls([*said], [*notes], head, tail, bool(time), uncompared, [*codes])
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command and the files that its configuration was made from.
+
+    Parameters
+    ----------
+    arguments : everything given that decides the configuration and what is shown
+    read : absolute path -> SHA-256 of a file; empty for one that is not there, see `regular_file.noted`
+    beside : all configurations in the directory of the first one, as claims name those of other files
+    """
+
+    arguments: list[str]
+    read: dict[str, str]
+    beside: list[str]
+
+    @classmethod
+    def of(cls, arguments: Sequence[str], path: Path, read: Mapping[str, str]) -> Command:
+        """Return a command whose configuration has been loaded.
+
+        Parameters
+        ----------
+        arguments, read : see above
+        path : the file of the configuration
+        """
+        return cls([os.path.abspath(path), *arguments], {**read}, _configs_beside(path))
+
+    def is_that_of(self, arguments: Sequence[str], path: Path) -> bool:
+        """Whether a command has the same configuration as this one had."""
+        if self.arguments != [os.path.abspath(path), *arguments] or self.beside != _configs_beside(path):
+            return False
+        # Without the first file there is no reason to believe that the others were noted.
+        return self.arguments[0] in self.read and all(_hash_of(name) == sha for name, sha in self.read.items())
+
+
+def unchanged(arguments: Sequence[str], path: Path, directories: Iterable[Path]) -> Shown | None:
+    """Return what the same command has shown, where nothing has changed since; else None.
+
+    Parameters
+    ----------
+    arguments : everything given that decides the configuration and what is shown
+    path : the file of the configuration
+    directories : of results, which may be those of this command
+    """
+
+    def is_same(data: Mapping[str, Any], directory: Path) -> bool:
+        return Command(**data["command"]).is_that_of(arguments, path) and data["state"] == _state(directory)
+
+    found = (_shown(directory, is_same) for directory in directories)
+    return next((shown for shown in found if shown is not None), None)
 
 
 def up_to_date(config: ExperimentConfig, directory: Path, options: Collection[str]) -> Shown | None:
@@ -90,11 +146,16 @@ def up_to_date(config: ExperimentConfig, directory: Path, options: Collection[st
     directory : of its results
     options : options that decide what is computed or shown
     """
+    return _shown(directory, lambda data, place: data["fingerprint"] == _fingerprint(config, place, options))
+
+
+def _shown(directory: Path, is_same: Callable[[Mapping[str, Any], Path], bool]) -> Shown | None:
+    """Return what a directory has to show if it was made from the same and all its files are as they were written."""
     try:
-        data = json.loads((directory / FILE).read_text(encoding="utf-8"))
-        files: Mapping[str, Any] = data["files"]
-        if data["fingerprint"] != _fingerprint(config, directory, options):
+        data = json.loads(content_of(directory / FILE))
+        if not is_same(data, directory):
             return None
+        files: Mapping[str, Any] = data["files"]
         if any(_mark(directory / name) != mark for name, mark in files.items()):
             return None
         return Shown(**data["shown"])
@@ -104,7 +165,12 @@ def up_to_date(config: ExperimentConfig, directory: Path, options: Collection[st
 
 
 def keep_state(
-    config: ExperimentConfig, directory: Path, options: Collection[str], paths: Iterable[Path], shown: Shown
+    config: ExperimentConfig,
+    directory: Path,
+    options: Collection[str],
+    paths: Iterable[Path],
+    shown: Shown,
+    command: Command,
 ) -> None:
     """Note what was published, and from what.
 
@@ -113,6 +179,7 @@ def keep_state(
     config, directory, options : as in `up_to_date`
     paths : the derived files
     shown : what the command line shows
+    command : that has made the configuration
     """
     fingerprint = _fingerprint(config, directory, options)
     (directory / FILE).unlink(missing_ok=True)
@@ -120,32 +187,62 @@ def keep_state(
         return
     files = {path.relative_to(directory).as_posix(): _mark(path) for path in paths}
     files |= {name: _mark(directory / name) for name in KEPT}
-    data = {"fingerprint": fingerprint, "shown": asdict(shown), "files": files}
+    data = {
+        "fingerprint": fingerprint,
+        "state": _state(directory),
+        "command": asdict(command),
+        "shown": asdict(shown),
+        "files": files,
+    }
     replace_text(directory / FILE, json.dumps(data, indent=1) + "\n")
 
 
 def _fingerprint(config: ExperimentConfig, directory: Path, options: Collection[str]) -> str | None:
     """Hash everything that the derived files are made from; None where own code takes part or a writer was killed."""
+    # They import NumPy.
+    from rmpc_bench.config.tree import plain
+    from rmpc_bench.execution.engines.tasks import has_own_code
+
     experiments = [point.experiment for point in config.points]
     own = any(has_own_code(experiment, method) for experiment in experiments for method in experiment.methods)
     if own or config.own.names() or not all(figure.is_built_in for figure in config.figures):
         return None
+    state = _state(directory)
+    parts = [
+        state,
+        *sorted(options),
+        config.path.read_bytes(),
+        plain(config.resolved),
+        [*config.overrides, *sorted(config.added.items()), *config.left_out],
+    ]
+    return None if state is None else _hash(parts)
+
+
+def _state(directory: Path) -> str | None:
+    """Hash the trial store, the libraries and the code of this package; None where a writer of the store was killed."""
     store = directory / STORE
     if store.with_name(f"{STORE}-journal").exists():
         return None
     with store.open("rb") as file:
         counter = file.read(100)[_COUNTER].hex()
-    parts = [
-        str(directory),
-        *sorted(options),
-        config.path.read_bytes(),
-        plain(config.resolved),
-        [*config.overrides, *sorted(config.added.items()), *config.left_out],
-        [counter, _mark(store)],
-        [platform.python_version(), rmpc_bench.__version__, *map(_version, _LIBRARIES)],
-        _sources(),
-    ]
+    versions = [platform.python_version(), rmpc_bench.__version__, rmpc_bench.NUMERICS, *map(_version, _LIBRARIES)]
+    return _hash([str(directory), counter, _mark(store), versions, _sources()])
+
+
+def _hash(parts: Sequence[Any]) -> str:
     return sha256(repr(parts).encode()).hexdigest()
+
+
+def _hash_of(path: str) -> str:
+    """SHA-256 of a file; empty where it is not there."""
+    try:
+        return sha256(content_of(path)).hexdigest()
+    except FileNotFoundError:
+        return ""
+
+
+def _configs_beside(path: Path) -> list[str]:
+    return sorted(each.name for each in path.parent.glob("*.yaml"))
 
 
 def _sources() -> list[tuple[str, int, int]]:

@@ -3,12 +3,18 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
 
 import pytest
 from small_experiment import cli, write
 
+from rmpc_bench.cli.run_request import Request
+from rmpc_bench.config.known_files import file_beside
 from rmpc_bench.execution import published_state
-from rmpc_bench.execution.published_state import FILE
+from rmpc_bench.execution.published_state import FILE, Command
+from rmpc_bench.regular_file import noted
 
 CODE = """
 import sys
@@ -65,7 +71,76 @@ def test_nothing_heavy_is_imported(finished):
     done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     modules = {*done.stderr.split()}
-    assert not modules & {"numba", "pandas", "matplotlib", "joblib", "jinja2", "rich", "distributed", "scipy.stats"}
+    heavy = {"numpy", "scipy", "pydantic", "yaml", "numba", "pandas", "matplotlib", "joblib", "jinja2", "rich"}
+    assert not modules & heavy
+
+
+def _must_not_load(*arguments, **options):
+    raise AssertionError("the configuration is loaded")
+
+
+@pytest.fixture
+def inheriting(finished, monkeypatch):
+    """Call `run` of a configuration that extends another one; `loads` of it says whether it was loaded again."""
+    child = finished.path.with_name("child.yaml")
+    child.write_text(f"extends: {finished.path.name}\nname: child\n", encoding="utf-8")
+
+    def run(*options):
+        done = cli("run", child, "-j", "1", *options)
+        assert done.exit_code == 0, done.stderr
+        return done
+
+    def loads(*options):
+        with monkeypatch.context() as patched:
+            patched.setattr(Request, "load", _must_not_load)
+            return cli("run", child, "-j", "1", *options).exit_code != 0
+
+    run()
+    run.loads, run.base, run.child = loads, finished.path, child
+    return run
+
+
+def test_the_configuration_is_not_loaded_without_output_option(inheriting):
+    """The directory is found although its name stands in a file that is not read as YAML."""
+    assert not inheriting.loads()
+    os.utime(inheriting.base)
+    assert not inheriting.loads() and not inheriting.loads("-v") and not inheriting.loads("--strict")
+
+
+@pytest.mark.parametrize("options", [["--runs", "2"], ["-s", "runs=3"], ["--only", "S-MPC"], ["--smoke"], ["--fresh"]])
+def test_other_options_load_the_configuration(inheriting, options):
+    assert inheriting.loads(*options)
+    assert not inheriting.loads()
+
+
+def test_every_file_of_the_configuration_counts(inheriting):
+    """The extended file, one that is deleted, and a file beside whose claims may be others of the same paper."""
+    text = inheriting.base.read_text("utf-8")
+    inheriting.base.write_text(text + "title: Another title\n", encoding="utf-8")
+    assert inheriting.loads()
+    assert "Another title" in (inheriting() and Path("results/child/report.html").read_text("utf-8"))
+    assert not inheriting.loads()
+    beside = inheriting.child.with_name("beside.yaml")
+    beside.write_text("name: beside\n", encoding="utf-8")
+    assert inheriting.loads()
+    beside.unlink()
+    assert not inheriting.loads()
+    inheriting.base.unlink()
+    assert inheriting.loads() and cli("run", inheriting.child).exit_code == 2
+
+
+def test_a_file_that_is_looked_for_first(tmp_path, monkeypatch):
+    """The name of an installed configuration means a file of the same name once there is one."""
+    monkeypatch.chdir(tmp_path)
+    with noted() as read:
+        assert file_beside(tmp_path, "quickstart").is_file()
+    assert read == {str(tmp_path / "quickstart"): ""}
+    command = Command.of([], tmp_path / "a.yaml", read | {str(tmp_path / "a.yaml"): sha256(b"").hexdigest()})
+    (tmp_path / "a.yaml").write_bytes(b"")
+    command = replace(command, beside=["a.yaml"])
+    assert command.is_that_of([], tmp_path / "a.yaml")
+    (tmp_path / "quickstart").write_text("name: mine\n")
+    assert not command.is_that_of([], tmp_path / "a.yaml")
 
 
 @pytest.mark.parametrize(
