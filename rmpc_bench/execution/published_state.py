@@ -116,7 +116,7 @@ class Command:
         """Whether a command has the same configuration as this one had."""
         if self.arguments != [os.path.abspath(path), *arguments] or self.beside != _configs_beside(path):
             return False
-        # Without the first file there is no reason to believe that the others were noted.
+        # If the first file was not noted, the others may be missing, too.
         return self.arguments[0] in self.read and all(_hash_of(name) == sha for name, sha in self.read.items())
 
 
