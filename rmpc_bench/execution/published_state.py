@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from rmpc_bench.execution.publish import Publication
 
 FILE = "published.json"
+PROGRESS = "progress.json"
 KEPT = ("config.yaml", "config.resolved.yaml", "manifest.json")
 """Files that are not derived from trials, but written with them."""
 _LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "jinja2", "fonttools", "pydantic", "pyyaml")
@@ -156,6 +157,8 @@ def _shown(directory: Path, is_same: Callable[[Mapping[str, Any], Path], bool]) 
         if not is_same(data, directory):
             return None
         files: Mapping[str, Any] = data["files"]
+        # `status` reads it; what it says changes without a change of the results.
+        _mark(directory / PROGRESS)
         if any(_mark(directory / name) != mark for name, mark in files.items()):
             return None
         return Shown(**data["shown"])

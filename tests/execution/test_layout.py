@@ -90,7 +90,7 @@ OWN = {
 
 def files(directory):
     """Return the bytes of all that is derived from the trials, by name."""
-    kept = {*KEPT, "config.yaml", "config.resolved.yaml"}
+    kept = {*KEPT, "config.yaml", "config.resolved.yaml", "progress.json", "published.json"}
     found = [path for path in directory.rglob("*") if path.is_file() and not {"code", "logs"} & {*path.parts}]
     return {str(path.relative_to(directory)): path.read_bytes() for path in found if path.name not in kept}
 
