@@ -10,8 +10,9 @@ resolved if it is correlated with another one, which may explain in its place.  
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ from rmpc_bench.analysis.response_surface import Shares, shares, standardised, s
 from rmpc_bench.analysis.responses import Response, response_of
 from rmpc_bench.analysis.rounding import NEGLIGIBLE, without_noise
 from rmpc_bench.analysis.trials import Trials
-from rmpc_bench.analysis.worst_region import RegionMean, most_failures, worst_means
+from rmpc_bench.analysis.worst_region import Region, RegionMean, most_failures, regions, worst_means
 from rmpc_bench.types import Array, MetricInfo
 
 FEWEST = 50
@@ -129,13 +130,14 @@ def inputs(trials: Trials) -> Inputs:
     return Inputs({name: column for name, column in values.items() if name not in constant}, tuple(constant))
 
 
-def drivers(trials: Trials, info: MetricInfo | None = None) -> pd.DataFrame:
+def drivers(trials: Trials, info: MetricInfo | None = None, *, with_regions: bool = True) -> pd.DataFrame:
     """Compute the drivers of every method.
 
     Parameters
     ----------
     trials : the table of an experiment without sweep, or of one point
     info : the metric; the primary one unless given
+    with_regions : whether the regions where a method does worst are found; without them their columns are empty
 
     Returns
     -------
@@ -147,9 +149,19 @@ def drivers(trials: Trials, info: MetricInfo | None = None) -> pd.DataFrame:
     if metric is not None and found.values:
         responses = [response_of(trials, method, metric) for method in trials.methods]
         computed = _computed(trials, responses, found)
+        inside: dict[bytes, _Varied] = {}
         for response in responses:
-            rows += _rows(trials, response, metric, found, computed.get(response.method))
-            rows += _failure_row(trials, response, metric, found)
+            fit = computed.get(response.method)
+            worst: dict[str, RegionMean] = {}
+            shared: set[str] = set()
+            if fit is not None:
+                known = response.known
+                # Methods with responses in the same runs have the same regions.
+                varied = inside.setdefault(known.tobytes(), _Varied(found, known))
+                shared = varied.shared
+                worst = varied.worst(response, metric, trials.confidence) if with_regions else {}
+            rows += _rows(response, metric, found, fit, worst, shared)
+            rows += _failure_row(trials, response, metric, found) if with_regions else ()
     return pd.DataFrame([asdict(row) for row in rows], columns=COLUMNS)
 
 
@@ -194,17 +206,43 @@ def _placed(of: Shares, number: int, places: Sequence[int], length: int) -> Iter
         yield column
 
 
-def _rows(trials: Trials, response: Response, info: MetricInfo, found: Inputs, fit: _Fit | None) -> Iterator[Driver]:
+class _Varied:
+    """The uncertain quantities in the runs that have a response; what is found of them once for several methods."""
+
+    def __init__(self, found: Inputs, known: Array) -> None:
+        self._found, self._known = found, known
+
+    @cached_property
+    def _values(self) -> dict[str, Array]:
+        return {name: column[self._known] for name, column in self._found.values.items()}
+
+    @cached_property
+    def _regions(self) -> list[Region]:
+        return list(regions(self._values))
+
+    @cached_property
+    def shared(self) -> set[str]:
+        """Quantities that are correlated with another one."""
+        return {name for pair in _correlated(self._values) for name in pair}
+
+    def worst(self, response: Response, info: MetricInfo, confidence: float) -> dict[str, RegionMean]:
+        """Find where a response is worst; quantity -> region."""
+        higher, numbers = info.direction == "higher", response.values[self._known]
+        return worst_means(
+            self._values, numbers, confidence, higher=higher, interval=response.interval, parts=self._regions
+        )
+
+
+def _rows(
+    response: Response,
+    info: MetricInfo,
+    found: Inputs,
+    fit: _Fit | None,
+    worst: Mapping[str, RegionMean],
+    shared: Set[str],
+) -> Iterator[Driver]:
     known = response.known
     n = int(known.sum())
-    worst: dict[str, RegionMean] = {}
-    shared: set[str] = set()
-    if fit is not None:
-        values = {name: column[known] for name, column in found.values.items()}
-        shared = {name for pair in _correlated(values) for name in pair}
-        higher = info.direction == "higher"
-        numbers = response.values[known]
-        worst = worst_means(values, numbers, trials.confidence, higher=higher, interval=response.interval)
     for place, name in enumerate([*found.values, REST]):
         row = Driver(
             method=response.method,

@@ -158,15 +158,33 @@ def quantile(values: Array, q: float) -> Array:
     -------
     the quantile, of the shape of one entry; NaN for an empty sample
     """
+    return quantiles(values, [q])[0]
+
+
+def quantiles(values: Array, levels: Sequence[float]) -> list[Array]:
+    """Quantiles along axis 0, each as `quantile` returns it, from one search for all order statistics.
+
+    Parameters
+    ----------
+    values : (n, ...) sample, NaN-free
+    levels : probabilities in [0, 1]
+
+    Returns
+    -------
+    one quantile per probability, of the shape of one entry; NaN for an empty sample
+    """
     if not len(values):
-        return np.full(values.shape[1:], np.nan)
-    place = q * (len(values) - 1)
-    ranks = math.floor(place), math.ceil(place)
-    # Of many values two order statistics are found sooner than all.
-    ordered = np.partition(values, ranks, axis=0)
-    low, high = ordered[ranks[0]], ordered[ranks[1]]
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where(low == high, low, low + (high - low) * (place - math.floor(place))))
+        return [np.full(values.shape[1:], np.nan) for _ in levels]
+    places = [q * (len(values) - 1) for q in levels]
+    ends = [(math.floor(place), math.ceil(place)) for place in places]
+    # Of many values some order statistics are found sooner than all.
+    ordered = np.partition(values, sorted({rank for pair in ends for rank in pair}), axis=0)
+    found = []
+    for place, (first, second) in zip(places, ends, strict=True):
+        low, high = ordered[first], ordered[second]
+        with np.errstate(invalid="ignore"):
+            found.append(np.asarray(np.where(low == high, low, low + (high - low) * (place - first))))
+    return found
 
 
 def difference(a: Array, b: Array) -> Array:

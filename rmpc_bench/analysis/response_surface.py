@@ -32,6 +32,8 @@ RUNS_PER_TERM = 5
 RESAMPLES = 999
 WORK = 250_000
 """Largest n K^2 for n runs and K terms that is resampled: 0.2 s for all resamples."""
+ROWS = 50_000
+"""Runs whose products of terms are in memory together; more than are resampled."""
 RIDGE = 1e-10
 """Share of a term's own square that is added to it: a value that no run of a resample has leaves a term without any."""
 FORMS = ("quadratic", "without interactions", "linear")
@@ -142,7 +144,8 @@ def curve(values: Array, response: Array, at: Array) -> Array:
     (points,) fitted values
     """
     centre, spread = float(values.mean()), float(values.std())
-    surface = Surface(FORMS[0], ((0,), (0, 0)) if len(np.unique(values)) > 2 else ((0,),))
+    more_than_two = bool(((values != values.min()) & (values != values.max())).any())
+    surface = Surface(FORMS[0], ((0,), (0, 0)) if more_than_two else ((0,),))
     A, shown = (surface.columns(((each - centre) / spread)[:, None]) for each in (values, at))
     coefficients = _solve((A.T @ A)[None], (A.T @ response)[None, :, None])[0, :, 0]
     return np.asarray(shown @ coefficients)
@@ -160,15 +163,22 @@ def _resampled(n: int, seed: int) -> Array:
 def _shares(A: Array, y: Array, weights: Array, kept: Sequence[Sequence[int]]) -> Array:
     """(samples, responses, quantities + 1) shares under weights of the runs, the last one that of the rest."""
     n, n_columns = A.shape
-    products = (A[:, :, None] * A[:, None, :]).reshape(n, -1)
-    gram = (weights @ products).reshape(-1, n_columns, n_columns)
-    moments = np.stack([weights @ (A * column[:, None]) for column in y.T], axis=2)
-    squares = weights @ y**2
+    sums = [_sums(A[i : i + ROWS], y[i : i + ROWS], weights[:, i : i + ROWS]) for i in range(0, n, ROWS)]
+    gram, moments, squares = (sum(parts[1:], start=parts[0]) for parts in zip(*sums, strict=True))
     total = (squares - moments[:, 0] ** 2 / n) / (n - 1)
     whole = _residual(gram, moments, squares, range(n_columns)) / (n - n_columns)
     rest = [_residual(gram, moments, squares, columns) / (n - len(columns)) - whole for columns in kept]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.stack([*rest, whole], axis=2) / total[:, :, None])
+
+
+def _sums(A: Array, y: Array, weights: Array) -> tuple[Array, Array, Array]:
+    """Weighted sums over some runs of the products of columns, of columns with responses, and of squared responses."""
+    n, n_columns = A.shape
+    products = (A[:, :, None] * A[:, None, :]).reshape(n, -1)
+    gram = (weights @ products).reshape(-1, n_columns, n_columns)
+    moments = np.stack([weights @ (A * column[:, None]) for column in y.T], axis=2)
+    return gram, moments, weights @ y**2
 
 
 def _residual(gram: Array, moments: Array, squares: Array, columns: Sequence[int]) -> Array:

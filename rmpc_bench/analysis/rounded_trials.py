@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pandas as pd
 
 from rmpc_bench.analysis.rounding import rounded
@@ -30,14 +28,13 @@ def rounded_trials(trials: Trials) -> Trials:
 
 
 def _rounded(trials: Trials, metrics: list[str], series: dict[int, pd.DataFrame]) -> Trials:
-    frame = trials.frame.copy()
-    frame[metrics] = rounded(frame[metrics].to_numpy(dtype=float))
+    # Columns that stay are shared with the other table, and one column at a time needs little memory.
+    columns = {name: rounded(trials.frame[name].to_numpy(dtype=float)) for name in metrics}
     if id(trials.series) not in series:
         values: Array = rounded(trials.series["value"].to_numpy(dtype=float))
         series[id(trials.series)] = trials.series.assign(value=values)
-    return replace(
-        trials,
-        frame=frame,
+    return trials.with_numbers(
+        trials.frame.assign(**columns),
         series=series[id(trials.series)],
         uncertainty=_rounded_quantities(trials.uncertainty),
         traces={method: _rounded_traces(traces) for method, traces in trials.traces.items()},

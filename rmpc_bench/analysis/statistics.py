@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rmpc_bench.analysis.intervals import NONE, quantile, standard_error, student
+from rmpc_bench.analysis.intervals import NONE, quantiles, standard_error, student
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
 
@@ -38,6 +38,7 @@ def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
     values = values[~np.isnan(values)]
     with_mean = len(values) > 0 and not info.may_not_occur and bool(np.isfinite(values).all())
     low, high = student(values, trials.confidence) if with_mean else NONE
+    least, q25, median, q75, largest = map(float, quantiles(values, [0.0, 0.25, 0.5, 0.75, 1.0]))
     return {
         "method": method,
         "metric": info.name,
@@ -47,10 +48,10 @@ def _describe(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
         "se": standard_error(values) if with_mean else math.nan,
         "ci_low": low,
         "ci_high": high,
-        "median": float(quantile(values, 0.5)),
-        "q25": float(quantile(values, 0.25)),
-        "q75": float(quantile(values, 0.75)),
-        "min": float(quantile(values, 0.0)),
-        "max": float(quantile(values, 1.0)),
+        "median": median,
+        "q25": q25,
+        "q75": q75,
+        "min": least,
+        "max": largest,
         "did_not_occur": int(np.isinf(values).sum()),
     }

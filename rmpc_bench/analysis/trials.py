@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -166,6 +167,29 @@ class Trials:
         rows = {name: np.flatnonzero(names == name) for name in self.methods}
         return {name: (found, np.searchsorted(self.runs, runs[found]), ok[found]) for name, found in rows.items()}
 
+    @cached_property
+    def _complete(self) -> dict[str, slice]:
+        """Methods of which every run ended well, in rows that follow each other -> these rows."""
+        found, n = {}, len(self.runs)
+        for name, (rows, places, ok) in self._rows.items():
+            if len(rows) == n > 0 and rows[-1] - rows[0] == n - 1 and ok.all() and (np.diff(places) == 1).all():
+                found[name] = slice(int(rows[0]), int(rows[-1]) + 1)
+        return found
+
+    def with_numbers(self, frame: pd.DataFrame, **changes: Any) -> Trials:
+        """Return the same trials with other values of the metrics.
+
+        Parameters
+        ----------
+        frame : with methods, runs and statuses as they are in `frame`
+        changes : other fields that change
+        """
+        made = replace(self, frame=frame, **changes)
+        # Which row belongs to which run is found once: millions of texts are compared for it.
+        for name in {"runs", "_rows", "_complete"} & set(self.__dict__):
+            made.__dict__[name] = self.__dict__[name]
+        return made
+
     def column(self, metric: str, method: str) -> Array:
         """Values of one metric of one method over all runs.
 
@@ -178,6 +202,8 @@ class Trials:
         -------
         (n_runs,) values in the order of `runs`; NaN where the run failed or is absent, inf without the event
         """
+        if method in self._complete:
+            return np.array(self.frame[metric].to_numpy(dtype=float)[self._complete[method]])
         values = np.full(len(self.runs), np.nan)
         if method in self._rows:
             rows, places, ok = self._rows[method]

@@ -7,7 +7,7 @@ fifth differs from the whole where its interval lies on the worse side of the me
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -81,6 +81,7 @@ def worst_means(
     *,
     higher: bool = False,
     interval: Callable[[Array, float], Interval] = student,
+    parts: Sequence[Region] | None = None,
 ) -> dict[str, RegionMean]:
     """Find the worst region of every quantity.
 
@@ -91,18 +92,20 @@ def worst_means(
     confidence : simultaneous level of the intervals of all regions
     higher : whether higher responses are better
     interval : returns the interval of the mean of some responses at a level
+    parts : the `regions` of the values, where they are known from another response in the same runs
 
     Returns
     -------
     quantity -> its worst region
     """
-    found = list(regions(values))
+    found = list(regions(values)) if parts is None else parts
     level = 1 - (1 - confidence) / max(len(found), 1)
     sign = -1.0 if higher else 1.0
     worst: dict[str, RegionMean] = {}
+    overall = float(response.mean())
     for region in found:
         inside = response[region.inside]
-        each = RegionMean(region, float(inside.mean()), interval(inside, level), float(response.mean()), higher)
+        each = RegionMean(region, float(inside.mean()), interval(inside, level), overall, higher)
         known = worst.get(region.quantity)
         if known is None or sign * each.mean > sign * known.mean:
             worst[region.quantity] = each

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rmpc_bench.analysis.intervals import quantile
+from rmpc_bench.analysis.intervals import quantiles
 from rmpc_bench.figures.axes import FAR
 from rmpc_bench.figures.line_styles import LineStyle, paler
 from rmpc_bench.figures.style import BLACK, GREY
@@ -41,7 +41,7 @@ def box_of(values: Array) -> dict[str, Any]:
     -------
     quartiles `q1`, `med`, `q3`, ends of the whiskers `whislo`, `whishi`, and the values beyond them, `fliers`
     """
-    q1, median, q3 = (float(quantile(values, share)) for share in (0.25, 0.5, 0.75))
+    q1, median, q3 = map(float, quantiles(values, [0.25, 0.5, 0.75]))
     reach = WHISKER * (q3 - q1) if math.isfinite(q3) else math.inf
     # Of few values none may lie between a quartile, which is interpolated, and the end of the reach.
     low = values[values >= q1 - reach].min(initial=q1) if math.isfinite(reach) else values.min()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
-from rmpc_bench.analysis.intervals import quantile
+from rmpc_bench.analysis.intervals import quantiles
 from rmpc_bench.analysis.number_text import median_text
 from rmpc_bench.figures.compared_rows import compared_rows
 from rmpc_bench.figures.labels import DID_NOT_OCCUR
@@ -104,7 +104,7 @@ def medians_sentence(points: Sequence[Trials], methods: Sequence[str], info: Met
             values = point.column(info.name, name)
             values = values[~np.isnan(values)]
             if len(values):
-                low, middle, high = (float(quantile(values, share)) for share in (0.25, 0.5, 0.75))
+                low, middle, high = map(float, quantiles(values, [0.25, 0.5, 0.75]))
                 found.append(f"{label_of(point, name)} {median_text(middle, low, high, len(values))}{where}")
     unit = f" in {info.unit}" if info.unit else ""
     return f"Medians [quartiles]{unit}: {'; '.join(found)}" if found else ""

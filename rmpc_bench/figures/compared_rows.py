@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
@@ -36,7 +35,7 @@ def compared_rows(point: Trials, info: MetricInfo, of: Levels | None = None) -> 
     known = _rows.setdefault(point, {})
     if (info, of) not in known:
         primary = point.primary or point.metrics[0].name
-        table = comparisons(replace(point, metrics=(info,), primary=primary), of)
+        table = comparisons(point.with_numbers(point.frame, metrics=(info,), primary=primary), of)
         known[info, of] = {
             row["method"]: {str(key): value for key, value in row.items()} for row in table.to_dict("records")
         }

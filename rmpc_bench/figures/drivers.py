@@ -114,7 +114,7 @@ class Drivers(OnePointFigure):
         methods = [name for name in self.order or others or trials.methods if name in trials.methods]
         if trials.baseline in methods and len(methods) > 1:
             raise DesignError("the baseline is no ratio to itself; show it alone", "order")
-        frame, values = drivers(trials, info), dict(inputs(trials).values)
+        frame, values = drivers(trials, info, with_regions=False), dict(inputs(trials).values)
         if not len(frame):
             raise DesignError(NO_QUANTITY)
         shares = frame[frame["response"] != FAILED]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ def worst_runs_columns(trials: Trials, metrics: Sequence[MetricInfo] | None = No
     """
     if len(trials.runs) < FEWEST or trials.alike or not trials.with_verdicts:
         return {}
-    trials = trials if metrics is None else replace(trials, metrics=tuple(metrics))
+    trials = trials if metrics is None else trials.with_numbers(trials.frame, metrics=tuple(metrics))
     infos = {info.name: info for info in trials.metrics}
     columns: dict[str, list[str]] = {}
     table = tails(trials).sort_values("metric", key=lambda names: names.map(list(infos).index), kind="stable")

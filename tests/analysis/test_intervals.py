@@ -15,6 +15,7 @@ from rmpc_bench.analysis.intervals import (
     geometric,
     holm,
     quantile,
+    quantiles,
     signed_rank_p,
     student,
     wilson,
@@ -70,6 +71,12 @@ def test_quantile_of_columns(rng):
     values[rng.random((9, 3)) < 0.2] = np.inf
     for q in (0, 0.3, 0.5, 1):
         np.testing.assert_array_equal(quantile(values, q), [float(quantile(column, q)) for column in values.T])
+
+
+def test_quantiles_together(rng):
+    """Several at once are those one by one."""
+    values, levels = rng.normal(size=101), [1.0, 0.25, 0.0, 0.5, 0.333]
+    assert [float(each) for each in quantiles(values, levels)] == [float(quantile(values, q)) for q in levels]
 
 
 def test_no_heavy_import():

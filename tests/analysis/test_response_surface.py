@@ -169,3 +169,21 @@ def test_the_interval_of_the_rest_covers():
         _, low, high = (part[-1] for part in of(z, y, seed))
         hits.append(low <= 0.64 / (2 / 3 + 0.64) <= high)
     assert np.mean(hits) >= 0.92
+
+
+def test_blocks_of_runs_give_the_same_shares(monkeypatch):
+    """Sums over the runs by blocks, the last one shorter, beside those over all runs at once."""
+    monkeypatch.setattr(response_surface, "WORK", 0)
+    z = uniform(1000, 4)
+    whole = of(z, response(z))
+    monkeypatch.setattr(response_surface, "ROWS", 300)
+    for one, other in zip(of(z, response(z)), whole, strict=True):
+        assert one == pytest.approx(other, abs=1e-9)
+
+
+@pytest.mark.parametrize(("kinds", "quadratic"), [(2, False), (3, True)])
+def test_a_curve_bends_with_more_than_two_values(kinds, quadratic):
+    """With two values it is the line through the means, which has no bend."""
+    values = np.arange(30.0) % kinds
+    left, middle, right = curve(values, values**2, np.array([0.0, 0.5, 1.0]))
+    assert (abs(left + right - 2 * middle) > 0.1) == quadratic

@@ -68,3 +68,29 @@ def test_points_without_runs_are_no_population(make_trials):
     sweep = replace(one, alike=True, points=(replace(one, keys={"A": "1"}), replace(one, keys={"A": "2"})))
     assert sweep.is_population
     assert not replace(sweep, points=(replace(none, keys={"A": "1"}), replace(none, keys={"A": "2"}))).is_population
+
+
+@pytest.mark.parametrize("gap", [None, 1])
+def test_columns_of_shuffled_rows(make_trials, gap):
+    """Rows in any order give the same columns, also where every run of a method is there."""
+    trials = make_trials({"mse": {"A": [1.0, gap, 3.0], "B": [4.0, 5.0, 6.0]}})
+    mixed = replace(trials, frame=trials.frame.iloc[[4, 2, 0, 5, 1, 3]].reset_index(drop=True))
+    for method in trials.methods:
+        np.testing.assert_array_equal(mixed.column("mse", method), trials.column("mse", method))
+
+
+def test_a_column_can_be_changed(make_trials):
+    """The table keeps its numbers."""
+    trials = make_trials({"mse": {"A": [1.0, 2.0], "B": [4.0, 5.0]}})
+    trials.column("mse", "A")[:] = 0.0
+    assert trials.column("mse", "A").tolist() == [1, 2]
+
+
+def test_other_numbers_of_the_same_runs(make_trials):
+    """Failed runs stay failed, and the first table stays as it was."""
+    trials = make_trials({"mse": {"A": [1.0, None, 3.0], "B": [4.0, 5.0, 6.0]}})
+    assert trials.column("mse", "B").tolist() == [4, 5, 6]
+    doubled = trials.with_numbers(trials.frame.assign(mse=2 * trials.frame["mse"]), confidence=0.9)
+    np.testing.assert_array_equal(doubled.column("mse", "A"), [2, np.nan, 6])
+    assert (doubled.column("mse", "B").tolist(), doubled.confidence) == ([8, 10, 12], 0.9)
+    assert trials.column("mse", "B").tolist() == [4, 5, 6]
