@@ -30,8 +30,8 @@ from rmpc_bench.controllers.state_feedback import Regulator, game_of, noise_root
 from rmpc_bench.models.noise_sets import LEVEL
 from rmpc_bench.numerics.ellipsoid import confidence
 from rmpc_bench.numerics.game_table import HALF, MIDDLE, Tables, tables
-from rmpc_bench.numerics.linalg import at_sample, mv, psd_sqrt
-from rmpc_bench.numerics.lq_game import Game, Solution, plan, smallest_multiplier, solve
+from rmpc_bench.numerics.linalg import as_compiled, at_sample, mv, psd_sqrt
+from rmpc_bench.numerics.lq_game import Game, Solution, plan, smallest_multiplier, solve, solve_from
 from rmpc_bench.numerics.lq_windows import Stages, window_law
 from rmpc_bench.numerics.stage_multipliers import solve_stages
 from rmpc_bench.numerics.worst_noise import worst_cost
@@ -133,10 +133,10 @@ class MinimaxLq(Regulator):
         return tables(self._games(), self.M_roots)
 
     def _first(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:
-        from rmpc_bench.numerics.game_kernel import rows_kernel
         from rmpc_bench.numerics.game_lookup import lookup_kernel
 
-        first, holds = np.full_like(x, np.nan), np.zeros(len(x), dtype=bool)
+        x, holds = as_compiled(x), np.zeros(len(x), dtype=bool)
+        first = np.full_like(x, np.nan)
         if self.M_roots is None:
             multiplier, guess = self._smallest_multipliers[k], 0.0
         else:
@@ -144,9 +144,11 @@ class MinimaxLq(Regulator):
             multiplier, guess = made.tau_min[k], made.s[k]
             if made.usable[k]:
                 lookup_kernel(made.series[k], MIDDLE, HALF, x, first, holds)
-        rest = np.flatnonzero(~holds)
-        if rest.size:
-            rows_kernel(*self.game(k), M_roots, multiplier, guess, x, rest, first)
+        first[~holds] = np.nan
+        for row in np.flatnonzero(~holds & np.isfinite(x).all(axis=1)):
+            M_root = M_roots[row if len(M_roots) > 1 else 0]
+            if np.isfinite(M_root).all():
+                first[row] = solve_from(self.game(k), M_root, x[row], multiplier, guess).first
         return first
 
     def _first_of_stages(self, k: int, M_roots: Float[Array, "sets nx nx"], x: Float[Array, "runs nx"]) -> Array:

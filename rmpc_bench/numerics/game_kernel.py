@@ -4,14 +4,17 @@ Phases
     1  small dense matrices: products, solve, Cholesky factor    _mul, _tmul, _symmetric, _solve, _cholesky
     2  smallest multiplier for which the maximiser is bounded    smallest_multiplier_kernel, _fits, _alone
     3  backward recursion for given multipliers                  backward_kernel, _carry
-    4  worst error of the first state, with its multiplier       _first_error
-    5  optimal multiplier of the noise (scalar root)             _optimum
-    6  entry points: one problem, table nodes, all rows          solve_kernel, nodes_kernel, rows_kernel
+    4  worst error of the first state, with its multiplier       first_error_kernel
+    5  optimal multiplier of the noise (scalar root)             optimum_kernel
 
 A problem is (A, S_B, Q, G, M_root).  Axis 0 of the first four is the stage t = 0..N-1: A is the transition matrix,
 S_B = B R^-1 B', Q the weight of the next state, G G' = M_w the set of the noise.  M_root is the root of the set of the
 error of the first state.  Every matrix is n x n.  The Lagrange multipliers of the noise are tau_t > 0 (``price`` in the
 code); the scalar form has the same one at all stages.
+
+Compilation
+    The caller combines the entry points, because a kernel that calls another one compiles it again.  Matrices are
+    copied and added by loops: assignments of whole arrays bring the code of their error messages.
 
 Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
 function in another file.
@@ -57,6 +60,22 @@ def _tmul(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
 
 
 @compiled(error_model="numpy")
+def _put(a: Any, out: Any) -> None:  # pragma: no cover
+    """Write a."""
+    for i in range(len(a)):
+        for j in range(len(a)):
+            out[i, j] = a[i, j]
+
+
+@compiled(error_model="numpy")
+def _add(a: Any, b: Any, out: Any) -> None:  # pragma: no cover
+    """Write a + b."""
+    for i in range(len(a)):
+        for j in range(len(a)):
+            out[i, j] = a[i, j] + b[i, j]
+
+
+@compiled(error_model="numpy")
 def _symmetric(a: Any) -> None:  # pragma: no cover
     """Symmetrise a."""
     for i in range(len(a)):
@@ -68,7 +87,7 @@ def _symmetric(a: Any) -> None:  # pragma: no cover
 def _solve(F: Any, b: Any, out: Any) -> None:  # pragma: no cover
     """Write F^-1 b by elimination with row pivots; F is destroyed."""
     n = len(F)
-    out[:] = b
+    _put(b, out)
     for i in range(n):
         p = i
         for j in range(i + 1, n):
@@ -163,20 +182,23 @@ def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: A
     s = np.empty((14, n, n))
     PT, Pi, Delta, Ya, dPi, dY = X[FIRST], X[PI], X[DELTA], X[Y], X[D_PI], X[D_Y]
     S_now, T_Y, p_Y, T, p, T_S, F, M = s[4], s[5], s[6], s[7], s[8], s[9], s[10], s[11]
-    S_now[:], Pi[:], Ya[:] = Q[N - 1], Q[N - 1], Q[N - 1]
-    Delta[:], dPi[:], dY[:] = 0.0, 0.0, 0.0
+    for i in range(n):
+        for j in range(n):
+            S_now[i, j] = Pi[i, j] = Ya[i, j] = Q[N - 1, i, j]
+            Delta[i, j] = dPi[i, j] = dY[i, j] = 0.0
     for t in range(N - 1, -1, -1):
         price = tau[t]
         if not _alone(A[t], G[t], price, Ya, s[12], T_Y, p_Y, s):
             return False
-        Ya[:] = s[12]
+        _put(s[12], Ya)
         _carry(T_Y, p_Y, price, dY, s)
         for i in range(n):  # M = M_w / tau
             for j in range(n):
                 M[i, j] = 0.0
                 for m in range(n):
                     M[i, j] += G[t, i, m] * G[t, j, m] / price
-        _mul(S_B[t] - M, Pi, F)
+                s[12, i, j] = S_B[t, i, j] - M[i, j]
+        _mul(s[12], Pi, F)
         for i in range(n):
             F[i, i] += 1.0
         _solve(F, A[t], T)  # T = (I + (S_B - M_w / tau) Pi)^-1 A
@@ -190,7 +212,7 @@ def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: A
         # Delta = Pi - S has its own recursion, because the difference would cancel for large states.
         _mul(M, S_now, s[12])
         _mul(Pi, s[12], s[13])
-        s[13][:] += Delta
+        _add(s[13], Delta, s[13])
         _mul(s[13], T_S, s[12])
         _tmul(T, s[12], Delta)
         _mul(S_now, T_S, s[12])
@@ -198,11 +220,12 @@ def backward_kernel(A: Any, S_B: Any, Q: Any, G: Any, tau: Any, X: Any, paths: A
         _symmetric(Delta)
         _symmetric(S_now)
         if t > 0:
-            S_now[:] += Q[t - 1]
-            Ya[:] += Q[t - 1]
-        Pi[:] = S_now + Delta
+            _add(S_now, Q[t - 1], S_now)
+            _add(Ya, Q[t - 1], Ya)
+        _add(S_now, Delta, Pi)
         if paths.shape[1] > 0:
-            paths[0, t], paths[1, t] = T, PT
+            _put(T, paths[0, t])
+            _put(PT, paths[1, t])
     return True
 
 
@@ -220,16 +243,19 @@ def _carry(T: Any, p: Any, tau: float, dX: Any, s: Any) -> None:  # pragma: no c
 
 
 @compiled(error_model="numpy")
-def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float, float, float]:  # pragma: no cover
+def first_error_kernel(
+    X: Any, M_root: Any, x: Any, x_w: Any, top: Any, first: Any
+) -> tuple[float, float, float]:  # pragma: no cover
     """Minimise over the multiplier tau_1 of the error of the first state, for given multipliers of the noise.
 
-    Writes the worst first state x_w = x + e and the direction ``top`` that bounds tau_1 from below.  Returns tau_1, the
-    slack 1 - e' M^-1 e at the boundary of the domain, and the cost minus that without noise.
+    Writes the worst first state x_w = x + e, the direction ``top`` that bounds tau_1 from below, and ``first`` =
+    Pi_1 T x_w, so that u = -R^-1 B' first.  Returns tau_1, the slack 1 - e' M^-1 e at the boundary of the domain, and
+    the cost minus that without noise.
     """
     n = len(x)
     lam, V = np.linalg.eigh(M_root.T.dot(X[PI]).dot(M_root))
     edge, U = np.linalg.eigh(M_root.T.dot(X[Y]).dot(M_root))
-    top[:] = M_root.dot(np.ascontiguousarray(U[:, n - 1]))
+    widest = M_root.dot(np.ascontiguousarray(U[:, n - 1]))
     g = V.T.dot(M_root.T.dot(X[PI].dot(x)))
     tau, size, f = max(edge[n - 1], 0.0), 0.0, np.zeros(n)
     for i in range(n):
@@ -255,12 +281,17 @@ def _first_error(X: Any, M_root: Any, x: Any, x_w: Any, top: Any) -> tuple[float
         if g[i] != 0.0:
             f[i] = g[i] / (tau - lam[i])
             excess += g[i] * f[i]
-    x_w[:] = x + M_root.dot(V.dot(f))
+    e = M_root.dot(V.dot(f))
+    for i in range(n):
+        top[i], x_w[i] = widest[i], x[i] + e[i]
+    e = X[FIRST].dot(x_w)
+    for i in range(n):
+        first[i] = e[i]
     return tau, 1.0 - size, excess
 
 
 @compiled(error_model="numpy")
-def _optimum(
+def optimum_kernel(
     A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, s: float, X: Any
 ) -> float:  # pragma: no cover
     """Return the optimal s = log(tau / tau_min - 1), where D(s) = 1 for D = -d(rho - tau) / d tau.
@@ -270,13 +301,14 @@ def _optimum(
     the boundary.  The optimum may be the boundary itself.
     """
     n = len(x)
-    tau, x_w, top, paths = np.empty(len(A)), np.empty(n), np.empty(n), np.empty((2, 0, n, n))
+    tau, x_w, top, first, paths = np.empty(len(A)), np.empty(n), np.empty(n), np.empty(n), np.empty((2, 0, n, n))
     low, high, corner, last_s, last_log, last_ratio = NEAREST, FARTHEST, False, nan, nan, nan
     for number in range(MOST_STEPS):
-        tau[:] = tau_min * (1.0 + exp(s))
+        for t in range(len(A)):
+            tau[t] = tau_min * (1.0 + exp(s))
         slope, edge, slack = inf, 1.0, 1.0
         if backward_kernel(A, S_B, Q, G, tau, X, paths):
-            slack = _first_error(X, M_root, x, x_w, top)[1]
+            slack = first_error_kernel(X, M_root, x, x_w, top, first)[1]
             edge = -top.dot(X[D_Y].dot(top))
             slope = -x_w.dot(X[D_PI].dot(x_w)) + slack * edge
         if slope != slope:
@@ -315,9 +347,9 @@ def _fits(A: Any, Q: Any, G: Any, tau: float, s: Any) -> bool:  # pragma: no cov
     for t in range(len(A) - 1, -1, -1):
         if not _alone(A[t], G[t], tau, X, s[4], s[5], s[6], s):
             return False
-        X[:] = s[4]
+        _put(s[4], X)
         if t > 0:
-            X += Q[t - 1]
+            _add(X, Q[t - 1], X)
     return True
 
 
@@ -333,11 +365,14 @@ def smallest_multiplier_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no c
     for t in range(N - 1, -1, -1):
         _mul(X, G[t], s[0])
         _tmul(G[t], s[0], s[1])
-        high += np.trace(s[1])
+        trace = 0.0
+        for i in range(n):
+            trace += s[1, i, i]
+        high += trace
         _mul(X, A[t], s[0])
         _tmul(A[t], s[0], X)
         if t > 0:
-            X += Q[t - 1]
+            _add(X, Q[t - 1], X)
     if not 0.0 < high < inf:
         return high
     # Margins for the rounding of the sum.
@@ -347,52 +382,3 @@ def smallest_multiplier_kernel(A: Any, Q: Any, G: Any) -> float:  # pragma: no c
         if not low < middle < high:
             return high
         low, high = (low, middle) if _fits(A, Q, G, middle, s) else (middle, high)
-
-
-@compiled(error_model="numpy")
-def solve_kernel(
-    A: Any, S_B: Any, Q: Any, G: Any, M_root: Any, x: Any, tau_min: float, guess: float, first: Any, x_w: Any
-) -> tuple[float, float, float]:  # pragma: no cover
-    """Solve one problem exactly: (rho, tau_1, tau_2); writes ``first`` = Pi_1 T x_w, so that u = -R^-1 B' first."""
-    n = len(x)
-    X, tau, top, paths = np.empty((6, n, n)), np.ones(len(A)), np.empty(n), np.empty((2, 0, n, n))
-    price = 0.0
-    if tau_min > 0.0:
-        s = _optimum(A, S_B, Q, G, M_root, x, tau_min, guess, X)
-        price = tau_min * (1.0 + exp(s))
-        tau[:] = price
-    if not backward_kernel(A, S_B, Q, G, tau, X, paths):
-        first[:] = x_w[:] = nan
-        return nan, nan, nan
-    tau_1, _, excess = _first_error(X, M_root, x, x_w, top)
-    first[:] = X[FIRST].dot(x_w)
-    return price + excess, tau_1, price
-
-
-@compiled(error_model="numpy")
-def nodes_kernel(
-    A: Any, S_B: Any, Q: Any, G: Any, tau_min: float, offsets: Any, M_root: Any, found: Any
-) -> float:  # pragma: no cover
-    """Return the optimal s for x_hat = 0; write the backward passes at s + offset into ``found`` (nodes, 6, n, n)."""
-    n = len(M_root)
-    tau, paths, zero = np.empty(len(A)), np.empty((2, 0, n, n)), np.zeros(n)
-    s = _optimum(A, S_B, Q, G, M_root, zero, tau_min, 0.0, found[0])
-    for node in range(len(offsets)):
-        tau[:] = tau_min * (1.0 + exp(s + offsets[node]))
-        if not backward_kernel(A, S_B, Q, G, tau, found[node], paths):
-            found[node] = nan
-    return s
-
-
-@compiled(error_model="numpy")
-def rows_kernel(
-    A: Any, S_B: Any, Q: Any, G: Any, M_roots: Any, tau_min: float, guess: float, x: Any, rows: Any, first: Any
-) -> None:  # pragma: no cover
-    """Solve the problems of some rows of x independently and write these rows of ``first``."""
-    x_w = np.empty(x.shape[1])
-    for row in rows:
-        M_root = M_roots[row if len(M_roots) > 1 else 0]
-        if np.isfinite(x[row]).all() and np.isfinite(M_root).all():
-            solve_kernel(A, S_B, Q, G, M_root, x[row], tau_min, guess, first[row], x_w)
-        else:
-            first[row] = nan

@@ -37,10 +37,12 @@ def _series(c: Any, z: float) -> float:  # pragma: no cover
 def _looked_up(table: Any, middle: float, half: float, x: Any, first: Any, c: Any) -> bool:  # pragma: no cover
     """Solve one problem; return whether the result is valid: s in the table, tau_1 on the boundary of the domain."""
     n, offset, last_offset, last = len(x), 0.0, nan, nan
-    c[:] = table[0]
+    for m in range(len(c)):  # loops: operations with whole arrays take seconds to compile
+        c[m] = table[0, m]
     for i in range(n):
         for j in range(n):
-            c += x[i] * x[j] * table[1 + n * i + j]
+            for m in range(len(c)):
+                c[m] += x[i] * x[j] * table[1 + n * i + j, m]
     for number in range(MOST_STEPS):
         slope = _series(c, (offset - middle) / half)
         if not slope > 0.0:

@@ -10,6 +10,7 @@ state whose optimum is outside the range of s or in the interior of the domain. 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
@@ -56,12 +57,16 @@ def tables(games: Sequence[Game], M_roots: Float[Array, "k n n"]) -> Tables:
 
 
 def _table(game: Game, M_root: Float[Array, "n n"]) -> tuple[float, float, Array, bool]:
-    from rmpc_bench.numerics.game_kernel import nodes_kernel
+    from rmpc_bench.numerics.game_kernel import backward_kernel, optimum_kernel
 
-    n, tau_min = len(M_root), smallest_multiplier(game)
-    found = np.full((NODES, 6, n, n), np.nan)
+    N, n, tau_min, s = len(game.A), len(M_root), smallest_multiplier(game), np.nan
+    found, paths = np.full((NODES, 6, n, n), np.nan), np.empty((2, 0, n, n))
     offsets = MIDDLE + HALF * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-    s = nodes_kernel(*game, tau_min, offsets, M_root, found) if tau_min > 0.0 else np.nan
+    if tau_min > 0.0:
+        s = optimum_kernel(*game, M_root, np.zeros(n), tau_min, 0.0, found[0])
+        for offset, X in zip(offsets.tolist(), found, strict=True):
+            if not backward_kernel(*game, np.full(N, tau_min * (1.0 + exp(s + offset))), X, paths):
+                X[:] = np.nan
     if not np.isfinite(found).all():
         return tau_min, 0.0, np.zeros((1 + 3 * n * n, NODES)), False
     # A table with values that are not finite is not used.

@@ -21,6 +21,7 @@ Cost     The smallest multiplier takes about fifty short passes over the horizon
 
 from __future__ import annotations
 
+from math import exp, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -76,12 +77,32 @@ def solve(game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"]) -> Sol
     M_root : root of the set of e
     x : estimate x_hat
     """
-    from rmpc_bench.numerics.game_kernel import solve_kernel
+    return solve_from(game, M_root, np.array(x, dtype=float), smallest_multiplier(game), 0.0)
 
-    x = np.ascontiguousarray(x, dtype=float)
-    first, x_w = np.empty_like(x), np.empty_like(x)
-    rho, tau_1, tau_2 = solve_kernel(*game, M_root, x, smallest_multiplier(game), 0.0, first, x_w)
-    return Solution(rho, tau_1, np.full(len(game.A), tau_2), x_w, first)
+
+def solve_from(
+    game: Game, M_root: Float[Array, "n n"], x: Float[Array, " n"], tau_min: float, guess: float
+) -> Solution:
+    """Solve the game as `solve` does, from a known smallest multiplier and a first guess of s.
+
+    Parameters
+    ----------
+    game : the game
+    M_root : root of the set of e
+    x : estimate x_hat, contiguous and writable, as the compiled code is made for such arrays
+    tau_min : smallest multiplier of the noise
+    guess : s = log(tau_2 / tau_min - 1) at which the search starts
+    """
+    from rmpc_bench.numerics.game_kernel import backward_kernel, first_error_kernel, optimum_kernel
+
+    N, n = game.A.shape[:2]
+    X, x_w, top, first, price = np.empty((6, n, n)), np.empty(n), np.empty(n), np.empty(n), 0.0
+    if tau_min > 0.0:
+        price = tau_min * (1.0 + exp(optimum_kernel(*game, M_root, x, tau_min, guess, X)))
+    if not backward_kernel(*game, np.full(N, price if tau_min > 0.0 else 1.0), X, np.empty((2, 0, n, n))):
+        return Solution(nan, nan, np.full(N, nan), np.full(n, nan), np.full(n, nan))
+    tau_1, _, excess = first_error_kernel(X, M_root, x, x_w, top, first)
+    return Solution(price + excess, tau_1, np.full(N, price), x_w, first)
 
 
 def plan(game: Game, feedback: Float[Array, "N nu n"], solution: Solution) -> Float[Array, "N nu"]:
