@@ -35,8 +35,7 @@ def list_(group: str | None) -> int:
     """List the names a configuration may use.
 
     Without an argument all of them; `functions` are those of claims, `configs` lists the files under configs and the
-    installed configurations.  FILE.py
-    lists the components that a Python file defines.
+    installed configurations.  FILE.py lists the components that a Python file defines.
     """
     if group and group.endswith(".py"):
         click.echo("\n".join(own_code.entries(group)))

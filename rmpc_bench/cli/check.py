@@ -30,7 +30,7 @@ MAX_WIDTH = 130
     is_flag=True,
     help="Add the mismatch of plant and design model, and warnings on stability and convergence.",
 )
-@click.option("--shards", type=click.IntRange(min=1), help="Measure the time of each of so many shards of `run`.")
+@click.option("--shards", type=click.IntRange(min=1), metavar="N", help="Measure the time of one of N shards of `run`.")
 @own_code.allow_code_option
 @own_code.import_option
 @click.option("--component", metavar="FILE:NAME", help="Run the conformance checks of a component of a Python file.")
@@ -52,7 +52,7 @@ def check(
 ) -> int:
     """Validate configurations; show plant and design model, differences between the methods, assumptions and cost.
 
-    With --deep or --shards time and memory are measured: the first runs are computed and reported, and nothing is kept.
+    With --deep or --shards, time and memory are measured: the first runs are computed and reported, and not kept.
 
     With --component: run the conformance checks of a plant, an estimator, a controller, a reference, a noise, a metric
     or a figure, and print one line per check; exit code 1 if one of them fails.
@@ -70,8 +70,9 @@ def check(
     for path in configs:
         try:
             config = load_config(path, allow_code=allow_code)
-            lines = _describe(path, config)
-            if (deep or shards is not None) and "runs" in config.evaluate:
+            measured = (deep or shards is not None) and "runs" in config.evaluate
+            lines = _describe(path, config, measured=measured)
+            if measured:
                 from rmpc_bench.cli.cost_lines import measured_lines
 
                 lines += measured_lines(path, config, allow_code, shards)
@@ -91,7 +92,7 @@ def check(
     return code
 
 
-def _describe(path: Path, config: ExperimentConfig) -> list[str]:
+def _describe(path: Path, config: ExperimentConfig, *, measured: bool = False) -> list[str]:
     from rmpc_bench.cli.catalogue import aligned
     from rmpc_bench.cli.run_warnings import warning_texts
     from rmpc_bench.execution.cost import megabytes, seconds
@@ -120,6 +121,7 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
         lines += [f"  {path:{width}}{_values(config, path)}" for path in config.paths]
     points = f"{len(config.points)} points x " if config.paths else ""
     simulated = "runs" in config.evaluate
+    hint = "" if measured else "; --deep measures it"
     what = f"{experiment.n_runs} runs" if simulated else "exact moments, no runs"
     if config.stop is not None:
         what = f"at most {what} (stop: {config.stop.text})"
@@ -128,7 +130,7 @@ def _describe(path: Path, config: ExperimentConfig) -> list[str]:
     lines += [
         "",
         f"  size          {points}{size}{shared}",
-        f"  time          roughly {seconds(config):.0f} s on {config.execution.workers} processes; --deep measures it",
+        f"  time          roughly {seconds(config):.0f} s on {config.execution.workers} processes" + hint,
         f"  memory        {megabytes(config):.0f} MB per process for the trajectories of a block",
     ]
     return lines if simulated else lines[:-2]

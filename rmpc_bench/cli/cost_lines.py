@@ -11,7 +11,7 @@ from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.pilot import PilotError, measure, runs_of_shard
 
 RESERVE = 1.5
-"""Factor between the estimated time of a shard and the limit to ask for."""
+"""Ratio of the time limit of a shard to its estimated time, before a minute is added."""
 MINUTE = 60.0
 
 
@@ -27,21 +27,21 @@ def measured_lines(path: Path, config: ExperimentConfig, allow_code: Sequence[Pa
     try:
         found = measure(path, allow_code, imported)
     except PilotError as error:
-        return [f"  measured      nothing: the first runs did not end ({error})"]
+        return [f"  measured      nothing: the first runs could not be computed ({error})"]
     workers = config.execution.workers
     parts = f"{found.start:.1f} s start, {found.n_runs * found.per_run:.1f} s runs, {found.report:.1f} s report"
     lines = [
-        f"  measured      about {_time(found.total)} of CPU, from {found.n_pilot} runs: {parts}",
+        f"  measured      about {_time(found.total)} of CPU time, from {found.n_pilot} runs: {parts}",
         f"                about {_time(found.elapsed(workers))} on {workers} processes with a core each",
-        f"                about {found.megabytes:.0f} MB of memory in the process that reports",
+        f"                about {found.megabytes:.0f} MB of memory in the process that writes the report",
     ]
     if shards is not None:
         each = found.of_shard(shards)
         limit = MINUTE * math.ceil((RESERVE * each + MINUTE) / MINUTE)
         lines += [
             f"  shards        {shards}, each of at most {runs_of_shard(found.n_runs, shards)} runs: "
-            f"about {_time(each)} of CPU on one process",
-            f"                time limit for a batch script, with a reserve: {clock(limit)}",
+            f"about {_time(each)} of CPU time on one process",
+            f"                time limit for a batch script: {clock(limit)} ({RESERVE:g} times this, and a minute)",
         ]
     return lines
 

@@ -11,13 +11,13 @@ from rmpc_bench.cli import exits
 
 @click.command()
 @click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--partial", is_flag=True, help="Join what is there, though runs are missing or shards still run.")
+@click.option("--partial", is_flag=True, help="Join the runs that are there, also while other shards are computed.")
 @exits.guarded
 def merge(directory: Path, partial: bool) -> int:
     """Join the shards of a directory and write its tables, figures and claims.
 
-    The shards of `rmpc-bench run --shard I/N` must be parts of one experiment, computed by the same code.  They stay as
-    they are.  Runs may be missing with --partial only; `rmpc-bench run --missing` computes these.
+    The shards of `rmpc-bench run --shard I/N` must belong to one experiment and be computed by the same code.  They
+    stay as they are.  Runs may be missing with --partial only; `rmpc-bench run --missing` computes them.
     """
     from rmpc_bench.execution.merging import merge as join
     from rmpc_bench.execution.publish import publish

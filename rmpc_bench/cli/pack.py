@@ -39,5 +39,5 @@ def pack(directory: Path, output: Path, authors: tuple[str, ...], licence: str) 
     for text in written.remarks:
         click.echo(text, err=True)
     click.echo(str(written))
-    click.echo(f"check it anywhere with: rmpc-bench verify {output}")
+    click.echo(f"to check it on any machine: rmpc-bench verify {output}")
     return 0

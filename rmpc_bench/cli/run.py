@@ -44,13 +44,17 @@ if TYPE_CHECKING:
 @click.option(
     "--engine",
     type=click.Choice(["joblib", "serial", "dask"]),
-    help="Worker processes, or none: a component that ends its process then ends the experiment; or a dask cluster.",
+    help="joblib: worker processes; serial: this process, which a component that crashes ends; dask: a dask cluster.",
 )
 @click.option("--scheduler", metavar="ADDRESS", help="Scheduler of a dask cluster, such as tcp://node7:8786.")
 @click.option(
-    "--shard", "part", type=ShardOption(), metavar="I/N|auto", help="Compute part I of N; auto in an array job."
+    "--shard",
+    "chosen_shard",
+    type=ShardOption(),
+    metavar="I/N|auto",
+    help="Compute shard I of N; auto: those of the array job.",
 )
-@click.option("--missing", is_flag=True, help="Take the trials of the shards, compute what is missing.")
+@click.option("--missing", is_flag=True, help="Take the trials of all shards, and compute the runs that are missing.")
 @click.option("--no-report", is_flag=True, help="Compute trials; write no tables, figures or claims.")
 @click.option(
     "--progress",
@@ -60,7 +64,12 @@ if TYPE_CHECKING:
     help="How progress is shown on stderr: a bar, lines, a JSON object per line, or not at all.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Show errors and the result only.")
-@click.option("-v", "--verbose", is_flag=True, help="Also show the times of the parts and the files that are written.")
+@click.option(
+    "-v",
+    "--verbose",
+    is_flag=True,
+    help="Also show how long each stage takes, and which files are written.",
+)
 @own_code.allow_code_option
 @own_code.import_option
 @exits.guarded
@@ -184,7 +193,7 @@ def _say_shards(request: Request, directory: Path) -> None:
     from rmpc_bench.execution.shards import shards_in
 
     if not request.missing and not (directory / FILE).exists() and shards_in(directory, FILE):
-        request.note(f"{directory} has shards, which are not used: --missing takes their trials")
+        request.note(f"{directory} has shards, which are not used; with --missing their trials are taken")
 
 
 def _check_names(only: Sequence[str], config: ExperimentConfig) -> None:
@@ -200,11 +209,11 @@ def configured(request: Request) -> tuple[ExperimentConfig, Path]:
     config = request.load()
     directory = request.output or _directory(request, config)
     stored = {} if request.fresh else _stored_methods(directory, config)
-    if request.part is not None:
+    if request.chosen_shard is not None:
         if config.stop is not None:
             message = f"a shard cannot decide `stop: {config.stop.text}`, which looks at all runs; --runs N gives them"
             raise click.BadParameter(message, param_hint="--shard")
-        check_division(request.part, directory)
+        check_division(request.chosen_shard, directory)
         stored |= {} if request.fresh else _stored_methods(request.place(directory), config)
     if request.add_methods:
         # Before those of the directory, so that an error names the text that is given now.

@@ -36,30 +36,30 @@ class Workers(click.ParamType[int]):
         return number
 
 
-class Part(NamedTuple):
+class ChosenShard(NamedTuple):
     """The option --shard."""
 
     shard: Shard
     automatic: bool = False
-    """Whether it is the position of a task in its array."""
+    """Whether it was given as `auto`: the position of a task in its array job."""
 
 
-class ShardOption(click.ParamType[Part]):
+class ShardOption(click.ParamType[ChosenShard]):
     """A shard I/N, or `auto` in a task of an array job."""
 
     name = "shard"
 
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Part:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> ChosenShard:
         """Return the shard; `auto` is the position of the task in its array."""
         from rmpc_bench.execution.batch_jobs import ArrayJobError, shard_of_array_job
         from rmpc_bench.execution.shards import parse_shard
 
-        if isinstance(value, Part):
+        if isinstance(value, ChosenShard):
             return value
         try:
             if value == "auto":
-                return Part(shard_of_array_job(os.environ), automatic=True)
-            return Part(parse_shard(str(value)))
+                return ChosenShard(shard_of_array_job(os.environ), automatic=True)
+            return ChosenShard(parse_shard(str(value)))
         except (ArrayJobError, ValueError) as error:
             self.fail(str(error), param, ctx)
 
@@ -84,7 +84,7 @@ class Request:
     engine: Literal["joblib", "serial", "dask"] | None
     add_methods: tuple[str, ...]
     scheduler: str | None
-    part: Part | None
+    chosen_shard: ChosenShard | None
     missing: bool
     no_report: bool
     quiet: bool
@@ -97,7 +97,7 @@ class Request:
         pairs = [
             (
                 self.shard and self.missing,
-                "--shard computes a part, and --missing all that is missing: give one of them",
+                "--shard computes one shard, and --missing all runs that are missing: give one of them",
             ),
             (
                 self.shard and self.strict,
@@ -118,7 +118,7 @@ class Request:
     @property
     def shard(self) -> Shard | None:
         """The shard to compute; None for all runs."""
-        return None if self.part is None else self.part.shard
+        return None if self.chosen_shard is None else self.chosen_shard.shard
 
     @property
     def engine_name(self) -> Literal["joblib", "serial", "dask"] | None:
@@ -149,7 +149,7 @@ class Request:
     @property
     def may_be_done(self) -> bool:
         """Whether the whole of it may have been done before: its results, and nothing said about how they came."""
-        special = (self.fresh, self.missing, self.part, self.dry_run, self.no_report, self.add_methods, self.allow_code)
+        special = (self.fresh, self.missing, self.shard, self.dry_run, self.no_report, self.add_methods, self.allow_code)
         return not any(special)
 
     def changes(self) -> list[str]:
@@ -182,14 +182,14 @@ class Request:
         return load_config(self.config, smoke=self.smoke, allow_code=self.allow_code, **changes)
 
 
-def check_division(part: Part, directory: Path) -> None:
+def check_division(chosen: ChosenShard, directory: Path) -> None:
     """Refuse --shard auto where the directory is divided otherwise, as when single tasks of an array run again."""
     from rmpc_bench.execution.database import FILE
     from rmpc_bench.execution.shards import shards_in
 
-    count = part.shard.total
+    count = chosen.shard.total
     others = sorted({shard.total for shard in shards_in(directory, FILE)} - {count})
-    if part.automatic and others:
+    if chosen.automatic and others:
         text = f"this array has {count} tasks, and {directory} has shards of {', '.join(map(str, others))}"
-        way_out = "give --shard I/N, or --missing in place of --shard to compute what is missing"
+        way_out = "give --shard I/N, or --missing in place of --shard to compute the runs that are missing"
         raise click.BadParameter(f"{text}; {way_out}", param_hint="--shard")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,6 +57,8 @@ def run_trials(request: Request, config: ExperimentConfig, directory: Path, star
         words = "".join(f", {word} {n}" for word, n in failed.items())
         texts.append(f"{runs}, {data['done']} of {data['total']} trials, {sum(failed.values())} failed{words}")
     click.echo("   ".join([*texts, str(place)]))
+    if request.shard is not None:
+        request.note(f"when all shards are finished: rmpc-bench merge {shlex.quote(str(directory))}")
     if request.shard is None and sum(failed.values()) > config.execution.max_failures:
         return exits.TOO_MANY_FAILURES
     return exits.STOP_UNMET if config.stop is not None and _is_unmet(place) else 0

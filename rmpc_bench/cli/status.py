@@ -15,10 +15,10 @@ from rmpc_bench.cli import exits
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @exits.guarded
 def status(directory: Path, as_json: bool) -> None:
-    """Show how far an experiment and its shards are.
+    """Show how far the computation of an experiment and its shards is.
 
-    Shows finished and failed trials, the rate, the time that is left, and the mean of the primary metric so far with
-    its Monte Carlo error.  It reads progress.json only, so it may run on any machine that sees the directory.
+    Shows finished and failed trials, the rate, the time that is left, and the means of the primary metric so far with
+    their standard errors.  It reads progress.json only, so it works on every machine that sees the directory.
     """
     from rmpc_bench.execution.status import read_status
 

@@ -1,4 +1,4 @@
-"""Standard streams of the program: one that is closed, or that nobody reads, is no error.
+"""Standard streams of the program: one that is closed, or that no process reads, is no error.
 
 With a closed descriptor the next file that is opened, such as the trial store, would get its number and receive the
 messages.  A reader that ends early (``| head``) or a lost terminal must not end a computation either.
@@ -13,7 +13,7 @@ from typing import Any
 
 
 class _Output(io.FileIO):
-    """A stream whose text is dropped where nobody reads it; another error, such as a full disk, is raised once."""
+    """A stream whose text is dropped where no process reads it; another error, such as a full disk, is raised once."""
 
     _failed = False
 
@@ -32,7 +32,7 @@ class _Output(io.FileIO):
 
 
 class _Messages(io.FileIO):
-    """A stream whose text is dropped wherever it cannot be written: no message is worth a computation."""
+    """A stream whose text is dropped wherever it cannot be written: a lost message must not end a computation."""
 
     def write(self, data: Any) -> int:
         """Write what the system takes."""
@@ -43,7 +43,7 @@ class _Messages(io.FileIO):
 
 
 def usable_streams() -> None:
-    """Open closed streams on the null device, and drop what is written where nobody reads.
+    """Open closed streams on the null device, and drop what is written where no process reads.
 
     Streams that another program or a test has put in place are left alone.
     """

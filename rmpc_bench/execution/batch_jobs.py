@@ -1,4 +1,4 @@
-"""What a batch scheduler says to its jobs: the position in an array job, and the number of cores.
+"""Variables that a batch scheduler sets in its jobs: the position in an array job, and the number of cores.
 
 The first index of the array may be any number.  The array must be a range, as the position of an index in a list of
 single numbers is not in the environment.
@@ -100,7 +100,7 @@ def _pbs(environment: Mapping[str, str], name: str) -> Shard:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=True)
     except (OSError, subprocess.SubprocessError) as error:
         raise ArrayJobError(
-            f"`qstat -f {job}` does not say how many tasks the array has ({error}); {way_out}"
+            f"`qstat -f {job}` does not show how many tasks the array has ({error}); {way_out}"
         ) from None
     # PBS Pro has the first name, TORQUE the second, with the largest number of running tasks after a %.
     found = re.search(

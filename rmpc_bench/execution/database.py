@@ -189,5 +189,5 @@ def _translated(error: sqlite3.DatabaseError | UnicodeDecodeError, path: Path) -
     if "locked" in text:
         return OccupiedError(f"{path}: another process writes to it; wait for it to end, or choose another -o DIR")
     if "not a database" in text or "no such table" in text or "malformed" in text or "corrupt" in text:
-        return StoreError(f"{path}: is not a store of trials ({text}); choose another -o DIR, or --fresh")
+        return StoreError(f"{path}: is not a trial store ({text}); choose another -o DIR, or --fresh")
     return WriteError(f"{path}: {text}")

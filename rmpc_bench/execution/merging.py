@@ -42,7 +42,7 @@ class Merged(NamedTuple):
     """Which runs are missing, in words; empty when the experiment is complete."""
 
 
-class _Part(NamedTuple):
+class _ShardRecord(NamedTuple):
     """A shard that is about to be joined."""
 
     shard: Shard
@@ -88,12 +88,12 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
     place = Path(directory)
     parts, finished = _read(place, partial=partial, say=say)
     if not parts:
-        raise MissingError(f"{place}: there are no shards; `rmpc-bench run CONFIG --shard I/N` computes one")
+        raise MissingError(f"{place}: there are no shards; `rmpc-bench run CONFIG --shard I/N -o {place}` computes one")
     _check(place, parts)
     experiment = _joined([part.experiment for part in parts])
     missing = _missing(experiment, finished)
     if missing and not partial:
-        raise StoreError("\n".join([f"{place}: the shards are incomplete", *_said(place, missing), _WAYS_OUT]))
+        raise StoreError("\n".join([f"{place}: the shards are incomplete", *_said(place, missing), _ways_out(place)]))
     with Store(place) as store:
         _copy(place, store, experiment, parts, say=say, partial=partial)
         with _progress(place, store, experiment, sum(map(len, missing.values()))):
@@ -101,19 +101,22 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
     return Merged(tuple(part.shard for part in parts), tuple(_said(place, missing)))
 
 
-_WAYS_OUT = (
-    "`rmpc-bench run CONFIG --shard I/N` computes a shard, `rmpc-bench run CONFIG --missing` all that is missing; "
-    "--partial joins what is there"
-)
+def _ways_out(directory: Path) -> str:
+    run = "`rmpc-bench run CONFIG"
+    return (
+        f"{run} --shard I/N -o {directory}` computes a shard\n"
+        f"{run} --missing -o {directory}` computes all runs that are missing\n"
+        f"`rmpc-bench merge {directory} --partial` joins the runs that are there"
+    )
 
 
-def _read(directory: Path, *, partial: bool, say: Callable[[str], None]) -> tuple[list[_Part], _Finished]:
+def _read(directory: Path, *, partial: bool, say: Callable[[str], None]) -> tuple[list[_ShardRecord], _Finished]:
     """Read the records of all shards, and which runs they and the directory have: (point, method) -> runs."""
-    parts: list[_Part] = []
+    parts: list[_ShardRecord] = []
     finished: _Finished = {}
     for shard, store in readable_shards(directory, say, also_running=not partial, also_damaged=not partial):
         experiment = read_experiment(store)
-        parts.append(_Part(shard, experiment, json.loads(store.meta(LIBRARIES) or "{}"), store.file_names()))
+        parts.append(_ShardRecord(shard, experiment, json.loads(store.meta(LIBRARIES) or "{}"), store.file_names()))
         _add_finished(finished, experiment, store)
     if parts and (directory / FILE).exists():
         with Store(directory, writable=False) as store:
@@ -128,12 +131,12 @@ def _add_finished(finished: _Finished, experiment: StoredExperiment, store: Stor
             finished[number, name] = np.union1d(finished.get((number, name), runs), runs)
 
 
-def _check(directory: Path, parts: Sequence[_Part]) -> None:
+def _check(directory: Path, parts: Sequence[_ShardRecord]) -> None:
     """Refuse shards of different experiments, of different code, or of different versions of a user's libraries."""
     first, lines = parts[0], list[str]()
     for part in parts[1:]:
         if part.experiment.hash != first.experiment.hash:
-            lines.append(f"{part.shard.name} is a part of another experiment than {first.shard.name}")
+            lines.append(f"{part.shard.name} is a shard of another experiment than {first.shard.name}")
     here = code_version()
     for part in parts:
         for name, method in _methods(part.experiment).items():
@@ -149,11 +152,14 @@ def _check(directory: Path, parts: Sequence[_Part]) -> None:
     lines += _other_libraries(parts)
     if lines:
         lines = [f"  {FOLDER}/{line}" for line in dict.fromkeys(lines)]
-        way_out = "compute the shards again with one configuration and one version: --shard I/N --fresh"
+        way_out = (
+            "compute the shards again with one configuration and one version: "
+            f"`rmpc-bench run CONFIG --shard I/N --fresh -o {directory}`"
+        )
         raise StoreError("\n".join([f"{directory}: the shards do not belong together", *lines, way_out]))
 
 
-def _other_libraries(parts: Sequence[_Part]) -> list[str]:
+def _other_libraries(parts: Sequence[_ShardRecord]) -> list[str]:
     """Say which shards were computed with another major or minor version of a library of a user's file."""
     lines, seen = [], dict[tuple[str, str], tuple[Shard, Sequence[str]]]()
     for part in parts:
@@ -230,7 +236,7 @@ def _copy(
     directory: Path,
     store: Store,
     experiment: StoredExperiment,
-    parts: Sequence[_Part],
+    parts: Sequence[_ShardRecord],
     *,
     say: Callable[[str], None],
     partial: bool,

@@ -38,7 +38,7 @@ def only_claim(config: ExperimentConfig, name: str, methods: Collection[str]) ->
         point for point in config.points if any(lies_at(point.coordinates, coordinates) for _, coordinates in wanted)
     )
     if not names or not points:
-        raise ArchiveError(f"claim {name}: has nothing that can be computed: {claim.says}")
+        raise ArchiveError(f"claim {name}: no run can be computed for it: {claim.says}")
     return replace(config, claims=(claim,), points=points), names
 
 
@@ -47,7 +47,8 @@ def _named(claims: Sequence[Claim], name: str) -> Claim:
     numbered = {str(number): claim for number, claim in enumerate(claims, 1)}
     if name not in known and name not in numbered:
         numbers = f"; or a number from 1 to {len(claims)}, as in claims.md" if claims else ""
-        text = unknown(name, known, "claim") if known else f"there is no claim {name!r}"
+        none = f"there is no claim {name!r}" + ("" if claims else ": the experiment has no claims")
+        text = unknown(name, known, "claim") if known else none
         raise ArchiveError(f"--claim: {text}{numbers}")
     return known.get(name) or numbered[name]
 

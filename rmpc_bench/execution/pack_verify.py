@@ -95,7 +95,7 @@ def verify(
         if simulate:
             found = packed.beside(runs, claim, again, jobs, progress)
         else:
-            found = Verification(scope="the files, nothing is computed", digits=packed.against_summary())
+            found = Verification(scope="files only, nothing was computed", digits=packed.against_summary())
         found = replace(found, path=archive.path, files=files, versions=tuple(other_versions(packed.manifest)))
     note_verification(archive.path, {**environment(), **found.record()})
     return found
@@ -113,7 +113,7 @@ def _refuse_code(archive: Archive, allow_code: Sequence[str | Path]) -> None:
     if archive.code and not any(here.is_relative_to(Path(each).resolve()) for each in allow_code):
         listed = ", ".join(f"{name} (sha {archive.hashes.get(name, 'unknown')[:6]})" for name in archive.code[:10])
         raise ArchiveError(
-            f"{archive.path}: has Python files: {listed}\nthey run only if you allow it: "
+            f"{archive.path}: has Python files: {listed}\nto let them run: "
             f"--allow-code {shlex.quote(str(archive.path))}; --no-run compares the files without running anything"
         )
 

@@ -135,7 +135,7 @@ class JsonLines(Plain):
         self._write("start", experiment=self._title, **self._counts(0.0))
 
     def _show(self, seconds: float) -> None:
-        self._write("progress", **self._counts(seconds), left_s=round(self._left(seconds), 1))
+        self._write("progress", **self._counts(seconds), left_seconds=round(self._left(seconds), 1))
 
     def _counts(self, seconds: float) -> dict[str, Any]:
         rows = self._running.rows() if self._running is not None else []

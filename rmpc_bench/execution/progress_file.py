@@ -1,7 +1,8 @@
 """progress.json: how far a computation is, for `rmpc-bench status` on any machine that sees the directory.
 
 The trial store is locked while it is written, so this file has all that `status` reads.  It is replaced every few
-seconds, also while no block finishes.  A file that has not changed for long therefore shows that its writer has died.
+seconds, also while no block finishes.  A file that has not changed for long therefore shows that its process has ended
+or cannot write.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Shards: parts of an experiment that batch jobs compute, each a range of runs in a store of its own.
+"""Shards: ranges of the runs of an experiment; a batch job computes one of them into a trial store of its own.
 
 A shard I of N has the runs of all methods in one contiguous range.  Its store is in ``shards/I-of-N`` of the results
 directory.  Random numbers depend on the run only, so the shards together have the trials of the whole experiment.
@@ -21,7 +21,7 @@ _NAME = re.compile(r"([1-9]\d*)-of-([1-9]\d*)")
 
 
 class Shard(NamedTuple):
-    """Part `number` of `total` parts; numbers count from 1."""
+    """Shard `number` of `total` shards; numbers count from 1."""
 
     number: int
     total: int
@@ -49,7 +49,7 @@ class Shard(NamedTuple):
 
 
 def _end(number: int, count: int, n_runs: int) -> int:
-    """Return the end of a shard: equal parts, rounded to groups of runs where that changes the size little."""
+    """Return the end of a shard: equal, rounded to groups of runs where that changes the size little (`MOST_SHIFT`)."""
     end = number * n_runs // count
     of_group = min(round(end / SIZE) * SIZE, n_runs)
     return of_group if abs(of_group - end) * count <= MOST_SHIFT * n_runs else end

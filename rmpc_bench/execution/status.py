@@ -21,30 +21,30 @@ from rmpc_bench.execution.progress_file import FILE, FINISHED, RUNNING, read
 from rmpc_bench.execution.running_mean import RunningMean
 from rmpc_bench.execution.shards import Shard, shards_in
 
-DEAD, SILENT, INCOMPLETE, ABSENT = "dead", "silent", "incomplete", "absent"
-"""States that a file cannot say of its own writer: its process is gone; it has not written for long; it has ended
-before all trials were stored; there is no file of the shard."""
-SILENCE = 30.0
-"""Time without a new file after which its writer is silent, at least ten times the time between two files [s]."""
+KILLED, STALE, INCOMPLETE, ABSENT = "killed", "stale", "incomplete", "absent"
+"""States that follow from more than the file: its process has ended without a last file; the file is old; the process
+has ended before all trials were stored; the shard has no file."""
+STALE_AFTER = 30.0
+"""Age from which on a file is stale, at least ten times the time between two files [s]."""
 MOST_ROWS = 12
 """Means that are printed."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """A directory that is or was computed by one process: the whole experiment or a shard.
+class ShardStatus:
+    """State of a shard, or of an experiment without shards: what one process computes or has computed.
 
     Parameters
     ----------
-    name : of the shard; empty for the whole experiment
+    name : of the shard; empty for an experiment without shards
     state : running, finished, interrupted, or one of the states above
     runs : first run and end of the runs; None where there is no file
     total, done : trials, and those that are stored
     failed : status -> failed trials
     host, pid : process that writes or wrote
-    age : time since the last file [s]
+    age_seconds : time since the last file [s]
     rate : finished trials per second in the last session
-    left : time until the end at this rate [s]; None where it is not known
+    left_seconds : time until the end at this rate [s]; None where it is not known
     why : name of the exception that has ended the session
     """
 
@@ -56,9 +56,9 @@ class Part:
     failed: Mapping[str, int]
     host: str = ""
     pid: int = 0
-    age: float = 0.0
+    age_seconds: float = 0.0
     rate: float = 0.0
-    left: float | None = None
+    left_seconds: float | None = None
     why: str = ""
 
 
@@ -70,15 +70,15 @@ class ExperimentStatus:
     ----------
     name : of the experiment
     directory : of the results
-    parts : the shards, or the one process of the directory
+    shards : the shards; one without a name if the experiment is not divided
     metric : the primary metric
     means : (point of the sweep in words, method, mean so far)
-    total, done : trials of all parts, and those that are stored
+    total, done : trials of all shards, and those that are stored
     """
 
     name: str
     directory: Path
-    parts: tuple[Part, ...]
+    shards: tuple[ShardStatus, ...]
     metric: str
     means: tuple[tuple[str, str, RunningMean], ...]
     total: int
@@ -87,24 +87,24 @@ class ExperimentStatus:
     @property
     def failed(self) -> dict[str, int]:
         """Status -> failed trials, the most frequent first."""
-        counts = sum((Counter(dict(part.failed)) for part in self.parts), Counter[str]())
+        counts = sum((Counter(dict(shard.failed)) for shard in self.shards), Counter[str]())
         return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
     @property
     def rate(self) -> float:
         """Trials per second of all processes that run."""
-        return sum(part.rate for part in self.parts if part.state == RUNNING)
+        return sum(shard.rate for shard in self.shards if shard.state == RUNNING)
 
     @property
-    def left(self) -> float | None:
+    def left_seconds(self) -> float | None:
         """Time until the last running process ends [s]; None where none runs or one has finished no trial yet."""
-        times = [part.left for part in self.parts if part.state == RUNNING]
+        times = [shard.left_seconds for shard in self.shards if shard.state == RUNNING]
         return None if not times or None in times else max(time for time in times if time is not None)
 
     @property
-    def without_writer(self) -> int:
-        """Trials that are missing and that no process computes."""
-        return sum(part.total - part.done for part in self.parts if part.state != RUNNING)
+    def not_computed(self) -> int:
+        """Number of missing trials that no process computes at present."""
+        return sum(shard.total - shard.done for shard in self.shards if shard.state != RUNNING)
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as plain data."""
@@ -120,18 +120,18 @@ class ExperimentStatus:
             "done": self.done,
             "failed": self.failed,
             "rate": self.rate,
-            "left_seconds": self.left,
-            "without_writer": self.without_writer,
+            "left_seconds": self.left_seconds,
+            "not_computed": self.not_computed,
             "metric": self.metric,
             "means": means,
-            "parts": [
-                {**vars(part), "failed": dict(part.failed), "runs": part.runs and list(part.runs)}
-                for part in self.parts
+            "shards": [
+                {**vars(shard), "failed": dict(shard.failed), "runs": shard.runs and list(shard.runs)}
+                for shard in self.shards
             ],
         }
 
     def __str__(self) -> str:
-        return "\n".join([_head(self), *_part_lines(self.parts), *_mean_lines(self)])
+        return "\n".join([_head(self), *_shard_lines(self.shards), *_mean_lines(self), *_next_lines(self)])
 
 
 def read_status(directory: str | Path, *, now: datetime | None = None) -> ExperimentStatus:
@@ -165,53 +165,57 @@ def _read(place: Path, now: datetime) -> ExperimentStatus:
     newest = max(found.values(), key=_updated, default=None)
     if newest is None or (whole is not None and _updated(whole) >= _updated(newest)):
         assert whole is not None
-        return _status(place, whole, [(_part("", whole, now), whole)], [])
+        return _status(place, whole, [(_shard_status("", whole, now), whole)], [])
     absent = _absent(found, newest)
-    parts = [(_part(shard.name, data, now), data) for shard, data in found.items()]
-    return _status(place, newest, parts, absent)
+    shards = [(_shard_status(shard.name, data, now), data) for shard, data in found.items()]
+    return _status(place, newest, shards, absent)
 
 
 def _status(
-    directory: Path, first: Mapping[str, Any], parts: Sequence[tuple[Part, Mapping[str, Any]]], absent: Sequence[Part]
+    directory: Path,
+    first: Mapping[str, Any],
+    shards: Sequence[tuple[ShardStatus, Mapping[str, Any]]],
+    absent: Sequence[ShardStatus],
 ) -> ExperimentStatus:
     means: dict[tuple[str, str], RunningMean] = {}
-    for _, data in parts:
+    for _, data in shards:
         for each in data.get("means", []):
             mean = RunningMean(int(each["n"]), _float(each["mean"]), _float(each["m2"]), int(each["n_other"]))
             key = str(each["point"]), str(each["method"])
             means[key] = means.get(key, RunningMean()).joined(mean)
-    shown = sorted([*(part for part, _ in parts), *absent], key=_order)
+    shown = sorted([*(shard for shard, _ in shards), *absent], key=_order)
     return ExperimentStatus(
         name=str(first["name"]),
         directory=directory,
-        parts=tuple(shown),
+        shards=tuple(shown),
         metric=str(first["metric"]),
         means=tuple((*key, mean) for key, mean in means.items()),
-        total=sum(part.total for part in shown),
-        done=sum(part.done for part in shown),
+        total=sum(shard.total for shard in shown),
+        done=sum(shard.done for shard in shown),
     )
 
 
-def _order(part: Part) -> tuple[int, int]:
-    number, _, count = part.name.partition("-of-")
+def _order(shard: ShardStatus) -> tuple[int, int]:
+    number, _, count = shard.name.partition("-of-")
     return (int(count), int(number)) if count else (0, 0)
 
 
-def _absent(found: Mapping[Shard, Mapping[str, Any]], newest: Mapping[str, Any]) -> list[Part]:
+def _absent(found: Mapping[Shard, Mapping[str, Any]], newest: Mapping[str, Any]) -> list[ShardStatus]:
     """Return the shards of the newest division that have no file; others have computed the same runs before."""
     count = int(newest["shard"].partition("-of-")[2])
     missing = [shard for number in range(1, count + 1) if (shard := Shard(number, count)) not in found]
     n_runs, n_columns = newest["n_runs"], newest["total"] // max(newest["runs"][1] - newest["runs"][0], 1)
     runs = {shard: shard.runs(n_runs) for shard in missing}
     return [
-        Part(shard.name, ABSENT, (each.start, each.stop), n_columns * len(each), 0, {}) for shard, each in runs.items()
+        ShardStatus(shard.name, ABSENT, (each.start, each.stop), n_columns * len(each), 0, {})
+        for shard, each in runs.items()
     ]
 
 
-def _part(name: str, data: Mapping[str, Any], now: datetime) -> Part:
+def _shard_status(name: str, data: Mapping[str, Any], now: datetime) -> ShardStatus:
     age = max((now - _updated(data)).total_seconds(), 0.0)
     state = _state(data, age)
-    return Part(
+    return ShardStatus(
         name=name,
         state=state,
         runs=(int(data["runs"][0]), int(data["runs"][1])),
@@ -220,9 +224,9 @@ def _part(name: str, data: Mapping[str, Any], now: datetime) -> Part:
         failed={str(word): int(n) for word, n in data["failed"].items()},
         host=str(data["host"]),
         pid=int(data["pid"]),
-        age=age,
+        age_seconds=age,
         rate=float(data["rate"]),
-        left=float(data["left_seconds"]) if state == RUNNING and data["left_seconds"] is not None else None,
+        left_seconds=float(data["left_seconds"]) if state == RUNNING and data["left_seconds"] is not None else None,
         why=str(data["why"]),
     )
 
@@ -232,8 +236,8 @@ def _state(data: Mapping[str, Any], age: float) -> str:
     if data["state"] == RUNNING:
         # A process of the same number on another machine says nothing.
         if data["host"] == platform.node() and age > data["every"] and not _is_alive(data["pid"]):
-            return DEAD
-        return SILENT if age > max(SILENCE, 10.0 * data["every"]) else RUNNING
+            return KILLED
+        return STALE if age > max(STALE_AFTER, 10.0 * data["every"]) else RUNNING
     if data["state"] == FINISHED and data["done"] < data["total"]:
         return INCOMPLETE
     return str(data["state"])
@@ -266,10 +270,10 @@ def _head(status: ExperimentStatus) -> str:
     texts = [f"{status.done} of {status.total} trials{share}", _failed_text(status.failed)]
     if status.rate:
         texts.append(f"{status.rate:.3g} trials/s")
-    if status.left is not None:
-        texts.append(f"{time_text(status.left)} left")
-    if status.without_writer:
-        texts.append(f"{status.without_writer} trials that no process computes")
+    if status.left_seconds is not None:
+        texts.append(f"{time_text(status.left_seconds)} left")
+    if status.not_computed:
+        texts.append(f"{status.not_computed} missing trials that no process computes")
     return f"{status.name}   {', '.join(texts)}   {status.directory}"
 
 
@@ -292,31 +296,48 @@ def time_text(seconds: float) -> str:
     return f"{seconds / 86400.0:.1f} d"
 
 
-def _part_lines(parts: Sequence[Part]) -> list[str]:
+def _shard_lines(shards: Sequence[ShardStatus]) -> list[str]:
     rows = [("", "runs", "trials", "failed", "")] + [
         (
-            part.name,
-            "-" if part.runs is None or part.runs[0] == part.runs[1] else f"{part.runs[0]} to {part.runs[1] - 1}",
-            f"{part.done} of {part.total}",
-            str(sum(part.failed.values())),
-            _state_text(part),
+            shard.name,
+            "-" if shard.runs is None or shard.runs[0] == shard.runs[1] else f"{shard.runs[0]} to {shard.runs[1] - 1}",
+            f"{shard.done} of {shard.total}",
+            str(sum(shard.failed.values())),
+            _state_text(shard),
         )
-        for part in parts
+        for shard in shards
     ]
     return ["", *_table(rows)]
 
 
-def _state_text(part: Part) -> str:
-    process = f"{part.host}, process {part.pid}"
-    ago = f"{time_text(part.age)} ago"
+def _state_text(shard: ShardStatus) -> str:
+    process = f"{shard.host}, process {shard.pid}"
+    ago = f"{time_text(shard.age_seconds)} ago"
     return {
-        RUNNING: f"running on {process}" + ("" if part.left is None else f", {time_text(part.left)} left"),
-        DEAD: f"dead: {process} has ended without a word, last file {ago}",
-        SILENT: f"silent: no file from {process} since {time_text(part.age)}",
+        RUNNING: f"running on {process}"
+        + ("" if shard.left_seconds is None else f", {time_text(shard.left_seconds)} left"),
+        KILLED: f"killed: {process} has ended early, last file {ago}",
+        STALE: f"stale: no new file from {process} for {time_text(shard.age_seconds)}",
         ABSENT: "no file: not started, or lost",
         INCOMPLETE: f"incomplete, {ago}",
         FINISHED: f"finished {ago}",
-    }.get(part.state, f"{part.state} ({part.why}), {ago}")
+    }.get(shard.state, f"{shard.state} ({shard.why}), {ago}")
+
+
+def _next_lines(status: ExperimentStatus) -> list[str]:
+    """Say which command continues, where something is missing and not only waits for other jobs."""
+    states, run = {shard.state for shard in status.shards}, "`rmpc-bench run CONFIG"
+    output = f"-o {status.directory}"
+    if not any(shard.name for shard in status.shards):
+        return [] if states <= {RUNNING, FINISHED} else ["", "the same `rmpc-bench run` command continues"]
+    if states == {FINISHED}:
+        return ["", f"`rmpc-bench merge {status.directory}` joins the shards"]
+    if states <= {RUNNING, FINISHED} or (RUNNING in states and states <= {RUNNING, FINISHED, ABSENT}):
+        return []
+    return [
+        "",
+        f"{run} --shard I/N {output}` continues a shard, {run} --missing {output}` computes all that is missing",
+    ]
 
 
 def _mean_lines(status: ExperimentStatus) -> list[str]:
@@ -327,7 +348,7 @@ def _mean_lines(status: ExperimentStatus) -> list[str]:
         shown = sorted(known, key=lambda each: -_relative(each[2]))[:MOST_ROWS]
     if not shown:
         return []
-    rows = [(status.metric, "mean so far", "error", "trials")] + [
+    rows = [(status.metric, "mean so far", "standard error", "trials")] + [
         (
             f"{method}   {point}".strip(),
             with_error(mean.mean, mean.se),
@@ -336,7 +357,7 @@ def _mean_lines(status: ExperimentStatus) -> list[str]:
         )
         for point, method, mean in shown
     ]
-    more = [f"the {MOST_ROWS} of {len(known)} means with the largest error; --json has all"]
+    more = [f"the {MOST_ROWS} of {len(known)} means with the largest standard error; --json shows all"]
     return ["", *_table(rows), *(more if len(known) > MOST_ROWS else [])]
 
 

@@ -64,15 +64,15 @@ def check_file(path: Path, *, writable: bool) -> bool:
             raise MissingError(f"{path}: holds no trial; fill the directory with `rmpc-bench run`")
         return True
     if not stat.S_ISREG(found.st_mode):
-        raise StoreError(_unusable(path, "is not a store of trials (it is not a regular file)"))
+        raise StoreError(_unusable(path, "is not a trial store (it is not a regular file)"))
     if not os.access(path, os.R_OK):
         raise StoreError(_unusable(path, "cannot be read (permission denied)"))
     try:
         number = _format(path)
     except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
-        raise StoreError(_unusable(path, f"is not a store of trials ({error})")) from None
+        raise StoreError(_unusable(path, f"is not a trial store ({error})")) from None
     if number is None:
-        raise StoreError(_unusable(path, "is not a store of trials (it is a database of another program)"))
+        raise StoreError(_unusable(path, "is not a trial store (it is a database of another program)"))
     if number != FORMAT:
         when = "an earlier" if number < FORMAT else "a later"
         way_out = "`rmpc-bench run --fresh` keeps it under another name and computes everything again"

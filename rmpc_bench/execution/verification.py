@@ -106,7 +106,7 @@ class Verification:
             return "compared: the hash of every file, and summary.csv with the rows in trials.csv"
         parts = [
             f"{trials.n_trials} statuses",
-            f"{trials.n_values} values of metrics (relative {trials.tolerance:g}, {_largest(trials)})",
+            f"{trials.n_values} values of metrics ({_largest(trials)})",
             "the digits of the tables",
             f"{self.n_claims} claim{'' if self.n_claims == 1 else 's'}",
         ]
@@ -118,7 +118,7 @@ class Verification:
 def _largest(trials: TrialDifferences) -> str:
     """Say how large the largest difference is, also where it is allowed."""
     size = max((each.relative.size for each in trials.values), default=0.0)
-    return f"largest difference {size:.2g}" if size else "all equal"
+    return f"largest relative difference {size:.2g}, allowed {trials.tolerance:g}" if size else "all equal"
 
 
 def _where(point: str, method: str) -> str:

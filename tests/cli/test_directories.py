@@ -72,7 +72,7 @@ def test_a_file_that_is_no_store(here):
     (here / "out" / "trials.sqlite").write_text("my notes " * 200)
     before = tree(here / "out")
     result = go(write(here), "-o", "out")
-    assert result.exit_code == 5 and "is not a store of trials" in result.stderr
+    assert result.exit_code == 5 and "is not a trial store" in result.stderr
     assert tree(here / "out") == before
 
 

@@ -90,10 +90,7 @@ def test_a_new_computation_reproduces_it(archive):
     found = cli("verify", archive, "-j", 1)
     assert found.exit_code == 0, found.output
     assert "reproduced   all 12 runs, 2 methods" in found.stdout
-    assert (
-        "24 statuses, 72 values of metrics (relative 1e-09, all equal), the digits of the tables, 2 claims"
-        in found.stdout
-    )
+    assert "24 statuses, 72 values of metrics (all equal), the digits of the tables, 2 claims" in found.stdout
     (record,) = json.loads(packed.contents(archive)["verified_on.json"])
     assert record["result"] == "reproduced" and record["compared"] == {"trials": 24, "values": 72, "claims": 2}
     assert record["versions"]["numpy"] and record["machine"]["system"] and record["date"].startswith("20")
@@ -204,7 +201,7 @@ def test_own_files_need_consent_and_data_files_come_along(tmp_path):
     names = packed.contents(tmp_path / "tank.zip").keys()
     assert sum(name.startswith("data/") for name in names) == 2 and any(name.endswith("observer.py") for name in names)
     refused = cli("verify", tmp_path / "tank.zip", "-j", 1)
-    assert refused.exit_code == 2 and "they run only if you allow it: --allow-code" in refused.stderr
+    assert refused.exit_code == 2 and "to let them run: --allow-code" in refused.stderr
     assert cli("verify", tmp_path / "tank.zip", "--no-run").exit_code == 0
     found = cli("verify", tmp_path / "tank.zip", "-j", 1, "--allow-code", tmp_path / "tank.zip")
     assert found.exit_code == 0, found.output

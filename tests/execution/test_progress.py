@@ -173,7 +173,7 @@ def test_json_lines(capsys):
     assert [line.get("done") for line in lines] == [2, 6, None, 6]
     assert lines[0]["experiment"] == "fig7" and lines[0]["comparison"][0]["value"] is None
     assert lines[1] | {"comparison": []} == {
-        "event": "progress", "done": 6, "trials": 10, "seconds": 2.0, "comparison": [], "left_s": 2.0
+        "event": "progress", "done": 6, "trials": 10, "seconds": 2.0, "comparison": [], "left_seconds": 2.0
     }  # fmt: skip
     assert lines[2]["text"] == "careful"
 

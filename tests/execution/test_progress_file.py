@@ -92,14 +92,14 @@ def test_shards_that_are_there_and_one_that_is_not(tmp_path):
     path, out = write(tmp_path, runs=9), tmp_path / "out"
     shards(path, out, "1/3", "3/3")
     found = read_status(out)
-    assert (found.done, found.total, found.without_writer) == (12, 18, 6)
-    assert [(part.name, part.state) for part in found.parts] == [
+    assert (found.done, found.total, found.not_computed) == (12, 18, 6)
+    assert [(part.name, part.state) for part in found.shards] == [
         ("1-of-3", "finished"),
         ("2-of-3", "absent"),
         ("3-of-3", "finished"),
     ]
     text = str(found)
-    assert "12 of 18 trials (67 %)" in text and "6 trials that no process computes" in text
+    assert "12 of 18 trials (67 %)" in text and "6 missing trials that no process computes" in text
     assert "no file: not started, or lost" in text
     whole = pd.read_csv(ran_table(path, tmp_path))
     values = whole[(whole.method == "S-MPC") & ~whole.run.between(3, 5)].mse
@@ -117,12 +117,12 @@ def test_the_whole_directory_after_merge(tmp_path):
     path, out = write(tmp_path), tmp_path / "out"
     shards(path, out, "1/2")
     assert cli("merge", out, "--partial").exit_code == 0
-    [part] = read_status(out).parts
+    [part] = read_status(out).shards
     assert (part.name, part.state, part.done, part.total) == ("", "incomplete", 6, 12)
     shards(path, out, "2/2")
-    assert [part.name for part in read_status(out).parts] == ["1-of-2", "2-of-2"]
+    assert [part.name for part in read_status(out).shards] == ["1-of-2", "2-of-2"]
     assert cli("merge", out).exit_code == 0
-    [part] = read_status(out).parts
+    [part] = read_status(out).shards
     assert (part.state, part.done, part.total) == ("finished", 12, 12)
 
 
@@ -131,18 +131,18 @@ def test_json_is_all_that_a_program_needs(tmp_path):
     shards(path, out, "1/2")
     data = json.loads(cli("status", out, "--json").stdout)
     assert (data["done"], data["total"], data["metric"]) == (6, 12, "mse")
-    assert [part["state"] for part in data["parts"]] == ["finished", "absent"]
+    assert [part["state"] for part in data["shards"]] == ["finished", "absent"]
 
 
 @pytest.mark.parametrize(
     ("keys", "age", "state"),
     [
         ({"pid": 2**22 + 1}, 1.0, "running"),
-        ({"pid": 2**22 + 1}, 5.0, "dead"),
+        ({"pid": 2**22 + 1}, 5.0, "killed"),
         ({"pid": os.getpid()}, 5.0, "running"),
-        ({"pid": os.getpid()}, 60.0, "silent"),
+        ({"pid": os.getpid()}, 60.0, "stale"),
         ({"host": "elsewhere", "pid": 2**22 + 1}, 5.0, "running"),
-        ({"host": "elsewhere", "pid": 2**22 + 1}, 60.0, "silent"),
+        ({"host": "elsewhere", "pid": 2**22 + 1}, 60.0, "stale"),
         # The clock of the other machine may be ahead.
         ({"host": "elsewhere"}, -60.0, "running"),
     ],
@@ -154,13 +154,13 @@ def test_writers_that_have_died(tmp_path, keys, age, state):
     updated = (now - timedelta(seconds=age)).isoformat()
     changed(out, state="running", done=6, rate=3.0, left_seconds=2.0, updated=updated, **keys)
     found = read_status(out, now=now)
-    assert [part.state for part in found.parts] == [state]
+    assert [part.state for part in found.shards] == [state]
     assert found.rate == (3.0 if state == "running" else 0.0)
     assert found.left == (2.0 if state == "running" else None)
-    assert found.without_writer == (0 if state == "running" else 6)
+    assert found.not_computed == (0 if state == "running" else 6)
 
 
-@pytest.mark.parametrize(("number", "state"), [(signal.SIGTERM, "interrupted"), (signal.SIGKILL, "dead")])
+@pytest.mark.parametrize(("number", "state"), [(signal.SIGTERM, "interrupted"), (signal.SIGKILL, "killed")])
 def test_a_shard_that_is_ended(tmp_path, number, state):
     """While it hangs its file is renewed; after its end `status` says so, and the same command would continue."""
     (tmp_path / "slow.py").write_text(SLOW, encoding="utf-8")
@@ -176,13 +176,13 @@ def test_a_shard_that_is_ended(tmp_path, number, state):
         before = progress_file.read(place)["updated"]
         while progress_file.read(place)["updated"] == before and time.monotonic() < deadline:
             time.sleep(0.1)
-        [part] = read_status(tmp_path / "out").parts
+        [part] = read_status(tmp_path / "out").shards
         assert (part.state, part.done, part.total) == ("running", 5, 8)
     finally:
         process.send_signal(number)
         process.communicate(timeout=60)
     later = datetime.now(UTC) + timedelta(seconds=5)
-    [part] = read_status(tmp_path / "out", now=later).parts
+    [part] = read_status(tmp_path / "out", now=later).shards
     assert (part.state, part.done) == (state, 5)
     assert part.why == ("Terminated" if number == signal.SIGTERM else "")
 

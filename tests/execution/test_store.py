@@ -150,7 +150,7 @@ def test_a_file_that_is_no_store(tmp_path, content):
     """It is left as it is."""
     (tmp_path / FILE).write_bytes(content)
     for writable in (True, False):
-        with pytest.raises(StoreError, match="is not a store of trials"):
+        with pytest.raises(StoreError, match="is not a trial store"):
             Store(tmp_path, writable=writable)
     assert (tmp_path / FILE).read_bytes() == content
 
@@ -160,7 +160,7 @@ def test_another_database_is_not_read_as_a_store(tmp_path):
     connection = sqlite3.connect(tmp_path / FILE)
     connection.execute("CREATE TABLE mine (a)")
     connection.close()
-    with pytest.raises(StoreError, match="is not a store of trials"):
+    with pytest.raises(StoreError, match="is not a trial store"):
         Store(tmp_path, writable=False)
 
 

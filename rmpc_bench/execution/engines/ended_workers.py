@@ -14,7 +14,7 @@ LOG = "workers.txt"
 
 
 class EndedWorkers:
-    """Writes a line for every worker that has ended, and tells the user of the first one that was disturbed.
+    """Writes a line for every worker that has ended, and a message for the first one that was disturbed.
 
     Parameters
     ----------
@@ -33,11 +33,12 @@ class EndedWorkers:
         text : the worker, its end, and the attempt that has ended with it
         end : how it has ended
         """
-        # A full disk is reported by the store, which needs the room more urgently.
+        # A full disk is reported by the trial store, which matters more.
         with suppress(OSError):
             self._file.parent.mkdir(parents=True, exist_ok=True)
             with self._file.open("a", encoding="utf-8") as file:
                 file.write(f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {text}\n")
         if end.outside and not self._said:
             self._said = True
-            self._say(f"{end.message}, probably from outside: its runs are repeated (every such end: {self._file})")
+            text = f"{end.message}, probably by another program or the system"
+            self._say(f"{text}; its runs are repeated (further cases are listed in {self._file})")

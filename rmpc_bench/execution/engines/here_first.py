@@ -1,4 +1,4 @@
-"""The engine that starts worker processes only where they pay.
+"""The engine that starts worker processes only where they save time.
 
 A worker process needs about a second to start.  This process computes until the time of what is left is known from what
 is finished; if it is long, worker processes do the rest.
@@ -17,7 +17,7 @@ from rmpc_bench.simulation.scenario import Experiment
 MEASURED = 2.0
 """Computing time after which the time of the rest is estimated, if not all methods are measured before [s]."""
 PAYS = 4.0
-"""Computing time that pays for starting workers [s]."""
+"""Computing time from which on starting workers saves time [s]."""
 
 Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
 

@@ -1,4 +1,4 @@
-"""What the system says of a worker process: whether it is stopped, and whether it computes."""
+"""State of a worker process: whether it is stopped, and whether it computes."""
 
 from __future__ import annotations
 
