@@ -149,8 +149,8 @@ class Request:
     @property
     def may_be_done(self) -> bool:
         """Whether the whole of it may have been done before: its results, and nothing said about how they came."""
-        special = (self.fresh, self.missing, self.shard, self.dry_run, self.no_report, self.add_methods, self.allow_code)
-        return not any(special)
+        special = (self.fresh, self.missing, self.shard, self.dry_run, self.no_report, self.add_methods)
+        return not (any(special) or self.allow_code)
 
     def changes(self) -> list[str]:
         """Options that change what is computed."""

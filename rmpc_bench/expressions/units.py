@@ -70,8 +70,8 @@ def inches(text: str) -> float:
 
     Examples
     --------
-    >>> inches("72.27pt"), inches("72 bp"), inches("2.54cm"), inches("3.5in")
-    (1.0, 1.0, 1.0, 3.5)
+    >>> inches("72.27pt"), inches("72 bp"), inches("3.5in")
+    (1.0, 1.0, 3.5)
     """
     length = _converted(str(text), _INCHES, "a length such as '252pt', '88mm' or '3.5in'")
     if not length > 0.0:

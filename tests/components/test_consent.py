@@ -92,8 +92,8 @@ def test_a_linked_configuration_allows_the_directory_of_the_link(tmp_path):
     assert "there is no file own.py" in message(tmp_path / "there" / "own.yaml")
 
 
-def test_a_configuration_without_a_directory_loads_no_code(tmp_path):
-    """From a pipe, such as stdin."""
+def test_a_configuration_from_a_pipe_loads_no_code(tmp_path):
+    """Such as stdin: it is no regular file, and has no directory whose code could be allowed."""
     path = write(tmp_path)
     read, writing = os.pipe()
     with os.fdopen(writing, "w") as pipe:
@@ -102,7 +102,7 @@ def test_a_configuration_without_a_directory_loads_no_code(tmp_path):
         said = message(f"/dev/fd/{read}")
     finally:
         os.close(read)
-    assert said == "own.py: a configuration that is no file in a directory may load no Python file"
+    assert said == "cannot be read: is not a regular file"
 
 
 def test_the_environment_refuses_all_code(tmp_path, monkeypatch):

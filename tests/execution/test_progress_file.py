@@ -156,7 +156,7 @@ def test_writers_that_have_died(tmp_path, keys, age, state):
     found = read_status(out, now=now)
     assert [part.state for part in found.shards] == [state]
     assert found.rate == (3.0 if state == "running" else 0.0)
-    assert found.left == (2.0 if state == "running" else None)
+    assert found.left_seconds == (2.0 if state == "running" else None)
     assert found.not_computed == (0 if state == "running" else 6)
 
 
