@@ -8,8 +8,8 @@ Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
 Assumed Process noise is added to the first four states at the end of a sample.  The mode of each body (stick or slip)
         is determined from the state alone at the start of a sample.  Integration by Taylor series between friction
         events (servo_kernel.py) leaves only rounding errors: 1e-14 rad in the load angle of the loops of Fig. 7.
-Cost    1.0 us per run and sample of 0.1 s in Fig. 7 (`make perf`: 0.16 s for its 160,000).  Below 0.1 H the time is
-        inversely proportional to L: 0.27 ms at 1e-3 H.
+Cost    1.0 us per run and sample of 0.1 s in Fig. 7 (0.16 s for its 160,000, `pytest -m perf
+        tests/perf/test_servo_cost.py`).  Below 0.1 H the time is inversely proportional to L: 0.27 ms at 1e-3 H.
 Fails   Status `out-of-range`: a drawn inertia, resistance, inductance or gear ratio is not positive, another parameter
         is negative, or |eigenvalue| Ts of the linear part exceeds 20,000.  Status `too-many-events`: friction stops and
         releases a body more than 1000 times in a sample, or a sample needs more than 20,000 series.  Such a sample

@@ -1,19 +1,16 @@
-"""Closed loops: whole blocks of this package beside a loop over runs and samples with other libraries."""
+"""Closed loops: whole blocks of this package beside a loop over runs and samples with other libraries.
 
-import warnings
+Our side also draws the random numbers and computes all metrics of the experiment.
+"""
 
 import numpy as np
 
+from perf.programs import FIG7, STEPS, experiment, program
 from perf.row import Row
 
-FIG7 = "configs/zenere2018/fig7.yaml"
-STEPS, RUNS_OF_SCRIPT, STEPS_OF_DO_MPC = 200, 2, 20
-
-
-def experiment(path=FIG7):
-    from rmpc_bench.config.load import load_config
-
-    return load_config(path).experiment
+EXP2, STEPS_OF_ROBOT = "configs/belda2017/exp2.yaml", 100
+FIG4 = "configs/souto2011/fig4.yaml"
+JOBS, RUNS_OF_JOBLIB, RUNS_STORED = 2, 25, 2000
 
 
 def blocks(path, runs, methods=None):
@@ -26,91 +23,67 @@ def blocks(path, runs, methods=None):
 
     def work():
         with single_thread():
-            return [simulate_block(made, method, range(runs)) for method in chosen]
+            found = [simulate_block(made, method, range(runs)) for method in chosen]
+        return found[0].metrics[0]
 
     return work, runs * len(chosen) * made.n_steps
 
 
-def script(n_runs=RUNS_OF_SCRIPT):
-    """Fig. 7 with S-MPC as a script: a loop over runs and samples, filterpy's filter, an event-driven integration."""
-    from filterpy.kalman import KalmanFilter
-    from plants.servo_loops import ReferencePlant
-    from plants.servo_oracle import flow
-
-    made = experiment()
-    method, filtered = made.method("S-MPC"), made.methods[0].estimator
-    rows = made.scenario.draw(ReferencePlant(), range(n_runs), 1).delta
-    law, r = method.controller, np.full(method.controller.preview - 1, np.pi / 2)
-
-    def one_run(p):
-        kf = KalmanFilter(dim_x=4, dim_z=1, dim_u=1)
-        kf.F, kf.B, kf.H = filtered.F[0], filtered.B[0], filtered.C[0]
-        kf.Q, kf.R = np.reshape(filtered.Q_w, (-1, 4, 4))[0], np.reshape(filtered.R_v, (-1, 1, 1))[0]
-        kf.P, kf.x = kf.Q.copy(), np.zeros((4, 1))
-        x, u, total = np.zeros(5), np.zeros(1), 0.0
-        for _ in range(STEPS):
-            kf.update(x[:1, None])
-            total += (x[0] - np.pi / 2) ** 2
-            u = np.clip(u - law.K_u @ u + law.K_r @ r - law.K_x @ kf.x[:, 0], law.low, law.high)
-            kf.predict(u[:, None])
-            x = flow(p, x, float(u[0]), 0.1, rtol=1e-6, atol=1e-8)
-        return total / STEPS
-
-    return lambda: [one_run(p) for p in rows], n_runs * STEPS
+def loop(law, n_runs):
+    """Compute runs of Fig. 7 with S-MPC by a plain program; a unit is a sample of a run."""
+    return program(law, n_runs), n_runs * STEPS
 
 
-def do_mpc_steps():
-    """Solve the control problem of Fig. 7 at every sample with do-mpc; a unit is a sample of a run."""
-    warnings.filterwarnings("ignore")
-    import do_mpc
-
-    made = experiment().methods[0].estimator
-    A, B, C = made.F[0], made.B[0], made.C[0]
-    model = do_mpc.model.Model("discrete")
-    x, u = model.set_variable("_x", "x", (4, 1)), model.set_variable("_u", "u", (1, 1))
-    model.set_rhs("x", A @ x + B @ u)
-    model.setup()
-    mpc = do_mpc.controller.MPC(model)
-    mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = 10, 0.1, False
-    mpc.settings.supress_ipopt_output()
-    error = (C @ x - np.pi / 2) / (2 * np.pi)
-    mpc.set_objective(mterm=0.1 * error**2, lterm=0.1 * error**2)
-    mpc.set_rterm(u=0.1 / 440**2)
-    mpc.bounds["lower", "_u", "u"], mpc.bounds["upper", "_u", "u"] = -220.0, 220.0
-    mpc.setup()
-
-    def work():
-        mpc.x0 = np.zeros((4, 1))
-        mpc.set_initial_guess()
-        state = np.zeros((4, 1))
-        for _ in range(STEPS_OF_DO_MPC):
-            state = A @ state + B @ mpc.make_step(state)
-
-    return work, STEPS_OF_DO_MPC
-
-
-def predictor_script():
-    """souto2011 Fig. 4 run by run, in NumPy."""
+def predictor_script(n_runs=3):
+    """Compute souto2011 Fig. 4 run by run, in NumPy."""
     from rmpc_bench.simulation.threads import single_thread
 
-    made = experiment("configs/souto2011/fig4.yaml")
+    made = experiment(FIG4)
     schedule, m, n = made.methods[0].estimator, made.plant.system.at(0), made.n_steps
-    draws = made.scenario.draw(made.plant, range(1), n)
+    draws = made.scenario.draw(made.plant, range(n_runs), n)
+
+    def one_run(i):
+        x, x_hat, squares = draws.x0[i], schedule.x0, 0.0
+        for k in range(n):
+            F_x, F_w, F_v = (F[i, k] for F in draws.delta)
+            w, v = draws.w[i, k], draws.v[i, k]
+            y = (m.C + m.H_C @ F_x @ m.G_x) @ x + (m.Dv + m.H_Dv @ F_v @ m.G_v) @ v
+            squares += np.sum((x_hat - x) ** 2)
+            x_hat = schedule.F[k] @ x_hat + schedule.f[0] + schedule.K[k] @ (y - m.C @ x_hat)
+            x = (m.A + m.H_A @ F_x @ m.G_x) @ x + (m.Bw + m.H_Bw @ F_w @ m.G_w) @ w
+        return squares / (2 * n)
 
     def work():
         with single_thread():
-            x, x_hat = draws.x0[0], schedule.x0
-            for k in range(n):
-                F_x, F_w, F_v = (F[0, k] for F in draws.delta)
-                w, v = draws.w[0, k], draws.v[0, k]
-                y = (m.C + m.H_C @ F_x @ m.G_x) @ x + (m.Dv + m.H_Dv @ F_v @ m.G_v) @ v
-                x_hat = schedule.F[k] @ x_hat + schedule.f[0] + schedule.K[k] @ (y - m.C @ x_hat)
-                x = (m.A + m.H_A @ F_x @ m.G_x) @ x + (m.Bw + m.H_Bw @ F_w @ m.G_w) @ w
+            return [one_run(i) for i in range(n_runs)]
 
-    return work, n
+    return work, n_runs * n
 
 
-def runs_of_fig7(n_runs, jobs=1):
+def robot(name, *, plain):
+    """Simulate the first steps of the robot of belda2017 with a method; a unit is a step of a run."""
+    from papers import belda_twin
+
+    from rmpc_bench.simulation.closed_loop import simulate
+    from rmpc_bench.simulation.threads import single_thread
+
+    made, n = experiment(EXP2), STEPS_OF_ROBOT
+    n_runs, method = (1 if plain else 50), made.method(name)
+    draws = made.scenario.draw(made.plant, range(n_runs), n)
+    r = made.scenario.reference.sample(n + 1 + method.controller.preview)
+
+    def work():
+        with single_thread():
+            if plain:
+                x = belda_twin.simulate(draws.v[0, :n], tuned=name == "tuned").x
+            else:
+                x = simulate(made.plant, method, draws, r, n)[0].x[0]
+        return x[-10:, :3]
+
+    return work, n_runs * n
+
+
+def runs_of_fig7(n_runs):
     """Compute and store runs of Fig. 7; a unit is a run with one method."""
     import tempfile
 
@@ -118,56 +91,70 @@ def runs_of_fig7(n_runs, jobs=1):
     from rmpc_bench.execution.results import run
 
     config = load_config(FIG7, runs=n_runs)
-    return lambda: run(config, directory=tempfile.mkdtemp(), jobs=jobs), n_runs * 4
+
+    def work():
+        results = run(config, directory=tempfile.mkdtemp(), jobs=JOBS)
+        return results.trials.points[0].column("mse", "S-MPC")
+
+    return work, n_runs * 4
 
 
 def joblib_runs():
-    """Fig. 7 with joblib, one run with one method per task."""
+    """Compute Fig. 7 with joblib, one run with one method per task; nothing is stored."""
     from joblib import Parallel, delayed
+    from joblib.externals.loky import get_reusable_executor
 
     from rmpc_bench.simulation.closed_loop import simulate_block
 
     made = experiment()
-    tasks = [delayed(simulate_block)(made, method, range(i, i + 1)) for method in made.methods for i in range(50)]
+    tasks = [
+        delayed(simulate_block)(made, method, range(i, i + 1)) for method in made.methods for i in range(RUNS_OF_JOBLIB)
+    ]
 
     def work():
-        from joblib.externals.loky import get_reusable_executor
-
-        found = Parallel(n_jobs=2)(tasks)
+        found = Parallel(n_jobs=JOBS)(tasks)
         # Its workers end, so that their time is known.
         get_reusable_executor().shutdown(wait=True)
-        return found
+        return [block.metrics[0, 0] for block in found[:RUNS_OF_JOBLIB]]
 
     return work, len(tasks)
 
 
-SCRIPT = "Python loop, filterpy, event-driven DOP853"
+LOOP = "loop over runs and samples: filterpy, solve_ivp with events"
+DO_MPC = "the same loop, the control problem solved by do-mpc at every sample"
+ROBOT = "loop over steps in NumPy, linear programs by SciPy linprog (HiGHS)"
 ROWS = [
-    Row("servo: Fig. 7, S-MPC", "run-step", lambda: blocks(FIG7, 200, ["S-MPC"]), script, SCRIPT),
-    Row("servo: Fig. 7, four methods", "run-step", lambda: blocks(FIG7, 200), script, SCRIPT),
-    Row("servo: Fig. 7, S-MPC", "run-step", lambda: blocks(FIG7, 200, ["S-MPC"]), do_mpc_steps, "do-mpc per step"),
+    Row("servo: Fig. 7, S-MPC", "run-step", lambda: blocks(FIG7, 200, ["S-MPC"]), lambda: loop("gains", 2), LOOP),
+    Row("servo: Fig. 7, four methods", "run-step", lambda: blocks(FIG7, 200), lambda: loop("gains", 2), LOOP),
+    Row("servo: Fig. 7, S-MPC", "run-step", lambda: blocks(FIG7, 200, ["S-MPC"]), lambda: loop("do-mpc", 1), DO_MPC),
     Row(
-        "uncertain linear: souto2011 Fig. 4",
+        "uncertain linear: souto2011 Fig. 4, ERP",
         "run-step",
-        lambda: blocks("configs/souto2011/fig4.yaml", 200),
+        lambda: blocks(FIG4, 200, [experiment(FIG4).methods[0].name]),
         predictor_script,
-        "NumPy loop over one run",
+        "loop over runs and steps in NumPy",
     ),
-    Row("runs of Fig. 7, stored", "run", lambda: runs_of_fig7(4000), joblib_runs, "joblib, a task per run"),
-    Row("100,000 x 4 of Fig. 7", "run", lambda: runs_of_fig7(100_000, 2), lambda: _runs(script(20)), SCRIPT, True),
     Row(
-        "100,000 x 4 of Fig. 7", "run", lambda: runs_of_fig7(100_000, 2), lambda: _of_do_mpc(), "do-mpc per step", True
+        "robot: belda2017, LP1, GPC",
+        "run-step",
+        lambda: robot("constant", plain=False),
+        lambda: robot("constant", plain=True),
+        ROBOT,
+        1e-5,
     ),
-    Row("1,000,000 x 4 of Fig. 7", "run", lambda: runs_of_fig7(1_000_000, 2), lambda: _runs(script(20)), SCRIPT, True),
+    Row(
+        "robot: belda2017, LP1, LP2, GPC",
+        "run-step",
+        lambda: robot("tuned", plain=False),
+        lambda: robot("tuned", plain=True),
+        ROBOT,
+        1e-4,
+    ),
+    Row(
+        f"{RUNS_STORED} runs of Fig. 7, {JOBS} workers, stored",
+        "run",
+        lambda: runs_of_fig7(RUNS_STORED),
+        joblib_runs,
+        f"joblib, {JOBS} workers, a task per run, not stored",
+    ),
 ]
-
-
-def _runs(made):
-    work, units = made
-    return work, units / STEPS
-
-
-def _of_do_mpc():
-    """Twenty solutions at each of 20 runs' first samples stand for whole runs."""
-    work, units = do_mpc_steps()
-    return lambda: [work() for _ in range(20)], 20 * units / STEPS

@@ -9,13 +9,15 @@ from typing import NamedTuple
 
 SHORTEST = 0.05
 """Least time of a round [s]."""
+LONGEST = 3.0
+"""Time of a round after which no further one is measured [s]."""
 
 
 class Row(NamedTuple):
     """A piece of work.
 
     `ours` and `baseline` prepare it and return a function without arguments, which is measured, and how many units of
-    the work a call of it does.
+    the work a call of it does.  What both functions return is compared: numbers, or None where there are none.
     """
 
     name: str
@@ -24,20 +26,20 @@ class Row(NamedTuple):
     baseline: Callable[[], tuple[Callable[[], object], float]]
     beside: str
     """What the baseline is, in words."""
-    large: bool = False
-    """Whether it takes minutes: `make perf-large` measures it."""
+    tolerance: float = 1e-6
+    """Largest difference of the numbers of both sides, relative to the largest of them."""
 
 
 def cpu():
-    """Time of this process and of those that it has waited for [s]."""
+    """Return the time of this process and of those that it has waited for [s]."""
     times = os.times()
     return time.process_time() + times.children_user + times.children_system
 
 
 def measured(prepare, rounds=3):
-    """Return the least time of a unit of the work [s], after one call that does not count."""
+    """Return the least time of a unit of the work [s] and what the work returns, after one call that does not count."""
     work, units = prepare()
-    work()
+    result = work()
     best = float("inf")
     for _ in range(rounds):
         before, calls = cpu(), 0
@@ -46,6 +48,6 @@ def measured(prepare, rounds=3):
             work()
             calls += 1
         best = min(best, (cpu() - before) / calls)
-        if best > 20.0:
+        if best > LONGEST:
             break
-    return max(best, 1e-9) / units
+    return max(best, 1e-9) / units, result

@@ -1,4 +1,4 @@
-"""Speed of minimax control; `make perf` prints the table.  Nothing here asserts a time.
+"""Speed of minimax control; `pytest -m perf` of this file prints the table.  Nothing here asserts a time.
 
 Table II asks for 100 rounds x 100 steps x 3 methods = 30,000 solutions at N = 100.
 """

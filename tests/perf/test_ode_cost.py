@@ -1,4 +1,7 @@
-"""Speed of a sample of a differential equation; `make perf` prints the table.  Nothing here asserts a time."""
+"""Speed of a sample of a differential equation; `pytest -m perf` of this file prints the table.
+
+Nothing here asserts a time.
+"""
 
 import numpy as np
 import pytest

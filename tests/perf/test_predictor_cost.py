@@ -1,4 +1,7 @@
-"""Speed of the predictors of souto2011; `make perf` prints the table.  Nothing here asserts a time."""
+"""Speed of the predictors of souto2011; `pytest -m perf` of this file prints the table.
+
+Nothing here asserts a time.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,7 @@
-"""Speed of the parallel robot's kernel at block size; `make perf` prints the table.  Nothing here asserts a time."""
+"""Speed of the parallel robot's kernel at block size; `pytest -m perf` of this file prints the table.
+
+Nothing here asserts a time.
+"""
 
 import numpy as np
 import pytest
