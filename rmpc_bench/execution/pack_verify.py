@@ -33,6 +33,7 @@ from rmpc_bench.execution.pack_rows import (
 )
 from rmpc_bench.execution.results import Results, run
 from rmpc_bench.execution.runner import RESOLVED
+from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.execution.verification import Verification
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 
@@ -163,13 +164,17 @@ class _Packed:
         wanted = [name for name in config.methods if name in {*rows["method"]}] or list(config.methods)
         n_packed = int(rows["run"].max()) + 1 if len(rows) else config.experiment.n_runs
         n_runs = min(runs or n_packed, n_packed)
-        if n_runs != config.experiment.n_runs:
+        rule = stop_of(config, None)
+        level = config.statistics.confidence if rule is None else rule.level
+        # The packed runs are computed again as they are; a stopping rule has chosen their number and the level.
+        if rule is not None or n_runs != config.experiment.n_runs:
             config = load_config(self._directory / RESOLVED, runs=n_runs)
         other = self.manifest.get("experiment") != config.hash
         if claim:
             config, wanted = only_claim(config, claim, wanted)
         here = run(config, directory=again, jobs=jobs, only=wanted, progress=progress)
         extent = _Extent(all_runs=n_runs == n_packed, all_claims=not claim)
+        here = replace(here, trials=_with_look(here.trials, self.manifest, level))
         found = self._compared(config, here, rows[rows["run"] < n_runs], extent)
         size = f"runs 0 to {n_runs - 1} of {n_packed}" if n_runs < n_packed else f"all {n_packed} runs"
         scope = f"{size}, {len(wanted)} method{'s' * (len(wanted) > 1)}" + (f", claim {claim}" if claim else "")
@@ -184,7 +189,7 @@ class _Packed:
 
     def _compared(self, config: ExperimentConfig, results: Results, rows: Any, extent: _Extent) -> Verification:
         """Compare rows, printed digits, findings and, where all runs were computed, series."""
-        here = _with_look(results.trials, self.manifest)
+        here = results.trials
         chosen = rows[rows["method"].isin(here.methods)]
         ends = {point.title: point.experiment.n_steps * (here.Ts or 1.0) for point in config.points}
         packed, moved = without_moved(with_rows(here, chosen), here, ends)
@@ -239,12 +244,12 @@ def _of_packed(found: TrialDifferences, *, complete: bool) -> TrialDifferences:
     return replace(found, runs=runs, methods=(found.methods[0], ()), points=points)
 
 
-def _with_look(trials: Trials, packed: dict[str, Any]) -> Trials:
-    """Give a table the number of the look at which the packed tables were made: their levels depend on it."""
+def _with_look(trials: Trials, packed: dict[str, Any], level: float) -> Trials:
+    """Give a table the look at which the packed tables were made, by hand or by a rule: their levels depend on it."""
     looks = [n for n in packed.get("looks", []) if isinstance(n, int)]
     look = number_of_look(looks, max(len(table.runs) for table in trials.each))
-    points = tuple(replace(table, look=look) for table in trials.points)
-    return replace(trials, look=look, points=points)
+    points = tuple(replace(table, look=look, confidence=level) for table in trials.points)
+    return replace(trials, look=look, confidence=level, points=points)
 
 
 def _tables(trials: Trials) -> dict[str, str]:

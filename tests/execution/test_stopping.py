@@ -107,6 +107,16 @@ def test_workers_and_blocks_do_not_move_the_stop(width, tmp_path, jobs, block):
     assert looks(tmp_path / "a") == looks(tmp_path / "b")
 
 
+@pytest.mark.parametrize("engine", ["joblib", "dask"])
+def test_engines_do_not_move_the_stop(width, tmp_path, engine):
+    """Tasks of the next look are added while the engine works."""
+    pytest.importorskip("distributed" if engine == "dask" else "joblib")
+    csv = computed(width, tmp_path / "a")
+    run(load_config(width), directory=tmp_path / "b", jobs=2, engine=engine)
+    assert load_results(tmp_path / "b").trials.frame.to_csv() == csv
+    assert looks(tmp_path / "a") == looks(tmp_path / "b")
+
+
 @pytest.mark.parametrize("after", [1, 4, 8])
 def test_an_interruption_does_not_move_the_stop(width, tmp_path, monkeypatch, after):
     """Within a look or at its end, before it is stored or after."""
