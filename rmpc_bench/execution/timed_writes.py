@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import RLock, Timer
 
-from rmpc_bench.execution.database import Database, WriteError
+from rmpc_bench.execution.database import Database, StoreError, WriteError
 from rmpc_bench.execution.interrupts import held
 
 INTERVAL = 0.5
@@ -36,7 +36,7 @@ class TimedWrites:
         self._at_end: list[tuple[Write, Callable[[], None]]] = []
         self._timer: Timer | None = None
         self._last = -INTERVAL
-        self._error: WriteError | None = None
+        self._error: StoreError | WriteError | None = None
 
     def at_end(self, write: Write, forget: Callable[[], None]) -> None:
         """Call functions at the end of every transaction.
@@ -113,7 +113,7 @@ class TimedWrites:
             self._timer = None
             try:
                 self.flush()
-            except WriteError as error:
+            except (StoreError, WriteError) as error:
                 # Raised by the next call of the thread that computes.
                 self._error = error
 

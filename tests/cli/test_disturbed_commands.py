@@ -1,13 +1,18 @@
-"""Promises under disturbance: writers that start at once, and a full disk."""
+"""Promises under disturbance: random kills, writers that start at once, a full disk, and hash seeds."""
 
+import os
 import resource
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from small_experiment import ran
 from small_experiment import write as write_keys
+from stored_rows import n_stored
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
 OWN = """
@@ -26,6 +31,9 @@ class Slow:
         return self.x_hat
 """
 METHODS = "{S-MPC: {estimator: {kind: kalman}}, slow: {estimator: {file: 'own.py:Slow'}}}"
+TIMED = {"manifest.json", "progress.json", "published.json", "timings.csv", "trials.sqlite"}
+"""Files with times."""
+KILLED = [["--engine", "serial"], ["-j", "2"], ["--shard", "1/2", "-j", "2"], ["--shard", "2/2", "-j", "1"]]
 
 
 def write(directory, seconds, **keys):
@@ -73,3 +81,44 @@ def test_a_full_disk(tmp_path, size):
     assert code == 74 and "cannot be written" in err and len(err.splitlines()) < 6, err
     expected = ran(path, tmp_path / "other")
     assert ran(path, tmp_path / "out") == expected
+
+
+@pytest.mark.parametrize("n_kills", [4, pytest.param(20, marks=pytest.mark.slow)])
+def test_kills_at_random_moments(tmp_path, n_kills):
+    """No stored trial is lost, and what remains ends in the bytes of a run that nobody disturbs."""
+    rng, runs = np.random.default_rng(n_kills), 30 * n_kills
+    path = write(tmp_path / "killed", 0.05, runs=runs)
+    before, n_hit = dict[str, int](), 0
+    for number in range(n_kills):
+        process = start(path, *KILLED[number % len(KILLED)])
+        time.sleep(rng.uniform(0.2, 5.0))
+        n_hit += process.poll() is None
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        assert process.communicate(timeout=60) and process.returncode in (0, -signal.SIGKILL)
+        places = [path.parent / "out", *(path.parent / "out" / "shards").glob("*")]
+        after = {place.name: n_stored(place) for place in places if (place / "trials.sqlite").exists()}
+        assert all(after[name] >= n for name, n in before.items())
+        before = after
+    assert n_hit >= n_kills / 2
+    code, err = ended(start(path, "--missing", "-j", "2"))
+    assert code == 0, err
+    expected = ran(write(tmp_path / "undisturbed", 0.0, runs=runs), tmp_path / "undisturbed" / "out")
+    assert (path.parent / "out" / "trials.csv").read_bytes() == expected
+
+
+def test_hash_seeds(tmp_path):
+    """No file of the results depends on the order of sets."""
+    path = write_keys(tmp_path, runs=12, figures="[boxplot, paired]")
+    found = []
+    for seed in range(4):
+        out = tmp_path / str(seed) / "out"
+        process = start(path, "-j", "1", "-o", out, env={**os.environ, "PYTHONHASHSEED": str(seed)})
+        assert ended(process)[0] == 0
+        files = {each.relative_to(out).as_posix(): each for each in sorted(out.rglob("*")) if each.is_file()}
+        found.append({name: each.read_bytes() for name, each in files.items() if name not in TIMED})
+    for name, content in found[0].items():
+        assert all(each[name] == content for each in found), name
+    assert all(each.keys() == found[0].keys() for each in found)

@@ -230,3 +230,11 @@ def test_an_interruption(tmp_path):
             gone(process.pid)
     finally:
         process.kill()
+
+
+@pytest.mark.parametrize("address", ["foo", "tcp://foo", "foo:x", "127.0.0.1:99999", ""])
+def test_an_address_that_is_none(tmp_path, address):
+    """A client of dask would wait for it without end."""
+    result = cli("run", write(tmp_path), "-o", tmp_path / "out", "--engine", "dask", "--scheduler", address)
+    assert result.exit_code == 2
+    assert "is no address of a scheduler" in result.stderr

@@ -94,7 +94,7 @@ def runs_of_fig7(n_runs):
 
     def work():
         results = run(config, directory=tempfile.mkdtemp(), jobs=JOBS)
-        return results.trials.points[0].column("mse", "S-MPC")
+        return results.trials.each[0].column("mse", "S-MPC")[:RUNS_OF_JOBLIB]
 
     return work, n_runs * 4
 

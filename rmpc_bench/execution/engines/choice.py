@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Generator, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,8 +20,12 @@ from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Done, Task, components_of, has_own_code
 from rmpc_bench.execution.engines.watch import Limits
 from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.execution.worker_error import WorkerError
 from rmpc_bench.simulation.scenario import Experiment
 
+_ADDRESS = re.compile(r"([a-z]+://)?(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):[0-9]{1,5}")
+LAST_PORT = 65_535
+"""The largest number of a port."""
 Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
 """Takes tasks from a queue until it is empty and all of them are finished.
 
@@ -71,11 +76,25 @@ def choose_engine(
         # Only here: the other engines need nothing of dask.
         from rmpc_bench.execution.engines.dask_cluster import dask_cluster
 
+        _check_address(scheduler)
         return partial(dask_cluster, workers=n, scheduler=scheduler, **keys)
     engine = partial(processes, workers=n, **keys)
     if name is None and workers is None and not isolated and not own:
         return partial(here_first, workers=engine)
     return engine
+
+
+def _check_address(scheduler: str | None) -> None:
+    """Refuse what is no address: a client of dask may wait without end for one without a port.
+
+    Raises
+    ------
+    WorkerError
+        If it is not ``tcp://HOST:PORT`` or the same of another protocol.
+    """
+    found = scheduler is None or _ADDRESS.fullmatch(scheduler)
+    if not found or (scheduler and int(scheduler.rpartition(":")[2]) > LAST_PORT):
+        raise WorkerError(f"engine dask: {scheduler!r} is no address of a scheduler, such as tcp://node7:8786")
 
 
 def limits_of(execution: Execution) -> Limits:
