@@ -59,10 +59,10 @@ def test_arrays_of_pbs(qstat, text, index, expected, name):
 
 def test_pbs_without_qstat(qstat):
     """The message has a command that works."""
-    with pytest.raises(ArrayJobError, match=r"`qstat -f 7\[\].node` does not say how many tasks .* give --shard with"):
+    with pytest.raises(ArrayJobError, match=r"`qstat -f 7\[\].node` does not show how many tasks .* give --shard with"):
         shard_of_array_job({"PBS_ARRAY_INDEX": "1", "PBS_ARRAY_ID": "7[].node"})
     qstat("unknown job", code=35)
-    with pytest.raises(ArrayJobError, match="does not say how many tasks"):
+    with pytest.raises(ArrayJobError, match="does not show how many tasks"):
         shard_of_array_job({"PBS_ARRAY_INDEX": "1", "PBS_ARRAY_ID": "7[].node"})
     qstat("    queue = short\n")
     with pytest.raises(ArrayJobError, match="shows no range of indices"):

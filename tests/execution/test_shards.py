@@ -215,7 +215,7 @@ def test_other_experiments_are_refused(serial, tmp_path):
     for options in ((), ("--partial",)):
         refused = joined(tmp_path / "out", *options)
         assert refused.exit_code == 5
-        assert "shards/2-of-2 is a part of another experiment than 1-of-2" in refused.stderr
+        assert "shards/2-of-2 is a shard of another experiment than 1-of-2" in refused.stderr
     assert not (tmp_path / "out" / "trials.sqlite").exists()
     refused = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--missing")
     assert refused.exit_code == 5 and "2-of-2 holds another experiment:\n  seed" in refused.stderr
@@ -327,7 +327,7 @@ def test_a_method_of_some_shards_only(serial, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--shard", "1/2", "--missing"], "--shard computes a part"),
+        (["--shard", "1/2", "--missing"], "--shard computes one shard"),
         (["--shard", "1/2", "--strict"], "--strict needs all runs"),
         (["--no-report", "--strict"], "--no-report leaves out"),
         (["--missing", "--fresh"], "--fresh sets them aside"),
@@ -344,7 +344,7 @@ def test_shards_that_a_run_does_not_use(serial, tmp_path):
     path, _ = serial
     shard(path, tmp_path / "out", "1/2")
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none")
-    assert "has shards, which are not used: --missing takes their trials" in result.stderr
+    assert "has shards, which are not used; with --missing their trials are taken" in result.stderr
 
 
 def test_a_dry_run_of_a_shard(serial, tmp_path):
