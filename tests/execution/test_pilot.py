@@ -55,7 +55,8 @@ def test_check_prints_time_memory_and_shards(tmp_path):
     path = write(tmp_path, runs=400)
     found = cli("check", path, "--shards", 4)
     assert found.exit_code == 0, found.output
-    assert "s of CPU time, from" in found.stdout and "MB of memory in the process that writes the report" in found.stdout
+    assert "s of CPU time, from" in found.stdout
+    assert "MB of memory in the process that writes the report" in found.stdout
     assert "4, each of at most 100 runs" in found.stdout
     assert "time limit for a batch script: 00:0" in found.stdout
     assert "--deep measures it" in cli("check", path).stdout
