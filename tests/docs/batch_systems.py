@@ -59,12 +59,16 @@ main()
 JOBQUEUE = '''
 """Stand-in for dask-jobqueue: the workers are processes of this machine."""
 
+import logging
+
 from distributed import LocalCluster
 
 
 class SLURMCluster(LocalCluster):
     def __init__(self, cores, processes, memory, walltime):
-        super().__init__(n_workers=0, threads_per_worker=cores // processes, dashboard_address=None)
+        # A worker that ends during a heartbeat writes a traceback to its log.
+        quiet = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+        super().__init__(n_workers=0, threads_per_worker=cores // processes, **quiet)
         self.processes = processes
 
     def scale(self, jobs):
