@@ -46,8 +46,25 @@ MAY_IMPORT = {
     # A name that is replaced or refused is said where a notebook shows it.
     "registry": {"notices", "types", "installed"},
     "installed": set(),
+    "extras": set(),
+    # A system of another library is integrated as an own equation is, and made from the designs of the bench.
+    "adapters": {
+        "components",
+        "estimators",
+        "controllers",
+        "plants",
+        "models",
+        "numerics",
+        "types",
+        "extras",
+        # Exports build a configuration and simulate its plant.
+        "config",
+        "simulation",
+        "execution",
+        "rmpc_bench",
+    },
     # A user's file is named before its code runs, for programs and notebooks too.
-    "components": {"registry", "installed", "notices", "types", "numerics", "models"},
+    "components": {"registry", "installed", "extras", "notices", "types", "numerics", "models"},
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},
     # Pictures and tables are files.
@@ -57,6 +74,7 @@ MAY_IMPORT = {
     # NUMERICS is a part of the key of a trial.
     "config": {
         "registry",
+        "extras",
         "components",
         "expressions",
         "claims",
@@ -93,6 +111,14 @@ ONLY_IN = {  # a package of others -> where it may be imported
     "click": "cli/",
     "highspy": "numerics/lp.py",
     "cvxpy": "nowhere",
+    "casadi": "adapters/",
+    "control": "adapters/",
+    "do_mpc": "adapters/",
+    "filterpy": "adapters/",
+    "fmpy": "adapters/",
+    "gymnasium": "adapters/",
+    "stonesoup": "adapters/",
+    "xarray": "adapters/",
 }
 BELOW_CONFIG = (
     "types/",

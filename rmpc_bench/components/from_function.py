@@ -1,0 +1,60 @@
+"""Single-run classes around an object of another library, which a function of the user makes for every run.
+
+A decorator of an adapter turns the user's function into such a class:
+
+    @filterpy_estimator
+    def ukf(model, Ts, alpha: Positive = 0.1):
+        return UnscentedKalmanFilter(..)
+
+The arguments of the function are standard names and keys of the configuration, as those of `__init__` of a class.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+from rmpc_bench.components.single_run import single_run
+
+
+def class_around(base: type, function: Callable[..., Any]) -> type:
+    """Return a single-run class whose objects hold what a function has made.
+
+    Parameters
+    ----------
+    base : class with the methods of the component; its `__init__` takes what the function has made, and after it any
+        standard names and keys, each by its name
+    function : the user's function; its arguments are standard names and keys
+
+    Returns
+    -------
+    A class derived from `base` that is marked with `single_run` and has the name and the docstring of the function.
+
+    Examples
+    --------
+    >>> class Held:
+    ...     def __init__(self, made): self.x_hat = made
+    ...     def update(self, y): return self.x_hat
+    >>> def constant(value: float = 2.0): return [value]
+    >>> class_around(Held, constant)(value=3.0).update(1.0)
+    [3.0]
+    """
+    of_function = _arguments(function)
+    of_base = dict(list(_arguments(base.__init__).items())[2:])  # type: ignore[misc]
+
+    def make(self: Any, **given: Any) -> None:
+        made = function(**{name: value for name, value in given.items() if name in of_function})
+        base.__init__(self, made, **{name: value for name, value in given.items() if name in of_base})  # type: ignore[misc]
+
+    first = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (of_base | of_function).values()]
+    make.__signature__ = inspect.Signature([first, *every])  # type: ignore[attr-defined]
+    made_class = type(function.__name__, (base,), {"__init__": make, "__doc__": function.__doc__})
+    made_class.__qualname__, made_class.__module__ = function.__qualname__, function.__module__
+    return single_run(made_class)
+
+
+def _arguments(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Arguments by name, with annotations evaluated in the module of the function."""
+    return dict(inspect.signature(function, eval_str=True).parameters)

@@ -1,0 +1,64 @@
+"""Optional libraries: the extra of pip that installs each of them, and the kinds of components that need it.
+
+Nothing is imported before `library` is called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+EXTRAS: Mapping[str, str] = {
+    "casadi": "casadi",
+    "control": "control",
+    "do-mpc": "do_mpc",
+    "filterpy": "filterpy",
+    "fmu": "fmpy",
+    "gymnasium": "gymnasium",
+    "stonesoup": "stonesoup",
+    "xarray": "xarray",
+}
+"""Extra -> module that it installs."""
+
+NEEDED_BY: Mapping[tuple[str, str], str] = {}
+"""Group and kind of a built-in component -> the extra that it needs."""
+
+
+class MissingLibraryError(ImportError):
+    """An optional library is not installed; the message says which extra of pip installs it."""
+
+
+def is_installed(extra: str) -> bool:
+    """Whether the module of an extra can be imported; it is not imported."""
+    return find_spec(EXTRAS[extra]) is not None
+
+
+def missing(extra: str) -> str:
+    """Say that an extra is not installed.
+
+    Examples
+    --------
+    >>> missing("do-mpc")
+    "the library do_mpc is not installed; pip install 'rmpc-bench[do-mpc]' installs it"
+    """
+    return f"the library {EXTRAS[extra]} is not installed; pip install 'rmpc-bench[{extra}]' installs it"
+
+
+def library(extra: str, module: str = "") -> Any:
+    """Import and return the module of an extra.
+
+    Parameters
+    ----------
+    extra : a key of `EXTRAS`
+    module : a submodule, such as ``kalman`` of filterpy
+
+    Raises
+    ------
+    MissingLibraryError
+        If it is not installed.
+    """
+    if not is_installed(extra):
+        raise MissingLibraryError(missing(extra))
+    return import_module(".".join(filter(None, [EXTRAS[extra], module])))
