@@ -19,6 +19,7 @@ class RunNotes:
     failures : failures that have a description, in the order of the runs
     held : run -> number of held steps, of the runs that have some
     warnings : text of a warning of a component -> how often it was given
+    seconds_per_step : time of estimator and controller together per run and step [s]; None where it is not known
     """
 
     n_steps: int
@@ -26,6 +27,7 @@ class RunNotes:
     failures: tuple[RunFailure, ...] = ()
     held: Mapping[int, int] = field(default_factory=dict)
     warnings: Mapping[str, int] = field(default_factory=dict)
+    seconds_per_step: float | None = None
 
     @property
     def n_held(self) -> int:

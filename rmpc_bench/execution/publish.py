@@ -193,7 +193,7 @@ def _write_table(table: DriversTable | RequirementsTable, directory: Path, name:
 
 
 def _write_timings(results: Results, path: Path) -> list[Path]:
-    """Write the durations of the calls of own components; built-in ones are not timed one by one."""
+    """Write the durations of the calls of own components; and the times of built-in ones beside them."""
     path.unlink(missing_ok=True)
     if not len(results.timings):
         return []

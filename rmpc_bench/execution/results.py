@@ -14,9 +14,10 @@ from rmpc_bench.analysis.rounded_trials import rounded_trials
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.execution.database import FILE, MissingError
+from rmpc_bench.execution.step_times import timings
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
-from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, timings, uncertainty
+from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, uncertainty
 
 if TYPE_CHECKING:
     from rmpc_bench.config.component import Component

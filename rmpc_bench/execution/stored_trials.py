@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,6 +16,7 @@ from rmpc_bench.execution import manifest
 from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.other_code import rows_kept_apart
 from rmpc_bench.execution.series import SeriesReader, with_point
+from rmpc_bench.execution.step_times import with_step_times
 from rmpc_bench.execution.store import WORDS, Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
 from rmpc_bench.execution.traces import traces_of, with_estimates
@@ -80,6 +80,7 @@ def _table(
     """Read the table of one point; `quantities` keeps what points share."""
     frames = {name: _frame(experiment, point, store, name) for name in point.methods}
     methods = tuple(name for name, frame in frames.items() if len(frame) or not experiment.has_runs)
+    notes = {name: _notes(experiment, point, store, name) for name in methods}
     traces = {name: trace for name in methods if (trace := traces_of(point, store, name)) is not None}
     return Trials(
         name=experiment.name,
@@ -108,7 +109,7 @@ def _table(
         groups={name: groups for name in methods if (groups := _groups(experiment, point, store, name)) is not None},
         with_verdicts=not experiment.is_smoke,
         expected_failures=experiment.expected_failures,
-        notes={name: _notes(experiment, point, store, name) for name in methods},
+        notes=with_step_times(notes, experiment, point, store),
         declared=tuple(experiment.methods),
         uncertainty=_quantities(experiment, point, store, quantities),
         random_besides=point.random_besides,
@@ -122,25 +123,6 @@ def _notes(experiment: StoredExperiment, point: StoredPoint, store: Store, name:
     failures = tuple(store.failures(method.key, n_runs))
     held, warnings = store.held(method.key, n_runs), store.warnings(method.key, n_runs)
     return RunNotes(point.n_steps, method.holds, failures, held, warnings)
-
-
-def timings(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
-    """Read how long the calls of components took: sweep columns, method, component, phase, calls and quantiles.
-
-    The phase is ``step``, ``first step`` (which may compile) or ``start``.  The quantiles have the relative error of a
-    histogram (`Durations`), 1 %.  They differ from computation to computation.
-    """
-    rows = []
-    for point in experiment.points:
-        for name, method in point.methods.items():
-            for component, durations in store.durations(method.key, experiment.n_runs).items():
-                part, _, phase = component.partition(", ")
-                seconds = [durations.quantile(0.5), durations.quantile(0.95), durations.largest]
-                share = seconds[1] / point.Ts if point.Ts else math.nan
-                numbers = [float(f"{value:.4g}") for value in (*seconds, share)]
-                rows.append([*point.coordinates.values(), name, part, phase or "step", durations.n, *numbers])
-    names = ("method", "component", "phase", "calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
-    return pd.DataFrame(rows, columns=[*experiment.paths, *names])
 
 
 def _groups(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> RunGroups | None:

@@ -29,6 +29,37 @@ def held_cells(trials: Trials, methods: list[str]) -> list[str]:
     return [f"{shares[method]:.2g} %" if method in shares else "-" for method in methods]
 
 
+def step_times(trials: Trials, methods: list[str]) -> list[str]:
+    """Return the time per step of every method, for a column of a table; none where none is known.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    methods : names in the order of the lines
+    """
+    seconds = [notes.seconds_per_step if (notes := trials.notes.get(method)) else None for method in methods]
+    return ["-" if each is None else short_time(each) for each in seconds] if any(seconds) else []
+
+
+def short_time(seconds: float) -> str:
+    """Write a time with two digits and a unit.
+
+    Examples
+    --------
+    >>> short_time(0.00672), short_time(3.1e-7), short_time(0.0123)
+    ('6.7 ms', '0.31 us', '12 ms')
+    """
+    unit, size = next((each for each in (("s", 1.0), ("ms", 1e-3)) if seconds >= 0.9995 * each[1]), ("us", 1e-6))
+    number = float(f"{seconds / size:.2g}")
+    return f"{number:.{2 if number < 1 else 1 if number < 10 else 0}f} {unit}"
+
+
+STEP_TIMES = (
+    "time per step = median time of estimator and controller for one sample of one run; it differs from machine to "
+    "machine, and that of a built-in component is the time for a block of runs divided by their number"
+)
+
+
 def held_sentences(trials: Trials) -> list[str]:
     """Say how many steps of which method were held."""
     n_runs = len(trials.runs)

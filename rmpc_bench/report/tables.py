@@ -13,7 +13,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
 from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
-from rmpc_bench.report.run_notes import held_cells, notes_markdown
+from rmpc_bench.report.run_notes import STEP_TIMES, held_cells, notes_markdown, step_times
 from rmpc_bench.report.sentences import AVERAGES, explanation, sentence
 from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo, Status
@@ -61,9 +61,12 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
         columns["held"] = ["held", *held]
     if table.with_failed and table.with_comparisons:
         columns["pairs"] = ["pairs", *cells.pairs(table)]
+    times = step_times(trials, [line.method for line in table.lines])
+    if times:
+        columns["time"] = ["time per step", *times]
     if table.with_comparisons:
         columns["verdict"] = ["", *cells.verdicts(table)]
-    return "\n".join(_laid_out(columns) + legend(table, on_screen=True))
+    return "\n".join([*_laid_out(columns), *legend(table, on_screen=True), *([STEP_TIMES] if times else [])])
 
 
 def _laid_out(columns: Mapping[str, Sequence[str]]) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.simulation.block_times import BlockTimes
 from rmpc_bench.simulation.checked_calls import checked_calls, metric_values
 from rmpc_bench.simulation.ensemble import Group, groups
 from rmpc_bench.simulation.linear_loop import applies, compiled_loop
@@ -141,7 +142,8 @@ def simulate(
     x = plant.first_state(draws.delta, x)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
     e, c = start.estimator(estimator, n_runs, draws.delta, runs), start.controller(controller, n_runs, runs)
-    moving, estimating, controlling = checked_calls(plant, method, alive, start.journal)
+    moving, *own = checked_calls(plant, method, alive, start.journal)
+    timed = BlockTimes(*own)
     known = r[: n_steps + 1].copy()
     limits = RunLimits(state_range, x, known)
     own_matrices = n_runs if plant.recorded is not None and plant.recorded.gaps else None
@@ -156,7 +158,7 @@ def simulate(
             outputs.at(k, x=x, y=y_true)
             y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k]))
             status = runs.with_reported(status)
-            e, answer = estimating.correct(k, e, y)
+            e, answer = timed.correct(k, e, y)
             estimate = as_estimate(answer)
             estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
             status = runs.after(limits.of_estimate(status, estimate.status, estimate.x_hat))
@@ -165,7 +167,7 @@ def simulate(
             outputs.matrix_at(k, "M", estimate.M if with_M else None)
             if k == n_steps:
                 break
-            c, chosen = controlling.control(k, c, y, estimate, r[k : k + preview])
+            c, chosen = timed.control(k, c, y, estimate, r[k : k + preview])
             command = as_command(chosen)
             status = runs.after(limits.of_input(status, command.status, command.u))
             u = np.array(command.u)
@@ -173,9 +175,10 @@ def simulate(
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))
             status = runs.after(limits.of_state(status, motion.status, motion.x))
             x = np.array(motion.x) if alive.all() else np.where(alive[:, None], motion.x, x)
-            e = estimating.predict(k, e, u)
+            e = timed.predict(k, e, u)
             if k == last:
                 break
+    timed.note(start.journal, n_runs, n_steps)
     record = _recorded(outputs, inputs, plant.Ts, known, controller)
     return record._replace(bursts=draws.bursts), status
 

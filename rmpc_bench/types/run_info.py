@@ -49,7 +49,8 @@ class Journal:
     ----------
     failures : run -> its first failure
     held : run -> number of held steps
-    seconds : component and phase, such as ``estimator`` or ``estimator, first step`` -> durations of its calls [s]
+    seconds : component and phase, such as ``estimator`` or ``estimator, first step`` -> durations of its calls [s];
+        phase ``block`` is the time per run and step of calls for all runs of a block
     warnings : text of a warning of a component -> how often it was given
     call : calls the methods of components written for one run in place of the bench, for a debugger
     """

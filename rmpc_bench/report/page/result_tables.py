@@ -12,6 +12,7 @@ from rmpc_bench.report.ensemble_table import ensemble_rows
 from rmpc_bench.report.page.blocks import Block, Text, bullets, code, folded, heading, table
 from rmpc_bench.report.page.headline import shown_metric
 from rmpc_bench.report.point_summary import PointSummary
+from rmpc_bench.report.run_notes import STEP_TIMES, step_times
 from rmpc_bench.report.sentences import explanation, sentence
 from rmpc_bench.report.summary import MOST_ON_SCREEN, Summary
 from rmpc_bench.report.tables import BEST, legend, metric_columns, quantity
@@ -56,21 +57,26 @@ def result_blocks(tables: Summary, methods: Sequence[str]) -> list[Block]:
 def _point_blocks(point: PointSummary, methods: Sequence[str]) -> list[Block]:
     """Return the table of the primary metric, then those of the others, folded where they are many."""
     primary = shown_metric(point.trials)
+    names = list(point.trials.methods)
+    times = step_times(point.trials, names)
     others = [info for info in point.trials.metrics if info != primary]
-    first = [] if primary is None else [_metric_block(point, primary, methods)]
+    first = [] if primary is None else [_metric_block(point, primary, methods, dict(zip(names, times, strict=False)))]
     rest = [_metric_block(point, info, methods) for info in others]
     if len(rest) <= MOST_OPEN and not point.trials.title:
         return [*first, *rest]
-    names = ", ".join(info.name for info in others)
-    return [*first, *folded(f"Other metrics: {names}", rest)]
+    folded_names = ", ".join(info.name for info in others)
+    return [*first, *folded(f"Other metrics: {folded_names}", rest)]
 
 
-def _metric_block(point: PointSummary, info: MetricInfo, methods: Sequence[str]) -> Block:
+def _metric_block(
+    point: PointSummary, info: MetricInfo, methods: Sequence[str], times: Mapping[str, str] | None = None
+) -> Block:
     trials = point.trials
     of = metric_table(trials, point.described, point.compared, info)
     columns: dict[str, Sequence[Text]] = {**metric_columns(of)}
     # What a reader looks for comes before what supports it.
     supporting = {head: columns.pop(head) for head in SUPPORTING if head in columns}
+    columns |= {"time per step": [times[line.method] for line in of.lines]} if times else {}
     columns |= supporting
     labels = columns.pop("label", None)
     if labels is not None:
@@ -78,7 +84,8 @@ def _metric_block(point: PointSummary, info: MetricInfo, methods: Sequence[str])
     numbers = [methods.index(line.method) for line in of.lines]
     best = BEST.get(info.direction, f"{info.direction} is better")
     caption = f"{quantity(info)}, {best}"
-    return table(caption, columns, methods=numbers, metric=info.name, notes=[*legend(of, on_screen=False)])
+    notes = [*legend(of, on_screen=False), *([STEP_TIMES] if times else [])]
+    return table(caption, columns, methods=numbers, metric=info.name, notes=[*notes])
 
 
 def _named(name: Text, label: Text) -> Text:

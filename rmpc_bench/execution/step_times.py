@@ -1,0 +1,71 @@
+"""How long estimators and controllers take, from the stored durations of their calls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pandas as pd
+
+from rmpc_bench.analysis.run_notes import RunNotes
+from rmpc_bench.execution.durations import Durations
+from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
+from rmpc_bench.simulation.block_times import BLOCK
+
+
+def with_step_times(
+    notes: Mapping[str, RunNotes], experiment: StoredExperiment, point: StoredPoint, store: Store
+) -> dict[str, RunNotes]:
+    """Add the times per step, where a component of some method has been called run by run.
+
+    Parameters
+    ----------
+    notes : name of a method -> what happened in its runs
+    experiment, point : the record of the experiment, and a point of its sweep
+    store : its open store
+    """
+    stored = {name: store.durations(point.methods[name].key, experiment.n_runs) for name in notes}
+    if not any(map(_is_own, stored.values())):
+        return dict(notes)
+    return {name: replace(each, seconds_per_step=_step_time(stored[name])) for name, each in notes.items()}
+
+
+def _is_own(durations: Mapping[str, Durations]) -> bool:
+    """Whether calls for single runs have been timed."""
+    return any(not phase.endswith(f", {BLOCK}") for phase in durations)
+
+
+def _step_time(durations: Mapping[str, Durations]) -> float | None:
+    """Return the median time of a step of estimator and controller together [s]; None where one is not known."""
+    total = 0.0
+    for role in ("estimator", "controller"):
+        found = durations.get(role) or durations.get(f"{role}, {BLOCK}")
+        if found is None:
+            return None
+        total += found.quantile(0.5)
+    return total
+
+
+def timings(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
+    """Read how long the calls of components took: sweep columns, method, component, phase, calls and quantiles.
+
+    The phase is ``step``, ``first step`` (which may compile) or ``start``; ``block`` is the time per run and step of a
+    component that computes all runs of a block at once.  The quantiles have the relative error of a histogram
+    (`Durations`), 1 %.  They differ from computation to computation.  Without components that are called run by run
+    there are none.
+    """
+    rows, has_own = [], False
+    for point in experiment.points:
+        for name, method in point.methods.items():
+            stored = store.durations(method.key, experiment.n_runs)
+            has_own = has_own or _is_own(stored)
+            for component, durations in stored.items():
+                part, _, phase = component.partition(", ")
+                seconds = [durations.quantile(0.5), durations.quantile(0.95), durations.largest]
+                share = seconds[1] / point.Ts if point.Ts else math.nan
+                numbers = [float(f"{value:.4g}") for value in (*seconds, share)]
+                rows.append([*point.coordinates.values(), name, part, phase or "step", durations.n, *numbers])
+    names = ("method", "component", "phase", "calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
+    return pd.DataFrame(rows if has_own else [], columns=[*experiment.paths, *names])

@@ -1,0 +1,57 @@
+"""How long the calls of estimators and controllers take that compute all runs of a block at once."""
+
+from __future__ import annotations
+
+from timeit import default_timer
+from typing import Any
+
+from rmpc_bench.types import Array, Journal
+
+BLOCK = "block"
+"""Phase under which the time per run and step is noted; calls for single runs are noted one by one elsewhere."""
+
+
+class BlockTimes:
+    """The calls of estimator and controller in the loop, with the time that they take.
+
+    Parameters
+    ----------
+    estimator, controller : what is called
+    """
+
+    def __init__(self, estimator: Any, controller: Any) -> None:
+        self._estimator, self._controller = estimator, controller
+        self._seconds = {"estimator": 0.0, "controller": 0.0}
+
+    def correct(self, k: int, state: Any, y: Array) -> Any:
+        """Call the estimator with y(k)."""
+        start = default_timer()
+        answer = self._estimator.correct(k, state, y)
+        self._seconds["estimator"] += default_timer() - start
+        return answer
+
+    def predict(self, k: int, state: Any, u: Array) -> Any:
+        """Call the estimator with u(k)."""
+        start = default_timer()
+        answer = self._estimator.predict(k, state, u)
+        self._seconds["estimator"] += default_timer() - start
+        return answer
+
+    def control(self, k: int, state: Any, y: Array, estimate: Any, r: Array) -> Any:
+        """Call the controller."""
+        start = default_timer()
+        answer = self._controller.control(k, state, y, estimate, r)
+        self._seconds["controller"] += default_timer() - start
+        return answer
+
+    def note(self, journal: Journal, n_runs: int, n_steps: int) -> None:
+        """Note the time per run and step of the components whose calls are not timed run by run.
+
+        Parameters
+        ----------
+        journal : of the block
+        n_runs, n_steps : runs of the block, control periods of a run
+        """
+        for role, seconds in self._seconds.items():
+            if not any(name.partition(",")[0] == role for name in journal.seconds):
+                journal.seconds[f"{role}, {BLOCK}"] = [seconds / (n_runs * max(n_steps, 1))]
