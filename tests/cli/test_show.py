@@ -111,7 +111,8 @@ def test_the_time_per_step_stands_in_the_table_of_the_primary_metric(done):
     lines = done[1].stdout.splitlines()
     head = next(line for line in lines if "time per step" in line)
     place = head.index("time per step")
-    rows = {line.split()[0]: line[place:].split("   ")[0] for line in lines if line.startswith(("    KF ", "    good "))}
+    shown = [line for line in lines if line.startswith(("    KF ", "    good "))]
+    rows = {line.split()[0]: line[place:].split("   ")[0] for line in shown}
     assert {*rows} == {"KF", "good"}
     assert all(time.split()[1] in ("us", "ms") for time in rows.values())
     assert "time per step" in (done[0] / "report.html").read_text(encoding="utf-8")

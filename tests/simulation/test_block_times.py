@@ -9,7 +9,6 @@ from rmpc_bench.simulation import block_times
 from rmpc_bench.simulation.block_times import BlockTimes
 from rmpc_bench.types import Journal
 
-
 NONE = np.zeros((1, 1))
 
 
