@@ -1,0 +1,9 @@
+"""Components of other libraries: through their adapter, and the library alone in a plain loop.
+
+A row has the work of one run and step.  The baseline calls the library and nothing else, so that the ratio shows the
+cost of the adapter and of the simulation around it; the difference of both times is what the adapter adds.
+"""
+
+from perf.row import Row
+
+ROWS: list[Row] = []
