@@ -1,7 +1,7 @@
 """Keys `bounds` and `diverged` of every plant: limits of the true state beyond which a run has failed.
 
-A plant with a differential equation has names for its states and inputs.  Its inputs may have bounds, too: they are
-limited to them.
+A plant may have names for its states and inputs, as one with a differential equation has.  Its inputs may then have
+bounds, too: they are limited to them.
 """
 
 from __future__ import annotations
@@ -133,12 +133,12 @@ def _largest(draft: DraftConfig, plant: Plant) -> Array | None:
 
 def state_names(plant: Plant) -> tuple[str, ...]:
     """Names of the states; ``x.0``, ``x.1`` and so on where a plant has none."""
-    return plant.ode.states if plant.ode is not None else tuple(f"x.{i}" for i in range(plant.nx))
+    return plant.signals.states if plant.signals is not None else tuple(f"x.{i}" for i in range(plant.nx))
 
 
 def _inputs(plant: Plant) -> tuple[str, ...]:
     """Names that stand for inputs in `bounds`."""
-    return () if plant.ode is None else (*plant.ode.inputs, *(f"u.{i}" for i in range(plant.nu)))
+    return () if plant.signals is None else (*plant.signals.inputs, *(f"u.{i}" for i in range(plant.nu)))
 
 
 def _states(draft: DraftConfig, plant: Plant, key: str, name: str) -> slice | None:
@@ -151,8 +151,8 @@ def _states(draft: DraftConfig, plant: Plant, key: str, name: str) -> slice | No
     number = int(name[2:]) if re.fullmatch(r"x\.\d{1,6}", name) else plant.nx
     if number < plant.nx:
         return slice(number, number + 1)
-    if plant.ode is not None:
-        known = (*names, *(plant.ode.inputs if key == "bounds" else ()))
+    if plant.signals is not None:
+        known = (*names, *(plant.signals.inputs if key == "bounds" else ()))
         noun = "state or input of this plant" if key == "bounds" else "state of this plant"
         draft.note(["plant", key, name], unknown(name, known, noun), key=True)
         return None
@@ -176,7 +176,7 @@ def _check_start_units(draft: DraftConfig, plant: Plant) -> None:
 
 
 def _wrong_units(plant: Plant, name: str, given: set[str]) -> Iterator[str]:
-    places = plant.ode.places() if plant.ode is not None else {}
+    places = plant.signals.places() if plant.signals is not None else {}
     own = next((place for place, each in places.items() if each == name and place[0] in "xu"), name)
     unit = plant.units.get(own, plant.u_unit if own.startswith("u") else "")
     for each in sorted(given - {unit}):

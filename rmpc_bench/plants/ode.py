@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.ode_names import Names
+from rmpc_bench.plants.limited_inputs import limited_inputs
 from rmpc_bench.plants.ode_design import equation, stepping_of
 from rmpc_bench.plants.ode_facts import facts
 from rmpc_bench.plants.ode_stepping import (
@@ -37,7 +38,6 @@ from rmpc_bench.plants.ode_stepping import (
     Stepping,
     advance_block,
     advance_run,
-    bounds_text,
     left_bounds,
     padded,
     rows,
@@ -141,7 +141,7 @@ class OdePlant(Plant):
         for i in _rows_where(delta.status != OK):
             _note(runs, i, 0, RunAdvance(x0[i], Status.OUT_OF_RANGE, "a parameter is not a finite number"))
         for i, name in self._outside(x0):
-            reason = f"{name} starts outside its bounds {bounds_text(self.ode, name)}"
+            reason = f"{name} starts outside its bounds {self.ode.bounds_text(name)}"
             _note(runs, i, 0, RunAdvance(x0[i], Status.OUT_OF_RANGE, reason))
         return StartedDelta(*delta, runs)
 
@@ -155,9 +155,7 @@ class OdePlant(Plant):
     ) -> Motion:
         """Integrate over sample k with constant inputs, then add the process noise."""
         runs = delta.runs if isinstance(delta, StartedDelta) else None
-        limited = np.clip(u, *self.ode.limits(self.ode.inputs))
-        if runs is not None:
-            self._count_limited(runs, u, limited)
+        limited = limited_inputs(self.ode, u, runs)
         ends = self._block if self.ode.rhs_takes_blocks and self.stepping.substeps else self._run_by_run
         # Beyond its bounds a state may be one for which rhs is not defined.
         with np.errstate(all="ignore"):
@@ -218,13 +216,6 @@ class OdePlant(Plant):
         if bounds is None or not (out := bounds.outside(x.T)).any():
             return []
         return [(i, self.ode.states[int(out[:, i].argmax())]) for i in _rows_where(out.any(axis=0))]
-
-    def _count_limited(self, runs: RunInfo, u: Array, limited: Array) -> None:
-        """Count the inputs of running runs that were beyond their bounds."""
-        beyond: Array = np.isfinite(u) & (u != limited) & runs.alive[:, None]
-        for j in _rows_where(beyond.any(axis=0)):
-            name = self.ode.inputs[j]
-            runs.journal.warnings[f"input {name} limited to {bounds_text(self.ode, name)}"] += int(beyond[:, j].sum())
 
 
 def _rows_where(condition: Any) -> list[int]:

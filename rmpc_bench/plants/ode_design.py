@@ -52,7 +52,7 @@ def equation(
         if not name.isidentifier() or name.startswith("_"):
             raise DesignError(f"{name!r} is no name: letters, digits and _, since rhs reads p.{name}", "parameters")
     nominal = {name: float(value) for name, value in parameters.items()}
-    own = _by_name(bounds, x_names, u_names)
+    own = bounds_by_name(bounds, x_names, u_names)
     record = Ode(rhs, output, x_names, u_names, y_names, nominal, {**y_units, **u_units, **units}, own, is_timed(rhs))
     start = initial(record, x0)
     # A function may meet numbers here for which it is not defined.
@@ -65,7 +65,7 @@ def equation(
     return record, {name: reason for name, reason in reasons.items() if reason}
 
 
-def _by_name(
+def bounds_by_name(
     bounds: Mapping[str, tuple[float, float]], states: tuple[str, ...], inputs: tuple[str, ...]
 ) -> dict[str, tuple[float, float]]:
     """Return the bounds of states and inputs, which may be given as ``x``, ``x.0`` or ``u.0``, by their names."""

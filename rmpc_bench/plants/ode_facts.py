@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rmpc_bench.models.ode_names import function_name
-from rmpc_bench.plants.ode_stepping import Stepping, bounds_text
+from rmpc_bench.plants.ode_stepping import Stepping
 from rmpc_bench.types import Ode
 
 
@@ -36,7 +36,7 @@ def _unit(ode: Ode, name: str) -> str:
 def _bounds(ode: Ode, name: str) -> str:
     if name not in ode.bounds:
         return ""
-    return f" {'within' if name in ode.states else 'limited to'} {bounds_text(ode, name).split(']')[0]}]"
+    return f" {'within' if name in ode.states else 'limited to'} {ode.bounds_text(name).split(']')[0]}]"
 
 
 def _solver(stepping: Stepping) -> str:

@@ -108,13 +108,7 @@ def advance_run(
 
 def left_bounds(ode: Ode, state: int, t: float) -> str:
     """Say that a state has left its bounds: ``h1 left its bounds [0.0001, 0.6] m at 12.3 s``."""
-    return f"{ode.states[state]} left its bounds {bounds_text(ode, ode.states[state])} at {t:.6g} s"
-
-
-def bounds_text(ode: Ode, name: str) -> str:
-    """Return the bounds of a state or an input with their unit."""
-    low, high = ode.bounds[name]
-    return f"[{low:g}, {high:g}] {ode.units.get(name, '')}".rstrip()
+    return f"{ode.states[state]} left its bounds {ode.bounds_text(ode.states[state])} at {t:.6g} s"
 
 
 def state_bounds(ode: Ode) -> Bounds | None:

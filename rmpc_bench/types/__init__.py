@@ -70,6 +70,7 @@ from rmpc_bench.types.records import (
 from rmpc_bench.types.reference import Reference
 from rmpc_bench.types.result_layout import ResultLayout
 from rmpc_bench.types.run_info import NO_WATCH, Journal, PassedOn, RunFailure, RunInfo, Watch
+from rmpc_bench.types.signals import NamedSignals, Signals
 from rmpc_bench.types.status import (
     Status,
     Statuses,
@@ -115,6 +116,7 @@ __all__ = [
     "MetricLayout",
     "Model",
     "Motion",
+    "NamedSignals",
     "Noise",
     "NonNegative",
     "OfTime",
@@ -135,6 +137,7 @@ __all__ = [
     "RunFailure",
     "RunInfo",
     "SampleWindow",
+    "Signals",
     "SignalLimits",
     "SolverError",
     "Status",

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array
 from rmpc_bench.types.issue import unknown
+from rmpc_bench.types.signals import NamedSignals
 
 
 class Parameters:
@@ -62,7 +63,7 @@ class Parameters:
 
 
 @dataclass(frozen=True, eq=False)
-class Ode:
+class Ode(NamedSignals):
     """An ordinary differential equation with its names; nothing in it is drawn.
 
     Parameters
@@ -93,35 +94,9 @@ class Ode:
     substeps: int = 0
 
     @property
-    def nx(self) -> int:
-        """Number of states."""
-        return len(self.states)
-
-    @property
-    def nu(self) -> int:
-        """Number of inputs."""
-        return len(self.inputs)
-
-    @property
-    def ny(self) -> int:
-        """Number of outputs."""
-        return len(self.outputs)
-
-    @property
     def p(self) -> Parameters:
         """The nominal parameters."""
         return Parameters(self.nominal)
-
-    def places(self) -> dict[str, str]:
-        """Return the names by their place in a signal: ``{"x.0": "h1", "u.0": "pump", "y.0": "level"}``."""
-        signals = {"x": self.states, "u": self.inputs, "y": self.outputs}
-        return {f"{signal}.{i}": name for signal, names in signals.items() for i, name in enumerate(names)}
-
-    def limits(self, names: Sequence[str]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Lower and upper bounds of states or inputs, given by their names."""
-        pairs = [self.bounds.get(name, (-np.inf, np.inf)) for name in names]
-        low, high = np.array(pairs, dtype=float).reshape(len(names), 2).T
-        return low, high
 
     def slope(
         self, t: float, x: Float[Array, nx * runs], u: Float[Array, nu * runs], p: Parameters

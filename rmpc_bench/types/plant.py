@@ -17,6 +17,7 @@ from rmpc_bench.types.plot_records import Panel
 from rmpc_bench.types.recorded_runs import RecordedRuns
 from rmpc_bench.types.records import LinearPlant, Motion, Period
 from rmpc_bench.types.run_info import RunInfo
+from rmpc_bench.types.signals import NamedSignals
 
 
 class Plant(Design):
@@ -130,6 +131,14 @@ class Plant(Design):
     def ode(self) -> Ode | None:
         """The differential equation of the plant with its nominal parameters; None where it has none."""
         return None
+
+    @attribute
+    def signals(self) -> NamedSignals | None:
+        """Names, units and bounds of states, inputs and outputs; None where they have no names.
+
+        `plant.bounds` may then name inputs, which `step` limits to their bounds.
+        """
+        return self.ode
 
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int

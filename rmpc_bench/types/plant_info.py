@@ -39,11 +39,11 @@ class PlantInfo(NamedTuple):
     @classmethod
     def of(cls, plant: Plant) -> PlantInfo:
         """Read a plant."""
-        ode = plant.ode
-        names = (ode.states, ode.inputs, ode.outputs) if ode else (_numbered(plant, signal) for signal in "xuy")
-        units = {**plant.units, **(ode.units if ode else {})}
+        own = plant.signals
+        names = (own.states, own.inputs, own.outputs) if own else (_numbered(plant, signal) for signal in "xuy")
+        units = {**plant.units, **(own.units if own else {})}
         units |= {name: unit for name, unit in (("y", plant.y_unit), ("u", plant.u_unit)) if unit}
-        u, x = (ode.limits(ode.inputs), ode.limits(ode.states)) if ode else (_free(plant.nu), _free(plant.nx))
+        u, x = (own.limits(own.inputs), own.limits(own.states)) if own else (_free(plant.nu), _free(plant.nx))
         states, inputs, outputs = names
         nominal = {name: float(value) for name, value in plant.nominal.items()}
         sizes = plant.nx, plant.nu, plant.ny, float(plant.Ts)

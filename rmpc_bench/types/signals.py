@@ -1,0 +1,70 @@
+"""Names, units and bounds of the states, inputs and outputs of a plant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types.basics import Array
+
+
+class NamedSignals:
+    """States, inputs and outputs with names; a subclass gives the attributes.
+
+    Parameters
+    ----------
+    states, inputs, outputs : names
+    units : name of a state, an input or an output -> unit; names without one are left out
+    bounds : name of a state or an input -> lower and upper bound; infinite where there is none
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    units: Mapping[str, str]
+    bounds: Mapping[str, tuple[float, float]]
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return len(self.inputs)
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return len(self.outputs)
+
+    def places(self) -> dict[str, str]:
+        """Return the names by their place in a signal: ``{"x.0": "h1", "u.0": "pump", "y.0": "level"}``."""
+        signals = {"x": self.states, "u": self.inputs, "y": self.outputs}
+        return {f"{signal}.{i}": name for signal, names in signals.items() for i, name in enumerate(names)}
+
+    def limits(self, names: Sequence[str]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Lower and upper bounds of states or inputs, given by their names."""
+        pairs = [self.bounds.get(name, (-np.inf, np.inf)) for name in names]
+        low, high = np.array(pairs, dtype=float).reshape(len(names), 2).T
+        return low, high
+
+    def bounds_text(self, name: str) -> str:
+        """Return the bounds of a state or an input with their unit."""
+        low, high = self.bounds[name]
+        return f"[{low:g}, {high:g}] {self.units.get(name, '')}".rstrip()
+
+
+@dataclass(frozen=True, eq=False)
+class Signals(NamedSignals):
+    """The signals of a plant that has no differential equation."""
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    units: Mapping[str, str] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
