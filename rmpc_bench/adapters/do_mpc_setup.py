@@ -1,0 +1,118 @@
+"""do-mpc: what its MPC and its MHE have in common, and a do-mpc model of a design model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+from warnings import catch_warnings, filterwarnings, simplefilter
+
+from rmpc_bench.extras import library
+from rmpc_bench.types import SolverError
+
+
+def do_mpc_library() -> Any:
+    """Import do-mpc without its warnings about optional features that are not installed."""
+    with catch_warnings():
+        simplefilter("ignore")
+        return library("do-mpc")
+
+
+def quiet(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that calls another one, in which do-mpc gives no warning that a user cannot avoid."""
+
+    @wraps(function)
+    def called(*args: Any, **keys: Any) -> Any:
+        do_mpc_library()
+        with catch_warnings():
+            # do-mpc 5.1 calls functions of NumPy with CasADi numbers, of which CasADi 3.8 warns.
+            filterwarnings("ignore", r"\s*casadi: a numpy function", FutureWarning)
+            return function(*args, **keys)
+
+    return called
+
+
+@quiet
+def set_up(made: Any, Ts: float) -> None:
+    """Set up an MPC or an MHE where the user's function has not, without output of the solver.
+
+    Parameters
+    ----------
+    made : the MPC or MHE
+    Ts : sampling time [s]
+
+    Raises
+    ------
+    ValueError
+        If it has another sampling time.
+    """
+    if made.settings.t_step not in (None, Ts):
+        raise ValueError(f"settings.t_step of do-mpc is {made.settings.t_step}; the sampling time is {Ts}")
+    if made.flags["setup"]:
+        return
+    made.settings.t_step = Ts
+    made.settings.supress_ipopt_output()
+    if not made.flags["set_tvp_fun"]:
+        template = made.get_tvp_template()
+        made.set_tvp_fun(lambda t: template)
+    if not made.flags.get("set_rterm", True):
+        made.set_rterm()  # otherwise do-mpc waits two seconds in every run, to warn
+    made.setup()
+
+
+def shorten_history(made: Any) -> None:
+    """Keep the last samples only: the history is copied at every step, and would grow with the length of the run."""
+    data = made.data
+    for name in data.data_fields:
+        setattr(data, name, getattr(data, name)[-made.settings.n_horizon :])
+
+
+def checked_solution(made: Any) -> None:
+    """Raise where the solver has not found a solution; do-mpc returns its last iterate.
+
+    Raises
+    ------
+    SolverError
+        With the status of the solver.
+    """
+    if not made.solver_stats["success"]:
+        status = str(made.solver_stats["return_status"])
+        raise SolverError(f"the solver of do-mpc: {status}", infeasible=status == "Infeasible_Problem_Detected")
+
+
+def do_mpc_model(model: Any) -> Any:
+    """Return a discrete do-mpc model of a design model, in physical units.
+
+    Parameters
+    ----------
+    model : a linear model that is the same at all k, or ``{nonlinear: plant}``
+
+    Returns
+    -------
+    A model with the state ``x``, the input ``u``, the time-varying parameter ``r`` (reference), additive process noise
+    and the measurements ``y`` (with noise) and ``u`` (without).  ``model.aux["y"]`` is the output.
+    """
+    do_mpc = do_mpc_library()
+    made = do_mpc.model.Model("discrete", "SX")
+    x, u = (made.set_variable(f"_{name}", name, shape=(n, 1)) for name, n in (("x", model.nx), ("u", model.nu)))
+    made.set_variable("_tvp", "r", shape=(model.ny, 1))
+    step, output = _functions(model)
+    made.set_expression("y", output(x))
+    made.set_rhs("x", step(x, u), process_noise=True)
+    made.set_meas("y", output(x), meas_noise=True)
+    made.set_meas("u", u, meas_noise=False)
+    made.setup()
+    return made
+
+
+def _functions(model: Any) -> tuple[Any, Any]:
+    """Return x(k+1) and y as functions of CasADi expressions."""
+    if model.is_linear_model:
+        casadi = library("casadi")
+        return (
+            lambda x, u: casadi.mtimes(casadi.DM(model.A), x) + casadi.mtimes(casadi.DM(model.B), u) + model.f0,
+            lambda x: casadi.mtimes(casadi.DM(model.C), x) + model.d0,
+        )
+    from rmpc_bench.adapters.casadi import output_function, step_function
+
+    return step_function(model), output_function(model)
