@@ -98,6 +98,7 @@ class FirstCall:
             nominal = {name: np.array([float(value)]) for name, value in plant.nominal.items()}
             delta = plant.draw(nominal, self.runs.rngs, self.sample.n_steps)
             delta = plant.start(delta, x, self.runs) if plant.starts_runs else delta
+            x = np.array(plant.first_state(delta, x))
         with self._role("estimator"):
             e = _state(estimator, delta, self.runs)
         with self._role("controller"):

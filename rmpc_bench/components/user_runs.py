@@ -16,7 +16,17 @@ import numpy as np
 
 from rmpc_bench.components.trace import one_line, user_trace
 from rmpc_bench.components.user_class import UserClass
-from rmpc_bench.types import NO_WATCH, InvalidReturnValue, PassedOn, RunFailure, RunInfo, SolverError, Status, TimeLimit
+from rmpc_bench.types import (
+    NO_WATCH,
+    InvalidReturnValue,
+    OutOfRange,
+    PassedOn,
+    RunFailure,
+    RunInfo,
+    SolverError,
+    Status,
+    TimeLimit,
+)
 
 OK = int(Status.OK)
 CRASHED, TIMEOUT = int(Status.CRASHED), int(Status.TIMEOUT)
@@ -59,6 +69,8 @@ class UserRuns:
         self.bound: dict[str, list[Any]] = {}
         self.names: dict[str, tuple[str, ...]] = {}
         self.everyone = list(range(n_runs))
+        self.made: list[Any] = [None] * n_runs
+        """The object of every run; None where it could not be made."""
 
     def make(self, keys: Mapping[str, Any], signals: Mapping[str, Any]) -> None:
         """Make the object of every run and call its `start`.
@@ -68,19 +80,18 @@ class UserRuns:
         keys : keywords of `__init__` from the configuration
         signals : name -> one entry per run, for `start`
         """
-        objects: list[Any] = [None] * self.n_runs
         names = [name for name in self.user.of_init.names if name not in keys]
 
         def make(*values: Any) -> Any:
             return self.user.cls(**dict(zip(names, values, strict=True)), **_copied(keys))
 
         def keep(row: int, made: Any) -> None:
-            objects[row] = made
+            self.made[row] = made
 
         self._call("__init__", [make] * self.n_runs, names, None, signals, keep, phase="start")
         for name, arguments in self.user.arguments.items():
             if name != "prepare":
-                bound = [None if each is None else arguments.bind(getattr(each, name)) for each in objects]
+                bound = [None if each is None else arguments.bind(getattr(each, name)) for each in self.made]
                 self.bound[name], self.names[name] = bound, arguments.names
         if "predict" in self.bound:
             self._join("predict", "correct")
@@ -241,6 +252,8 @@ def failed_call(row: int, error: BaseException) -> Failed:
     """Return the failure that follows from an exception."""
     if isinstance(error, SolverError):
         status = Status.INFEASIBLE if error.infeasible else Status.NOT_CONVERGED
+    elif isinstance(error, OutOfRange):
+        return Failed(row, int(Status.OUT_OF_RANGE), str(error), "")
     elif isinstance(error, TimeLimit):
         return Failed(row, int(Status.TIMEOUT), str(error), user_trace(error))
     else:

@@ -16,7 +16,7 @@ from annotated_types import Ge, Gt, Le, Len, Lt
 from pydantic.fields import FieldInfo
 
 from rmpc_bench.config.key_meanings import key_meanings
-from rmpc_bench.types import FromCode, FromData, OverTime
+from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime
 
 Schema = dict[str, Any]
 
@@ -157,4 +157,10 @@ _SIMPLE: Mapping[Any, Schema] = {
     None: {"type": "null"},
 }
 _CONTAINERS: Mapping[Any, Callable[[tuple[Any, ...]], Schema]] = {list: _list, tuple: _tuple, dict: _dict}
-_MARKED: Mapping[type, Schema] = {FromCode: CODE, FromData: _FILES, OverTime: _MATRIX}
+_MARKED: Mapping[type, Schema] = {
+    # Before the mark from which it is derived.
+    FromCodeOrText: {"type": "string"},
+    FromCode: CODE,
+    FromData: _FILES,
+    OverTime: _MATRIX,
+}

@@ -20,7 +20,7 @@ from rmpc_bench.config.first_calls import FirstCalls
 from rmpc_bench.config.identity import sweep_point
 from rmpc_bench.config.model_facts import model_facts
 from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.plant_range import build_range, given_bounds, mean_start
+from rmpc_bench.config.plant_range import build_range, given_bounds, mean_start, refuse_start
 from rmpc_bench.config.plausibility import warnings_of
 from rmpc_bench.config.recorded_data import metric_problem, refuse_runs
 from rmpc_bench.config.sweep_point import SweepPoint
@@ -80,6 +80,7 @@ class _ExperimentBuilder:
         plant: Plant | None = self.cache.get(description, lambda: component.build(self.draft.problems, **size))
         if plant is not None:
             refuse_runs(self.draft, plant)
+            refuse_start(self.draft, plant)
             for name, change in self.draft.parameter_changes.items():
                 if name not in plant.nominal:
                     message = unknown(name, plant.nominal, f"parameter of {component.kind}")

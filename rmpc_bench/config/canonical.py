@@ -176,8 +176,8 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
 
 
 def _true_start(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:
-    """Return the true initial state; recorded runs contain theirs."""
-    if experiment.plant.recorded is not None:
+    """Return the true initial state; some plants have their own."""
+    if experiment.plant.has_own_start:
         return {}
     return {"x": sum_data(draft.initial["laws"]) if draft.initial["laws"] else draft.initial["x"]}
 

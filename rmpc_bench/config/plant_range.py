@@ -79,6 +79,19 @@ def mean_start(draft: DraftConfig) -> Any:
         return None
 
 
+def refuse_start(draft: DraftConfig, plant: Plant) -> None:
+    """Report an initial state beside a plant that has its own; that of recorded runs is reported with their sections.
+
+    Parameters
+    ----------
+    draft : gets the problem
+    plant : has its own initial state, or not
+    """
+    if plant.has_own_start and plant.recorded is None and "x" in (draft.values["initial"] or {}):
+        way_out = "leave `x` out, or let the plant start from it (`plant.start: initial`)"
+        draft.note(["initial", "x"], f"the true initial state is the plant's own; {way_out}", key=True)
+
+
 def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRange:
     """Expand the keys to the states of a plant; errors are added to the problems of the draft.
 
@@ -104,7 +117,7 @@ def build_range(draft: DraftConfig, plant: Plant, x0: Array | None) -> StateRang
             _check_unit(draft, plant, name)
             low[states], high[states] = lower, upper
     largest = _largest(draft, plant)
-    if x0 is not None and x0.shape == low.shape and len(draft.problems) == found:
+    if x0 is not None and not plant.has_own_start and x0.shape == low.shape and len(draft.problems) == found:
         _check_start(draft, plant, x0, StateRange(low, high, largest))
     scale = 1.0 if plant.recorded is None else plant.recorded.scale
     return StateRange(low, high, largest, scale) if bounds else StateRange(largest=largest, least_scale=scale)

@@ -31,9 +31,9 @@ from rmpc_bench.components.designs import is_built_in, registered_design
 from rmpc_bench.config.key_errors import key_problem
 from rmpc_bench.config.tree import Mark
 from rmpc_bench.config.unions import union
-from rmpc_bench.config.user_files import names_files, read_data, read_function
+from rmpc_bench.config.user_files import names_files, read_data, read_function, read_function_or_text
 from rmpc_bench.expressions import quantity
-from rmpc_bench.types import FromCode, FromData, OverTime, Problem
+from rmpc_bench.types import FromCode, FromCodeOrText, FromData, OverTime, Problem
 
 PROVIDED: dict[str, frozenset[str]] = {
     "plants": frozenset({"Ts", "n_steps", "x0", "bounds"}),
@@ -89,6 +89,8 @@ _PLAIN = Annotated[Any, BeforeValidator(_number_or_integer)]
 
 _READERS: dict[type, Callable[[Any], Any]] = {
     OverTime: _system_matrix,
+    # Before the mark from which it is derived.
+    FromCodeOrText: read_function_or_text,
     FromCode: read_function,
     FromData: read_data,
 }

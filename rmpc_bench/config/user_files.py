@@ -58,6 +58,17 @@ def read_function(value: Any) -> Any:
     return reference
 
 
+def read_function_or_text(value: Any) -> Any:
+    """Read the value of a key annotated as `UserFunctionOrText`: a text without the form of a reference stays one.
+
+    Raises
+    ------
+    CodeError
+        If it is a reference, and the object cannot be loaded.
+    """
+    return str(value) if isinstance(value, str) and not is_reference(str(value)) else read_function(value)
+
+
 def read_data(value: Any) -> Any:
     """Read the value of a key annotated as `DataFiles`.
 

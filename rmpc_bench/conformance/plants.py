@@ -99,7 +99,7 @@ class PlantExample:
         with global_seed(seed), np.errstate(over="ignore", invalid="ignore"):
             try:
                 delta, w, v = self.drawn(component, rows, journal, shared)
-                x = self.x[rows]
+                x = component.first_state(delta, self.x[rows])
                 for k in range(self.u.shape[1]):
                     y = np.array(component.output(k, delta, x, v[:, k]))
                     motion = as_motion(component.step(k, delta, x.copy(), self.u[rows, k], w[:, k]))

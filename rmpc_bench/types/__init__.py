@@ -11,6 +11,7 @@ from rmpc_bench.types.basics import (
     Count,
     DataFiles,
     FromCode,
+    FromCodeOrText,
     FromData,
     Horizon,
     Matrix,
@@ -20,6 +21,7 @@ from rmpc_bench.types.basics import (
     Positive,
     SystemMatrix,
     UserFunction,
+    UserFunctionOrText,
 )
 from rmpc_bench.types.compiled import CompiledFilter, CompiledLaw, CompiledPlant
 from rmpc_bench.types.controller import Controller
@@ -27,6 +29,7 @@ from rmpc_bench.types.errors import (
     ConfigError,
     DesignError,
     InvalidReturnValue,
+    OutOfRange,
     Problem,
     SolverError,
     TimeLimit,
@@ -99,6 +102,7 @@ __all__ = [
     "SweepFigure",
     "Estimator",
     "FromCode",
+    "FromCodeOrText",
     "FromData",
     "GainSchedule",
     "Horizon",
@@ -121,6 +125,7 @@ __all__ = [
     "NonNegative",
     "OfTime",
     "OperatingPoint",
+    "OutOfRange",
     "OverTime",
     "Panel",
     "PassedOn",
@@ -145,6 +150,7 @@ __all__ = [
     "SystemMatrix",
     "TimeLimit",
     "UserFunction",
+    "UserFunctionOrText",
     "Watch",
     "WindowMetric",
     "as_command",

@@ -42,11 +42,17 @@ class FromCode:
     """Mark of an annotation: the key names something in a Python file of the user, ``PATH.py:NAME``."""
 
 
+class FromCodeOrText(FromCode):
+    """Mark of an annotation: the key names something in a Python file of the user, or is another text."""
+
+
 class FromData:
     """Mark of an annotation: the key names data files by a path or a pattern, relative to the file it stands in."""
 
 
 UserFunction: TypeAlias = Annotated[Any, FromCode()]
 """A function or class of a user's file; the design function receives the loaded object."""
+UserFunctionOrText: TypeAlias = Annotated[Any, FromCodeOrText()]
+"""The same, or a text that does not have the form ``PATH.py:NAME``, such as the name of something installed."""
 DataFiles: TypeAlias = Annotated[Any, FromData()]
 """Data files; the design function receives a sorted tuple of absolute paths (`pathlib.Path`)."""

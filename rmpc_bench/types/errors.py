@@ -103,6 +103,15 @@ class SolverError(Exception):
         super().__init__(message)
 
 
+class OutOfRange(Exception):
+    """A plant written for one run has left the range for which it is defined; the run ends with `out-of-range`.
+
+    Parameters
+    ----------
+    message : what has happened, such as ``the tank is empty``
+    """
+
+
 class TimeLimit(BaseException):
     """A step or a run has taken longer than `execution.timeout`; raised by the bench within the call of a component.
 

@@ -128,6 +128,11 @@ class Plant(Design):
         return None
 
     @attribute
+    def has_own_start(self) -> bool:
+        """Whether `first_state` gives x(0) by itself, so that `initial.x` has no meaning."""
+        return self.recorded is not None
+
+    @attribute
     def ode(self) -> Ode | None:
         """The differential equation of the plant with its nominal parameters; None where it has none."""
         return None
