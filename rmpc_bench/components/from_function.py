@@ -13,23 +13,35 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rmpc_bench.components.single_run import single_run
 
 
-def class_around(base: type, function: Callable[..., Any]) -> type:
+def class_around(
+    base: type, function: Callable[..., Any] | None, *, needs: tuple[str, ...] = (), **declared: Any
+) -> Any:
     """Return a single-run class whose objects hold what a function has made.
 
     Parameters
     ----------
     base : class with the methods of the component; its `__init__` takes what the function has made, and after it any
         standard names and keys, each by its name
-    function : the user's function; its arguments are standard names and keys
+    function : the user's function; its arguments are standard names and keys.  None where a decorator is written with
+        arguments, ``@filterpy_estimator(deviation=True)``
+    needs : arguments that the function must have
+    declared : attributes of the class, such as ``deviation=True``
 
     Returns
     -------
-    A class derived from `base` that is marked with `single_run` and has the name and the docstring of the function.
+    A class derived from `base` that is marked with `single_run` and has the name and the docstring of the function;
+    without a function, what takes the function and returns the class.
+
+    Raises
+    ------
+    TypeError
+        If the function does not have an argument that it needs.
 
     Examples
     --------
@@ -40,7 +52,11 @@ def class_around(base: type, function: Callable[..., Any]) -> type:
     >>> class_around(Held, constant)(value=3.0).update(1.0)
     [3.0]
     """
+    if function is None:
+        return partial(class_around, base, needs=needs, **declared)
     of_function = _arguments(function)
+    if missing := [name for name in needs if name not in of_function]:
+        raise TypeError(f"{function.__name__} needs the argument{'s' * (len(missing) > 1)} {' and '.join(missing)}")
     of_base = dict(list(_arguments(base.__init__).items())[2:])  # type: ignore[misc]
 
     def make(self: Any, **given: Any) -> None:
@@ -50,7 +66,7 @@ def class_around(base: type, function: Callable[..., Any]) -> type:
     first = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
     every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (of_base | of_function).values()]
     make.__signature__ = inspect.Signature([first, *every])  # type: ignore[attr-defined]
-    made_class = type(function.__name__, (base,), {"__init__": make, "__doc__": function.__doc__})
+    made_class = type(function.__name__, (base,), {**declared, "__init__": make, "__doc__": function.__doc__})
     made_class.__qualname__, made_class.__module__ = function.__qualname__, function.__module__
     return single_run(made_class)
 

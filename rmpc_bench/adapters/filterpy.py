@@ -1,0 +1,80 @@
+"""Filters of filterpy, and other objects with `predict` and `update`, as estimators of single runs.
+
+A filter computes what filterpy computes, with two exceptions.  y(0) comes before the first `predict`, where sigma
+points would be zero: they are drawn at x0, P0.  An ensemble draws its random numbers from the generator of its run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from inspect import Parameter, signature
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.components.from_function import class_around
+from rmpc_bench.components.global_generator import drawing_from
+from rmpc_bench.extras import library
+
+
+def filterpy_estimator(function: Callable[..., Any] | None = None, /, **declared: Any) -> Any:
+    """Make a single-run estimator of a function that returns a new filter.
+
+    Parameters
+    ----------
+    function : takes x0 and P0, at which the filter starts, further standard names and keys; it returns the filter, or
+        the filter and further arguments of its `update`, such as ``ekf, {"HJacobian": model.H, "Hx": model.h}``
+    declared : attributes of the class, such as ``deviation=True``
+    """
+    return class_around(FilterpyEstimator, function, needs=("x0", "P0"), **declared)
+
+
+class FilterpyEstimator:
+    """Runs a filter: `update` with y(0), then `predict` with u(k-1) and `update` with y(k)."""
+
+    def __init__(self, made: Any, model: Any, rng: np.random.Generator) -> None:
+        self.filter, further = made if isinstance(made, tuple) else (made, {})
+        self._update: Callable[..., Any] = partial(self.filter.update, **further)
+        for each in (*getattr(self.filter, "filters", ()), self.filter):
+            self._predict = _predict_of(each, model, in_bank=each is not self.filter)
+            if hasattr(each, "points_fn"):
+                each.sigmas_f = each.points_fn.sigma_points(each.x, each.P)
+            elif hasattr(each, "sigmas_f"):  # cubature points; the state is a column after `predict`
+                each.x = np.reshape(each.x, (-1, 1))
+                each.sigmas_f = library("filterpy", "kalman").spherical_radial_sigmas(each.x, each.P)
+        if hasattr(self.filter, "initialize"):
+            self._predict, self._update = drawing_from(rng, self._predict), drawing_from(rng, self._update)
+            drawing_from(rng, self.filter.initialize)(self.filter.x, self.filter.P)
+        self._shape = (-1, 1) if np.ndim(self.filter.x) == 2 else (-1,)
+
+    def update(self, y: Any, u_previous: Any) -> Any:
+        """Return x_hat(k) and, where the filter has it, P."""
+        if u_previous is not None:
+            self._predict(u=u_previous.reshape(self._shape))
+        self._update(y.reshape(self._shape))
+        x_hat = self.filter.x.reshape(-1)
+        return (x_hat, self.filter.P) if hasattr(self.filter, "P") else x_hat
+
+
+def _predict_of(made: Any, model: Any, in_bank: bool) -> Callable[..., Any]:
+    """Return `predict` as a function of the input u; sigma points take it as the third argument of `fx`."""
+    arguments, name = signature(made.predict).parameters, type(made).__name__
+    if in_bank and next(iter(arguments), "u") != "u":
+        raise ValueError(f"a bank gives the input to the first argument of {name}.predict: derive one whose first is u")
+    if "fx_args" in arguments and (third := [*signature(made.fx).parameters][2:3]):
+        by_name = arguments["fx_args"].kind is Parameter.VAR_KEYWORD
+        return lambda u: made.predict(**({third[0]: u} if by_name else {"fx_args": (u.ravel(),)}))
+    if "u" not in arguments:
+        if np.any(getattr(model, "B", 1)):
+            raise ValueError(f"the input does not reach {name}: give fx a third argument, or predict the argument u")
+        return lambda u: made.predict()
+    # A filter of filterpy with F is linear and has no constant parts; a class derived from it may add the rest.
+    if type(made).__module__.startswith("filterpy.") and hasattr(made, "F"):
+        if not hasattr(model, "A"):
+            raise ValueError(f"{name} is linear, the model is not: derive a class whose predict(u) sets F, x and P")
+        if np.any(model.f0) or (hasattr(made, "H") and np.any(model.d0)):
+            raise ValueError(f"{name} ignores f0 and d0 of the model: write @filterpy_estimator(deviation=True)")
+        if np.any(model.B) and not np.any(made.B):
+            raise ValueError(f"{name} ignores the input: set its B = model.B")
+    return made.predict  # type: ignore[no-any-return]
