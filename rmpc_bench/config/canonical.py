@@ -169,7 +169,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "report": plain_data(values["report"]),
         "figures": [set_keys(figure) for figure in draft.figures if figure is not None],
         "claims": [plain_data(keys) for keys in draft.claims if keys is not None],
-        **({"plugins": values["plugins"]} if values["plugins"] else {}),
+        **{key: values[key] for key in ("plugins", "requires") if values[key]},
         "execution": plain_data(values["execution"]),
         "smoke": plain_data(values["smoke"]),
     }

@@ -1,9 +1,10 @@
 """A configuration that extends another one: ``extends: other.yaml``.
 
 The file is laid over the other one, deep: a mapping is merged key by key, a list or a scalar replaces what is
-inherited, and ``key: !delete`` removes an inherited key.  A component of another kind, a noise of another law and a
-distribution of another name replace the inherited one whole.  The name and the claims are not inherited: results of two
-configurations need two names, and a claim is about the configuration in which it stands.
+inherited, and ``key: !delete`` removes an inherited key.  The lists under `requires` are joined.  A component of
+another kind, a noise of another law and a distribution of another name replace the inherited one whole.  The name and
+the claims are not inherited: results of two configurations need two names, and a claim is about the configuration in
+which it stands.
 
 Every value keeps its place, so that a path is relative to the file it stands in, and an error names that file.
 """
@@ -23,6 +24,9 @@ from rmpc_bench.types import ConfigError, Problem
 
 NOT_INHERITED = ("name", "claims")
 """Top-level keys that every configuration has of its own."""
+
+REQUIRES = "requires"
+"""Top-level key whose list is joined with the inherited one: inherited components need their libraries, too."""
 
 _COMPONENTS = {
     **{"plant": "plants", "model": "models", "estimator": "estimators", "controller": "controllers"},
@@ -108,6 +112,8 @@ class _Merger:
                 value = self.merged(inherited, value, here)
             else:
                 self._refuse_deletions(value, here)
+            if here == [REQUIRES] and isinstance(value, Items) and isinstance(inherited, Items):
+                value = _joined(inherited, value)
             result.put(key, value, locate_key(own, [key]), locate(own, [key]))
         return result
 
@@ -131,6 +137,16 @@ class _Merger:
     def _note(self, own: Map | Items, path: list[str | int], message: str) -> None:
         mark: Mark = locate(own, [path[-1]])
         self.problems.append(Problem(*mark, join(path), message))
+
+
+def _joined(base: Items, own: Items) -> Items:
+    """Return the entries of two lists, each once and with its place."""
+    placed: list[tuple[Any, Mark]] = []
+    for each in (own, base):
+        for number, entry in enumerate(each):
+            if entry not in [known for known, _ in placed]:
+                placed.append((entry, locate(each, [number])))
+    return Items([entry for entry, _ in placed], mark=own.mark, value_marks=[mark for _, mark in placed])
 
 
 def _drop_other_length(result: Map, own: Map, path: list[str | int]) -> None:

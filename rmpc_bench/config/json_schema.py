@@ -20,6 +20,7 @@ from rmpc_bench.config.schema import hints, keys_of, model_of
 from rmpc_bench.config.section_schemas import MODEL_KEYS, PLANT_KEYS, PLANT_OF
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
 from rmpc_bench.config.short_forms import SHORT_FORMS
+from rmpc_bench.extras import EXTRAS
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
 _EXTRA = {"plants": {**PLANT_KEYS, "from": PLANT_OF}, "models": MODEL_KEYS}
@@ -145,4 +146,5 @@ _SPECIAL: dict[str, Any] = {
     "initial": section_schemas.initial,
     "sweep": section_schemas.sweep,
     "claims": lambda: {"type": "array", "items": schema_of(ClaimKeys)},
+    "requires": lambda: {"type": "array", "items": {"enum": [*EXTRAS]}},
 }

@@ -20,6 +20,7 @@ from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
+from rmpc_bench.config.required_libraries import reported_once
 from rmpc_bench.config.source import GivenConfig, read
 from rmpc_bench.config.sweep import expand
 from rmpc_bench.config.tree import Map
@@ -100,7 +101,7 @@ def _validated(
     problems = [*sweep.problems, *(problem for draft in drafts for problem in problems_at_origin(draft))]
     problems += own.problems
     if problems or len(built) < len(points):
-        raise ConfigError(problems)
+        raise ConfigError(reported_once(problems))
     options, added = source.options(size.runs, smoke=size.smoke), texts_of(source.added)
     return canonicalise(
         source.path, sweep, drafts[0], built, claims, own, smoke=size.smoke, overrides=options, added=added

@@ -341,6 +341,12 @@ SECTIONS: dict[str, Section] = {
     "figures": Section(list[Any], ["boxplot"], "Figures to draw."),
     "claims": Section(list[Any], [], "Statements of a paper to check."),
     "plugins": Section(list[Text], [], "Python files whose code registers components; their names are then kinds."),
+    "requires": Section(
+        list[Text],
+        [],
+        "Optional libraries that the components need, by the extras of pip that install them, as in "
+        "`pip install 'rmpc-bench[do-mpc]'`. This list and an inherited one are joined.",
+    ),
     "execution": Section(
         Execution, Execution(), "Settings of the computation; none of them changes the numbers of a finished run."
     ),

@@ -17,6 +17,7 @@ from rmpc_bench.config.draft import DraftConfig, MethodComponents, ParameterChan
 from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty, uncertain_names
 from rmpc_bench.config.recorded_data import refuse_sections
+from rmpc_bench.config.required_libraries import check_required
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
 from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.stop_checks import apply_stop
@@ -59,6 +60,7 @@ def _sections(point: SweptTree, access: CodeAccess, *, first: bool) -> DraftConf
             tree.pop(key, None)
     draft = DraftConfig(tree, [], point.coordinates, point.title, access)
     _top_level(draft)
+    check_required(draft)
     read_uncertainty(draft)
     _plant(draft)
     draft.model = _component(draft, "models", "model")

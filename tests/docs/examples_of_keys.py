@@ -14,6 +14,7 @@ EXAMPLES: dict[str, str] = {
     "stop": "stop: {resolve: 2%, min_runs: 100, max_runs: 2000}        # or {decide: claims, max_runs: 3200}",
     "time": "time: {step: 0.1, duration: 20}        # or {steps: 1500}",
     "plugins": "plugins: [my_filter.py]",
+    "requires": "requires: [filterpy, do-mpc]",
     "plant": """plant:
   kind: servo
   perturb: {R: 1 + eps_min, J_l: 1 + eps_jl}

@@ -34,7 +34,10 @@ a matrix is square by its meaning, a number is that number times the identity an
 are written row by row, `[[1, 0]]`. Matrices also come from files: `{file: system.mat, name: A}`, `.npz`, `.csv`. An
 empty cell under *default* means that the key may be left out; its meaning says what holds then."""
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Experiment": ("version", "name", "paper", "title", "summary", "extends", "seed", "runs", "time", "plugins"),
+    "Experiment": (
+        *("version", "name", "paper", "title", "summary", "extends"),
+        *("seed", "runs", "time", "plugins", "requires"),
+    ),
     "The true system": ("plant", "uncertainty", "noise", "initial", "reference", "input"),
     "What is compared": ("methods", "model", "estimator", "controller", "sweep"),
     "What is computed and shown": ("metrics", "evaluate", "record", "statistics", "claims", "figures", "report"),

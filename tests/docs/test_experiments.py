@@ -36,5 +36,6 @@ def test_every_section_of_the_schema_occurs_on_the_page():
     from rmpc_bench.config.sections import SECTIONS
 
     found = {key for text in FILES.values() for key in re.findall(r"^(\w+):", text, re.MULTILINE)}
-    # A paper is named by its configurations, and docs/own-components.md has an example of plugins.
-    assert set(SECTIONS) - found <= {"paper", "plugins"}
+    # A paper is named by its configurations, docs/own-components.md has an example of plugins, and a file that requires
+    # a library is no valid one where the library is missing.
+    assert set(SECTIONS) - found <= {"paper", "plugins", "requires"}

@@ -1,0 +1,56 @@
+"""The section `requires`: optional libraries that a configuration needs, by the extras of pip that install them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rmpc_bench import extras
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.extension import REQUIRES, read_extended
+from rmpc_bench.config.known_files import located
+from rmpc_bench.config.tree import Items, Map
+from rmpc_bench.registry import unknown
+from rmpc_bench.types import Problem
+
+
+def check_required(draft: DraftConfig) -> None:
+    """Report every required library that is unknown or not installed; nothing is imported."""
+    for number, name in enumerate(draft.values[REQUIRES] or ()):
+        if name not in extras.EXTRAS:
+            draft.note([REQUIRES, number], unknown(name, extras.EXTRAS, "optional library"))
+        elif not extras.is_installed(name):
+            draft.note([REQUIRES, number], extras.missing(name))
+
+
+def reported_once(problems: Sequence[Problem]) -> list[Problem]:
+    """Leave out what says again that a library is missing which `requires` names.
+
+    Parameters
+    ----------
+    problems : of a configuration
+    """
+    missing = [each.message for each in problems if each.path.startswith(f"{REQUIRES}.")]
+    return [
+        each
+        for each in problems
+        if each.path.startswith(f"{REQUIRES}.") or not any(message in each.message for message in missing)
+    ]
+
+
+def missing_extras(config: str | Path) -> list[str]:
+    """Return the extras that a configuration requires and that are not installed; no code is loaded.
+
+    Parameters
+    ----------
+    config : file or name of a configuration
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read.
+    """
+    tree = read_extended(located(config))
+    names = tree.get(REQUIRES) if isinstance(tree, Map) else None
+    given = names if isinstance(names, Items) else ()
+    return [name for name in given if name in extras.EXTRAS and not extras.is_installed(name)]
