@@ -33,8 +33,8 @@ def test_check_stays_light(name):
 
 
 DEEP = [
-    # Many systems, and the search of an adversary: half of the time of all.
-    pytest.param(path, marks=[pytest.mark.slow] * (path.stem in ("benchmarks", "guarantee")), id=path.stem)
+    # The two that take seconds; the others have many systems, long runs or the search of an adversary.
+    pytest.param(path, marks=[pytest.mark.slow] * (path.stem not in ("alpha", "table")), id=path.stem)
     for path in sorted(CONFIGS.glob("souto2011/*.yaml"))
 ]
 
