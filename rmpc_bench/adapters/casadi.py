@@ -38,6 +38,8 @@ def step_function(model: NonlinearModel) -> Any:
         return entries(ode.rhs(t, x, u, p) if ode.timed else ode.rhs(x, u, p))
 
     def step(x: Any, u: Any, k: Any = (0,)) -> Any:
+        if ode.discrete:
+            return slope(k[0] * Ts, x, u)
         times = [(k[0] + j / model.substeps) * Ts for j in range(model.substeps + 1)]
         for now, later in pairwise(times):
             middle = (now + later) / 2

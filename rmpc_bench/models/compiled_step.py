@@ -1,4 +1,4 @@
-"""The Runge-Kutta step of an equation, compiled together with the user's right-hand side."""
+"""The Runge-Kutta step of an equation, or a map, compiled together with the user's right-hand side."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def compiled_step(ode: Ode, Ts: float, substeps: int) -> Step:
     nominal = dict(ode.nominal) or {"nothing": 0.0}
     p = namedtuple("p", [*nominal])(**nominal)  # noqa: PYI024
     slope = _timed(numba.njit, rhs) if ode.timed else _untimed(numba.njit, rhs)
-    kernel = numba.njit(_kernel(slope))
+    kernel = numba.njit(_map(slope) if ode.discrete else _kernel(slope))
     h = Ts / substeps
 
     def step(k: int, x: Array, u: Array) -> Array:
@@ -69,6 +69,13 @@ def _timed(njit: Any, rhs: Any) -> Any:
         return np.asarray(rhs(t, x, u, p))
 
     return njit(slope)
+
+
+def _map(rhs: Any) -> Any:
+    def advance(t, x, u, p, h, substeps):  # type: ignore[no-untyped-def]
+        return rhs(t, x.copy(), u, p)
+
+    return advance
 
 
 def _kernel(slope: Any) -> Any:

@@ -1,7 +1,8 @@
 """The nominal plant as functions of state and input, from which design models are made.
 
-An ODE plant gives x' = rhs(t, x, u, p) at the nominal parameters p; operating points are those of t = 0.  A plant that
-is linear gives the matrices of one period, x(k+1) = A x + B u.  Values that are drawn for a run have no effect.
+An ODE plant gives x' = rhs(t, x, u, p), or x(k+1) of a map, at the nominal parameters p; operating points are those of
+t = 0.  A plant that is linear gives the matrices of one period, x(k+1) = A x + B u.  Values that are drawn for a run
+have no effect.
 """
 
 from __future__ import annotations
@@ -109,11 +110,14 @@ class OfPlant:
 
 @dataclass(frozen=True, eq=False)
 class OdeDynamics(Dynamics):
-    """An ordinary differential equation at its nominal parameters."""
+    """An ordinary differential equation, or a map, at its nominal parameters."""
 
     ode: Ode
 
-    continuous = True
+    @property
+    def continuous(self) -> bool:  # type: ignore[override]
+        """Whether it is a differential equation."""
+        return not self.ode.discrete
 
     @property
     def names(self) -> Names:  # type: ignore[override]
@@ -121,14 +125,14 @@ class OdeDynamics(Dynamics):
         return Names(self.ode.states, self.ode.inputs, self.ode.outputs)
 
     def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
-        """Return x'."""
+        """Return x', or x(k+1) - x(k)."""
         try:
             # Outside of its domain, where a search may try it, the function is NaN.
             with np.errstate(all="ignore"):
                 slope: Array = self.ode.slope(t, x, u, self.ode.p)
         except OUTSIDE_DOMAIN:
             return np.full(len(x), np.nan)
-        return slope
+        return slope - x if self.ode.discrete else slope
 
     def output(self, x: Float[Array, " nx"]) -> Float[Array, " ny"]:
         """Return y."""
@@ -142,8 +146,10 @@ class OdeDynamics(Dynamics):
     def advance(
         self, k: int, x: Float[Array, " nx"], u: Float[Array, " nu"], Ts: float, substeps: int
     ) -> Float[Array, " nx"]:
-        """Integrate over sample k by the Runge-Kutta method of order 4."""
+        """Integrate over sample k by the Runge-Kutta method of order 4, or apply the map."""
         p = self.ode.p
+        if self.ode.discrete:
+            return self.ode.slope(k * Ts, x, u, p)
         times = sample_times(k, substeps, Ts)
         end = rk4(lambda t, z: self.ode.slope(t, z[:, 0], u, p)[:, None], times, x[:, None], Ts / substeps)
         return np.ascontiguousarray(end.x[:, 0])

@@ -1,8 +1,8 @@
 """Nonlinear design model: the nominal plant as functions, for user-defined estimators and controllers.
 
 Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v).  f integrates the nominal
-        plant over a sample with the input held, by the Runge-Kutta method of order 4; it does not know the bounds of
-        the plant.  F and H are the Jacobians of f and h, by differences.
+        plant over a sample with the input held, by the Runge-Kutta method of order 4, or is the map of a discrete
+        plant; it does not know the bounds of the plant.  F and H are the Jacobians of f and h, by differences.
 Limit   Around an operating point f has the A and B of models/linearised.py.
 Cost    f of a rhs of two states with 10 substeps: about 0.3 ms; compiled (`numba: true`) a few microseconds.
 """
@@ -181,6 +181,8 @@ def nonlinear_model(
     point = None if at is None else find_point(dynamics, at).point
     if numba and not isinstance(dynamics, OdeDynamics):
         raise DesignError("has no effect on a plant with matrices", "numba")
+    if substeps is not None and not dynamics.continuous:
+        raise DesignError("has no effect: the plant is not a differential equation", "substeps")
     keys = None if at is None else (at, noise, jacobian)
     model = NonlinearModel(dynamics, Ts, substeps or steps_of(dynamics), Q_w, R_v, point, keys, numba)
     model.warm_up()

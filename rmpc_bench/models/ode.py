@@ -1,7 +1,7 @@
 """Design model given by an equation of its own, which may be simpler than that of the plant.
 
-Model   x' = rhs(x, u, p), y = output(x, p) with the parameters of the model.  It is used as the plant's own equation
-        is by `linearise` (with `at`) or by `nonlinear` (without).
+Model   x' = rhs(x, u, p), or x(k+1) with `discrete: true`;  y = output(x, p), with the parameters of the model.  It is
+        used as the plant's own equation is by `linearise` (with `at`) or by `nonlinear` (without).
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ def design(
     jacobian: UserFunction = None,
     substeps: Count | None = None,
     numba: bool = False,
+    discrete: bool = False,
 ) -> Model:
     """Design model with an equation of its own; linear with `at`, nonlinear without.
 
@@ -42,7 +43,8 @@ def design(
     ----------
     Ts : sampling time [s]
     plant : plant of the experiment
-    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states
+    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states, or
+        x(k+1) with `discrete`
     output : ``PATH.py:NAME`` of output(x, p); without it all states are measured
     states, inputs, outputs : names, such as ``[h1, h2]``, or counts
     parameters : name -> value; they replace those of the plant one by one
@@ -51,13 +53,14 @@ def design(
     jacobian : derivatives at the operating point, as for `linearise`
     substeps : Runge-Kutta steps per sample of a nonlinear model (default: those of the plant)
     numba : whether to compile rhs of a nonlinear model
+    discrete : whether rhs returns x(k+1) in place of time derivatives
 
     Raises
     ------
     DesignError
         If a function, a name or an operating point is not what it must be.
     """
-    equation = _equation(plant.ode, ode, output, states, inputs, outputs, parameters or {})
+    equation = _equation(plant.ode, ode, output, states, inputs, outputs, parameters or {}, discrete)
     if (equation.nu, equation.ny) != (plant.nu, plant.ny):
         raise DesignError(
             f"inputs and outputs of the model: {equation.nu} and {equation.ny}; those of the plant: {plant.nu} and "
@@ -80,6 +83,7 @@ def _equation(
     inputs: Names | None,
     outputs: Names | None,
     parameters: dict[str, float],
+    discrete: bool,
 ) -> Ode:
     """Return the equation, with the names of the plant where none are given."""
     x_names, x_units = _named(states, None if plant is None else plant.states, "states", "x")
@@ -94,8 +98,9 @@ def _equation(
     units = {**({} if plant is None else plant.units), **y_units, **u_units, **x_units}
     known = {} if plant is None else plant.bounds
     bounds = {name: known[name] for name in (*x_names, *u_names) if name in known}
-    substeps = 0 if plant is None else plant.substeps
-    return Ode(ode, output, x_names, u_names, y_names, nominal, units, bounds, is_timed(ode), substeps=substeps)
+    substeps = 0 if plant is None or plant.discrete != discrete else plant.substeps
+    every = x_names, u_names, y_names, nominal, units, bounds
+    return Ode(ode, output, *every, is_timed(ode), substeps=substeps, discrete=discrete)
 
 
 def _named(

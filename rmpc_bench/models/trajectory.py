@@ -47,7 +47,7 @@ class TrajectoryModel(OfPlant, StateDependentModel):
 
     def around(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Affine:
         """Linearise at a state and an input of every run; NaN where the plant is not defined."""
-        t = (k + 0.5) * self.Ts
+        t = (k + (0.5 if self.dynamics.continuous else 0.0)) * self.Ts
         made = [self._around(t, each, applied) for each, applied in zip(x, u, strict=True)]
         return Affine(*(np.array(parts) for parts in zip(*made, strict=True)))
 

@@ -1,4 +1,4 @@
-"""The Runge-Kutta method of order 4 for a block of runs, with bounds of the states.
+"""The Runge-Kutta method of order 4 and maps for a block of runs, with bounds of the states.
 
 Axis 0 of x is the state and axis 1 the run, as in the functions of users: x[i] is a row over the runs.
 """
@@ -83,6 +83,28 @@ def rk4(
                 end[:, left] = x[:, left]
         x = end
     return Advance(x, state, left_at)
+
+
+def apply_map(
+    mapping: Slope, now: float, later: float, x: Float[Array, "nx runs"], bounds: Bounds | None = None
+) -> Advance:
+    """Move over one sample by a map.
+
+    Parameters
+    ----------
+    mapping : x(k+1) of (t, x)
+    now, later : beginning and end of the sample [s]
+    x : states at the start
+    bounds : of the states; None for none
+    """
+    end = mapping(now, x)
+    state, left_at = np.full(x.shape[1], -1), np.full(x.shape[1], np.nan)
+    first = None if bounds is None else _left(bounds, end, ())
+    if first is not None:
+        state, left = first, first >= 0
+        left_at[left] = later
+        end[:, left] = x[:, left]
+    return Advance(end, state, left_at)
 
 
 def _left(bounds: Bounds, end: Float[Array, "nx runs"], stages: tuple[Array, ...]) -> Int[Array, " runs"] | None:

@@ -1,7 +1,8 @@
-"""Plant given by an ordinary differential equation in a Python function.
+"""Plant given by an ordinary differential equation, or by a map, in a Python function.
 
 Model   x' = rhs(t, x, u, p) with u held over a sample;  x(k+1) = x((k+1) Ts) + w(k),  y(k) = output(x(k), p) + v(k).
-        The process noise w has one entry per state and is added to the sampled state.
+        The process noise w has one entry per state and is added to the sampled state.  With `discrete: true`
+        x(k+1) = rhs(k Ts, x(k), u(k), p) + w(k).
 Method  `rk4`: Runge-Kutta of order 4 with equal steps, for all runs of a block at once where rhs takes a block.
         LSODA, RK45, DOP853, Radau, BDF: `scipy.integrate.solve_ivp`, run by run.
 Names   States, inputs and outputs have names, which `bounds` and `diverged` may use.  Inputs are limited to their
@@ -248,6 +249,7 @@ def design(
     events: UserFunction = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     x0: Any = None,
+    discrete: bool = False,
 ) -> OdePlant:
     """Ordinary differential equation in a Python function.
 
@@ -257,7 +259,8 @@ def design(
     ----------
     Ts : sampling time [s]
     n_steps : number of control periods N
-    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states
+    ode : ``PATH.py:NAME`` of rhs(x, u, p) or rhs(t, x, u, p), which returns the time derivatives of the states, or
+        x(k+1) with `discrete`
     output : ``PATH.py:NAME`` of output(x, p), which returns the outputs; without it all states are measured
     states, inputs : names, such as ``[h1, h2]`` or ``{pump: ml/s}``
     outputs : names; needed with `output`
@@ -266,6 +269,7 @@ def design(
     events : ``PATH.py:NAME`` of an event, or of a list of events; only with the methods of `solve_ivp`
     bounds : name of a state or an input -> lower and upper bound
     x0 : (nx,) initial state, from which the functions are tried
+    discrete : whether rhs returns x(k+1) in place of time derivatives
 
     Raises
     ------
@@ -280,7 +284,7 @@ def design(
     (2, {'k': 2.0}, True)
     """
     start = None if x0 is None else np.atleast_1d(np.asarray(x0, dtype=float))
-    record, reasons = equation(ode, output, states, inputs, outputs, parameters or {}, bounds or {}, start)
+    record, reasons = equation(ode, output, states, inputs, outputs, parameters or {}, bounds or {}, start, discrete)
     stepping, remarks, cost = stepping_of(record, float(Ts), n_steps, solver, events, reasons, start)
     record = replace(record, substeps=stepping.substeps)
     return OdePlant(float(Ts), record, stepping, record.nominal, remarks, cost)

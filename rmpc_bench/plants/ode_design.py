@@ -1,4 +1,4 @@
-"""From the keys of a configuration to a differential equation and its integration over a sample."""
+"""From the keys of a configuration to a differential equation, or a map, and its integration over a sample."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ def equation(
     parameters: Mapping[str, float],
     bounds: Mapping[str, tuple[float, float]],
     x0: Float[Array, " n"] | None,
+    discrete: bool,
 ) -> tuple[Ode, dict[str, str]]:
     """Return the equation, and the reasons for which its functions are called run by run, by their name.
 
@@ -53,7 +54,8 @@ def equation(
             raise DesignError(f"{name!r} is no name: letters, digits and _, since rhs reads p.{name}", "parameters")
     nominal = {name: float(value) for name, value in parameters.items()}
     own = bounds_by_name(bounds, x_names, u_names)
-    record = Ode(rhs, output, x_names, u_names, y_names, nominal, {**y_units, **u_units, **units}, own, is_timed(rhs))
+    every_unit, timed = {**y_units, **u_units, **units}, is_timed(rhs)
+    record = Ode(rhs, output, x_names, u_names, y_names, nominal, every_unit, own, timed, discrete=discrete)
     start = initial(record, x0)
     # A function may meet numbers here for which it is not defined.
     with np.errstate(all="ignore"):
@@ -89,13 +91,17 @@ def stepping_of(
         If the equation needs too many steps, or the events do not fit.
     """
     start = initial(ode, x0)
+    if ode.discrete and solver != Solver():
+        raise DesignError("has no effect beside `discrete: true`: rhs returns x(k+1)", "solver")
     found: tuple[UserEvent, ...] = () if events is None else read_events(events)
+    if found and ode.discrete:
+        raise DesignError("are located within a sample; with `discrete: true` there is nothing within one", "events")
     if found and solver.method == "rk4":
         raise DesignError("need a method of solve_ivp, such as solver: {method: RK45}", "events")
     remarks = [f"{name} is called run by run: {reason}" for name, reason in reasons.items()]
-    substeps = 0
+    substeps = int(ode.discrete)
     with np.errstate(all="ignore"):
-        if solver.method == "rk4":
+        if solver.method == "rk4" and not ode.discrete:
             substeps = solver.substeps or choose_substeps(ode, Ts, n_steps, start)
             remarks += filter(None, [substeps_remark(ode, Ts, n_steps, start, solver, substeps)])
         stepping = Stepping(solver, substeps, found)

@@ -11,14 +11,14 @@ from rmpc_bench.types import Ode
 
 def facts(ode: Ode, stepping: Stepping) -> list[tuple[str, str]]:
     """Return labels and texts."""
-    arguments = "t, x, u, p" if ode.timed else "x, u, p"
+    arguments, left = "t, x, u, p" if ode.timed else "x, u, p", "x(k+1)" if ode.discrete else "x'"
     found = [
-        ("equation", f"x' = {function_name(ode.rhs)}({arguments})"),
+        ("equation", f"{left} = {function_name(ode.rhs)}({arguments})"),
         ("states", _names(ode, ode.states)),
         ("inputs", _names(ode, ode.inputs) or "none"),
         ("outputs", _names(ode, ode.outputs) + (" (all states)" if ode.output is None else "")),
         ("parameters", ", ".join(f"{name} = {value:g}" for name, value in ode.nominal.items()) or "none"),
-        ("solver", _solver(stepping)),
+        *([] if ode.discrete else [("solver", _solver(stepping))]),
         ("calls of rhs", "all runs of a block at once" if ode.rhs_takes_blocks and stepping.substeps else "run by run"),
     ]
     found += [("event", _event(each.word)) for each in stepping.events]

@@ -1,4 +1,4 @@
-"""Integration of a differential equation over one sample: for a block of runs, or for one run."""
+"""Integration of a differential equation over one sample, or a map: for a block of runs, or for one run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.numerics.adaptive import Tolerances, solve
-from rmpc_bench.numerics.integration import Advance, Bounds, Slope, rk4, sample_times
+from rmpc_bench.numerics.integration import Advance, Bounds, Slope, apply_map, rk4, sample_times
 from rmpc_bench.plants.ode_events import UserEvent
 from rmpc_bench.types import Array, Count, Ode, Parameters, Positive, Status
 
@@ -53,7 +53,7 @@ class Stepping(NamedTuple):
 
     solver: Solver
     substeps: int
-    """Of `rk4`; 0 for the other methods."""
+    """Of `rk4`; 0 for the other methods, 1 for a map."""
     events: tuple[UserEvent, ...] = ()
 
 
@@ -75,11 +75,9 @@ def advance_block(
     u: Float[Array, "runs nu"],
     numbers: Float[Array, "runs n_parameters"],
 ) -> Advance:
-    """Integrate all runs of a block at once by `rk4`."""
+    """Integrate all runs of a block at once by `rk4`, or apply the map to them."""
     columns, inputs, p = padded(x), padded(u), rows(ode.nominal, padded(numbers))
-    bounds = state_bounds(ode)
-    times = sample_times(k, substeps, Ts)
-    end = rk4(lambda t, z: ode.slope(t, z, inputs, p), times, columns, Ts / substeps, bounds)
+    end = _advance(ode, lambda t, z: ode.slope(t, z, inputs, p), Ts, substeps, k, columns, state_bounds(ode))
     n = len(x)
     return Advance(end.x[:, :n], end.state[:n], end.t[:n])
 
@@ -87,11 +85,10 @@ def advance_block(
 def advance_run(
     ode: Ode, Ts: float, stepping: Stepping, k: int, x: Float[Array, " nx"], u: Float[Array, " nu"], p: Parameters
 ) -> RunAdvance:
-    """Integrate one run."""
+    """Integrate one run, or apply the map to it."""
     bounds = state_bounds(ode)
     if stepping.solver.method == "rk4":
-        end = rk4(_one_column(ode, u, p, bounds), sample_times(k, stepping.substeps, Ts), x[:, None],
-                  Ts / stepping.substeps, bounds)  # fmt: skip
+        end = _advance(ode, _one_column(ode, u, p, bounds), Ts, stepping.substeps, k, x[:, None], bounds)
         return _judged(ode, end.x[:, 0], int(end.state[0]), float(end.t[0]))
     events = [event.of_run(ode, u, p) for event in stepping.events]
     found = solve(
@@ -104,6 +101,15 @@ def advance_run(
     if found.failure:
         return RunAdvance(found.x, Status.NOT_CONVERGED, f"{stepping.solver.method}: {found.failure}")
     return _judged(ode, found.x, found.state, found.t)
+
+
+def _advance(
+    ode: Ode, slope: Slope, Ts: float, substeps: int, k: int, x: Float[Array, "nx runs"], bounds: Bounds | None
+) -> Advance:
+    times = sample_times(k, substeps, Ts)
+    if ode.discrete:
+        return apply_map(slope, times[0], times[-1], x, bounds)
+    return rk4(slope, times, x, Ts / substeps, bounds)
 
 
 def left_bounds(ode: Ode, state: int, t: float) -> str:
@@ -128,7 +134,7 @@ def rows(names: Mapping[str, float], columns: Float[Array, "n_parameters width"]
 
 
 def _one_column(ode: Ode, u: Float[Array, " nu"], p: Parameters, bounds: Bounds | None) -> Slope:
-    """Time derivative of one run as `rk4` takes it; beyond the bounds that of the nearest state inside."""
+    """Function rhs of one run as `rk4` takes it; beyond the bounds that of the nearest state inside."""
 
     def slope(t: float, x: Array) -> Array:
         inside = x[:, 0] if bounds is None else np.clip(x[:, 0], bounds.low, bounds.high)

@@ -1,6 +1,6 @@
-"""The record of an ordinary differential equation: what a plant knows of it, and what design models use of it.
+"""The record of an ordinary differential equation or of a map: what a plant knows of it, and what design models use.
 
-x' = rhs(t, x, u, p),  y = output(x, p)
+x' = rhs(t, x, u, p), or x(k+1) = rhs(k Ts, x(k), u(k), p) of a map;  y = output(x, p)
 """
 
 from __future__ import annotations
@@ -64,11 +64,12 @@ class Parameters:
 
 @dataclass(frozen=True, eq=False)
 class Ode(NamedSignals):
-    """An ordinary differential equation with its names; nothing in it is drawn.
+    """An ordinary differential equation, or a map, with its names; nothing in it is drawn.
 
     Parameters
     ----------
-    rhs : the user's function rhs(x, u, p) or, with `timed`, rhs(t, x, u, p); returns nx time derivatives
+    rhs : the user's function rhs(x, u, p) or, with `timed`, rhs(t, x, u, p); returns nx time derivatives, or x(k+1)
+        with `discrete`
     output : the user's function output(x, p), which returns ny numbers; None where all states are measured
     states, inputs, outputs : names
     nominal : name of a parameter -> nominal value
@@ -77,7 +78,8 @@ class Ode(NamedSignals):
     timed : whether rhs depends on the time
     rhs_takes_blocks, output_takes_blocks : whether the function gives the same bits for a block of runs, x of shape
         (nx, runs), as for each run alone
-    substeps : steps of the Runge-Kutta method per sample in the plant; 0 with another method
+    substeps : steps of the Runge-Kutta method per sample in the plant; 0 with another method, 1 for a map
+    discrete : whether rhs is a map, which returns x(k+1)
     """
 
     rhs: Callable[..., Any]
@@ -92,6 +94,7 @@ class Ode(NamedSignals):
     rhs_takes_blocks: bool = False
     output_takes_blocks: bool = False
     substeps: int = 0
+    discrete: bool = False
 
     @property
     def p(self) -> Parameters:
@@ -101,7 +104,7 @@ class Ode(NamedSignals):
     def slope(
         self, t: float, x: Float[Array, nx * runs], u: Float[Array, nu * runs], p: Parameters
     ) -> Float[Array, nx * runs]:
-        """Call rhs with its own copies of x and u.
+        """Call rhs with its own copies of x and u; x(k+1) of a map.
 
         Parameters
         ----------
