@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
-from rmpc_bench.adapters.do_mpc_setup import checked_solution, do_mpc_model, quiet, set_up, shorten_history
+from rmpc_bench.adapters.do_mpc_horizon import MpcController
+from rmpc_bench.adapters.do_mpc_model import do_mpc_model
+from rmpc_bench.adapters.do_mpc_setup import quiet
+from rmpc_bench.adapters.do_mpc_window import MheEstimator
 from rmpc_bench.components.from_function import class_around
-from rmpc_bench.types import Array, Count
 
-__all__ = ["do_mpc_controller", "do_mpc_model"]
+__all__ = ["do_mpc_controller", "do_mpc_estimator", "do_mpc_model"]
 
 
 def do_mpc_controller(function: Callable[..., Any]) -> type:
@@ -33,48 +33,15 @@ def do_mpc_controller(function: Callable[..., Any]) -> type:
     return class_around(MpcController, quiet(function))
 
 
-class MpcController:
-    """An MPC of do-mpc, from a new initial guess at k = 0 and after a step that has failed.
+def do_mpc_estimator(function: Callable[..., Any]) -> type:
+    """Turn a function that returns a `do_mpc.estimator.MHE` into an estimator.
 
     Parameters
     ----------
-    made : the MPC
-    model, Ts : design model, sampling time [s]
-    preview : samples of the reference that the MPC knows, r(k) included; the last one is held over the horizon
+    function : its arguments are standard names and keys; the MHE may be set up or, better, not yet
+
+    Returns
+    -------
+    A single-run class; x_hat(0) is x0, since do-mpc has no measurement beside the first state.
     """
-
-    def __init__(self, made: Any, model: Any, Ts: float, preview: Count = 1) -> None:
-        set_up(made, Ts)
-        n = made.settings.n_horizon + 1
-        if preview > n:
-            raise ValueError(f"preview = {preview}; an MPC with n_horizon = {n - 1} uses {n} samples of the reference")
-        self.mpc, self.u_op, self.has_guess = made, model.u_op, bool(made.flags["set_initial_guess"])
-        self.held = np.minimum(np.arange(n), preview - 1)
-        template, own = made.get_tvp_template(), made.tvp_fun
-        places = [template.f["_tvp", j, "r"] for j in range(n)] if "r" in made.model.tvp.keys() else []
-        if places and len(places[0]) != model.ny:
-            raise ValueError(f"the time-varying parameter r has {len(places[0])} entries; outputs: {model.ny}")
-        self.places = [place for each in places for place in each]
-        self.r = np.zeros((n, model.ny))
-
-        def tvp_fun(t: Any) -> Any:
-            template.master[:] = own(t).cat
-            if places:
-                template.master[self.places] = self.r.ravel()
-            return template
-
-        made.set_tvp_fun(tvp_fun)
-
-    def control(self, x_hat: Array, r: Array, u_previous: Array | None, t: float) -> Array:
-        """Return u(k); the moves of the input begin at u(k-1), at k = 0 at the input of the operating point."""
-        mpc, self.r = self.mpc, np.atleast_2d(r)[self.held]
-        mpc.t0, mpc.x0, mpc.u0 = float(t), x_hat, self.u_op if u_previous is None else u_previous
-        if not self.has_guess:
-            mpc.set_initial_guess()
-            mpc.flags["initial_run"] = False  # no multipliers of an earlier solution
-        u = mpc.make_step(x_hat[:, None])
-        shorten_history(mpc)
-        self.has_guess = False
-        checked_solution(mpc)
-        self.has_guess = True
-        return np.asarray(u).ravel()
+    return class_around(MheEstimator, quiet(function))

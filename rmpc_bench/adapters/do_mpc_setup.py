@@ -1,4 +1,4 @@
-"""do-mpc: what its MPC and its MHE have in common, and a do-mpc model of a design model."""
+"""do-mpc: what its MPC and its MHE have in common."""
 
 from __future__ import annotations
 
@@ -51,7 +51,10 @@ def set_up(made: Any, Ts: float) -> None:
     if made.flags["setup"]:
         return
     made.settings.t_step = Ts
-    made.settings.supress_ipopt_output()
+    if not made.flags["MINLP"]:  # integer inputs have another solver
+        made.settings.supress_ipopt_output()
+    if "set_y_fun" in made.flags:
+        made.settings.meas_from_data = True
     if not made.flags["set_tvp_fun"]:
         template = made.get_tvp_template()
         made.set_tvp_fun(lambda t: template)
@@ -78,41 +81,3 @@ def checked_solution(made: Any) -> None:
     if not made.solver_stats["success"]:
         status = str(made.solver_stats["return_status"])
         raise SolverError(f"the solver of do-mpc: {status}", infeasible=status == "Infeasible_Problem_Detected")
-
-
-def do_mpc_model(model: Any) -> Any:
-    """Return a discrete do-mpc model of a design model, in physical units.
-
-    Parameters
-    ----------
-    model : a linear model that is the same at all k, or ``{nonlinear: plant}``
-
-    Returns
-    -------
-    A model with the state ``x``, the input ``u``, the time-varying parameter ``r`` (reference), additive process noise
-    and the measurements ``y`` (with noise) and ``u`` (without).  ``model.aux["y"]`` is the output.
-    """
-    do_mpc = do_mpc_library()
-    made = do_mpc.model.Model("discrete", "SX")
-    x, u = (made.set_variable(f"_{name}", name, shape=(n, 1)) for name, n in (("x", model.nx), ("u", model.nu)))
-    made.set_variable("_tvp", "r", shape=(model.ny, 1))
-    step, output = _functions(model)
-    made.set_expression("y", output(x))
-    made.set_rhs("x", step(x, u), process_noise=True)
-    made.set_meas("y", output(x), meas_noise=True)
-    made.set_meas("u", u, meas_noise=False)
-    made.setup()
-    return made
-
-
-def _functions(model: Any) -> tuple[Any, Any]:
-    """Return x(k+1) and y as functions of CasADi expressions."""
-    if model.is_linear_model:
-        casadi = library("casadi")
-        return (
-            lambda x, u: casadi.mtimes(casadi.DM(model.A), x) + casadi.mtimes(casadi.DM(model.B), u) + model.f0,
-            lambda x: casadi.mtimes(casadi.DM(model.C), x) + model.d0,
-        )
-    from rmpc_bench.adapters.casadi import output_function, step_function
-
-    return step_function(model), output_function(model)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rmpc_bench.adapters.do_mpc import do_mpc_controller, do_mpc_model
+from rmpc_bench.adapters.do_mpc import do_mpc_controller, do_mpc_estimator, do_mpc_model
 
 
 def tracking(model, Hp, Q, R, y_scale=1.0, u_scale=1.0):
@@ -43,3 +43,20 @@ def small_mpc(model, Hp: int = 6, R: float = 0.5, limit: float = 1e9):
     if limit < 1e9:
         mpc.bounds["lower", "_u", "u"], mpc.bounds["upper", "_u", "u"] = -limit, limit
     return mpc
+
+
+@do_mpc_estimator
+def small_mhe(model, P0, Ne: int = 5):
+    """An MHE with the weights of the Kalman filter.
+
+    Parameters
+    ----------
+    Ne : length of the window [samples]
+    """
+    import do_mpc
+
+    mhe = do_mpc.estimator.MHE(do_mpc_model(model))
+    mhe.settings.n_horizon = Ne
+    P_x, P_w, P_v = (np.linalg.inv(each) for each in (P0, model.Q_w, model.R_v))
+    mhe.set_default_objective(P_x, P_v, P_w=P_w)
+    return mhe

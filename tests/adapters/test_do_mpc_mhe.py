@@ -1,0 +1,221 @@
+"""MHE of do-mpc: the numbers of a batch least-squares problem and of the Kalman filter, and its traps."""
+
+import numpy as np
+import pytest
+from adapters.do_mpc_laws import small_mhe
+from components.one_run import MODEL, START, TS, designed, experiment, simulated
+
+from rmpc_bench import SolverError
+from rmpc_bench.adapters.do_mpc import do_mpc_estimator, do_mpc_model
+from rmpc_bench.adapters.do_mpc_setup import do_mpc_library, quiet, set_up
+from rmpc_bench.estimators.kalman import design as kalman
+from rmpc_bench.extras import is_installed
+from rmpc_bench.types import Status
+
+if not is_installed("do-mpc"):
+    pytest.skip("do-mpc is not installed", allow_module_level=True)
+
+NE, K = 5, 14
+NEWTON = {"rtol": 0.0, "atol": 1e-9}
+"""One Newton step of the solver against an orthogonal factorisation; measured: 3e-15."""
+
+
+def data():
+    """Return K measurements y(1), .. and the inputs before them; estimates are of the size of 1."""
+    rng = np.random.default_rng(0)
+    return rng.standard_normal((K, 1)), rng.standard_normal((K, 1))
+
+
+def batch(x_prev, ys, us, model=MODEL):
+    """Return the states x(0), .., x(n) of a window by least squares; a NaN in ys is no measurement."""
+    n, nx = len(ys), model.nx
+    root = {name: np.linalg.cholesky(np.linalg.inv(S)).T for name, S in vars_of(model).items()}
+    rows, right = [np.eye(nx, nx * (n + 1))], [x_prev]
+    rows[0] = root["P"] @ rows[0]
+    right[0] = root["P"] @ x_prev
+    for j, (y, u) in enumerate(zip(ys, us, strict=True)):
+        step = np.zeros((nx, nx * (n + 1)))
+        step[:, j * nx : (j + 2) * nx] = np.hstack([-model.A, np.eye(nx)])
+        rows.append(root["w"] @ step)
+        right.append(root["w"] @ (model.B @ u + model.f0))
+        if np.isfinite(y).all():
+            seen = np.zeros((model.ny, nx * (n + 1)))
+            seen[:, (j + 1) * nx : (j + 2) * nx] = model.C
+            rows.append(root["v"] @ seen)
+            right.append(root["v"] @ (y - model.d0))
+    return np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0].reshape(n + 1, nx)
+
+
+def vars_of(model):
+    """Return the covariances of the arrival cost and of both noises."""
+    return {"P": START["P0"], "w": model.Q_w, "v": model.R_v}
+
+
+def expected(ys, us):
+    """Return the last states of windows of least squares: growing to NE samples, then moving."""
+    x_prev, estimates = START["x0"], [START["x0"]]
+    for k in range(1, len(ys) + 1):
+        begin = max(0, k - NE)
+        path = batch(x_prev, ys[begin:k], us[begin:k])
+        estimates.append(path[-1])
+        x_prev = path[1] if k >= NE else x_prev
+    return np.array(estimates)
+
+
+def started(**keys):
+    """Return an object of the adapter at k = 0."""
+    law = small_mhe(model=MODEL, P0=START["P0"], Ts=TS, Ne=NE, **keys)
+    law.start(START["x0"])
+    np.testing.assert_array_equal(law.update(np.ones(1), None, 0.0), START["x0"])
+    return law
+
+
+def estimated(law, ys, us):
+    """Call `update` for k = 1, 2, .."""
+    return np.array([law.update(y, u, (k + 1) * TS) for k, (y, u) in enumerate(zip(ys, us, strict=True))])
+
+
+def plain():
+    """Return an MHE that is set up, with an initial guess, as a plain loop uses it."""
+
+    def make():
+        mhe = do_mpc_library().estimator.MHE(do_mpc_model(MODEL))
+        mhe.settings.n_horizon = NE
+        P_x, P_w, P_v = (np.linalg.inv(each) for each in vars_of(MODEL).values())
+        mhe.set_default_objective(P_x, P_v, P_w=P_w)
+        set_up(mhe, TS)
+        mhe.x0 = START["x0"]
+        mhe.set_initial_guess()
+        return mhe
+
+    return quiet(make)()
+
+
+def test_every_window_is_batch_least_squares():
+    """While the window grows, when it is full, and while it moves."""
+    ys, us = data()
+    np.testing.assert_allclose(estimated(started(), ys, us), expected(ys, us)[1:], **NEWTON)
+
+
+def test_a_missing_measurement_is_left_out():
+    """NaN in y has no equation: oracle is the problem without it."""
+    ys, us = data()
+    ys[[2, 7]] = np.nan
+    np.testing.assert_allclose(estimated(started(), ys, us), expected(ys, us)[1:], **NEWTON)
+
+
+def test_a_window_as_long_as_the_run_is_the_kalman_filter():
+    """In the loop, where y(0) is not used: the filter gets no information from it."""
+    ys, us = data()
+    law = small_mhe(model=MODEL, P0=START["P0"], Ts=TS, Ne=K)
+    law.start(START["x0"])
+    law.update(ys[0], None, 0.0)
+    x, P = START["x0"], START["P0"]
+    got = estimated(law, ys, us)
+    for k in range(K):
+        x, P = MODEL.A @ x + MODEL.B @ us[k], MODEL.A @ P @ MODEL.A.T + MODEL.Q_w
+        L = P @ MODEL.C.T / (MODEL.C @ P @ MODEL.C.T + MODEL.R_v)
+        x, P = x + L @ (ys[k] - MODEL.C @ x), P - L @ MODEL.C @ P
+        np.testing.assert_allclose(got[k], x, **NEWTON)
+
+
+def test_a_plain_loop_repeats_the_oldest_measurement():
+    """The first estimates of do-mpc use one measurement several times; later ones are those of the adapter."""
+    ys, us = data()
+    mhe, right = plain(), expected(ys, us)
+    got = np.array([mhe.make_step(np.concatenate(pair)[:, None]).ravel() for pair in zip(ys, us, strict=True)])
+    assert np.abs(got[0] - right[1]).max() > 0.1
+    np.testing.assert_allclose(estimated(started(), ys, us)[0], right[1], **NEWTON)
+
+
+def test_y_belongs_to_the_input_before_it():
+    """A plain call with y(k) and u(k) instead of u(k-1) is another estimate."""
+    ys, us = data()
+    wrong = estimated(started(), ys, np.roll(us, -1, axis=0))
+    assert np.abs(wrong - expected(ys, us)[1:]).max() > 0.1
+
+
+@pytest.mark.parametrize("failing", [2, 9])
+def test_after_a_failed_step_the_window_has_moved_on(failing):
+    """The arrival cost then takes the smoothed x(2) of the last solution, and no number of the failed step stays."""
+    ys, us = data()
+    law, got = started(), []
+    solve = law.mhe.solve
+
+    def fail():
+        solve()
+        law.mhe.opt_x_num.master[:] = np.nan
+        law.mhe.solver_stats = {"success": False, "return_status": "Maximum_Iterations_Exceeded", "t_wall_total": 0.0}
+
+    x_prev = path = None
+    for k in range(1, K + 1):
+        law.mhe.solve = fail if k == failing else solve
+        if k == failing:
+            with pytest.raises(SolverError, match="Maximum_Iterations_Exceeded"):
+                law.update(ys[k - 1], us[k - 1], k * TS)
+            continue
+        got.append(law.update(ys[k - 1], us[k - 1], k * TS))
+        begin = max(0, k - NE)
+        x_prev = START["x0"] if begin == 0 else path[2 if failing == k - 1 else 1]
+        path = batch(x_prev, ys[begin:k], us[begin:k])
+        np.testing.assert_allclose(got[-1], path[-1], **NEWTON)
+
+
+def test_in_the_loop_alone_and_in_a_block():
+    """It is better than nothing and worse than the Kalman filter, which also uses y(0); a run alone has the same bits."""
+    law = designed("estimators", small_mhe)
+    block = simulated(experiment(estimator=law))
+    alone = simulated(experiment(estimator=law), 1)
+    assert (block[0] == Status.OK).all()
+    np.testing.assert_array_equal(block[2]["x_hat"], alone[2]["x_hat"])
+    filtered = simulated(experiment(estimator=kalman(MODEL, 12, **START)))[2]["x_hat"]
+    assert 1e-3 < np.abs(block[2]["x_hat"] - filtered)[:, -1].max() < 0.5
+
+
+def test_the_history_does_not_grow():
+    """A plain loop keeps every sample; the adapter one window."""
+    ys, us = data()
+    law, mhe = started(), plain()
+    for pair in zip(ys, us, strict=True):
+        mhe.make_step(np.concatenate(pair)[:, None])
+    estimated(law, ys, us)
+    assert len(mhe.data["_y"]) == K
+    assert {len(getattr(law.mhe.data, name)) for name in law.mhe.data.data_fields} <= {0, NE}
+
+
+def test_a_held_run_goes_on():
+    """A solver that never converges: the run stops at its first step, or goes on with predictions of the model."""
+
+    def hopeless(model, P0):
+        mhe = do_mpc_library().estimator.MHE(do_mpc_model(model))
+        mhe.settings.n_horizon = 3
+        mhe.settings.nlpsol_opts = {"ipopt.max_iter": 0}
+        mhe.set_default_objective(np.eye(2), np.eye(1), P_w=np.eye(2))
+        return mhe
+
+    law = do_mpc_estimator(hopeless)
+    stopped = simulated(experiment(estimator=designed("estimators", law), n_runs=2))
+    assert set(stopped[0]) == {Status.NOT_CONVERGED}
+    held = simulated(experiment(estimator=designed("estimators", law, on_failure="hold", max_held=1.0), n_runs=2))
+    assert set(held[0]) == {Status.OK}
+    x, u = held[2]["x_hat"][0], held[2]["u"][0]
+    np.testing.assert_allclose(x[1:], x[:-1] @ MODEL.A.T + u[: len(x) - 1] @ MODEL.B.T, rtol=1e-12, atol=1e-12)
+
+
+def test_measurements_without_noise_are_refused():
+    """Their equations could not be left out before the window is full."""
+
+    def exact(model):
+        do_mpc = do_mpc_library()
+        made = do_mpc.model.Model("discrete", "SX")
+        x = made.set_variable("_x", "x", shape=(2, 1))
+        made.set_rhs("x", MODEL.A @ x, process_noise=True)
+        made.set_meas("y", x[0], meas_noise=False)
+        made.setup()
+        mhe = do_mpc.estimator.MHE(made)
+        mhe.settings.n_horizon = 3
+        mhe.set_default_objective(np.eye(2), P_w=np.eye(2))
+        return mhe
+
+    with pytest.raises(ValueError, match="1, of which 0 have noise; needed are 1 outputs with noise"):
+        do_mpc_estimator(exact)(model=MODEL, Ts=TS)
