@@ -18,30 +18,32 @@ from rmpc_bench.components.from_function import class_around
 __all__ = ["do_mpc_controller", "do_mpc_estimator", "do_mpc_model"]
 
 
-def do_mpc_controller(function: Callable[..., Any]) -> type:
+def do_mpc_controller(function: Callable[..., Any] | None = None, **declared: Any) -> Any:
     """Turn a function that returns a `do_mpc.controller.MPC` into a controller.
 
     Parameters
     ----------
     function : its arguments are standard names and keys; the MPC may be set up or, better, not yet.  A time-varying
         parameter ``r`` of its model is the reference
+    declared : attributes of the class, such as ``deviation=True``
 
     Returns
     -------
     A single-run class with the additional key `preview`.
     """
-    return class_around(MpcController, quiet(function))
+    return class_around(MpcController, function and quiet(function), **declared)
 
 
-def do_mpc_estimator(function: Callable[..., Any]) -> type:
+def do_mpc_estimator(function: Callable[..., Any] | None = None, **declared: Any) -> Any:
     """Turn a function that returns a `do_mpc.estimator.MHE` into an estimator.
 
     Parameters
     ----------
     function : its arguments are standard names and keys; the MHE may be set up or, better, not yet
+    declared : attributes of the class, such as ``deviation=True``
 
     Returns
     -------
     A single-run class; x_hat(0) is x0, since do-mpc has no measurement beside the first state.
     """
-    return class_around(MheEstimator, quiet(function))
+    return class_around(MheEstimator, function and quiet(function), **declared)

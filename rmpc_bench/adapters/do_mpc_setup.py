@@ -38,8 +38,7 @@ def set_up(made: Any, Ts: float) -> None:
 
     Parameters
     ----------
-    made : the MPC or MHE
-    Ts : sampling time [s]
+    made, Ts : the MPC or MHE, the sampling time [s]
 
     Raises
     ------
@@ -71,13 +70,7 @@ def shorten_history(made: Any) -> None:
 
 
 def checked_solution(made: Any) -> None:
-    """Raise where the solver has not found a solution; do-mpc returns its last iterate.
-
-    Raises
-    ------
-    SolverError
-        With the status of the solver.
-    """
+    """Raise a SolverError where the solver has found no solution; do-mpc returns its last iterate."""
     if not made.solver_stats["success"]:
         status = str(made.solver_stats["return_status"])
         raise SolverError(f"the solver of do-mpc: {status}", infeasible=status == "Infeasible_Problem_Detected")

@@ -23,8 +23,7 @@ class MheEstimator:
 
     Parameters
     ----------
-    made : the MHE
-    model, Ts : design model, sampling time [s]
+    made, model, Ts : the MHE, the design model, the sampling time [s]
     """
 
     bridges_missing = True
@@ -51,9 +50,9 @@ class MheEstimator:
 
     def update(self, y: Array, u_previous: Array | None, t: float) -> Array:
         """Return x_hat(k) from y(k), in which NaN is a missing measurement, and u(k-1)."""
-        mhe = self.mhe
+        mhe, x0 = self.mhe, np.asarray(self.path[0])
         if u_previous is None:
-            return self.path[0]
+            return x0
         if len(self.window) == self.N:
             # After a step that has failed, the last solution gives the smoothed state one sample later.
             self.path = self.path[1:] if len(self.path) > 1 else self.path
@@ -74,10 +73,9 @@ class MheEstimator:
         mhe.t0, guess, p_est = t - self.Ts, mhe.opt_x_num.master, mhe.p_est0.master
         mhe.make_step(self.window[-1][:, None])
         shorten_history(mhe)
-        solution = mhe.opt_x_num.master
+        path = mhe.opt_x_num.master[self.states].full().reshape(self.N + 1, -1) * self.scale
         if not mhe.solver_stats["success"]:
             mhe.opt_x_num.master, mhe.p_est0.master, mhe.flags["initial_run"] = guess, p_est, False
         checked_solution(mhe)
-        path = solution[self.states].full().reshape(self.N + 1, -1) * self.scale
         self.path = path if n == self.N else self.path
-        return path[n]
+        return np.asarray(path[n])

@@ -162,7 +162,7 @@ def test_after_a_failed_step_the_window_has_moved_on(failing):
 
 
 def test_in_the_loop_alone_and_in_a_block():
-    """It is better than nothing and worse than the Kalman filter, which also uses y(0); a run alone has the same bits."""
+    """It is near the Kalman filter, which also uses y(0); a run alone has the bits of a run in a block."""
     law = designed("estimators", small_mhe)
     block = simulated(experiment(estimator=law))
     alone = simulated(experiment(estimator=law), 1)
