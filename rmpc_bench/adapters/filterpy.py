@@ -43,9 +43,8 @@ class FilterpyEstimator:
             elif hasattr(each, "sigmas_f"):  # cubature points; the state is a column after `predict`
                 each.x = np.reshape(each.x, (-1, 1))
                 each.sigmas_f = library("filterpy", "kalman").spherical_radial_sigmas(each.x, each.P)
-        if hasattr(self.filter, "initialize"):
+        if hasattr(self.filter, "sigmas"):  # an ensemble
             self._predict, self._update = drawing_from(rng, self._predict), drawing_from(rng, self._update)
-            drawing_from(rng, self.filter.initialize)(self.filter.x, self.filter.P)
         self._shape = (-1, 1) if np.ndim(self.filter.x) == 2 else (-1,)
 
     def update(self, y: Any, u_previous: Any) -> Any:

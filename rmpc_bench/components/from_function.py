@@ -14,9 +14,20 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, overload
 
+from rmpc_bench.components.global_generator import drawing_from
 from rmpc_bench.components.single_run import single_run
+
+
+@overload
+def class_around(base: type, function: Callable[..., Any], *, needs: tuple[str, ...] = (), **declared: Any) -> type: ...
+
+
+@overload
+def class_around(
+    base: type, function: None, *, needs: tuple[str, ...] = (), **declared: Any
+) -> Callable[..., type]: ...
 
 
 def class_around(
@@ -27,7 +38,8 @@ def class_around(
     Parameters
     ----------
     base : class with the methods of the component; its `__init__` takes what the function has made, and after it any
-        standard names and keys, each by its name
+        standard names and keys, each by its name.  If `rng` is among them, the function draws from it what it draws
+        from NumPy's global generator
     function : the user's function; its arguments are standard names and keys.  None where a decorator is written with
         arguments, ``@filterpy_estimator(deviation=True)``
     needs : arguments that the function must have
@@ -60,7 +72,8 @@ def class_around(
     of_base = dict(list(_arguments(base.__init__).items())[2:])  # type: ignore[misc]
 
     def make(self: Any, **given: Any) -> None:
-        made = function(**{name: value for name, value in given.items() if name in of_function})
+        call = drawing_from(given["rng"], function) if "rng" in of_base else function
+        made = call(**{name: value for name, value in given.items() if name in of_function})
         base.__init__(self, made, **{name: value for name, value in given.items() if name in of_base})  # type: ignore[misc]
 
     first = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
