@@ -22,6 +22,9 @@ EXTRAS: Mapping[str, str] = {
 }
 """Extra -> module that it installs."""
 
+COMPUTES_WITH: Mapping[str, str] = {"do_mpc": "casadi"}
+"""Module of an extra -> another library of which the version changes what it computes."""
+
 NEEDED_BY: Mapping[tuple[str, str], str] = {}
 """Group and kind of a built-in component -> the extra that it needs."""
 
@@ -46,6 +49,44 @@ def missing(extra: str) -> str:
     return f"the library {EXTRAS[extra]} is not installed; pip install 'rmpc-bench[{extra}]' installs it"
 
 
+def need(group: str, kind: str) -> str:
+    """Say which extra a built-in component needs, and whether it is installed; empty where it needs none.
+
+    Parameters
+    ----------
+    group : of the registry
+    kind : of the component
+    """
+    extra = NEEDED_BY.get((group, kind))
+    if extra is None:
+        return ""
+    return f"needs rmpc-bench[{extra}]" + ("" if is_installed(extra) else ", which is not installed")
+
+
+def missing_for(group: str, kind: str) -> str:
+    """Say that the library of a built-in component is not installed; empty where nothing is missing.
+
+    Parameters
+    ----------
+    group : of the registry
+    kind : of the component
+    """
+    extra = NEEDED_BY.get((group, kind))
+    return "" if extra is None or is_installed(extra) else missing(extra)
+
+
+def missing_extra(error: BaseException) -> str:
+    """Return the extra that installs the library which an import did not find; empty for any other error.
+
+    Examples
+    --------
+    >>> missing_extra(ModuleNotFoundError("No module named 'numpy.x'", name="numpy.x"))
+    ''
+    """
+    module = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
+    return next((extra for extra, name in EXTRAS.items() if name == module and not is_installed(extra)), "")
+
+
 def library(extra: str, module: str = "") -> Any:
     """Import and return the module of an extra.
 
@@ -60,5 +101,5 @@ def library(extra: str, module: str = "") -> Any:
         If it is not installed.
     """
     if not is_installed(extra):
-        raise MissingLibraryError(missing(extra))
+        raise MissingLibraryError(missing(extra), name=EXTRAS[extra])
     return import_module(".".join(filter(None, [EXTRAS[extra], module])))

@@ -14,6 +14,7 @@ from rmpc_bench import registry
 from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.component_text import show, show_own
 from rmpc_bench.config.known_files import SUFFIX, files_of, known_configs, short_names
+from rmpc_bench.extras import need
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -60,10 +61,10 @@ def _entries(name: str) -> list[str]:
 
 
 def _entry(group: str, kind: str) -> str:
-    """Name of a component, with the package and version of an installed one, and why it cannot be loaded."""
+    """Name of a component, with the extra it needs or the package and version of an installed one, and its error."""
     package = registry.package_of(group, kind)
     if not package:
-        return kind
+        return f"{kind}  {need(group, kind)}".rstrip()
     from rmpc_bench.components.code import CodeError
     from rmpc_bench.components.designs import registered_design
 

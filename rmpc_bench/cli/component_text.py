@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rmpc_bench.extras import need
+
 if TYPE_CHECKING:
     from rmpc_bench.components.code import CodeReference
     from rmpc_bench.config.component_manual import KeyEntry
@@ -35,7 +37,7 @@ def _show_design(group: str, kind: str, design: Any) -> None:
     from rmpc_bench.config.component_manual import manual_of, shared_keys
 
     manual = manual_of(group, kind, design)
-    click.echo(f"{group}/{kind}")
+    click.echo(f"{group}/{kind}  {need(group, kind)}".rstrip())
     for text in (manual.module, manual.text):
         if text:
             click.echo(f"\n{text}")

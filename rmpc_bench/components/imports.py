@@ -28,6 +28,7 @@ _READERS = frozenset(
 """Functions that read a file."""
 _READING_METHODS = frozenset({"read_text", "read_bytes", "loadmat", "loadtxt", "genfromtxt"})
 """Methods that read a file, whatever their object is called."""
+_LIBRARY = "rmpc_bench.extras.library"
 DEPENDS_ON = "depends_on"
 
 
@@ -69,6 +70,8 @@ class References(NamedTuple):
     """Files that a class or the module names in ``depends_on = [...]``."""
     wrong: tuple[Place, ...]
     """Values of `depends_on` that are no list of literal texts."""
+    extras: tuple[str, ...] = ()
+    """Extras of which the file imports the library with `rmpc_bench.extras.library`."""
 
 
 def references(tree: ast.Module) -> References:
@@ -84,7 +87,8 @@ def references(tree: ast.Module) -> References:
     depends_on = tuple(entry for entry in entries if entry.text)
     wrong = tuple(entry for entry in entries if not entry.text)
     hidden = {item.place: item for node in nodes for item in _hidden(node, names)}
-    return References(tuple(_imports(nodes)), tuple(sorted(hidden.values())), depends_on, wrong)
+    extras = tuple(sorted({extra for node in nodes for extra in _extras(node, names)}))
+    return References(tuple(_imports(nodes)), tuple(sorted(hidden.values())), depends_on, wrong, extras)
 
 
 def _imports(nodes: list[ast.AST]) -> Iterator[Import]:
@@ -122,6 +126,14 @@ def _hidden(node: ast.AST, names: dict[str, str]) -> Iterator[Hidden]:
             yield Hidden(_place(node, f"{name}({literal!r})" if literal else f"{name}()"), True, literal)
     elif isinstance(node, ast.Attribute) and (name := _dotted(node, names)) in ("sys.path", "os.environ"):
         yield Hidden(_place(node, name), False, None)
+
+
+def _extras(node: ast.AST, names: dict[str, str]) -> Iterator[str]:
+    """Yield the extra of a call ``library("filterpy", ..)``."""
+    if isinstance(node, ast.Call) and node.args and _dotted(node.func, names) == _LIBRARY:
+        first = node.args[0]
+        if isinstance(first, ast.Constant) and isinstance(first.value, str):
+            yield first.value
 
 
 def _reads(call: ast.Call, name: str) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 from rmpc_bench.components.code import CodeError, CodeReference, Place
 from rmpc_bench.components.private_modules import file_of, is_private, is_source, module_name, package_of, plain_names
 from rmpc_bench.components.signals import noted_signals
+from rmpc_bench.extras import missing, missing_extra
 from rmpc_bench.types.errors import ConfigError, DesignError
 from rmpc_bench.types.issue import unknown
 
@@ -87,11 +88,22 @@ def user_code(path: Path | None = None) -> Iterator[None]:
         except (Exception, KeyboardInterrupt, SystemExit) as error:
             if isinstance(error, KeyboardInterrupt) and signals:
                 raise
-            raise CodeError(described(error), place_of(error, path)) from error
+            raise _code_error(error, path) from error
+
+
+def _code_error(error: BaseException, path: Path | None) -> CodeError:
+    """Return an exception of a user's code as a message.
+
+    The file is right where a library is missing: its line is then in the message, and the configuration has the place.
+    """
+    found = CodeError(described(error), place_of(error, path))
+    return CodeError(found.line) if missing_extra(error) else found
 
 
 def described(error: BaseException) -> str:
     """Return an exception in one line: ``ValueError: negative level``."""
+    if extra := missing_extra(error):
+        return missing(extra)
     if isinstance(error, SyntaxError):
         return f"{type(error).__name__}: {error.msg}"
     try:

@@ -19,7 +19,11 @@ from rmpc_bench.components.imports import Import, Place, References, references
 from rmpc_bench.components.installed import is_standard, local_directory
 from rmpc_bench.components.module_files import module_files
 from rmpc_bench.components.syntax import syntax_hash
+from rmpc_bench.extras import EXTRAS
 from rmpc_bench.types import Problem
+
+_ADAPTERS = Path(__file__).resolve().parents[1] / "adapters"
+"""Directory of the adapters, through which a file may use a library without an import of it."""
 
 
 class SourceFile(NamedTuple):
@@ -44,7 +48,8 @@ class Source:
     ----------
     path : the file
     files : the file itself, then all others by place
-    modules : names of the imported modules that are neither local nor of the standard library
+    modules : names of the imported modules that are neither local nor of the standard library, and of the libraries
+        that are imported through the bench
     problems : errors of the files: syntax, a file under `depends_on` that is not there
     warnings : places where the syntax tree cannot show what the code depends on
     readings : places where a file is read whose name is no literal; it may be a data file that a key names
@@ -197,6 +202,7 @@ class _Search:
         self._add(found, parsed.digest, content)
         self.problems += [_problem(found.path, wrong) for wrong in parsed.wrong]
         self._add_data(found, parsed.found)
+        self.modules |= _modules_of(parsed.found)
         self._note_hidden(found.path, parsed.found)
         return [file for each in parsed.found.imports for file in self._imported(found, each)]
 
@@ -243,11 +249,32 @@ class _Search:
                 yield from (found._replace(path=file) for file in files)
                 return
         name = each.module.partition(".")[0]
+        self.modules |= _modules_of_adapters(each)
         directory = local_directory(name)
         if directory is not None:
             yield from (_Found(file, directory, False) for file in module_files(directory, each))
         elif not is_standard(name):
             self.modules.add(name)
+
+
+def _modules_of(found: References) -> set[str]:
+    """Return the modules of the optional libraries that a file imports by their extras."""
+    return {EXTRAS[extra] for extra in found.extras if extra in EXTRAS}
+
+
+def _modules_of_adapters(statement: Import) -> set[str]:
+    """Return the modules of the libraries behind the adapters that a statement imports, also through one another."""
+    waiting, seen, modules = [statement], set[Path](), set[str]()
+    while waiting:
+        each = waiting.pop()
+        files = module_files(_ADAPTERS.parents[1], each) if each.module.startswith(_ADAPTERS.parent.name) else []
+        for file in files:
+            if file.parent == _ADAPTERS and file not in seen:
+                seen.add(file)
+                found = _parsed(file.read_bytes()).found
+                modules |= _modules_of(found)
+                waiting += found.imports
+    return modules
 
 
 def _problem(path: Path, place: Place, text: str = "") -> Problem:

@@ -8,6 +8,8 @@ import traceback
 from pathlib import Path
 from types import TracebackType
 
+from rmpc_bench.extras import missing, missing_extra
+
 _BENCH = f"{Path(__file__).resolve().parents[1]}{os.sep}"
 _FOLDED = "  (frames of rmpc_bench left out)\n"
 
@@ -32,7 +34,8 @@ def user_trace(error: BaseException) -> str:
             lines += traceback.format_list([frame])
         elif any(own[:number]) and own[number - 1]:
             lines.append(_FOLDED)
-    return "".join([*lines, *traceback.format_exception_only(error)])
+    extra = missing_extra(error)
+    return "".join([*lines, *traceback.format_exception_only(error), *([f"{missing(extra)}\n"] if extra else [])])
 
 
 def last_user_frame(error: BaseException) -> str:
@@ -65,6 +68,8 @@ def place_in(trace: str) -> str:
 
 def one_line(error: BaseException) -> str:
     """Return an exception as one line, such as ``ValueError: negative level``."""
+    if extra := missing_extra(error):
+        return missing(extra)
     first = (str(error).strip().splitlines() or [""])[0]
     name = type(error).__name__
     return f"{name}: {first[:300]}" if first else name

@@ -26,6 +26,7 @@ from rmpc_bench.config.short_forms import FILE, given_forms, with_kind
 from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key
 from rmpc_bench.config.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
+from rmpc_bench.extras import MissingLibraryError, missing_for
 from rmpc_bench.types import DesignError, Issue, Problem
 
 Writer = Callable[[CodeReference | DataReference], str]
@@ -101,6 +102,8 @@ class Component:
             problems.append(self.problem(str(error), error.parameter))
         except CodeError as error:
             problems.append(self.problem(error.line))
+        except MissingLibraryError as error:
+            problems.append(self.problem(str(error)))
         except (np.linalg.LinAlgError, ArithmeticError, MemoryError) as error:
             problems.append(self.problem(f"cannot be computed from these numbers ({error})"))
         return None
@@ -231,6 +234,11 @@ def _design(
 ) -> tuple[str, CodeReference | None, Callable[..., Any], type[BaseModel]] | None:
     """Return kind, reference, design function and keys of a component; None where its file cannot be used."""
     kind_mark = locate(tree, ["kind"]) if "kind" in tree else Mark(*mark)
+    if lacking := missing_for(group, kind):
+        problems.append(
+            Problem(*kind_mark, join([*path, kind if kind in given_forms(group, tree) else "kind"]), lacking)
+        )
+        return None
     try:
         code = access.reference(kind, kind_mark.file) if is_reference(kind) else None
         design = registered_design(group, kind) if code is None else access.design(group, code)

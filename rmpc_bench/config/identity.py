@@ -50,7 +50,7 @@ def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> Swe
 
 
 def _modules(draft: DraftConfig, own: OwnCode) -> dict[str, tuple[str, ...]]:
-    """Return method -> names of the installed modules that the user's files import for its trials."""
+    """Return method -> names of the installed modules that compute its trials, besides those of the bench."""
     laws = [term.law for channel in (*draft.noise.values(), draft.initial["laws"]) for term in channel]
     common = own.modules([draft.plant, draft.reference, draft.input, *laws, *draft.metrics])
     return {name: tuple(sorted(common | own.modules(each.named.values()))) for name, each in draft.methods.items()}

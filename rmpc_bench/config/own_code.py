@@ -21,6 +21,7 @@ from rmpc_bench.components.private_modules import package_of
 from rmpc_bench.components.reached import reached_text
 from rmpc_bench.components.source import Source, data_hash, read_source
 from rmpc_bench.config.component import Component
+from rmpc_bench.extras import COMPUTES_WITH, EXTRAS, NEEDED_BY
 from rmpc_bench.types import Problem
 
 
@@ -108,14 +109,16 @@ class OwnCode:
         return self.sources[path]
 
     def modules(self, components: Iterable[Component | None]) -> set[str]:
-        """Return the names of the installed modules that the files of some components import."""
-        found = (
-            source.modules
-            for each in components
-            if each is not None and not each.is_built_in
-            for source in self.sources_of(each)
-        )
-        return {name for names in found for name in names}
+        """Return the names of the installed modules with which some components compute.
+
+        They are those that the user's files import, and the libraries of built-in components that need one.
+        """
+        given = [each for each in components if each is not None]
+        own = (source for each in given if not each.is_built_in for source in self.sources_of(each))
+        found = {name for source in own for name in source.modules}
+        extras = (NEEDED_BY.get((each.group, each.kind)) for each in given)
+        found |= {EXTRAS[extra] for extra in extras if extra is not None}
+        return found | {COMPUTES_WITH[name] for name in found if name in COMPUTES_WITH}
 
     def names(self) -> dict[str, dict[str, str]]:
         """Return hash of a source or a data file -> names of its files -> their hashes, for messages."""

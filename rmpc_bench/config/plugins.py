@@ -7,7 +7,7 @@ from rmpc_bench.components.consent import CodeAccess, name_files
 from rmpc_bench.components.loading import module_of
 from rmpc_bench.config.component import problem_of
 from rmpc_bench.config.key_errors import shown
-from rmpc_bench.config.tree import Items, Map, locate
+from rmpc_bench.config.tree import Items, Map, Mark, locate
 from rmpc_bench.config.user_files import named_in
 from rmpc_bench.types import ConfigError, Problem
 
@@ -28,7 +28,7 @@ def load_plugins(tree: Map, access: CodeAccess) -> None:
         If a plugin may not be loaded or cannot be.
     """
     problems: list[Problem] = []
-    plugins: list[CodeReference] = []
+    plugins: list[tuple[CodeReference, Mark, str]] = []
     given = tree.get(KEY)
     for number, text in enumerate(given if isinstance(given, Items) else ()):
         mark, path = locate(tree, [KEY, number]), f"{KEY}.{number}"
@@ -40,14 +40,14 @@ def load_plugins(tree: Map, access: CodeAccess) -> None:
         reference = access.file(text, mark.file)
         try:
             access.check(reference)
-            plugins.append(reference)
+            plugins.append((reference, mark, path))
         except CodeError as error:
             problems.append(Problem(*mark, path, str(error)))
-    name_files([*plugins, *named_in(tree, access)])
-    for reference in plugins:
+    name_files([*(reference for reference, _, _ in plugins), *named_in(tree, access)])
+    for reference, mark, path in plugins:
         try:
             module_of(reference.path)
         except CodeError as error:
-            problems.append(problem_of(error, tree.key_marks.get(KEY, tree.mark), KEY))
+            problems.append(problem_of(error, mark, path))
     if problems:
         raise ConfigError(problems)

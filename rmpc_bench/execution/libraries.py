@@ -1,4 +1,7 @@
-"""Versions of the libraries that a user's files import: another major or minor version may compute other numbers."""
+"""Versions of the libraries with which components compute: another major or minor version may compute other numbers.
+
+They are those that the user's files import, also through an adapter, and those of built-in components that need one.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +26,9 @@ def versions(modules: Iterable[str]) -> dict[str, str]:
 
 
 def all_versions(config: ExperimentConfig) -> dict[str, str]:
-    """Return distribution -> version of all modules that the user's files of a configuration import."""
-    return versions({module for source in config.own.sources.values() for module in source.modules})
+    """Return distribution -> version of all modules with which a configuration computes."""
+    of_files = {module for source in config.own.sources.values() for module in source.modules}
+    return versions(of_files | {name for point in config.points for names in point.modules.values() for name in names})
 
 
 def check_versions(config: ExperimentConfig, store: Store, methods: Collection[str], *, accept: bool) -> None:

@@ -201,14 +201,18 @@ def keep_state(
 
 
 def _fingerprint(config: ExperimentConfig, directory: Path, options: Collection[str]) -> str | None:
-    """Hash everything that the derived files are made from; None where own code takes part or a writer was killed."""
+    """Hash everything that the derived files are made from.
+
+    None where own code or another library takes part, or a writer was killed.
+    """
     # They import NumPy.
     from rmpc_bench.config.tree import plain
     from rmpc_bench.execution.engines.tasks import has_own_code
 
     experiments = [point.experiment for point in config.points]
     own = any(has_own_code(experiment, method) for experiment in experiments for method in experiment.methods)
-    if own or config.own.names() or not all(figure.is_built_in for figure in config.figures):
+    with_libraries = any(names for point in config.points for names in point.modules.values())
+    if own or with_libraries or config.own.names() or not all(figure.is_built_in for figure in config.figures):
         return None
     state = _state(directory)
     parts = [

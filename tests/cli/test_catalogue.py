@@ -1,11 +1,14 @@
 """list and describe: the reference manual."""
 
+import re
+
 import numpy as np
 import pytest
 from small_experiment import cli, write
 
 from rmpc_bench import registry
 from rmpc_bench.config.schema import PROVIDED, model_of
+from rmpc_bench.extras import NEEDED_BY, is_installed, need
 from rmpc_bench.types import Line, Panel, Plant
 
 PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names(group)]
@@ -13,15 +16,21 @@ PARTS = [(group, name) for group in registry.BUILT_IN for name in registry.names
 
 @pytest.mark.parametrize("group", registry.BUILT_IN)
 def test_list_of_a_group(group):
-    """One name a line, sorted, nothing else: made for scripts."""
-    assert cli("list", group).stdout.splitlines() == registry.names(group)
+    """One name a line, sorted, first in its line: made for scripts.  An extra that it needs follows."""
+    lines = cli("list", group).stdout.splitlines()
+    assert [line.split()[0] for line in lines] == registry.names(group)
+    assert [line for line in lines if " " in line] == [
+        f"{kind}  needs rmpc-bench[{extra}]" + ("" if is_installed(extra) else ", which is not installed")
+        for (of, kind), extra in sorted(NEEDED_BY.items())
+        if of == group
+    ]
 
 
 def test_list_of_everything():
     """The groups with their names below."""
     shown = cli("list").stdout
     for group, name in PARTS:
-        assert f"\n  {name}\n" in shown.split(f"{group}:")[1]
+        assert re.search(rf"^  {re.escape(name)}(  needs .*)?$", shown.split(f"{group}:")[1], re.MULTILINE)
 
 
 def test_list_of_configurations(tmp_path, monkeypatch):
@@ -42,7 +51,7 @@ def test_describe_shows_every_key_with_its_meaning(group, name):
     """What it is, every key that a configuration may give, whether it is required, and what it means."""
     result = cli("describe", f"{group}/{name}")
     assert result.exit_code == 0
-    assert result.stdout.startswith(f"{group}/{name}\n\n")
+    assert result.stdout.startswith(f"{group}/{name}  {need(group, name)}".rstrip() + "\n\n")
     _, _, keys = result.stdout.partition("\nKeys\n")
     lines = keys.splitlines()
     fields = model_of(group, name).model_fields

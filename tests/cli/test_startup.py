@@ -8,6 +8,7 @@ import pytest
 from small_experiment import cli
 
 from rmpc_bench import __version__
+from rmpc_bench.extras import EXTRAS, NEEDED_BY
 
 FIG7 = Path(__file__).parents[2] / "configs" / "zenere2018" / "fig7.yaml"
 IMPORTED = """
@@ -44,6 +45,26 @@ def test_help_of_a_verb_imports_nothing():
 def test_check_imports_no_simulation():
     """Neither the compiler nor pandas nor matplotlib, though the claims are read and all designs made."""
     assert imported("check", FIG7) & HEAVY <= {"numpy", "scipy", "pydantic", "yaml"}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(["--help"], ["list"], ["check", FIG7], ["schema"], ["describe", "estimators/kalman"]),
+        *(["describe", f"{group}/{kind}"] for group, kind in NEEDED_BY),
+    ],
+    ids=lambda arguments: "-".join(map(str, arguments[:2])).rpartition("/")[2],
+)
+def test_no_optional_library_is_imported(arguments):
+    """Also not where a component that needs one is listed and described."""
+    assert imported(*arguments) & {*EXTRAS.values()} == set()
+
+
+def test_no_optional_library_is_imported_for_built_in_components(tmp_path, monkeypatch):
+    """Run, report and check of a configuration that uses none."""
+    monkeypatch.chdir(tmp_path)
+    for arguments in (["run", "quickstart", "--runs", "4", "--no-report"], ["report", "results/quickstart"]):
+        assert imported(*arguments) & {*EXTRAS.values()} == set()
 
 
 def test_installed_command():

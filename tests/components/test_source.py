@@ -42,6 +42,23 @@ def written(directory, **changed):
     return directory / "tanks.py"
 
 
+THROUGH_THE_BENCH = {
+    "from rmpc_bench.adapters.filterpy import filterpy_estimator": {"filterpy"},
+    "def f():\n    from rmpc_bench.adapters import do_mpc": {"casadi", "do_mpc"},
+    "import rmpc_bench.adapters.casadi as symbols": {"casadi"},
+    "from rmpc_bench.extras import library as get\ndef f(): return get('fmu', 'simulation')": {"fmpy"},
+    "from rmpc_bench import extras\ncontrol = extras.library('control')": {"control"},
+    "from rmpc_bench.extras import library\nlibrary('nothing')": set(),
+    "from rmpc_bench import single_run": set(),
+}
+
+
+@pytest.mark.parametrize("text", THROUGH_THE_BENCH)
+def test_libraries_that_are_reached_through_the_bench(tmp_path, text):
+    """An adapter names its library, also where one adapter uses another; nothing is imported."""
+    assert {*read_source(written(tmp_path, **{"tanks.py": text})).modules} == THROUGH_THE_BENCH[text]
+
+
 def test_every_local_module_is_found_and_nothing_is_imported(tmp_path):
     """Neighbours, packages, relative imports and imports inside a function; the standard library does not count."""
     source = read_source(written(tmp_path))

@@ -11,6 +11,7 @@ from rmpc_bench import registry
 from rmpc_bench.components.designs import registered_design
 from rmpc_bench.config.component_manual import Manual, manual_of, shared_keys
 from rmpc_bench.config.short_forms import SHORT_FORMS
+from rmpc_bench.extras import NEEDED_BY
 
 PAGE = DOCS / "components.md"
 _LABEL = re.compile(r"([A-Z][a-z]+) +(?=\S)")
@@ -70,6 +71,10 @@ def _component(group: str, kind: str) -> list[str]:
     examples = [f"```pycon\n{manual.examples}\n```"] if ">>>" in manual.examples else []
     form = f"`{group[:-1]}: {{{kind}: ..}}`" if kind in SHORT_FORMS.get(group, ()) else ""
     short = [f"Short form: {form}"] if form else []
+    extra = NEEDED_BY.get((group, kind))
+    short += (
+        [f"Needs a library: `pip install 'rmpc-bench[{extra}]'`; see [libraries.md](libraries.md)."] if extra else []
+    )
     equation = EQUATIONS.get((group, kind), "")
     formula = [f"$$\n{equation.strip()}\n$$"] if equation else []
     return [heading(3, kind, group, kind), *_texts(manual, formula), *_picture(group, kind), *short, *keys, *examples]
