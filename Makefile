@@ -1,6 +1,8 @@
 VENV ?= .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
+EXTRAS ?= dev
+STAMP := $(VENV)/.installed-$(EXTRAS)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup run test test-slow smoke site docs lint type perf perf-large clean zenere2018 zenere2017 souto2011 ma2025 belda2017 benchmarks papers
@@ -8,10 +10,10 @@ PYTHON ?= python3
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
 
-setup: $(VENV)/.installed  ## make the virtual environment and install into it
+setup: $(STAMP)  ## make the virtual environment and install into it (EXTRAS=dev,adapters adds other libraries)
 
-$(VENV)/.installed: pyproject.toml
-	$(PYTHON) -m venv $(VENV) && $(BIN)/python -m pip install --quiet --editable '.[dev]' && touch $@
+$(STAMP): pyproject.toml
+	$(PYTHON) -m venv $(VENV) && $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]' && touch $@
 
 run: setup  ## run the quickstart and print the path of its figure
 	$(BIN)/rmpc-bench run configs/quickstart.yaml
@@ -22,8 +24,8 @@ test: setup  ## run the default tests, on all cores
 test-slow: setup  ## run the tests that take minutes
 	$(BIN)/python -m pytest -m slow
 
-smoke: setup  ## run every configuration at its small size
-	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh || exit; done
+smoke: setup  ## run every configuration at its small size; those without their libraries are named and skipped
+	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh --if-installed || exit; done
 
 site: setup  ## write the pages of all stored experiments and their index into results/site
 	$(BIN)/rmpc-bench report $$(find results -name trials.sqlite -o -name claims.json | grep -v -e /site/ -e /smoke/ -e '~' -e '\.2' | xargs -n 1 dirname | sort -u) --to results/site

@@ -46,7 +46,18 @@ def missing(extra: str) -> str:
     >>> missing("do-mpc")
     "the library do_mpc is not installed; pip install 'rmpc-bench[do-mpc]' installs it"
     """
-    return f"the library {EXTRAS[extra]} is not installed; pip install 'rmpc-bench[{extra}]' installs it"
+    return f"the library {EXTRAS[extra]} is not installed; {install(extra)} installs it"
+
+
+def install(*extras: str) -> str:
+    """Return the command that installs some extras.
+
+    Examples
+    --------
+    >>> print(install("filterpy", "do-mpc"))
+    pip install 'rmpc-bench[filterpy,do-mpc]'
+    """
+    return f"pip install 'rmpc-bench[{','.join(extras)}]'"
 
 
 def need(group: str, kind: str) -> str:

@@ -1,9 +1,19 @@
-"""Libraries that are made to look as if they were not installed: in this process, or in it and all that it starts."""
+"""Libraries that are not installed, or are made to look so, in this process or in those that it starts."""
 
 import os
 import sys
 
+import pytest
+
+from rmpc_bench.config.required_libraries import skipped
+
 SITE = "import sys\nsys.modules.update(dict.fromkeys({names!r}))\n"
+
+
+def skip_without_libraries(path):
+    """Skip a test of a configuration by its name if a library that it requires is not installed."""
+    if text := skipped(path):
+        pytest.skip(text)
 
 
 def hide(monkeypatch, *modules):

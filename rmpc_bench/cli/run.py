@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 @click.option("--strict", is_flag=True, help="Exit with 1 if the finding of a claim differs from its record.")
 @click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
 @click.option("--accept-versions", is_flag=True, help="Use rows that other versions of a library have computed.")
+@click.option("--if-installed", is_flag=True, help="Skip a configuration if a library under `requires` is missing.")
 @click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
 @click.option(
     "--engine",
@@ -80,6 +81,8 @@ def run(**options: Any) -> int:
     results/<paper>/<name> unless -o names another directory.
     """
     started = time.monotonic()
+    if options.pop("if_installed") and _is_skipped(options["config"]):
+        return 0
     request = Request(**options)
     done = _done_before(request)
     if done is not None:
@@ -112,6 +115,16 @@ def run(**options: Any) -> int:
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)
         return exits.OCCUPIED
+
+
+def _is_skipped(config: Path) -> bool:
+    """Whether a configuration requires a library that is not installed; this is said."""
+    from rmpc_bench.config.required_libraries import skipped
+
+    text = skipped(config)
+    if text:
+        click.echo(text, err=True)
+    return bool(text)
 
 
 def _done_before(request: Request) -> Shown | None:

@@ -38,6 +38,22 @@ def reported_once(problems: Sequence[Problem]) -> list[Problem]:
     ]
 
 
+def skipped(config: str | Path) -> str:
+    """Say why a configuration is skipped; empty where all libraries that it requires are installed.
+
+    Parameters
+    ----------
+    config : file or name of a configuration
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read.
+    """
+    names = missing_extras(config)
+    return f"skipped {config}: needs {', '.join(names)} ({extras.install(*names)})" if names else ""
+
+
 def missing_extras(config: str | Path) -> list[str]:
     """Return the extras that a configuration requires and that are not installed; no code is loaded.
 

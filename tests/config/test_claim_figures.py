@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from missing_libraries import skip_without_libraries
 from small_experiment import cli, write
 
 import rmpc_bench
@@ -50,6 +51,7 @@ def test_the_figure_is_in_claims_json_and_a_link_in_claims_md(tmp_path: Path) ->
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_every_claim_that_a_paper_makes_from_a_figure_has_a_figure_here(path: Path) -> None:
+    skip_without_libraries(path)
     # The small size has the same claims, and its designs cost less.
     claims = rmpc_bench.load_config(path, smoke=True).claims
     without = [claim.says for claim in claims if claim.of_paper and "Fig" in claim.source and not claim.figures]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from missing_libraries import skip_without_libraries
 from small_experiment import cli, ran, write
 
 from rmpc_bench import load_config, load_results
@@ -178,6 +179,7 @@ def _overrides(tree):
 @pytest.mark.parametrize("file", sorted(CONFIGS.rglob("*.yaml")), ids=lambda file: f"{file.parent.name}-{file.stem}")
 def test_overrides_of_every_configuration(file):
     """No error is about a claim, a figure or a setting of the comparison of the file itself."""
+    skip_without_libraries(file)
     tree = plain(load(file))
     if "time" not in tree or "methods" not in tree:
         pytest.skip("takes these from another file")

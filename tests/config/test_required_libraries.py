@@ -2,9 +2,10 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
-from missing_libraries import hide
+from missing_libraries import hide, skip_without_libraries
 from small_experiment import cli, write
 
 from rmpc_bench import extras, load_config
@@ -13,6 +14,7 @@ from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.types import ConfigError
 
+ROOT = Path(__file__).parents[2]
 LOADED = """
 import sys
 from rmpc_bench import load_config
@@ -98,3 +100,36 @@ def test_a_required_library_is_not_imported(tmp_path):
     path = write(tmp_path, requires="[filterpy]")
     done = subprocess.run([sys.executable, "-c", LOADED, str(path)], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+def test_run_skips_by_name_on_request(tmp_path, monkeypatch):
+    """As `make smoke` does; without the option the same file is an error."""
+    monkeypatch.chdir(tmp_path)
+    install(monkeypatch, "filterpy")
+    path = write(tmp_path, requires="[do-mpc, filterpy, control]").name
+    done = cli("run", path, "--if-installed", "--smoke")
+    assert (done.exit_code, done.stdout) == (0, "") and not (tmp_path / "results").exists()
+    assert done.stderr == "skipped tiny.yaml: needs do-mpc, control (pip install 'rmpc-bench[do-mpc,control]')\n"
+    assert cli("run", path).exit_code == 2
+    install(monkeypatch, "filterpy", "do-mpc", "control")
+    done = cli("run", path, "--if-installed", "--dry-run")
+    assert done.exit_code == 0 and "12 of 12 trials to compute" in done.stdout
+
+
+def test_make_and_the_tests_skip_them():
+    """`make smoke` uses the option, and every configuration whose files need an extra says so."""
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    assert "--smoke --fresh --if-installed" in makefile and ".installed-$(EXTRAS)" in makefile
+    assert "EXTRAS=dev,adapters" in (ROOT / ".ci" / "run").read_text("utf-8")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs" / "examples").glob("*.yaml")), ids=lambda path: path.stem)
+def test_an_example_requires_what_it_uses(path):
+    """The libraries of its kinds and files are under `requires`, and no others; do-mpc brings CasADi."""
+    skip_without_libraries(path)
+    config = load_config(path, smoke=True)
+    optional = {*extras.EXTRAS.values()}
+    used = {name for point in config.points for names in point.modules.values() for name in names} & optional
+    named = {extras.EXTRAS[extra] for extra in config.resolved.get("requires", ())}
+    implied = {extras.COMPUTES_WITH[name] for name in used if name in extras.COMPUTES_WITH}
+    assert named <= used and used - implied <= named

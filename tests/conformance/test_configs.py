@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from missing_libraries import skip_without_libraries
 
 from rmpc_bench import load_config, run
 from rmpc_bench.config.tree import plain
@@ -66,6 +67,7 @@ def test_two_runs_of_a_few_steps(name, tmp_path):
 
     Where only exact moments are evaluated, there are these and no runs.
     """
+    skip_without_libraries(ROOT / name)
     config = load_config(ROOT / name, runs=2, smoke=True)
     check_names(config, name)
     config = replace(config, points=config.points[:: max(1, len(config.points) // 4)][:4])
@@ -83,6 +85,7 @@ def test_two_runs_of_a_few_steps(name, tmp_path):
 @pytest.mark.parametrize("name", marked(HEAVY))
 def test_full_size_is_valid_and_survives_being_written(name, tmp_path):
     """All designs can be made, and what is written with every default filled in is the same experiment."""
+    skip_without_libraries(ROOT / name)
     config = load_config(ROOT / name)
     check_names(config, name)
     copy = tmp_path / "config.resolved.yaml"

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from missing_libraries import skip_without_libraries
 
 from rmpc_bench import load_config, run
 
@@ -16,6 +17,7 @@ def trials_of(tmp_path_factory):
 
     def trials(name):
         if name not in known:
+            skip_without_libraries(ROOT / f"{name}.yaml")
             config = load_config(ROOT / f"{name}.yaml")
             known[name] = config, run(config, directory=tmp_path_factory.mktemp(name.replace("/", "-")), jobs=2).trials
         return known[name]
