@@ -21,6 +21,7 @@ DesignFunction = Callable[..., Any]
 BUILT_IN: dict[str, dict[str, str]] = {
     "plants": {
         "data": "rmpc_bench.plants.data:design",
+        "env": "rmpc_bench.adapters.gymnasium:design",
         "linear": "rmpc_bench.plants.linear:design",
         "moving-slide": "rmpc_bench.plants.moving_slide:design",
         "ode": "rmpc_bench.plants.ode:design",

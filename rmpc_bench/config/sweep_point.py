@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import DesignError
+from rmpc_bench.types.issue import unknown
 
 
 def digest(data: Any) -> str:
@@ -94,3 +96,26 @@ class SweepPoint:
         # A plant or a noise from a file draws values itself.
         own |= {"files": self.shared["code"]} if "code" in self.shared else {}
         return digest({key: self.shared[key] for key in ("seed", "uncertainty")} | own | {"code": code_version()})
+
+
+def chosen_point(points: Sequence[SweepPoint], at: Mapping[str, str]) -> SweepPoint:
+    """Return the first point of a sweep with given values.
+
+    Parameters
+    ----------
+    points : all points
+    at : path of the sweep -> text of its value
+
+    Raises
+    ------
+    DesignError
+        If there is no such path or point.
+    """
+    for path in at:
+        if path not in points[0].coordinates:
+            raise DesignError(unknown(path, points[0].coordinates, "path of the sweep"), "at")
+    found = [point for point in points if all(point.coordinates[path] == value for path, value in at.items())]
+    if not found:
+        titles = "; ".join(point.title for point in points[:5])
+        raise DesignError(f"there is no such point of the sweep; the first ones are {titles}", "at")
+    return found[0]

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.config.load import load_config
-from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.config.sweep_point import SweepPoint, chosen_point
 from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.engines.failures import failure_of
 from rmpc_bench.execution.engines.tasks import named_values
@@ -142,7 +142,7 @@ def replay(
     if not (place / FILE).exists() or not (place / RESOLVED).exists():
         raise MissingError(f"{place}: there is no experiment; fill the directory with `rmpc-bench run`")
     config = load_config(place / RESOLVED)
-    point = _point(config.points, at or {})
+    point = chosen_point(config.points, at or {})
     experiment = point.experiment
     if method not in config.methods:
         raise DesignError(unknown(method, config.methods, "method"), "method")
@@ -154,17 +154,6 @@ def replay(
         found = _simulated(experiment, experiment.method(method), run, until, call)
     status, stored = _stored(place, point, method, run)
     return Replay(run, method, point.title, **found, stored=stored, stored_status=status)
-
-
-def _point(points: Sequence[SweepPoint], at: Mapping[str, str]) -> SweepPoint:
-    for path in at:
-        if path not in points[0].coordinates:
-            raise DesignError(unknown(path, points[0].coordinates, "path of the sweep"), "at")
-    found = [point for point in points if all(point.coordinates[path] == value for path, value in at.items())]
-    if not found:
-        titles = "; ".join(point.title for point in points[:5])
-        raise DesignError(f"there is no such point of the sweep; the first ones are {titles}", "at")
-    return found[0]
 
 
 def _simulated(

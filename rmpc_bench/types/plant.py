@@ -133,6 +133,11 @@ class Plant(Design):
         return self.recorded is not None
 
     @attribute
+    def limitations(self) -> tuple[str, ...]:
+        """Sentences on what a comparison with this plant cannot show; reports list them."""
+        return ()
+
+    @attribute
     def ode(self) -> Ode | None:
         """The differential equation of the plant with its nominal parameters; None where it has none."""
         return None

@@ -1,0 +1,252 @@
+"""From the keys of a configuration to a plant of environments, with what is said about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.adapters import environment_access as access_to
+from rmpc_bench.adapters.environment_checks import (
+    Trial,
+    attempt,
+    inputs_between,
+    is_repeatable,
+    is_writable,
+    random_numbers,
+    trial,
+    without_effect,
+)
+from rmpc_bench.adapters.environment_plant import EnvironmentPlant
+from rmpc_bench.components.environment_run import Access, EnvironmentRun
+from rmpc_bench.models.ode_names import Names, check_output, names_of, refuse_shared
+from rmpc_bench.plants.ode_design import bounds_by_name
+from rmpc_bench.types import Array, DesignError, Parameters, Signals
+from rmpc_bench.types.issue import unknown
+
+BY_ACTION = (
+    "the environment draws other random numbers after other actions: in one run the methods have different noise, so "
+    "that paired differences have a larger standard error"
+)
+UNSEEDED = (
+    "equal seeds and actions give different states: the environment does not use its own generator `np_random`, and "
+    "its runs cannot be repeated"
+)
+
+
+class Keys(NamedTuple):
+    """Keys of the configuration; see `rmpc_bench.adapters.gymnasium.design`."""
+
+    env: Any
+    options: dict[str, Any]
+    state: Any
+    set_state: Any
+    start: str
+    output: Any
+    states: Names | None
+    inputs: Names | None
+    outputs: Names | None
+    action: Any
+
+
+def designed(
+    Ts: float,
+    n_steps: int,
+    keys: Keys,
+    parameters: Mapping[str, float],
+    set_parameters: Any,
+    ends: bool,
+    bounds: Mapping[str, tuple[float, float]],
+) -> EnvironmentPlant:
+    """Try an environment and return the plant.
+
+    Raises
+    ------
+    DesignError
+        If there is no such environment, or a key does not fit it.
+    """
+    nominal = Parameters({name: float(value) for name, value in parameters.items()})
+    # The first import of the library: a missing one is reported with its extra.
+    inner = attempt("env", lambda: access_to.made(keys.env, keys.options, {})).unwrapped
+    keywords = () if set_parameters else access_to.keywords_of(inner, [*nominal])
+    if not set_parameters:
+        _refuse_unknown(inner, [name for name in nominal if name not in keywords])
+    if keys.state is None and inner.observation_space.shape is None:
+        kind = type(inner.observation_space).__name__
+        raise DesignError(f"the observation is a {kind}; name an attribute or a function that is the state", "state")
+    nu = None if keys.inputs is None else len(names_of(keys.inputs, "inputs", "u")[0])
+    action, low, high = access_to.action_of(inner.action_space, keys.action, nu)
+    make = partial(
+        access_to.with_parameters, env=keys.env, options=keys.options, keywords=keywords, change=set_parameters
+    )
+    read, write = access_to.reader_of(keys.state), access_to.writer_of(keys.state, keys.set_state)
+    access = Access(make, action, read, write, ends=ends)
+    first = attempt("state", lambda: _first(access, nominal))
+    signals = _signals(keys, first.x, low, high, bounds)
+    access, measured = _with_output(access, keys, signals, np.size(first.observation))
+    if measured is None:
+        y = attempt("output", lambda: access.measure(first.x, nominal, first.observation))  # type: ignore[misc]
+        if np.size(y) != signals.ny:
+            raise DesignError(f"returns {np.size(y)} numbers; outputs: {signals.ny}", "output")
+    access, tried = _tried(access, nominal, low, high)
+    plant = _plant(access, keys, signals, measured, nominal, Ts, n_steps)
+    return _with_remarks(plant, keys, first, nominal, tried)
+
+
+def _refuse_unknown(inner: Any, names: list[str]) -> None:
+    """Refuse parameters that are neither keywords nor attributes."""
+    numbers = [name for name, each in vars(inner).items() if isinstance(each, int | float) and name[0] != "_"]
+    for name in names:
+        if not hasattr(inner, name):
+            text = unknown(name, [each for each in numbers if not isinstance(getattr(inner, each), bool)], "attribute")
+            raise DesignError(f"{type(inner).__name__}: {text}", f"parameters.{name}")
+
+
+def _first(access: Access, p: Parameters) -> EnvironmentRun:
+    """Start an environment."""
+    run = EnvironmentRun(access)
+    run.start(p, np.zeros(0), np.random.Generator(np.random.PCG64(0)))
+    return run
+
+
+def _signals(keys: Keys, x: Array, low: Array, high: Array, bounds: Mapping[str, tuple[float, float]]) -> Signals:
+    """Return names, units and bounds; those of an input are within the limits of the actions."""
+    nx, nu = len(x), len(low)
+    state, units = names_of(nx if keys.states is None else keys.states, "states", "x")
+    inputs, u_units = names_of(nu if keys.inputs is None else keys.inputs, "inputs", "u")
+    refuse_shared(state, inputs)
+    for key, names, n in (("states", state, nx), ("inputs", inputs, nu)):
+        if len(names) != n:
+            raise DesignError(f"has {len(names)} names; the environment has {n} {key}", key)
+    entries = keys.output if isinstance(keys.output, list) else None
+    if callable(keys.output):
+        check_output(keys.output)
+        if keys.outputs is None:
+            raise DesignError("name the outputs, or give their number", "outputs")
+    default = (
+        list(state) if entries is None else [each if each in state else f"y.{i}" for i, each in enumerate(entries)]
+    )
+    given = keys.outputs
+    outputs, y_units = (tuple(default), units) if given is None else names_of(given, "outputs", "y")
+    if not callable(keys.output) and len(outputs) != len(default):
+        raise DesignError(f"has {len(outputs)} names; there are {len(default)} outputs", "outputs")
+    own = bounds_by_name(bounds, state, inputs)
+    for name, least, most in zip(inputs, low.tolist(), high.tolist(), strict=True):
+        lower, upper = own.get(name, (-np.inf, np.inf))
+        if np.isfinite([least, most]).any() or name in own:
+            own[name] = max(least, lower), min(most, upper)
+    return Signals(state, inputs, outputs, {**y_units, **u_units, **units}, own)
+
+
+def _with_output(access: Access, keys: Keys, signals: Signals, n_seen: int) -> tuple[Access, list[int] | None]:
+    """Return the access with what measures, or the indices of the states that are measured."""
+    if keys.output is None:
+        return access, list(range(signals.nx))
+    if callable(keys.output):
+        return replace(access, measure=partial(access_to.computed, output=keys.output)), None
+    entries = [_entry(each, signals, n_seen) for each in keys.output]
+    if all(of_state for of_state, _ in entries):
+        return access, [i for _, i in entries]
+    if keys.start == "initial":
+        text = "an observation of x(0) is not known with `start: initial`; give names of states, or a function"
+        raise DesignError(text, "output")
+    return replace(access, measure=partial(access_to.observed, entries=entries)), None
+
+
+def _entry(name: str, signals: Signals, n_seen: int) -> tuple[bool, int]:
+    """Return whether an output is an entry of the state, and its index."""
+    known = [*signals.states, *(f"x.{i}" for i in range(signals.nx))]
+    seen = [f"observation.{i}" for i in range(n_seen)]
+    if name in known:
+        return True, known.index(name) % signals.nx
+    if name in seen:
+        return False, seen.index(name)
+    raise DesignError(unknown(name, [*signals.states, *seen], "state or observation"), "output")
+
+
+class _Tried(NamedTuple):
+    """What trials of an environment have shown."""
+
+    trial: Trial
+    is_repeatable: bool
+    random: str
+    is_rounded: bool
+    useless: list[str]
+
+
+def _tried(access: Access, p: Parameters, low: Array, high: Array) -> tuple[Access, _Tried]:
+    """Step copies of the environment."""
+    few, many = inputs_between(low, high, 0.25), inputs_between(low, high, 0.75)
+    rounded = False
+    box = isinstance(access.action, partial) and access.action.func is access_to.as_it_is
+    try:
+        first = trial(access, p, few)
+    except Exception:
+        if not box:
+            return access, attempt("action", lambda: trial(access, p, few))  # type: ignore[return-value]
+        single = partial(access_to.as_it_is, shape=access.action.keywords["shape"], dtype=np.float32)  # type: ignore[attr-defined]
+        access, rounded = replace(access, action=single), True
+        first = attempt("env", lambda: trial(access, p, few))
+    again, other = trial(access, p, few), trial(access, p, many)
+    if not is_writable(access, p, few):
+        access = replace(access, write=None)
+    repeatable = is_repeatable(first, again)
+    useless = without_effect(access, p, few, first) if repeatable else []
+    return access, _Tried(first, repeatable, random_numbers(first, other), rounded, useless)
+
+
+def _plant(
+    access: Access, keys: Keys, signals: Signals, measured: list[int] | None, p: Parameters, Ts: float, n_steps: int
+) -> EnvironmentPlant:
+    if keys.start == "initial":
+        if access.write is None:
+            text = "the state cannot be set: name an attribute as `state`, or a function as `set_state`"
+            raise DesignError(text, "start")
+        access = replace(access, starts_at_x0=True)
+    return EnvironmentPlant(access, signals, measured, dict(p), float(Ts), n_steps)
+
+
+def _with_remarks(
+    plant: EnvironmentPlant, keys: Keys, first: EnvironmentRun, p: Parameters, tried: _Tried
+) -> EnvironmentPlant:
+    """Add what `check` and `describe` say."""
+    name, inner = type(first.inner).__name__, first.inner
+    plant.repeats, plant.seconds_per_step = tried.is_repeatable, tried.trial.seconds
+    own = "is that of `initial`" if keys.start == "initial" else "is drawn by `reset`, with a seed of the run"
+    remarks = [f"x(0) {own}"]
+    if keys.state is None:
+        kind = np.asarray(first.observation).dtype
+        remarks.append(f"the state is the observation ({kind}); `state` may name an attribute in double precision")
+    if tried.random == "by action":
+        remarks.append(BY_ACTION)
+    if not tried.is_repeatable:
+        remarks.append(UNSEEDED)
+    Ts = next((getattr(inner, each) for each in ("dt", "tau") if hasattr(inner, each)), None)
+    if isinstance(Ts, int | float) and not np.isclose(Ts, plant.Ts):
+        remarks.append(f"a step of the environment takes {Ts:g} s, and `time.step` is {plant.Ts:g} s")
+    if tried.is_rounded:
+        remarks.append("the environment refuses actions in double precision: they are rounded to float32")
+    if first.env is not inner:
+        remarks.append("the wrappers of its registration stay: " + str(first.env).partition("<" + name)[0].strip("<"))
+    for each in tried.useless:
+        remarks.append(f"a change of the parameter {each} by 10 % changes no state of {len(tried.trial.x) - 1} steps")
+    limits = tuple(f"{each[0].upper()}{each[1:]}." for each in remarks if each in (BY_ACTION, UNSEEDED))
+    plant.__dict__ |= {"remarks": tuple(remarks), "limitations": limits}
+    assert plant.signals is not None
+    spaces = f"{inner.action_space}, {inner.observation_space}"
+    plant.described = (
+        ("environment", f"{name}, one per run and method"),
+        ("actions, observation", spaces),
+        ("states", ", ".join(plant.signals.states) + ("" if plant.access.write else " (cannot be set)")),
+        ("parameters", ", ".join(f"{each} = {p[each]:g}" for each in p) or "none"),
+        (
+            "random numbers",
+            {"never": "none after reset", "every action alike": "the same for every action"}.get(
+                tried.random, "other ones after other actions"
+            ),
+        ),
+    )
+    return plant

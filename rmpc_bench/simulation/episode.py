@@ -1,0 +1,126 @@
+"""One run of an experiment with inputs from outside, sample by sample.
+
+The random inputs, the plant and the order of the calls are those of `closed_loop.simulate`, so that a law that is
+applied here gives the trajectory of the experiment, bit for bit.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.simulation.own_draws import own_draws
+from rmpc_bench.simulation.run_start import RunStart, RunState
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.state_range import OK, RunLimits
+from rmpc_bench.types import Array, Estimator, Journal, Status, as_estimate, as_motion
+
+_STATUSES = {int(status): status for status in Status}
+
+
+class Sample(NamedTuple):
+    """What is known at a sample k."""
+
+    k: int
+    y: Float[Array, " ny"]
+    """Measurement."""
+    y_true: Float[Array, " ny"]
+    """Output without measurement noise."""
+    x: Float[Array, " nx"]
+    """True state."""
+    r: Float[Array, "preview ny"]
+    """Reference from r(k) on."""
+    x_hat: Float[Array, " nx_hat"] | None
+    """Estimate; None without an estimator."""
+    status: Status
+    message: str
+    """Why the run has failed; empty where it has not, or where there is no description."""
+
+
+class Episode:
+    """A run between its first and its last sample.
+
+    Parameters
+    ----------
+    experiment : gives plant, random inputs and reference
+    run : index of the run; one beyond those of the experiment has random inputs that no run of it has
+    estimator : gives an estimate at every sample; None for none
+    preview : number of samples of the reference, r(k) included
+    """
+
+    def __init__(
+        self, experiment: Experiment, run: int, *, estimator: Estimator | None = None, preview: int = 1
+    ) -> None:
+        self.plant, self.n_steps, self.run = experiment.plant, experiment.n_steps, run
+        self.estimator, self.preview, self.k = estimator, preview, 0
+        scenario, runs = experiment.scenario, range(run, run + 1)
+        draws = scenario.draw(self.plant, runs, self.n_steps)
+        self.r = scenario.reference.sample(self.n_steps + 1 + preview)
+        start, self._runs = RunStart(scenario.seed, (run,), Journal()), RunState.of(1)
+        self.journal = start.journal
+        draws = own_draws(scenario, self.plant, runs, self.n_steps, draws)
+        self._delta = start.plant(self.plant, draws.delta, draws.x0, self._runs)
+        self._x = np.array(self.plant.first_state(self._delta, draws.x0))
+        mixes = self.plant.mixes_noise
+        self._w, self._v = self.plant.mix(self._delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
+        if estimator is not None:
+            self._e = start.estimator(estimator, 1, self._delta, self._runs)
+        self._limits = RunLimits(experiment.state_range, self._x, self.r[: self.n_steps + 1])
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._status = self._after(self._limits.of_state(np.full(1, OK), self._runs.failed, self._x))
+            self.sample = self._measured()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the last sample is reached or the run has failed."""
+        return self.k == self.n_steps or self.sample.status != Status.OK
+
+    def step(self, u: Float[Array, " nu"]) -> Sample:
+        """Apply an input from k to k+1.
+
+        Parameters
+        ----------
+        u : input
+
+        Raises
+        ------
+        RuntimeError
+            If the episode is over.
+        """
+        if self.is_over:
+            raise RuntimeError("the episode is over; start another one")
+        k, u_k = self.k, np.array(u, dtype=float).reshape(1, self.plant.nu)
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._status = self._after(self._limits.of_input(self._status, np.zeros(1, np.int8), u_k))
+            motion = as_motion(self.plant.step(k, self._delta, self._x.copy(), u_k.copy(), self._w[:, k]))
+            self._status = self._after(self._limits.of_state(self._status, motion.status, motion.x))
+            if self._runs.alive.all():
+                self._x = np.array(motion.x)
+            if self.estimator is not None:
+                self._e = self.estimator.predict(k, self._e, u_k)
+            self.k = k + 1
+            self.sample = self._measured()
+        return self.sample
+
+    def _measured(self) -> Sample:
+        k, plant = self.k, self.plant
+        y_true = np.array(plant.output(k, self._delta, self._x, np.zeros_like(self._v[:, 0])))
+        y = y_true + self._v[:, k]
+        if not plant.mixes_noise:
+            y = np.array(plant.output(k, self._delta, self._x, self._v[:, k]))
+        self._status = self._runs.with_reported(self._status)
+        x_hat = None
+        if self.estimator is not None:
+            self._e, answer = self.estimator.correct(k, self._e, y)
+            estimate = as_estimate(answer)
+            x_hat = np.array(estimate.x_hat)
+            self._status = self._after(self._limits.of_estimate(self._status, estimate.status, x_hat))
+            x_hat = x_hat[0]
+        failure = self.journal.failures.get(self.run)
+        status, message = _STATUSES[int(self._status[0])], "" if failure is None else failure.message
+        return Sample(k, y[0], y_true[0], self._x[0].copy(), self.r[k : k + self.preview], x_hat, status, message)
+
+    def _after(self, status: Any) -> Any:
+        return self._runs.after(status)
