@@ -25,7 +25,9 @@ EXTRAS: Mapping[str, str] = {
 COMPUTES_WITH: Mapping[str, str] = {"do_mpc": "casadi"}
 """Module of an extra -> another library of which the version changes what it computes."""
 
-NEEDED_BY: Mapping[tuple[str, str], str] = {}
+NEEDED_BY: Mapping[tuple[str, str], str] = {
+    ("plants", "env"): "gymnasium",
+}
 """Group and kind of a built-in component -> the extra that it needs."""
 
 

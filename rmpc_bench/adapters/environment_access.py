@@ -73,6 +73,8 @@ def as_it_is(u: Float[Array, " nu"], *, shape: tuple[int, ...], dtype: Any) -> A
 
 def nearest(u: Float[Array, " nu"], *, values: Float[Array, " actions"], first: int) -> int:
     """Return the discrete action whose value is nearest to the input; of two that are, the first."""
+    if np.isnan(u[0]):
+        raise ValueError("the input is not a number")
     return first + int(np.argmin(np.abs(values - u[0])))
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, Literal
+from warnings import catch_warnings, simplefilter
 
 from rmpc_bench.adapters.environment_design import Keys, designed
 from rmpc_bench.adapters.environment_plant import EnvironmentPlant
@@ -68,4 +69,7 @@ def design(
         If there is no such environment, or a key does not fit it.
     """
     given = Keys(env, options or {}, state, set_state, start, output, states, inputs, outputs, action)
-    return designed(Ts, n_steps, given, parameters or {}, set_parameters, terminated == "end", bounds or {})
+    # Warnings of the environment are counted in the runs.
+    with catch_warnings():
+        simplefilter("ignore")
+        return designed(Ts, n_steps, given, parameters or {}, set_parameters, terminated == "end", bounds or {})

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from rmpc_bench.components.code import CodeError
+from rmpc_bench.components.single_design import SingleDesign
 from rmpc_bench.types import Array, DesignError
 
 Severity: TypeAlias = Literal["error", "warning", "information"]
@@ -224,7 +225,7 @@ def require_unchanged(arrays: Iterable[Array], before: Iterable[Array]) -> None:
 
 
 def _frozen(component: Any, _: Any) -> None:
-    if type(component).__module__.startswith("rmpc_bench.components."):
+    if isinstance(component, SingleDesign):
         raise NotApplicableError("a component written for one run has an object per run")
     require_frozen(component)
 

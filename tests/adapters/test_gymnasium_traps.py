@@ -83,7 +83,9 @@ def test_state_by_functions():
 
 def test_another_sampling_time_is_said():
     """A sample is a step of the environment, whatever `time.step` is."""
-    assert "a step of the environment takes 0.05 s, and `time.step` is 0.1 s" in remarks(env="Pendulum-v1", state="state")
+    assert "a step of the environment takes 0.05 s, and `time.step` is 0.1 s" in remarks(
+        env="Pendulum-v1", state="state"
+    )
     assert "takes" not in " ".join(design(0.05, 10, env="Pendulum-v1", state="state").remarks)
 
 

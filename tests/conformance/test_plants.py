@@ -7,6 +7,7 @@ import pytest
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import PlantExample, check_component
+from rmpc_bench.extras import NEEDED_BY, is_installed
 from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.plants.uncertainty import Uncertainty
 
@@ -41,6 +42,12 @@ UNCERTAIN = {
     "H_Bv": 0.3, "H_Dv": [[0.1, 0.7, 0.2], [0.3, 0.1, 0.9]], "G_v": [[0.9, 0.1], [0.3, 0.7]],
 }  # fmt: skip
 PARAMETERS = {
+    "env": [
+        {"n_steps": STEPS, "env": "Pendulum-v1", "state": "state", "parameters": {"m": 1.0, "g": 10.0}},
+        {"n_steps": STEPS, "env": "Pendulum-v1", "state": "state", "start": "initial", "output": ["x.1"]},
+        {"n_steps": STEPS, "env": "MountainCarContinuous-v0", "output": ["observation.1", "x.0"]},
+        {"n_steps": STEPS, "env": "CartPole-v1", "state": "state", "action": [-10.0, 10.0], "terminated": "ignore"},
+    ],
     "linear": [
         {"n_steps": STEPS, "A": 0.9, "B": 1.0, "C": 1.0},
         {
@@ -77,7 +84,16 @@ PARAMETERS = {
 """Parameters that make a design of each kind; a new kind gets a line here."""
 SIZES = {"moving-slide": 0.005}
 """Of start, inputs and noises, where 1 would leave what a plant is made for."""
-CASES = [(kind, number) for kind in KINDS for number in range(len(PARAMETERS.get(kind, [])))]
+
+
+def case(kind, number):
+    """Return a case; it is skipped where the library of the kind is not installed."""
+    extra = NEEDED_BY.get(("plants", kind))
+    without = extra is not None and not is_installed(extra)
+    return pytest.param(kind, number, marks=pytest.mark.skipif(without, reason=f"needs the extra {extra}"))
+
+
+CASES = [case(kind, number) for kind in KINDS for number in range(len(PARAMETERS.get(kind, [])))]
 
 
 def test_every_registered_kind_is_tested():
