@@ -64,7 +64,7 @@ class _Checking:
             system = system or LinearSystem.shipped()
             group = group_of(subject, lambda each: provided(each, system, system.n_steps))
             self.say("group", group)
-            for stage in stages(Setting(subject, group, system)):
+            for stage in stages(Setting(subject, group, system, self.seconds)):
                 if stage.component is not None:
                     self.say("expected", expected_failures(stage.component))
                 for check in stage.checks:

@@ -66,7 +66,7 @@ class SeparateProcess:
     subject : the component
     provided : what its design function gets
     group : group of the registry
-    seconds : time limit
+    seconds : time limit, below that of a check
     """
 
     subject: Subject

@@ -49,11 +49,13 @@ class Setting:
     subject : the component
     group : group of the registry
     system : the linear Gaussian system, or that of an experiment
+    seconds : time limit of one check
     """
 
     subject: Subject
     group: str
     system: System
+    seconds: float = 30.0
 
     def provided(self, n_steps: int) -> Mapping[str, Any]:
         """Return what a design function of the group may ask for."""
@@ -71,7 +73,9 @@ class Setting:
 
     def separate_process(self, n_steps: int | None = None) -> SeparateProcess:
         """Return the component in another process, made for a number of steps (default: those of the system)."""
-        return SeparateProcess(self.subject, self.provided(n_steps or self.system.n_steps), self.group)
+        # It ends before the check does, which then says why.
+        limit = 2 / 3 * self.seconds
+        return SeparateProcess(self.subject, self.provided(n_steps or self.system.n_steps), self.group, limit)
 
 
 def provided(group: str, system: System, n_steps: int) -> Mapping[str, Any]:
