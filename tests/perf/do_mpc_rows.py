@@ -118,7 +118,8 @@ def plain_mhe():
     return work, RUNS * STEPS
 
 
+ALONE = "do-mpc alone, `make_step` in a plain loop"
 ROWS = [
-    Row("do-mpc MPC, 15 samples, 2 states", "run and step", mpc, plain_mpc, "do-mpc alone, `make_step` in a plain loop"),
-    Row("do-mpc MHE, 10 samples, 2 states", "run and step", mhe, plain_mhe, "do-mpc alone, `make_step` in a plain loop"),
+    Row("do-mpc MPC, 15 samples, 2 states", "run and step", mpc, plain_mpc, ALONE),
+    Row("do-mpc MHE, 10 samples, 2 states", "run and step", mhe, plain_mhe, ALONE),
 ]
