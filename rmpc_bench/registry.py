@@ -20,6 +20,7 @@ DesignFunction = Callable[..., Any]
 
 BUILT_IN: dict[str, dict[str, str]] = {
     "plants": {
+        "casadi": "rmpc_bench.adapters.casadi_plant:plant",
         "data": "rmpc_bench.plants.data:design",
         "env": "rmpc_bench.adapters.gymnasium:design",
         "linear": "rmpc_bench.plants.linear:design",

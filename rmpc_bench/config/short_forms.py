@@ -15,7 +15,7 @@ FILE = "file"
 """Key that stands for `kind` in a component from a Python file."""
 
 SHORT_FORMS: Mapping[str, tuple[str, ...]] = {
-    "plants": ("ode", "data", "env"),
+    "plants": ("ode", "casadi", "data", "env"),
     "models": ("linearise", "nonlinear", "ode"),
 }
 """Group -> kinds that may stand as a key; their keys of the same name are keys of these kinds."""

@@ -15,11 +15,11 @@ from jaxtyping import Float
 
 from rmpc_bench.numerics.integration import rk4, sample_times
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
-from rmpc_bench.types import Array, DesignError, LinearPlant, Ode, Plant
+from rmpc_bench.types import Array, DesignError, LinearPlant, Ode, Plant, SolverError
 
 SUBSTEPS = 10
 """Steps per sample where the plant does not integrate by the Runge-Kutta method."""
-OUTSIDE_DOMAIN = (ArithmeticError, ValueError, TypeError)
+OUTSIDE_DOMAIN = (ArithmeticError, ValueError, TypeError, SolverError)
 """What a function raises where it is not defined, such as ``math.sqrt`` of a negative number."""
 
 
@@ -153,6 +153,21 @@ class OdeDynamics(Dynamics):
         times = sample_times(k, substeps, Ts)
         end = rk4(lambda t, z: self.ode.slope(t, z[:, 0], u, p)[:, None], times, x[:, None], Ts / substeps)
         return np.ascontiguousarray(end.x[:, 0])
+
+    def slopes(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Tangent:
+        """Return the matrices at a point; a function with the attribute `jacobian` gives its own, which are exact."""
+        rhs, output, p, nx = self.ode.rhs, self.ode.output, self.ode.p, len(x)
+        if not hasattr(rhs, "jacobian"):
+            return super().slopes(x, u, t)
+        A, *B = rhs.jacobian(*([t] if self.ode.timed else []), x, u, p)
+        by_x = getattr(output, "jacobian", None)
+        C = jacobian(self.output, x) if by_x is None else by_x(x, p)[0]
+        return Tangent(A - np.eye(nx) if self.ode.discrete else A, B[0] if B else np.zeros((nx, 0)), C)
+
+    def tangent(self, x: Float[Array, " nx"], u: Float[Array, " nu"]) -> tuple[Tangent, tuple[str, ...]]:
+        """Return the matrices at a point, and the names of the coordinates with a kink there."""
+        found, kinks = super().tangent(x, u)
+        return self.slopes(x, u) if hasattr(self.ode.rhs, "jacobian") else found, kinks
 
     def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Bounds of the plant."""

@@ -91,6 +91,11 @@ def check_output(output: Any) -> None:
         raise DesignError(f"{function_name(output)} must take (x, p); it takes {_signature(output)}", "output")
 
 
+def count(names: Names | None) -> int | None:
+    """Return the number of names; None where none are given."""
+    return names if names is None or isinstance(names, int) else len(names)
+
+
 def _positional(function: Any, key: str) -> int:
     """Count the arguments without a default that a function takes by position."""
     if not callable(function):

@@ -52,6 +52,7 @@ from rmpc_bench.types import (
     Plant,
     RunFailure,
     RunInfo,
+    SolverError,
     Status,
     Statuses,
     UserFunction,
@@ -189,7 +190,11 @@ class OdePlant(Plant):
         self, k: int, delta: OdeDelta | StartedDelta, x: Array, u: Array, alive: Array | None
     ) -> tuple[Array, dict[int, RunAdvance]]:
         """Integrate all runs at once; also the failed ones by their row."""
-        end = advance_block(self.ode, self.Ts, self.stepping.substeps, k, x, u, delta.numbers)
+        try:
+            end = advance_block(self.ode, self.Ts, self.stepping.substeps, k, x, u, delta.numbers)
+        except SolverError:
+            # A solver within rhs has failed in one of the runs.
+            return self._run_by_run(k, delta, x, u, alive)
         failed = {}
         for i in _rows_where(end.state >= 0):
             reason = left_bounds(self.ode, int(end.state[i]), float(end.t[i]))

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from rmpc_bench.numerics.adaptive import Tolerances, solve
 from rmpc_bench.numerics.integration import Advance, Bounds, Slope, apply_map, rk4, sample_times
 from rmpc_bench.plants.ode_events import UserEvent
-from rmpc_bench.types import Array, Count, Ode, Parameters, Positive, Status
+from rmpc_bench.types import Array, Count, Ode, Parameters, Positive, SolverError, Status
 
 WIDTH = 8
 """A block is filled up to a multiple of this many runs.  Sums and products of matrices take another path for a single
@@ -88,7 +88,10 @@ def advance_run(
     """Integrate one run, or apply the map to it."""
     bounds = state_bounds(ode)
     if stepping.solver.method == "rk4":
-        end = _advance(ode, _one_column(ode, u, p, bounds), Ts, stepping.substeps, k, x[:, None], bounds)
+        try:
+            end = _advance(ode, _one_column(ode, u, p, bounds), Ts, stepping.substeps, k, x[:, None], bounds)
+        except SolverError as error:
+            return RunAdvance(x, Status.NOT_CONVERGED, str(error))
         return _judged(ode, end.x[:, 0], int(end.state[0]), float(end.t[0]))
     events = [event.of_run(ode, u, p) for event in stepping.events]
     found = solve(

@@ -1,0 +1,68 @@
+"""CasADi functions called as the functions of a user are: with numbers of a run, rows of a block, or symbols."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+
+from rmpc_bench.adapters.casadi_block import BlockCall
+from rmpc_bench.extras import library
+from rmpc_bench.types import Array
+
+
+class CasadiFunction:
+    """A `casadi.Function` of t, x, u and p; the parameters p are one column in the order of their names.
+
+    Parameters
+    ----------
+    function : with dense columns as inputs and one dense column as result
+    names : of its inputs
+    shown : of the arguments of the call; those without an input have no effect
+    alone : whether every run is computed by itself, as where an integrator may fail in one of them
+    """
+
+    def __init__(self, function: Any, names: tuple[str, ...], shown: tuple[str, ...], *, alone: bool = False) -> None:
+        kind = inspect.Parameter.POSITIONAL_ONLY
+        self.function, self.names, self.shown, self.alone = function, names, shown, alone
+        self.__name__ = function.name()
+        self.__signature__ = inspect.Signature([inspect.Parameter(name, kind) for name in shown])
+        self._of_size: dict[int, BlockCall] = {}
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Return the values: (n,), (n, runs) of a block, or a CasADi column where x has symbols.
+
+        Raises
+        ------
+        SolverError
+            If an integrator or a solver within the function fails.
+        """
+        given = self._by_name(arguments)
+        x = given["x"]
+        if x.dtype == object:
+            return self.function(*(library("casadi").vcat(list(given[name])) for name in self.names))
+        if self.alone and x.ndim > 1:
+            raise TypeError("an integrator of CasADi computes one run at a time")
+        n = x.shape[1] if x.ndim > 1 else 1
+        if n not in self._of_size:
+            self._of_size[n] = BlockCall(self.function, n)
+        return self._of_size[n](self.names, given, block=x.ndim > 1).T.reshape(-1, *x.shape[1:]).copy()
+
+    def jacobian(self, *arguments: Any) -> list[Array]:
+        """Return the exact derivatives by x and, where the function has it as an input, by u."""
+        casadi, given = library("casadi"), self._by_name(arguments)
+        symbols = {name: casadi.MX.sym(name, self.function.size1_in(i)) for i, name in enumerate(self.names)}
+        values = self.function(*symbols.values())
+        wanted = [casadi.jacobian(values, symbols[name]) for name in ("x", "u") if name in symbols]
+        found = casadi.Function("derivatives", [*symbols.values()], wanted).call([given[name] for name in self.names])
+        return [np.array(each.full()) for each in found]
+
+    def _by_name(self, arguments: tuple[Any, ...]) -> dict[str, Any]:
+        given = dict(zip(self.shown, arguments, strict=True))
+        columns = {"p": [given["p"][name] for name in given["p"]]}
+        return {**given, **columns, "t": [given["t"]]} if "t" in given else {**given, **columns}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle without memory that belongs to this process."""
+        return {**vars(self), "_of_size": {}}

@@ -1,0 +1,81 @@
+"""CasADi functions, and equations in the form of `casadi.integrator`, as functions of t, x, u and p."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rmpc_bench.adapters.casadi_calls import CasadiFunction
+from rmpc_bench.extras import library
+from rmpc_bench.types import DesignError
+
+ARGUMENTS = {1: ("x",), 2: ("x", "u"), 3: ("x", "u", "p"), 4: ("t", "x", "u", "p")}
+"""Number of inputs of an equation -> what they are."""
+PARTS = ("t", "x", "z", "u", "p", "ode", "alg")
+"""Of an equation that `casadi.integrator` takes."""
+KEYS = {"x": "states", "u": "inputs", "p": "parameters"}
+"""Input -> key with the names of its entries."""
+
+
+def named_object(found: Any) -> Any:
+    """Return a `casadi.Function`, or the parts of an equation; a function of Python returns one of them.
+
+    Raises
+    ------
+    DesignError
+        If it is neither.
+    """
+    Function = library("casadi").Function
+    made = found if isinstance(found, Function | Mapping) or not callable(found) else found()
+    if isinstance(made, Mapping):
+        if not ({"x", "ode"} <= set(made) <= set(PARTS) and ("z" in made) == ("alg" in made)):
+            text = f"has x and ode, z with alg, and may have t, u and p (got {', '.join(map(str, made))})"
+            raise DesignError(f"an equation for casadi.integrator {text}", "casadi")
+    elif not isinstance(made, Function):
+        text = "must be a casadi.Function, a dict as casadi.integrator takes it, or a function that returns one"
+        raise DesignError(f"{text} (got {type(made).__name__})", "casadi")
+    return made
+
+
+def equation(made: Any) -> tuple[Any, tuple[str, ...]]:
+    """Return the function of an equation without algebraic variables, and the names of its inputs."""
+    if not isinstance(made, Mapping):
+        if made.n_in() not in ARGUMENTS:
+            raise DesignError(f"must have the inputs (x, u, p) or (t, x, u, p) (got {made})", "casadi")
+        return made, ARGUMENTS[made.n_in()]
+    names = ARGUMENTS[4 if "t" in made else 3]
+    none = type(made["x"]).sym("none", 0)
+    return library("casadi").Function("ode", [made.get(name, none) for name in names], [made["ode"]]), names
+
+
+def checked(
+    function: Any, names: tuple[str, ...], counts: Mapping[str, int | None], key: str, *, alone: bool = False
+) -> CasadiFunction:
+    """Return a `casadi.Function` with inputs of these names as a function of numbers.
+
+    Parameters
+    ----------
+    function, names, alone : as `CasadiFunction` takes them
+    counts : input -> number of its entries; None for any number
+    key : of the configuration; a function of `output` is called with (x, p)
+
+    Raises
+    ------
+    DesignError
+        If an input or the result is no column, or has another size.
+    """
+    casadi, n = library("casadi"), len(names)
+    if function.n_in() != n or function.n_out() != 1:
+        raise DesignError(f"must have the inputs {', '.join(names)} and one result (got {function})", key)
+    if any(each != 1 for each in [*map(function.size2_in, range(n)), function.size2_out(0)]):
+        raise DesignError(f"must take and return columns (got {function})", key)
+    for i, name in enumerate(names):
+        size, wanted = function.size1_in(i), counts.get(name)
+        if wanted is not None and size != wanted:
+            raise DesignError(f"{name} of {function.name()} has {size} entries; {KEYS[name]}: {wanted}", KEYS[name])
+    symbols = [casadi.MX.sym(name, function.size1_in(i)) for i, name in enumerate(names)]
+    if not all(each.is_dense() for each in [*map(function.sparsity_in, range(n)), function.sparsity_out(0)]):
+        # The memory of a call has no structural zeros.
+        function = casadi.Function(function.name(), symbols, [casadi.densify(function(*symbols))])
+    shown = ("x", "p") if key == "output" else ARGUMENTS[max(n, 3)]
+    return CasadiFunction(function, names, shown, alone=alone)
