@@ -49,6 +49,8 @@ MAY_IMPORT = {
     "extras": set(),
     # A system of another library is integrated as an own equation is, and made from the designs of the bench.
     "adapters": {
+        # Trials are exported.
+        "analysis",
         "components",
         "estimators",
         "controllers",

@@ -1,0 +1,120 @@
+"""The table of trials as arrays over the points of a sweep, method and run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.types import Array, MetricInfo
+
+METHOD, RUN = "method", "run"
+
+
+class Points(NamedTuple):
+    """The dimensions of the arrays, and the tables that fill them."""
+
+    dims: tuple[str, ...]
+    """Dimensions of the sweep; empty without one."""
+    shape: tuple[int, ...]
+    places: tuple[tuple[int, ...], ...]
+    """Place of every table among them."""
+    tables: tuple[Trials, ...]
+    coordinates: Mapping[str, Any]
+    uncertainty: Mapping[str, Any]
+    methods: tuple[str, ...]
+    runs: Int[Array, " runs"]
+
+
+def points_of(table: Trials) -> Points:
+    """Return the dimensions of a table: one per path where the points of the sweep are a full grid."""
+    tables = table.each
+    runs = np.unique(np.concatenate([each.runs for each in tables]))
+    values = {path: list(dict.fromkeys(each.point[path] for each in tables)) for path in table.paths}
+    n_grid = int(np.prod([len(each) for each in values.values()]))
+    if not table.paths:
+        dims, shape, places, coordinates = (), (), ((),), {}
+    elif n_grid == len(tables):
+        dims, shape = table.paths, tuple(len(each) for each in values.values())
+        places = tuple(tuple(values[path].index(each.point[path]) for path in dims) for each in tables)
+        coordinates = {path: _numbers(texts) for path, texts in values.items()}
+    else:
+        dims, shape, places = ("point",), (len(tables),), tuple((i,) for i in range(len(tables)))
+        texts = {path: _numbers([each.point[path] for each in tables]) for path in table.paths}
+        coordinates = {"point": [each.title for each in tables]} | {path: ("point", v) for path, v in texts.items()}
+    found = Points(dims, shape, places, tables, coordinates, {}, table.methods, runs)
+    return found._replace(uncertainty=_uncertainty(found))
+
+
+def _numbers(texts: Sequence[str]) -> list[Any]:
+    """Return the values of a path as numbers where all of them are numbers."""
+    try:
+        return [float(text) for text in texts]
+    except ValueError:
+        return list(texts)
+
+
+def values_of(points: Points, column: str) -> Array:
+    """Return a column of the table as an array over sweep, method and run; NaN, or no text, where a row is missing."""
+    is_text = column == "status"
+    shape = (*points.shape, len(points.methods), len(points.runs))
+    # Texts of one length: netCDF has no objects.
+    values: Array = np.full(shape, "", dtype="<U16") if is_text else np.full(shape, np.nan)
+    for place, table in zip(points.places, points.tables, strict=True):
+        frame = table.frame
+        method = np.array([points.methods.index(name) for name in frame[METHOD]], dtype=int)
+        run = np.searchsorted(points.runs, frame[RUN].to_numpy(dtype=np.int64))
+        values[place][method, run] = frame[column].to_numpy(dtype=str if is_text else float)
+    return values
+
+
+def _uncertainty(points: Points) -> dict[str, Any]:
+    """Return the uncertain quantities: over the runs, or over sweep and runs where points differ."""
+    names = dict.fromkeys(name for table in points.tables for name in table.uncertainty.columns if name != RUN)
+    found: dict[str, Any] = {}
+    for name in names:
+        values = np.full((*points.shape, len(points.runs)), np.nan)
+        for place, table in zip(points.places, points.tables, strict=True):
+            frame = table.uncertainty
+            rows = np.isin(frame[RUN], points.runs) if name in frame else np.zeros(0, dtype=bool)
+            if rows.any():
+                run = np.searchsorted(points.runs, frame[RUN][rows])
+                values[place][run] = frame[name][rows]
+        flat = values.reshape(-1, len(points.runs))
+        same = all(np.array_equal(row, flat[0], equal_nan=True) for row in flat)
+        found[name] = (RUN, flat[0]) if same else ((*points.dims, RUN), values)
+    return found
+
+
+def metric_attributes(info: MetricInfo) -> dict[str, str]:
+    """Return unit, words and direction of a metric."""
+    return {"units": info.unit, "long_name": info.words, "better": info.direction}
+
+
+def recorded(table: Trials) -> tuple[Array, Array, dict[str, Float[Array, "methods runs samples n"]], Array]:
+    """Return recorded runs, time indices, signals and reference of a table.
+
+    Raises
+    ------
+    ValueError
+        If no run is recorded, or the trials are those of a whole sweep.
+    """
+    if table.points:
+        raise ValueError("the trials are those of a sweep; take the recorded runs of one of its points")
+    if not table.traces:
+        raise ValueError("no run is recorded; `record: {runs: 5, signals: [y, u]}` of the configuration records some")
+    runs = np.unique(np.concatenate([each.runs for each in table.traces.values()]))
+    r = next(iter(table.traces.values())).r
+    sizes: dict[str, int] = {}
+    for each in table.traces.values():
+        for name, values in each.signals.items():
+            sizes[name] = max(sizes.get(name, 0), values.shape[2])
+    signals = {name: np.full((len(table.methods), len(runs), len(r), n), np.nan) for name, n in sizes.items()}
+    for method, trace in table.traces.items():
+        rows = np.searchsorted(runs, trace.runs)
+        for name, values in trace.signals.items():
+            signals[name][table.methods.index(method), rows, : values.shape[1], : values.shape[2]] = values
+    return runs, np.arange(len(r)), signals, r

@@ -1,0 +1,81 @@
+"""Trials as data sets of xarray: labelled arrays over sweep, method and run, which can be saved as netCDF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rmpc_bench.adapters.trial_arrays import metric_attributes, points_of, recorded, values_of
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.extras import library
+
+if TYPE_CHECKING:
+    from rmpc_bench.execution.results import Results
+
+
+def dataset(trials: Trials | Results) -> Any:
+    """Return metrics and statuses as an `xarray.Dataset` over the points of a sweep, method and run.
+
+    Parameters
+    ----------
+    trials : what `load_trials`, `load_results` or `run` returns
+
+    Returns
+    -------
+    A variable per metric (NaN where the run failed or is missing, inf where an event did not occur) with `units`,
+    `long_name` and `better`, and the variable `status` (empty where the run is missing).  The uncertain quantities are
+    coordinates of the run.  A full grid of a sweep has a dimension per path; other sweeps have the dimension `point`.
+    Select with ``sel({"method": "Kalman"})``: ``sel(method=..)`` has another meaning in xarray.
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> dataset(rmpc_bench.run(config, directory=tempfile.mkdtemp(), jobs=1))["mse"].dims
+    ('method', 'run')
+    """
+    table = getattr(trials, "trials", trials)
+    points = points_of(table)
+    dims = (*points.dims, "method", "run")
+    variables: dict[str, Any] = {"status": (dims, values_of(points, "status"))}
+    for info in table.metrics:
+        variables[info.name] = (dims, values_of(points, info.name), metric_attributes(info))
+    coordinates = {**points.coordinates, "method": list(points.methods), "run": points.runs, **points.uncertainty}
+    attributes = {"name": table.name, "seed": int(table.seed), "Ts": float(table.Ts)}
+    coordinates["label"] = ("method", [table.labels.get(name, name) for name in points.methods])
+    return library("xarray").Dataset(variables, coordinates, attributes)
+
+
+def traces(trials: Trials | Results) -> Any:
+    """Return recorded runs as an `xarray.Dataset`.
+
+    Parameters
+    ----------
+    trials : as for `dataset`, with recorded runs; in a sweep one of ``trials.points``
+
+    Returns
+    -------
+    A variable per recorded signal over method, run, time and its components, and the reference `r` over time.  An entry
+    is NaN where a signal has none: u at the last sample, and a signal of other methods.
+
+    Raises
+    ------
+    ValueError
+        If no run is recorded, or the trials are those of a whole sweep.
+    """
+    table = getattr(trials, "trials", trials)
+    runs, k, signals, r = recorded(table)
+    variables = {name: (("method", "run", "time", f"{name}_component"), values) for name, values in signals.items()}
+    time = k * (table.Ts or 1.0)
+    coordinates = {"method": list(table.methods), "run": runs, "time": time, **_components(table.names, signals)}
+    made = library("xarray").Dataset({**variables, "r": (("time", "y_component"), r)}, coordinates)
+    for name in signals:
+        made[name].attrs = {"units": table.units.get(name, "")}
+    return made
+
+
+def _components(names: Mapping[str, str], signals: Mapping[str, Any]) -> dict[str, Sequence[str]]:
+    sizes = {name: np.shape(values)[-1] for name, values in signals.items()}
+    return {f"{name}_component": [names.get(f"{name}.{i}", str(i)) for i in range(n)] for name, n in sizes.items()}
