@@ -153,7 +153,7 @@ def _with_output(access: Access, keys: Keys, signals: Signals, n_seen: int) -> t
     if keys.start == "initial":
         text = "an observation of x(0) is not known with `start: initial`; give names of states, or a function"
         raise DesignError(text, "output")
-    return replace(access, measure=partial(access_to.observed, entries=entries)), None
+    return replace(access, measure=partial(access_to.observed, entries=entries), measures_observation=True), None
 
 
 def _entry(name: str, signals: Signals, n_seen: int) -> tuple[bool, int]:

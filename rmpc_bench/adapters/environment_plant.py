@@ -41,7 +41,7 @@ class EnvironmentPlant(SingleRunPlant):
         self.access, self.measured = access, measured
         places = signals.places()
         # A disturbed state and an observation of the undisturbed one would contradict each other.
-        disturbed = access.write is not None and access.read is not None and measured is not None
+        disturbed = access.write is not None and access.read is not None and not access.measures_observation
         # These are attributes of the instance in place of the defaults of the base class.
         self.__dict__ |= {
             "signals": signals,

@@ -198,7 +198,7 @@ def _plant_and_model(config: ExperimentConfig) -> list[tuple[str, str, str]]:
     if "input" in resolved:
         rows += _multiline("input", _wrapped([short_value(resolved["input"])]), "-")
     if "x" not in initial:
-        return rows + _multiline("initial", ["x is recorded"], start)
+        return rows + _multiline("initial", ["x is the plant's own"], start)
     return rows + _multiline("initial", _sums({"x": initial["x"]}) or [f"x = {short_value(initial['x'])}"], start)
 
 

@@ -24,6 +24,7 @@ class Access:
     read : from the innermost environment to its state; None where the state is the observation
     write : sets the state of the innermost environment; None where it cannot be set
     measure : from the state, the parameters and the observation to the output; None where outputs are states
+    measures_observation : whether an output is an entry of the observation
     starts_at_x0 : whether x(0) is that of the configuration; otherwise it is the one of `reset`
     ends : whether a run ends where the environment ends an episode
     """
@@ -33,6 +34,7 @@ class Access:
     read: Callable[[Any], Any] | None
     write: Callable[[Any, Array], None] | None
     measure: Callable[[Array, Parameters, Array], Any] | None = None
+    measures_observation: bool = False
     starts_at_x0: bool = False
     ends: bool = True
 
