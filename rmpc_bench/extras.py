@@ -27,6 +27,7 @@ COMPUTES_WITH: Mapping[str, str] = {"do_mpc": "casadi"}
 
 NEEDED_BY: Mapping[tuple[str, str], str] = {
     ("plants", "env"): "gymnasium",
+    ("plants", "casadi"): "casadi",
 }
 """Group and kind of a built-in component -> the extra that it needs."""
 

@@ -66,8 +66,8 @@ def reason(error: BaseException) -> str:
 
     Examples
     --------
-    >>> reason(RuntimeError(".../casadi/core/sx_elem.cpp:166: Cannot compute the truth value."))
-    'Cannot compute the truth value.'
+    >>> reason(RuntimeError(".../casadi/core/options.cpp:255: Unknown option: reltoll"))
+    'Unknown option: reltoll'
     """
     lines = re.split(r"\S+\.[ch]pp:\d+: ", str(error))[-1].strip().splitlines()
     return next((line.strip() for line in lines if not line.endswith("failed:")), "")

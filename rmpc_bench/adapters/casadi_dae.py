@@ -22,7 +22,8 @@ def sampled_dae(
 ) -> tuple[Any, tuple[str, ...]]:
     """Return x(k+1) of (x, u, p) or (t, x, u, p) as `casadi.Function`, and the names of its inputs.
 
-    Every sample starts from the same guess of the algebraic variables, so that x(k+1) depends on nothing else.
+    At the begin of every sample Newton's method computes the algebraic variables from the same guess, so that x(k+1)
+    depends on nothing else.
 
     Parameters
     ----------
@@ -50,11 +51,15 @@ def sampled_dae(
         raise DesignError(f"has {len(z0)} entries; z has {dae['z'].numel()}", "algebraic")
     whole = {name: int(value) if float(value).is_integer() else value for name, value in options.items()}
     try:
+        begin = parts["alg"] if "t" not in dae else casadi.substitute(parts["alg"], dae["t"], 0)
+        given = casadi.vertcat(dae["x"], dae.get("u", none), parts["p"])
+        find = casadi.rootfinder("algebraic", "newton", {"x": dae["z"], "p": given, "g": begin})
         over = casadi.integrator("dae", integrator, parts, 0.0, Ts, {**OPTIONS[integrator], **whole})
     except RuntimeError as error:
         raise DesignError(f"CasADi: {reason(error)}", "options" if options else "casadi") from error
     sizes = {"t": 1, "x": dae["x"].numel(), "u": dae.get("u", none).numel(), "p": dae.get("p", none).numel()}
     symbols = {name: casadi.MX.sym(name, sizes[name]) for name in names}
     p = casadi.vertcat(symbols["p"], symbols["t"]) if "t" in symbols else symbols["p"]
-    end = over(x0=symbols["x"], u=symbols["u"], p=p, z0=z0)["xf"]
+    z = find(z0, casadi.vertcat(symbols["x"], symbols["u"], p))
+    end = over(x0=symbols["x"], u=symbols["u"], p=p, z0=z)["xf"]
     return casadi.Function("dae", [*symbols.values()], [end]), names

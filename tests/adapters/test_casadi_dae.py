@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-casadi = pytest.importorskip("casadi")
+pytest.importorskip("casadi")
 
+import casadi
 from adapters.casadi_systems import STEPS, TS, dae, two_tanks
 from adapters.test_casadi_plant import NOISE, drawn, moved
 from conftest import EXACT
@@ -81,7 +82,7 @@ def test_the_guess_of_the_algebraic_variables_selects_the_solution():
     equation = {"x": x, "z": z, "ode": z, "alg": z * z - 4.0}
     zero = np.zeros((1, 1))
     ends = []
-    for guess in (1.8, -1.8):
+    for guess in (0.3, -0.3):
         made = plant(0.1, STEPS, casadi=equation, algebraic={"speed": guess})
         ends.append(made.step(0, made.draw({}, [None], STEPS), zero, np.zeros((1, 0)), zero).x[0, 0])
     np.testing.assert_allclose(ends, [0.2, -0.2], rtol=1e-6)

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-casadi = pytest.importorskip("casadi")
+pytest.importorskip("casadi")
 
+import casadi
 from adapters.casadi_systems import NAMES, RANGE, STEPS, TS, dae, function, level, symbols, two_tanks
 from conftest import EXACT, ROUND
 from plants import tanks
@@ -164,7 +165,7 @@ def test_a_plant_that_was_used_can_be_sent_to_another_process():
     [
         ({"casadi": 3.0}, "casadi", r"must be a casadi\.Function, a dict .* \(got float\)"),
         ({"casadi": {"x": 1.0, "dae": 2.0}}, "casadi", r"has x and ode.* \(got x, dae\)"),
-        ({"casadi": casadi.Function("f", [casadi.SX.sym("x")] * 0, [1.0])}, "casadi", r"must have the inputs \(x, u, p\)"),
+        ({"casadi": casadi.Function("f", [], [1.0])}, "casadi", r"must have the inputs \(x, u, p\)"),
         ({"states": ["h1", "h2", "h3"]}, "states", "x of tanks has 2 entries; states: 3"),
         ({"inputs": ["a", "b"]}, "inputs", "u of tanks has 1 entries; inputs: 2"),
         ({"parameters": {"a1": 1.0}}, "parameters", "p of tanks has 3 entries; parameters: 1"),
@@ -201,10 +202,10 @@ def test_an_equation_without_algebraic_variables_is_integrated_as_a_function_is(
 
 
 def test_the_example_is_the_same_for_any_block_and_number_of_processes(tmp_path):
-    """Oracle: trials.csv byte for byte; workers load the equation by its path."""
+    """Oracle: the numbers of all trials; workers load the equation by its path."""
     tables = []
     for jobs, block in ((1, 4), (2, 1)):
         config = load_config(EXAMPLE, overrides=["runs=4", "time={step: 3, steps: 6}", f"execution.block={block}"])
-        run(config, directory=tmp_path / f"{jobs}", jobs=jobs)
-        tables.append((tmp_path / f"{jobs}" / "trials.csv").read_bytes())
-    assert tables[0] == tables[1]
+        tables.append(run(config, directory=tmp_path / f"{jobs}", jobs=jobs).trials.frame)
+    assert len(tables[0]) == 8
+    assert tables[0].equals(tables[1])

@@ -15,6 +15,23 @@ from rmpc_bench.plants.uncertainty import Uncertainty
 KINDS = [kind for kind in registry.names("plants") if kind != "data"]
 
 
+def casadi_pendulum():
+    """The same as a function of CasADi."""
+    import casadi
+
+    x, u, p = casadi.SX.sym("x", 3), casadi.SX.sym("u", 2), casadi.SX.sym("p")
+    change = [x[1], -casadi.sin(x[0]) - p * x[1] + 0.1 * u[0], casadi.tanh(x[0]) - x[2] + 0.1 * u[1]]
+    return casadi.Function("pendulum", [x, u, p], [casadi.vcat(change)])
+
+
+def casadi_friction():
+    """A differential-algebraic equation: the velocity z at which friction balances a force."""
+    import casadi
+
+    x, u, z = casadi.SX.sym("x"), casadi.SX.sym("u"), casadi.SX.sym("z")
+    return {"x": x, "u": u, "z": z, "ode": z - x, "alg": z + z**3 - u}
+
+
 def pendulum(x, u, p):
     """Time derivatives of a damped pendulum with a torque and a disturbed second body."""
     return [x[1], -np.sin(x[0]) - p.d * x[1] + 0.1 * u[0], np.tanh(x[0]) - x[2] + 0.1 * u[1]]
@@ -47,6 +64,10 @@ PARAMETERS = {
         {"n_steps": STEPS, "env": "Pendulum-v1", "state": "state", "start": "initial", "output": ["x.1"]},
         {"n_steps": STEPS, "env": "MountainCarContinuous-v0", "output": ["observation.1", "x.0"]},
         {"n_steps": STEPS, "env": "CartPole-v1", "state": "state", "action": [-10.0, 10.0], "terminated": "ignore"},
+    ],
+    "casadi": [
+        {"n_steps": STEPS, "casadi": casadi_pendulum, "parameters": {"d": 0.3}},
+        {"n_steps": STEPS, "casadi": casadi_friction},
     ],
     "linear": [
         {"n_steps": STEPS, "A": 0.9, "B": 1.0, "C": 1.0},

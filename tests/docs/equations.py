@@ -18,6 +18,8 @@ _ROBUST_GAIN = r"L_k = V_k C^\top (C V_k C^\top + R_v)^{-1}, \quad V_k = (P_{k|k
 _COST = r"\sum_{t=k}^{k+N-1} x_{t+1}^\top Q_x x_{t+1} + u_t^\top R_u u_t"
 
 EQUATIONS: dict[tuple[str, str], str] = {
+    ("plants", "casadi"): r"""\dot x = f(t, x, z, u_k, p), \quad 0 = g(t, x, z, u_k, p), \quad
+x_{k+1} = x((k+1) T_s) + w_k, \quad y_k = h(x_k, p) + v_k""",
     ("plants", "linear"): r"x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + v_k",
     ("plants", "moving-slide"): r"M(y) \ddot y + N(y, \dot y) \dot y = J(y)^\top \tau",
     ("plants", "ode"): r"""\dot x = f(t, x, u_k, p), \quad k T_s \le t \lt (k + 1) T_s, \quad
