@@ -79,6 +79,8 @@ def class_around(
     first = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
     every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (of_base | of_function).values()]
     make.__signature__ = inspect.Signature([first, *every])  # type: ignore[attr-defined]
+    # `describe` shows the docstring of the module in which `__init__` is defined.
+    make.__module__, make.__qualname__ = function.__module__, f"{function.__qualname__}.__init__"
     made_class = type(function.__name__, (base,), {**declared, "__init__": make, "__doc__": function.__doc__})
     made_class.__qualname__, made_class.__module__ = function.__qualname__, function.__module__
     return single_run(made_class)

@@ -9,6 +9,7 @@ import pytest
 
 from rmpc_bench.components.from_function import class_around
 from rmpc_bench.components.single_run import design_function
+from rmpc_bench.config.component_manual import manual_of
 from rmpc_bench.config.schema import keys_of
 from rmpc_bench.types import DesignError, Positive
 
@@ -66,3 +67,9 @@ def test_an_unknown_argument_of_the_function():
 def test_it_is_pickled_by_its_name():
     """As every class of a user's file."""
     assert pickle.loads(pickle.dumps(Constant)) is Constant
+
+
+def test_the_manual_is_that_of_the_file_of_the_function():
+    """Not that of the module in which the class is made."""
+    manual = manual_of("estimators", "test", design_function("estimators", Constant))
+    assert manual.module == __doc__ and manual.text.startswith("Estimate a constant.")

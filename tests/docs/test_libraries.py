@@ -1,0 +1,80 @@
+"""docs/libraries.md, followed literally: every section in a directory of its own, where its libraries are installed."""
+
+import re
+from pathlib import Path
+
+import pytest
+from docs.followed_page import BLOCK, follow
+
+from rmpc_bench.extras import EXTRAS, is_installed
+
+PAGE = Path(__file__).parents[2] / "docs" / "libraries.md"
+SECTIONS = {
+    text.partition("\n")[0]: text for text in re.split(r"^## ", PAGE.read_text("utf-8"), flags=re.MULTILINE)[1:]
+}
+FIRST = "Ten commands"
+FOLLOWED = [title for title, text in SECTIONS.items() if re.search(r"^```console", text, re.MULTILINE)]
+LIBRARY = re.compile(r"\b(" + "|".join({*EXTRAS.values()} - {"control"}) + r")\b|import control\b|\{control:")
+
+
+def extras_of(text):
+    """Extras of which the blocks of a section use the library."""
+    code = "\n".join(block for _, _, block in BLOCK.findall(text))
+    names = {found[1] or "control" for found in LIBRARY.finditer(code)}
+    return [extra for extra, module in EXTRAS.items() if module in names]
+
+
+@pytest.fixture(scope="module")
+def steps(tmp_path_factory):
+    """Return a function that follows a section, once."""
+    known = {}
+
+    def followed(title):
+        missing = [extra for extra in extras_of(SECTIONS[title]) if not is_installed(extra)]
+        if missing:
+            pytest.skip(f"needs {', '.join(missing)}")
+        if title not in known:
+            place = tmp_path_factory.mktemp("section")
+            (place / "section.md").write_text(SECTIONS[title], encoding="utf-8")
+            known[title] = place, [*follow(place / "section.md", place)]
+        return known[title]
+
+    return followed
+
+
+@pytest.mark.parametrize("title", FOLLOWED)
+def test_every_command_works(steps, title):
+    for step in steps(title)[1]:
+        assert step.code == 0, f"{step.line}\n{step.out}{step.err}"
+        assert "Traceback" not in step.err
+
+
+def test_ten_commands_lead_to_a_comparison(steps):
+    """With the installation they are at most ten, and all three methods have finished."""
+    place, done = steps(FIRST)
+    installation = re.findall(r"^pip install (.*)$", SECTIONS[FIRST], re.MULTILINE)
+    assert installation == ["'rmpc-bench[filterpy,do-mpc]'"]
+    assert len(done) + len(installation) <= 10
+    verbs = [step.line.split()[1] for step in done]
+    assert verbs[0] == "init" and {"check", "run", "report", "show"} < {*verbs}
+    summary = (place / "results" / "theirs" / "summary.csv").read_text("utf-8")
+    assert all(f"\n{name}," in summary for name in ("Kalman", "do-mpc", "filterpy"))
+    assert (place / "results" / "theirs" / "figures" / "boxplot.png").is_file()
+
+
+def test_the_table_of_the_page(steps):
+    """Names and means are printed as they stand there; times per step and last digits differ between machines."""
+    step = next(step for step in steps(FIRST)[1] if step.shown is not None)
+    rows = [re.findall(r"^    (\S+) +([\d.]+)\(\d+\)(e-\d+)", text, re.MULTILINE) for text in (step.shown, step.out)]
+    shown, printed = ({name: float(mean + power) for name, mean, power in found} for found in rows)
+    assert [*shown] == [*printed] == ["Kalman", "do-mpc", "filterpy"]
+    assert shown == pytest.approx(printed, rel=0.02)
+
+
+def test_every_library_has_a_section_with_its_extra():
+    text = PAGE.read_text("utf-8")
+    for extra in EXTRAS:
+        assert f"`[{extra}]`" in text
+    linked = re.findall(r"\]\(#([\w-]+)\)", text)
+    anchors = {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in SECTIONS}
+    assert {*linked} <= anchors
