@@ -68,7 +68,7 @@ def keywords_of(inner: Any, names: Sequence[str]) -> tuple[str, ...]:
 
 def as_it_is(u: Float[Array, " nu"], *, shape: tuple[int, ...], dtype: Any) -> Array:
     """Return an input as an action of a box."""
-    return u.reshape(shape).astype(dtype, copy=False)
+    return u if dtype is float and u.shape == shape else u.reshape(shape).astype(dtype, copy=False)
 
 
 def nearest(u: Float[Array, " nu"], *, values: Float[Array, " actions"], first: int) -> int:

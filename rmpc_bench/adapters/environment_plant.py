@@ -76,6 +76,8 @@ class EnvironmentPlant(SingleRunPlant):
     def step(self, k: int, delta: RunPlants, x: Array, u: Array, w: Array) -> Motion:
         """Limit the inputs, then move every environment."""
         runs = None if delta.objects is None else delta.objects.runs
+        # Without noise the state is not written.
+        w = w if w.any() else w[:, :0]
         return super().step(k, delta, x, limited_inputs(cast(Signals, self.signals), u, runs), w)
 
     def output(self, k: int, delta: RunPlants, x: Array, v: Array) -> Float[Array, "runs ny"]:

@@ -29,22 +29,26 @@ class Points(NamedTuple):
     runs: Int[Array, " runs"]
 
 
+def table_of(trials: Any) -> Trials:
+    """Return the table of trials of results, or the table itself."""
+    return getattr(trials, "trials", trials)  # type: ignore[no-any-return]
+
+
 def points_of(table: Trials) -> Points:
     """Return the dimensions of a table: one per path where the points of the sweep are a full grid."""
     tables = table.each
     runs = np.unique(np.concatenate([each.runs for each in tables]))
     values = {path: list(dict.fromkeys(each.point[path] for each in tables)) for path in table.paths}
     n_grid = int(np.prod([len(each) for each in values.values()]))
-    if not table.paths:
-        dims, shape, places, coordinates = (), (), ((),), {}
-    elif n_grid == len(tables):
-        dims, shape = table.paths, tuple(len(each) for each in values.values())
-        places = tuple(tuple(values[path].index(each.point[path]) for path in dims) for each in tables)
-        coordinates = {path: _numbers(texts) for path, texts in values.items()}
-    else:
+    dims: tuple[str, ...] = table.paths
+    shape: tuple[int, ...] = tuple(len(each) for each in values.values())
+    # Without a sweep there are no dimensions, and one place.
+    places = tuple(tuple(values[path].index(each.point[path]) for path in dims) for each in tables)
+    coordinates: dict[str, Any] = {path: _numbers(texts) for path, texts in values.items()}
+    if n_grid != len(tables):
         dims, shape, places = ("point",), (len(tables),), tuple((i,) for i in range(len(tables)))
-        texts = {path: _numbers([each.point[path] for each in tables]) for path in table.paths}
-        coordinates = {"point": [each.title for each in tables]} | {path: ("point", v) for path, v in texts.items()}
+        by_point = {path: _numbers([each.point[path] for each in tables]) for path in table.paths}
+        coordinates = {"point": [each.title for each in tables]} | {path: ("point", v) for path, v in by_point.items()}
     found = Points(dims, shape, places, tables, coordinates, {}, table.methods, runs)
     return found._replace(uncertainty=_uncertainty(found))
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rmpc_bench.adapters.trial_arrays import metric_attributes, points_of, recorded, values_of
-from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.adapters.trial_arrays import metric_attributes, points_of, recorded, table_of, values_of
 from rmpc_bench.extras import library
 
 if TYPE_CHECKING:
+    from rmpc_bench.analysis.trials import Trials
     from rmpc_bench.execution.results import Results
 
 
@@ -36,16 +36,15 @@ def dataset(trials: Trials | Results) -> Any:
     >>> dataset(rmpc_bench.run(config, directory=tempfile.mkdtemp(), jobs=1))["mse"].dims
     ('method', 'run')
     """
-    table = getattr(trials, "trials", trials)
+    table = table_of(trials)
     points = points_of(table)
     dims = (*points.dims, "method", "run")
     variables: dict[str, Any] = {"status": (dims, values_of(points, "status"))}
     for info in table.metrics:
         variables[info.name] = (dims, values_of(points, info.name), metric_attributes(info))
     coordinates = {**points.coordinates, "method": list(points.methods), "run": points.runs, **points.uncertainty}
-    attributes = {"name": table.name, "seed": int(table.seed), "Ts": float(table.Ts)}
     coordinates["label"] = ("method", [table.labels.get(name, name) for name in points.methods])
-    return library("xarray").Dataset(variables, coordinates, attributes)
+    return library("xarray").Dataset(variables, coordinates, {"name": table.name, "Ts": float(table.Ts)})
 
 
 def traces(trials: Trials | Results) -> Any:
@@ -65,7 +64,7 @@ def traces(trials: Trials | Results) -> Any:
     ValueError
         If no run is recorded, or the trials are those of a whole sweep.
     """
-    table = getattr(trials, "trials", trials)
+    table = table_of(trials)
     runs, k, signals, r = recorded(table)
     variables = {name: (("method", "run", "time", f"{name}_component"), values) for name, values in signals.items()}
     time = k * (table.Ts or 1.0)

@@ -63,6 +63,7 @@ class Trials:
     uncertainty : column ``run`` and one per named uncertain quantity; empty for a whole sweep, whose points have it
     requirements : what the metric of a run must keep
     random_besides : what else is random in a run, such as ``noise``; None where the store does not say
+    limitations : what a comparison with this plant cannot show, as sentences
     groups : method -> moments over the runs by groups of runs, where they are not exact
     expected_failures : method -> check of its components that is meant to fail -> reason
     """
@@ -100,6 +101,7 @@ class Trials:
     notes: Mapping[str, RunNotes] = field(default_factory=dict)
     uncertainty: pd.DataFrame = field(default_factory=pd.DataFrame)
     random_besides: tuple[str, ...] | None = None
+    limitations: tuple[str, ...] = ()
     requirements: tuple[Requirement, ...] = ()
     declared: tuple[str, ...] = ()
 

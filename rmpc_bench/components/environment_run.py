@@ -40,7 +40,8 @@ class Access:
 
     def state(self, inner: Any, observation: Any) -> Float[Array, " nx"]:
         """Return a copy of the state in double precision."""
-        return np.array(observation if self.read is None else self.read(inner), dtype=float).ravel()
+        state: Array = np.array(observation if self.read is None else self.read(inner), dtype=float)
+        return state if state.ndim == 1 else state.ravel()
 
 
 class EnvironmentRun:
@@ -73,7 +74,7 @@ class EnvironmentRun:
         if (terminated or truncated) and access.ends:
             raise OutOfRange(f"the environment has {'terminated' if terminated else 'truncated'} the episode")
         x = access.state(self.inner, self.observation)
-        if w.size and w.any():
+        if w.size:
             assert access.write is not None
             x += w
             access.write(self.inner, x.copy())

@@ -120,6 +120,7 @@ class _Layout:
             uncertainty=tuple(experiment.scenario.uncertainty),
             names=dict(plant.names),
             random_besides=random_besides(experiment),
+            limitations=tuple(plant.limitations),
         )
 
     def _method(self, point: SweepPoint, method: Method) -> PointMethod:

@@ -92,6 +92,7 @@ class StoredPoint:
     names : component of a signal, such as y.0 -> its name
     random_besides : what is random in a run besides the uncertain quantities, in words; None where it is not known,
         as an earlier version wrote the record
+    limitations : what a comparison with this plant cannot show
     """
 
     coordinates: Mapping[str, str]
@@ -111,6 +112,7 @@ class StoredPoint:
     uncertainty: tuple[str, ...]
     names: Mapping[str, str] = field(default_factory=dict)
     random_besides: tuple[str, ...] | None = None
+    limitations: tuple[str, ...] = ()
 
     def recording(self, method: str) -> Recording:
         """Return what is kept of the runs of a method."""

@@ -113,6 +113,7 @@ def _table(
         declared=tuple(experiment.methods),
         uncertainty=_quantities(experiment, point, store, quantities),
         random_besides=point.random_besides,
+        limitations=point.limitations,
         requirements=experiment.requirements,
     )
 

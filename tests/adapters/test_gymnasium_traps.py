@@ -1,5 +1,7 @@
 """What the adapter of Gymnasium finds out about an environment, and says."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import ROUND
@@ -8,6 +10,8 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from adapters import environments  # noqa: E402
 from adapters.test_gymnasium import design, inputs, simulated  # noqa: E402
+
+import rmpc_bench  # noqa: E402
 
 BY_ACTION = "draws other random numbers after other actions"
 
@@ -31,7 +35,6 @@ def test_noise_that_depends_on_actions_is_said():
     assert np.abs(naive[0] - naive[1]).max() > 0.01
     assert BY_ACTION in remarks(env=environments.NoisyByAction, state="x")
     assert BY_ACTION not in remarks(env=environments.Noisy, state="x")
-    assert design(0.1, 10, env=environments.NoisyByAction, state="x").limitations != ()
 
 
 def test_random_numbers_without_a_seed_are_said():
@@ -98,3 +101,33 @@ def test_an_output_function_of_the_state():
     record = simulated(plant, inputs(2, 8), runs=range(2))[0]
     np.testing.assert_array_equal(record.y[:, :, 0], np.sin(record.x[:, :, 0]))
     assert plant.names["y.0"] == "height"
+
+
+PAIRED = """\
+version: 1
+name: noisy
+runs: 4
+time: {step: 0.1, steps: 10}
+plant: {env: noisy_env.py:NoisyByAction, state: x}
+model: {kind: linear, A: 0.9, B: [[1]], C: [[1]], P_w: 1e-2, P_v: 1e-3}
+reference: {kind: constant, value: 0.3}
+controller: {kind: lqr, horizon: 10, Q_x: 1, R_u: 1}
+methods:
+  a: {estimator: {kind: kalman}}
+  b: {estimator: {kind: robust-kalman, c: 0.1}}
+metrics: [mse]
+figures: []
+"""
+
+
+def test_the_report_lists_it(tmp_path):
+    """Among the limitations of the comparison; the stored results say it without the environment."""
+    source = Path(environments.__file__).read_text(encoding="utf-8")
+    (tmp_path / "noisy_env.py").write_text(source, encoding="utf-8")
+    path = tmp_path / "noisy.yaml"
+    path.write_text(PAIRED.replace("reference: {kind: constant, value: 0.3}\n", ""), encoding="utf-8")
+    results = rmpc_bench.run(rmpc_bench.load_config(path), directory=tmp_path / "out", engine="serial")
+    assert len(results.trials.limitations) == 1
+    rmpc_bench.publish(results)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert f"The environment {BY_ACTION}" in " ".join(page.split())

@@ -80,6 +80,7 @@ def _comparison_limits(source: PageSource) -> list[Text]:
     trials, found = source.trials, list[Text]()
     if len(trials.methods) > 1:
         found.append("No search for good parameters was made: each method has those of the configuration.")
+    found += dict.fromkeys(text for table in trials.each for text in table.limitations)
     for name in sorted(trials.oracles):
         found.append(f"{name} knows the true parameters; no real estimator can do that.")
     if source.confounded:
