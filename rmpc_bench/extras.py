@@ -28,6 +28,10 @@ COMPUTES_WITH: Mapping[str, str] = {"do_mpc": "casadi"}
 NEEDED_BY: Mapping[tuple[str, str], str] = {
     ("plants", "env"): "gymnasium",
     ("plants", "casadi"): "casadi",
+    ("plants", "control"): "control",
+    ("models", "control"): "control",
+    ("estimators", "control-lqe"): "control",
+    ("controllers", "control-lqr"): "control",
 }
 """Group and kind of a built-in component -> the extra that it needs."""
 

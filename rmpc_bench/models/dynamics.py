@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from rmpc_bench.numerics.integration import rk4, sample_times
 from rmpc_bench.numerics.jacobian import Derivative, derivative, jacobian
-from rmpc_bench.types import Array, DesignError, LinearPlant, Ode, Plant, SolverError
+from rmpc_bench.types import Array, DesignError, LinearPlant, NamedSignals, Ode, Plant, SolverError
 
 SUBSTEPS = 10
 """Steps per sample where the plant does not integrate by the Runge-Kutta method."""
@@ -204,14 +204,22 @@ class LinearDynamics(Dynamics):
     A: Float[Array, "nx nx"]
     B: Float[Array, "nx nu"]
     C: Float[Array, "ny nx"]
+    signals: NamedSignals | None = None
+    """Names and bounds; None where the signals have no names."""
 
     continuous = False
 
     @property
     def names(self) -> Names:  # type: ignore[override]
-        """Counted names, such as ``x.0``."""
+        """Names of the plant, or counted ones, such as ``x.0``."""
+        if self.signals is not None:
+            return Names(self.signals.states, self.signals.inputs, self.signals.outputs)
         sizes = {"x": self.A.shape[0], "u": self.B.shape[1], "y": len(self.C)}
         return Names(*(tuple(f"{letter}.{i}" for i in range(n)) for letter, n in sizes.items()))
+
+    def limits(self, names: tuple[str, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Bounds of the plant."""
+        return super().limits(names) if self.signals is None else self.signals.limits(names)
 
     def rest(self, x: Float[Array, " nx"], u: Float[Array, " nu"], t: float = 0.0) -> Float[Array, " nx"]:
         """Return x(k+1) - x(k)."""
@@ -243,10 +251,10 @@ def dynamics_of(plant: Plant) -> Dynamics:
         return OdeDynamics(plant.ode)
     if plant.system is not None and not plant.system.varies:
         now = plant.system.at(0)
-        return LinearDynamics(now.A, now.B, now.C)
+        return LinearDynamics(now.A, now.B, now.C, plant.signals)
     linear: LinearPlant | None = plant.linear(dict(plant.nominal))
     if linear is not None:
-        return LinearDynamics(linear.A, linear.B, linear.C)
+        return LinearDynamics(linear.A, linear.B, linear.C, plant.signals)
     raise DesignError(
         "needs an ODE plant (`plant: {ode: FILE.py:NAME}`) or a plant with constant matrices; give the equations of "
         "the model by `model: {ode: FILE.py:NAME, ..}`"

@@ -43,8 +43,13 @@ def names_of(given: Names, key: str, letter: str) -> tuple[tuple[str, ...], dict
     return tuple(names), units
 
 
-def refuse_shared(states: Sequence[str], inputs: Sequence[str]) -> None:
+def refuse_shared(states: Sequence[str], inputs: Sequence[str], key: str = "inputs") -> None:
     """Refuse an input with the name of a state: `bounds` could mean either.
+
+    Parameters
+    ----------
+    states, inputs : names
+    key : of the configuration, for messages
 
     Raises
     ------
@@ -53,7 +58,7 @@ def refuse_shared(states: Sequence[str], inputs: Sequence[str]) -> None:
     """
     shared = [name for name in inputs if name in states]
     if shared:
-        raise DesignError(f"{shared[0]!r} is the name of a state, too; `bounds` could mean either", "inputs")
+        raise DesignError(f"{shared[0]!r} is the name of a state, too; `bounds` could mean either", key)
 
 
 def is_timed(rhs: Any, key: str = "ode") -> bool:

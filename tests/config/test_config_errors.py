@@ -45,7 +45,7 @@ CASES = [
     ("time", "{step: 0.1, duration: 1.05}", "{step", "time", "duration 1.05 is not a whole number of steps of 0.1"),
     ("time", "{step: -1, steps: 3}", "-1", "time.step", "must be > 0 (got -1)"),
     ("time", "{stp: 1, steps: 3}", "stp", "time.stp", "'stp' is not a known key; did you mean 'step'?"),
-    ("plant", "{}", "{}", "plant", "'kind' is missing; known kinds of plant: casadi, "),
+    ("plant", "{}", "{}", "plant", "'kind' is missing; known kinds of plant: "),
     ("plant", "{kind: [1]}", "[1]", "plant.kind", "is not a known plant"),
     ("plant", "{kind: servo-linear, J_l: 0}", "0", "plant.J_l", "must be > 0 (got 0)"),
     ("plant", "{kind: servo-linear, perturb: {J_x: 2}}", "J_x", "plant.perturb.J_x", "did you mean 'J_m'?"),

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import random_model
+from optional_libraries import skip_without_library
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import ControllerExample, check_component
@@ -44,6 +45,7 @@ PARAMETERS = {
         {"horizon": 7, "Q_x": 1.0, "R_u": 0.1},
         {"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "mean": "estimated", "of": "mean"},
     ],
+    "control-lqr": [{"Q_x": 1.0, "R_u": 0.1}],
     "game-gain": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "ratio": 1.5}],
 }
 """Parameters that make a design of each kind, `of` a filter if not a Kalman filter's; a new kind gets a line here."""
@@ -67,6 +69,7 @@ def test_every_registered_kind_is_tested():
 def case(request):
     """Return a design with the data to check it with, and the number of inputs."""
     kind, number, (nx, nu, ny) = request.param
+    skip_without_library("controllers", kind)
     model = random_model(np.random.default_rng(12), nx, nu, ny, 0.9)
     make, provided, parameters = registry.get("controllers", kind), {}, dict(PARAMETERS[kind][number])
     if "estimator" in inspect.signature(make).parameters:
@@ -93,6 +96,7 @@ def test_conformance(case):
 @pytest.mark.parametrize("kind", KINDS)
 def test_available_information(kind):
     """Every controller uses the data up to k and the reference of its preview only."""
+    skip_without_library("controllers", kind)
     system = replace(LinearSystem.shipped(), n_runs=6, n_steps=100)
     make, given = registry.get("controllers", kind), {"n_steps": system.n_steps, "estimator": system.kalman}
     provided = {name: value for name, value in given.items() if name in inspect.signature(make).parameters}

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import random_model, random_psd
+from optional_libraries import skip_without_library
 
 from rmpc_bench import registry
 from rmpc_bench.conformance import EstimatorExample, check_component
@@ -22,6 +23,7 @@ from rmpc_bench.plants.uncertainty import Uncertainty
 KINDS = registry.names("estimators")
 PARAMETERS = {
     "oracle": [{}],
+    "control-lqe": [{}, {"form": "predictor"}],
     "kalman": [{}, {"noise": "matched", "use_y0": False}],
     "robust-kalman": [{"c": 0.1}, {"c": 0.1, "kl": "half", "tau": 0.5}],
     "risk-sensitive": [{"theta": 0.01}, {"theta_from": Radius(c=0.01)}, {"theta": 0.01, "tau": 1.0}],
@@ -43,7 +45,7 @@ PARAMETERS = {
 """Parameters beyond the start that make a design of each kind; a new kind gets a line here."""
 BOUNDED = ("kalman", "mixed", "set-membership", "kalman-disturbance")
 """Kinds that know bounded noises."""
-WITHOUT_COVARIANCE = ("lp-window",)
+WITHOUT_COVARIANCE = ("control-lqe", "lp-window")
 """Kinds whose design takes x0 without P0."""
 SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]
 CASES = [(kind, parameters, size) for kind in KINDS for parameters in PARAMETERS.get(kind, []) for size in SIZES]
@@ -77,6 +79,7 @@ def bounded(rng, model):
 def case(request):
     """Return a design with the data to check it with."""
     kind, parameters, (nx, nu, ny) = request.param
+    skip_without_library("estimators", kind)
     rng = np.random.default_rng(11)
     model = random_model(rng, nx, nu, ny, 0.9)
     if kind == "oracle":
@@ -105,6 +108,7 @@ def test_conformance(case):
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "oracle"])
 def test_available_information(kind):
     """Every estimator uses the data up to k only, is in time and exact; failures are declared with their reason."""
+    skip_without_library("estimators", kind)
     # A linear program per run and sample takes a millisecond.
     system = replace(LinearSystem.shipped(), n_runs=8 if kind == "lp-window" else 20, n_steps=100)
     start = {"x0": system.x0} | ({} if kind in WITHOUT_COVARIANCE else {"P0": system.P0})

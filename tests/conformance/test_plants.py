@@ -47,6 +47,51 @@ def swing(t, x, u, p):
     return [(math.cos(t) - p.d * x[0] if x[0] > 0 else 1.0) + 0.1 * u[0]]
 
 
+def oscillator(m=1.0, k=2.0, d=0.3):
+    """A mass with a spring and a damper as a system of scipy.signal."""
+    from scipy.signal import StateSpace
+
+    return StateSpace([[0.0, 1.0], [-k / m, -d / m]], [[0.0], [1.0 / m]], [[1.0, 0.0]], [[0.0]])
+
+
+def named_oscillator(m=1.0, k=2.0):
+    """The same as a system of python-control."""
+    import control
+
+    names = {"states": ["s", "v"], "inputs": ["force"], "outputs": ["place"]}
+    return control.ss([[0.0, 1.0], [-k / m, 0.0]], [[0.0], [1.0 / m]], [[1.0, 0.0]], [[0.0]], **names)
+
+
+def controlled_pendulum():
+    """The pendulum as a system of python-control."""
+    import control
+
+    names = {"states": ["angle", "rate", "x3"], "inputs": ["torque", "force"], "outputs": ["first"]}
+    return control.nlsys(updated, measured, params={"d": 0.3}, **names)
+
+
+def updated(t, x, u, params):
+    """Time derivatives of the pendulum as python-control calls them."""
+    return [x[1], -np.sin(x[0]) - params["d"] * x[1] + 0.1 * u[0], np.tanh(x[0]) - x[2] + 0.1 * u[1]]
+
+
+def measured(t, x, u, params):
+    """Output of the pendulum as python-control calls it."""
+    return [x[0]]
+
+
+def discrete_pendulum():
+    """A discrete system of python-control, all of whose states are measured, called run by run."""
+    import control
+
+    return control.nlsys(moved, None, states=2, inputs=1, params={"b": 0.01}, dt=0.1)
+
+
+def moved(t, x, u, params):
+    """Next state of a pendulum; math.sin takes one run at a time."""
+    return [x[0] + 0.1 * x[1], x[1] - 0.1 * math.sin(x[0]) + params["b"] * u[0]]
+
+
 STEPS = 10
 UNCERTAIN = {
     "n_steps": STEPS, "A": [[0.5, 1.0, 0.1], [0.0, 0.3, -1.0], [0.2, 0.0, 0.9]],
@@ -68,6 +113,12 @@ PARAMETERS = {
     "casadi": [
         {"n_steps": STEPS, "casadi": casadi_pendulum, "parameters": {"d": 0.3}},
         {"n_steps": STEPS, "casadi": casadi_friction},
+    ],
+    "control": [
+        {"n_steps": STEPS, "control": named_oscillator},
+        {"n_steps": STEPS, "control": named_oscillator, "bounds": {"force": (-1.0, 1.0)}},
+        {"n_steps": STEPS, "control": controlled_pendulum},
+        {"n_steps": STEPS, "control": discrete_pendulum},
     ],
     "linear": [
         {"n_steps": STEPS, "A": 0.9, "B": 1.0, "C": 1.0},
@@ -93,6 +144,7 @@ PARAMETERS = {
             "solver": Solver("LSODA"),
         },
     ],
+    "scipy": [{"n_steps": STEPS, "scipy": oscillator}, {"n_steps": STEPS, "scipy": lambda: oscillator(2.0)}],
     "servo": [{}, {"alpha_l0": 0.0, "alpha_l1": 0.0}],
     "servo-linear": [{}],
     "uncertain-linear": [

@@ -20,6 +20,10 @@ _COST = r"\sum_{t=k}^{k+N-1} x_{t+1}^\top Q_x x_{t+1} + u_t^\top R_u u_t"
 EQUATIONS: dict[tuple[str, str], str] = {
     ("plants", "casadi"): r"""\dot x = f(t, x, z, u_k, p), \quad 0 = g(t, x, z, u_k, p), \quad
 x_{k+1} = x((k+1) T_s) + w_k, \quad y_k = h(x_k, p) + v_k""",
+    ("plants", "control"): r"""\dot x = f(t, x, u_k, p), \quad y_k = h(x_k, p); \quad \mathrm{linear:} \quad
+x_{k+1} = e^{A T_s} x_k + \int_0^{T_s} e^{A s} ds B u_k + w_k, \quad y_k = C x_k + v_k""",
+    ("plants", "scipy"): r"""\dot x = A x + B u_k: \quad
+x_{k+1} = e^{A T_s} x_k + \int_0^{T_s} e^{A s} ds B u_k + w_k, \quad y_k = C x_k + v_k""",
     ("plants", "linear"): r"x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + v_k",
     ("plants", "moving-slide"): r"M(y) \ddot y + N(y, \dot y) \dot y = J(y)^\top \tau",
     ("plants", "ode"): r"""\dot x = f(t, x, u_k, p), \quad k T_s \le t \lt (k + 1) T_s, \quad
@@ -29,6 +33,8 @@ x_{k+1} = x((k+1) T_s) + w_k, \quad y_k = h(x_k, p) + v_k""",
 T_f(\omega) = (\alpha_0 + \alpha_1 e^{-\alpha_2 |\omega|}) \mathrm{sgn}(\omega)""",
     ("plants", "servo-linear"): _SERVO + r", \quad T_{fl} = T_{fm} = 0, \quad R I = V - K_t \dot\theta_m",
     ("plants", "uncertain-linear"): _UNCERTAIN,
+    ("models", "control"): r"\dot x = f(x, u, p), \quad y = h(x, p); \quad \mathrm{linear:} \quad \dot x = A x + B u",
+    ("models", "scipy"): r"x_{k+1} = e^{A T_s} x_k + \int_0^{T_s} e^{A s} ds B u_k + w_k, \quad y_k = C x_k + v_k",
     ("models", "linear"): r"""x_{k+1} = A_k x_k + B_k u_k + w_k, \quad y_k = C_k x_k + v_k, \quad
 w_k = \bar w + w_k^s + w_k^b, \quad w_k^s \sim \mathcal{N}(0, P_w), \quad w_k^{b \top} M_w^{-1} w_k^b \le 1""",
     ("models", "linearise"): r"""\dot x = f(x_{op}, u_{op}) + A_c (x - x_{op}) + B_c (u - u_{op}), \quad
@@ -47,6 +53,9 @@ A_k^F = A + H_A F_x(k) G_x""",
     + "\n"
     + _GAIN
     + r", \quad P_{k+1|k} = A (I - L_k C) P_{k|k-1} A^\top + Q_w",
+    ("estimators", "control-lqe"): r"\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1}), \quad"
+    + "\n"
+    + r"P = A (I - L C) P A^\top + Q_w, \quad L = P C^\top (C P C^\top + R_v)^{-1}",
     ("estimators", "robust-kalman"): _ROBUST_GAIN
     + r""", \quad
 \log \det (I - \theta_k P_{k|k-1}) + \mathrm{tr} \left[ (I - \theta_k P_{k|k-1})^{-1} - I \right] = c""",
@@ -78,6 +87,7 @@ M_{k|k} = (q_k^{-1} + 1) T M_{k|k-1} T^\top + (q_k + 1) L_k M_v L_k^\top, \quad 
 + \sum_{j=0}^{H_u - 1} \Vert \Delta u_{k+j} \Vert_R^2""",
     ("controllers", "minimax-lq"): r"\min_u \max_{e, w^b} \mathrm{E} " + _COST,
     ("controllers", "lqr"): r"\min_u " + _COST,
+    ("controllers", "control-lqr"): r"\min_u \sum_{k=0}^{\infty} x_k^\top Q_x x_k + u_k^\top R_u u_k",
     ("controllers", "game-gain"): r"\min_u \max_w " + _COST + r" - \tau w_t^\top M_w^{-1} w_t",
     ("references", "constant"): r"r_k = \mathrm{value}",
     ("references", "s-shape"): r"""x = -w \sin 2f, \quad y = h \cos f, \quad \psi = \alpha \sin^2 (\pi g), \quad

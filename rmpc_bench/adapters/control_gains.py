@@ -1,0 +1,69 @@
+"""Stationary gains of python-control: Kalman filter (`dlqe`) and linear-quadratic regulator (`dlqr`).
+
+Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k) of the design model, which must not depend on k.
+        control-lqe  `dlqe` solves the Riccati equation for the covariance P of x_pred - x and returns the gain of the
+                     one-step predictor, K = A P C' (C P C' + R_v)^-1.  The filter, whose x_hat(k) uses y(k), has the
+                     gain L = P C' (C P C' + R_v)^-1; with K in its place it would correct by A L.
+        control-lqr  u = u_op - K_x (x_hat - x_op) with the gain of `dlqr`, which minimises the sum over all k of
+                     x' Q_x x + u' R_u u.  It regulates to 0, or to the operating point, as `lqr`.
+Limit   The gains of `kalman` after convergence, and of `lqr` with a long horizon.
+Cost    As every gain schedule, and one small product per run and step.
+Fails   Design error: no stationary gain, a model that depends on k, correlated noises, or a known mean of the noise
+        (lqr).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.controllers.state_feedback import Lqr, refuse_mean, stages_of
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter
+from rmpc_bench.estimators.stationary import stationary_filter
+from rmpc_bench.extras import library
+from rmpc_bench.types import Array, DesignError, Estimator, Matrix, Model
+
+
+def lqe(model: Model, n_steps: int, *, x0: Float[Array, " nx"], form: Form = "filter") -> GainScheduleFilter:
+    """Stationary Kalman filter with the gain of python-control's `dlqe`.
+
+    Parameters
+    ----------
+    model : design model
+    n_steps : number of control periods N
+    x0 : (nx,) prediction of x(0)
+    form : `filter` uses y(k) for x_hat(k), `predictor` does not
+    """
+    now, solve = model.at(0), library("control").dlqe
+    K, P_pred, _ = _solved(lambda: solve(now.A, np.eye(now.nx), now.C, now.Q_w, now.R_v, method="scipy"))
+    return stationary_filter(model, x0, K, P_pred, form)
+
+
+def lqr(model: Model, n_steps: int, estimator: Estimator, *, Q_x: Matrix, R_u: Matrix) -> Lqr:
+    """Linear-quadratic regulator with the gain of python-control's `dlqr`.
+
+    Parameters
+    ----------
+    model : design model
+    n_steps : number of control periods N
+    estimator : estimator of the method
+    Q_x : weight of the state: a number, a diagonal or a matrix
+    R_u : weight of the input, positive definite
+    """
+    if model.varies:
+        raise DesignError("stationary gains need a design model that does not depend on k; use lqr")
+    stages, solve = stages_of(model, 1, 1, Q_x, R_u), library("control").dlqr
+    refuse_mean(model, estimator, stages)
+    K, _, _ = _solved(lambda: solve(*(matrices[0] for matrices in stages), method="scipy"))
+    return Lqr(K[None], None, np.zeros((1, len(K))), point=model.operating_point)
+
+
+def _solved(call: Callable[[], Any]) -> Any:
+    try:
+        return call()
+    # The library raises errors of its own and of NumPy, SciPy and slycot.
+    except Exception as error:
+        raise DesignError(f"python-control finds no stationary gain: {error}") from error

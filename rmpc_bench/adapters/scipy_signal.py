@@ -1,0 +1,74 @@
+"""Linear systems of scipy.signal as plants and as design models."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.noise_covariances import DesignNoise
+from rmpc_bench.models.realisation import Realisation, design_model, parametric_system
+from rmpc_bench.plants.parametric_linear import linear_plant
+from rmpc_bench.types import DesignError, Plant, UserFunction
+
+
+def plant(
+    Ts: float,
+    n_steps: int,
+    *,
+    scipy: UserFunction,
+    parameters: dict[str, float] | None = None,
+    bounds: Any = None,
+) -> Plant:
+    """Linear system of scipy.signal.
+
+    A continuous system (`lti`) is sampled exactly, with the input held over a sample; the `dt` of a discrete one
+    (`dlti`) must be the sampling time.  A transfer function has the states of scipy.signal's `to_ss`, which are named
+    x.0, x.1 and so on.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    n_steps : number of control periods N
+    scipy : ``PATH.py:NAME`` of a system, or of a function that returns one; the arguments of the function are
+        parameters, which `perturb` and `set` may name
+    parameters : argument of the function -> nominal value (default: that of the function)
+    bounds : name of a state or an input -> lower and upper bound
+
+    Raises
+    ------
+    DesignError
+        If the output depends on the input of the same sample, or the sampling times differ.
+    """
+    return linear_plant(parametric_system(scipy, _realisation, parameters or {}, "scipy"), Ts, n_steps, bounds)
+
+
+def model(
+    Ts: float, *, scipy: UserFunction, parameters: dict[str, float] | None = None, noise: DesignNoise
+) -> LinearModel:
+    """Linear design model that is a system of scipy.signal.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]; a continuous system is sampled with the input held
+    scipy : ``PATH.py:NAME`` of a system, or of a function of parameters that returns one
+    parameters : argument of the function -> value (default: that of the function)
+    noise : covariances `process` and `measurement` of the noise of the sampled model
+
+    Raises
+    ------
+    DesignError
+        If the output depends on the input of the same sample, or the sampling times differ.
+    """
+    return design_model(parametric_system(scipy, _realisation, parameters or {}, "scipy"), Ts, noise)
+
+
+def _realisation(system: Any) -> Realisation:
+    # Imported on use, because it takes a second.
+    from scipy.signal import dlti, lti
+
+    if not isinstance(system, lti | dlti):
+        what = "must be an lti or a dlti of scipy.signal, or a function that returns one"
+        raise DesignError(f"{what} (got {type(system).__name__})", "scipy")
+    form = system.to_ss()
+    own = 0.0 if isinstance(system, lti) else (None if system.dt is True else float(system.dt))
+    return Realisation(form.A, form.B, form.C, form.D, own, len(form.A), form.B.shape[1], len(form.C))
