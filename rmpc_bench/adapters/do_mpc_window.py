@@ -68,8 +68,7 @@ class MheEstimator:
         if not mhe.flags["set_initial_guess"]:
             mhe.x0, mhe.u0 = self.path[0], u_previous
             mhe.set_initial_guess()
-        # do-mpc takes x(1) of its last solution as the center of the arrival cost.
-        mhe.opt_x_num["_x", 1, -1] = self.path[0] / self.scale
+        mhe.opt_x_num["_x", 1, -1] = self.path[0] / self.scale  # do-mpc takes it for the arrival cost
         mhe.t0, guess, p_est = t - self.Ts, mhe.opt_x_num.master, mhe.p_est0.master
         mhe.make_step(self.window[-1][:, None])
         shorten_history(mhe)

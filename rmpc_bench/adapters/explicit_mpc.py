@@ -1,13 +1,13 @@
 """Explicit MPC: a piecewise affine law that was computed before the run, by any code for multiparametric programs.
 
 Law     u(k) = the first entries of A theta + b in the region E theta <= f, with theta = [x_hat(k); u(k-1); r(k); ..].
-Source  Regions are objects with the attributes A, b, E and f, as the `critical_regions` of a solution of ppopt are.
+        Regions are objects with the attributes A, b, E and f, as the `critical_regions` of a solution of ppopt are.
 Fails   Outside of all regions the run is `infeasible`; a step can be held.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ OUTSIDE = 1e-8
 
 
 def explicit_controller(function: Callable[..., Any] | None = None, **declared: Any) -> Any:
-    """Turn a function that returns the regions of an explicit law into a controller with the further key `preview`.
+    """Turn a function that returns the regions of a law into a controller with the further key `preview`.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def explicit_controller(function: Callable[..., Any] | None = None, **declared: 
 
 
 class Regions(NamedTuple):
-    """The regions, stacked: rows of E have length 1, and `first` is the first row of every region."""
+    """The regions, stacked: rows of E have length 1; `first` is the first row of every region."""
 
     A: list[Array]
     b: list[Array]
@@ -52,13 +52,12 @@ class Regions(NamedTuple):
     first: Array
 
 
-def stacked(regions: Iterable[Any]) -> Regions:
+def stacked(regions: Any) -> Regions:
     """Stack regions with the attributes A, b, E and f."""
-    every = list(regions)
+    every = [*regions]
     E, f = np.vstack([each.E for each in every]), np.concatenate([np.ravel(each.f) for each in every])
-    length = np.linalg.norm(E, axis=1)
-    length[length == 0.0] = 1.0
-    A, b = [np.asarray(each.A) for each in every], [np.ravel(each.b) for each in every]
+    length = np.where(E.any(axis=1), np.linalg.norm(E, axis=1), 1.0)
+    A, b = [each.A for each in every], [np.ravel(each.b) for each in every]
     first = np.cumsum([0, *[len(each.E) for each in every[:-1]]])
     return Regions(A, b, E / length[:, None], f / length, first)
 
@@ -68,16 +67,14 @@ class ExplicitController:
 
     def __init__(self, made: None, prepared: Regions, model: Any, preview: Count = 1) -> None:
         self.regions, self.u_op, self.n = prepared, model.u_op, prepared.E.shape[1]
-        sizes = np.cumsum([model.nx, model.nu, model.ny * preview])
-        if self.n not in sizes:
+        if self.n not in (sizes := np.cumsum([model.nx, model.nu, model.ny * preview])):
             raise ValueError(f"the regions have {self.n} parameters; x_hat, u(k-1) and {preview} r have {sizes[-1]}")
 
     def control(self, x_hat: Array, u_previous: Array | None, r: Array) -> Array:
         """Return u(k) of the region that contains theta."""
-        before = self.u_op if u_previous is None else u_previous
-        theta = np.concatenate([x_hat, before, np.ravel(r)])[: self.n]
+        theta = np.concatenate([x_hat, self.u_op if u_previous is None else u_previous, np.ravel(r)])[: self.n]
         outside = np.maximum.reduceat(self.regions.E @ theta - self.regions.f, self.regions.first)
         j = int(outside.argmin())
         if not outside[j] <= OUTSIDE * (1.0 + np.abs(theta).max()):
             raise SolverError(f"theta is outside of all regions, by {outside[j]:.3g}", infeasible=True)
-        return np.asarray(self.regions.A[j] @ theta + self.regions.b[j])[: len(before)]
+        return np.asarray(self.regions.A[j] @ theta + self.regions.b[j])[: len(self.u_op)]
