@@ -45,15 +45,15 @@ class FilterpyEstimator:
                 each.sigmas_f = library("filterpy", "kalman").spherical_radial_sigmas(each.x, each.P)
         if hasattr(self.filter, "sigmas"):  # an ensemble
             self._predict, self._update = drawing_from(rng, self._predict), drawing_from(rng, self._update)
-        self._shape = (-1, 1) if np.ndim(self.filter.x) == 2 else (-1,)
+        self._is_column, self._gives_P = np.ndim(self.filter.x) == 2, hasattr(self.filter, "P")
 
     def update(self, y: Any, u_previous: Any) -> Any:
         """Return x_hat(k) and, where the filter has it, P."""
         if u_previous is not None:
-            self._predict(u=u_previous.reshape(self._shape))
-        self._update(y.reshape(self._shape))
-        x_hat = self.filter.x.reshape(-1)
-        return (x_hat, self.filter.P) if hasattr(self.filter, "P") else x_hat
+            self._predict(u=u_previous[:, None] if self._is_column else u_previous)
+        self._update(y[:, None] if self._is_column else y)
+        x_hat = self.filter.x[:, 0] if self._is_column else self.filter.x
+        return (x_hat, self.filter.P) if self._gives_P else x_hat
 
 
 def _predict_of(made: Any, model: Any, in_bank: bool) -> Callable[..., Any]:

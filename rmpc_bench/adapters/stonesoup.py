@@ -1,8 +1,8 @@
 """Predictors and updaters of Stone Soup as estimators of single runs.
 
 The time of sample k is a fixed date plus k Ts, rounded to microseconds as Stone Soup's times are; no rounding adds up.
-x_hat(0) uses y(0) without a prediction.  u(k-1) is the `control_input` of the predictor.  Random numbers come from the
-generator of the run.
+x_hat(0) uses y(0) without a prediction.  u(k-1) is the `control_input` of the predictor.  Particles and ensembles draw
+from the generator of the run.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ class StonesoupEstimator:
             raise ValueError(f"Stone Soup counts in microseconds, which are too long for Ts = {Ts:g} s")
         predictor, updater, *prior = made
         _connect_input(predictor, updater, model)
-        self._predict, self._update = drawing_from(rng, predictor.predict), drawing_from(rng, updater.update)
+        self._predict, self._update = predictor.predict, updater.update
+        if prior:  # particles and ensembles draw random numbers
+            self._predict, self._update = drawing_from(rng, self._predict), drawing_from(rng, self._update)
         states = library("stonesoup", "types.state")
         self._input, self._last = states.State, prior[0] if prior else states.GaussianState(x0, P0)
         self._last.timestamp, self._Ts = EPOCH, Ts
@@ -56,7 +58,7 @@ class StonesoupEstimator:
         self._last = self._update(self._hypothesis(self._last, self._detection(y, timestamp=now)))
         # It holds the prediction, which holds the estimate before: the whole past of the run.
         self._last.hypothesis = None
-        return np.ravel(self._last.mean), self._last.covar
+        return np.asarray(self._last.mean).ravel(), self._last.covar
 
 
 def _connect_input(predictor: Any, updater: Any, model: Any) -> None:
