@@ -70,7 +70,9 @@ def follow(page: Path, place: Path) -> Iterator[Step]:
 
 def _command(line: str) -> list[str]:
     program, *arguments = shlex.split(line)
-    return [sys.executable, "-m", "rmpc_bench", *arguments] if program == "rmpc-bench" else [program, *arguments]
+    if program == "rmpc-bench":
+        return [sys.executable, "-m", "rmpc_bench", *arguments]
+    return [sys.executable if program == "python" else program, *arguments]
 
 
 def comparable(text: str) -> str:
