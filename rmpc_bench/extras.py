@@ -32,6 +32,7 @@ NEEDED_BY: Mapping[tuple[str, str], str] = {
     ("models", "control"): "control",
     ("estimators", "control-lqe"): "control",
     ("controllers", "control-lqr"): "control",
+    ("plants", "fmu"): "fmu",
 }
 """Group and kind of a built-in component -> the extra that it needs."""
 

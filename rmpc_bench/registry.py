@@ -24,6 +24,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "control": "rmpc_bench.adapters.control:plant",
         "data": "rmpc_bench.plants.data:design",
         "env": "rmpc_bench.adapters.gymnasium:design",
+        "fmu": "rmpc_bench.adapters.fmu:plant",
         "linear": "rmpc_bench.plants.linear:design",
         "moving-slide": "rmpc_bench.plants.moving_slide:design",
         "ode": "rmpc_bench.plants.ode:design",

@@ -12,7 +12,8 @@ from rmpc_bench.plants.ode_stepping import Solver
 from rmpc_bench.plants.uncertainty import Uncertainty
 
 # Recorded runs are those of files, and do not follow u: tests/plants/test_data.py.
-KINDS = [kind for kind in registry.names("plants") if kind != "data"]
+# A co-simulation unit is a file with compiled code: tests/adapters/test_fmu.py.
+KINDS = [kind for kind in registry.names("plants") if kind not in ("data", "fmu")]
 
 
 def casadi_pendulum():

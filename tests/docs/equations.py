@@ -148,6 +148,7 @@ C_j = \frac{1}{n} \sum_k (e_k - \bar e) (e_{k-j} - \bar e)^\top""",
 
 IN_WORDS = {
     ("plants", "data"),
+    ("plants", "fmu"),
     ("plants", "env"),
     ("inputs", "file"),
     ("metrics", "sample"),
