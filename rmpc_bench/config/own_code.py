@@ -118,6 +118,7 @@ class OwnCode:
         found = {name for source in own for name in source.modules}
         extras = (NEEDED_BY.get((each.group, each.kind)) for each in given)
         found |= {EXTRAS[extra] for extra in extras if extra is not None}
+        found |= {package for each in given if (package := _package_of_environment(each))}
         return found | {COMPUTES_WITH[name] for name in found if name in COMPUTES_WITH}
 
     def names(self) -> dict[str, dict[str, str]]:
@@ -178,6 +179,12 @@ def _with_text(source: Source, text: bytes) -> Callable[[Path], bytes]:
     """Return what reads the files of a source, the first of them with another text."""
     contents = {file.path: file.content for file in source.files}
     return lambda path: text if path == source.path else contents.get(path) or path.read_bytes()
+
+
+def _package_of_environment(component: Component) -> str:
+    """Return the package that registers the environment ``package:Name-v0`` of a plant; empty for any other."""
+    env = component.parameters.get("env") if (component.group, component.kind) == ("plants", "env") else None
+    return env.partition(":")[0].partition(".")[0] if isinstance(env, str) and ":" in env else ""
 
 
 def _registered(component: Component) -> Iterator[Source | str]:

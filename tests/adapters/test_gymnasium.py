@@ -259,6 +259,18 @@ def test_initial_x_beside_a_start_of_the_environment(tmp_path):
     assert config.experiment.plant.remarks[0] == "x(0) is that of `initial`"
 
 
+def test_versions_of_the_library_and_of_the_package(tmp_path):
+    """An environment ``package:Name-v0`` is one of that package, too."""
+    config = rmpc_bench.load_config(written(tmp_path))
+    assert {"gymnasium"} <= {*config.points[0].modules["a"]}
+    path = written(tmp_path, more=", options: {g: 9.81}")
+    path.write_text(path.read_text().replace("Pendulum-v1", "gymnasium.envs:Pendulum-v1"))
+    named = rmpc_bench.load_config(path)
+    assert {"gymnasium"} <= {*named.points[0].modules["a"]}
+    path.write_text(path.read_text().replace("gymnasium.envs:Pendulum-v1", "numpy.linalg:Pendulum-v1"))
+    assert {"gymnasium", "numpy"} <= {*rmpc_bench.load_config(path).points[0].modules["a"]}
+
+
 def test_other_commands_do_not_import_it():
     """Oracle: the modules of a process that lists, describes and checks what uses no library."""
     code = (

@@ -7,7 +7,7 @@ from conftest import EXACT
 
 from rmpc_bench.components.single_run import single_run
 from rmpc_bench.simulation.closed_loop import simulate_block
-from rmpc_bench.types import Method, Status
+from rmpc_bench.types import Method, OutOfRange, Status
 
 
 @single_run
@@ -128,6 +128,20 @@ def test_a_failure_of_the_plant_is_a_crash_of_its_run(name):
     assert (failure.component, failure.k, failure.message) == ("plant", k, message)
     assert failure.values["p"] == {"gain": 1.0}
     assert np.isfinite(traces["x"]).all()
+
+
+def _empty():
+    raise OutOfRange("the tank is empty")
+
+
+def test_a_plant_says_that_it_has_left_its_range():
+    """Oracle: status, sample and sentence; it is no crash, and there is no trace of the user's code."""
+    plant = changed(step=lambda self, u, w, k: _empty() if k == 3 else self.x)
+    status, _, traces, (journal,) = simulated(experiment(plant=plant, n_runs=2))
+    assert status.tolist() == [Status.OUT_OF_RANGE] * 2
+    failure = journal.failures[1]
+    assert (failure.component, failure.k, failure.message, failure.trace) == ("plant", 3, "the tank is empty", "")
+    np.testing.assert_array_equal(traces["x"][:, 4], traces["x"][:, 3])
 
 
 def test_a_plant_has_no_key_for_held_steps():
