@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from adapters.do_mpc_laws import small_mhe
 from components.one_run import MODEL, START, TS, designed, experiment, simulated
+from scipy.linalg import expm
 
 from rmpc_bench import SolverError
 from rmpc_bench.adapters.do_mpc import do_mpc_estimator, do_mpc_model
@@ -200,6 +201,42 @@ def test_a_held_run_goes_on():
     assert set(held[0]) == {Status.OK}
     x, u = held[2]["x_hat"][0], held[2]["u"][0]
     np.testing.assert_allclose(x[1:], x[:-1] @ MODEL.A.T + u[: len(x) - 1] @ MODEL.B.T, rtol=1e-12, atol=1e-12)
+
+
+def oscillator(kind, Ts):
+    """Return a do-mpc model of x'' = u - x - x' / 2, continuous or sampled."""
+    do_mpc = do_mpc_library()
+    A, B = np.array([[0.0, 1.0], [-1.0, -0.5]]), np.array([[0.0], [1.0]])
+    if kind == "discrete":
+        sampled = expm(Ts * np.block([[A, B], [np.zeros((1, 3))]]))
+        A, B = sampled[:2, :2], sampled[:2, 2:]
+    made = do_mpc.model.Model(kind, "SX")
+    x, u = (made.set_variable(f"_{name}", name, shape=(n, 1)) for name, n in (("x", 2), ("u", 1)))
+    made.set_rhs("x", A @ x + B @ u)
+    made.set_meas("y", x[0], meas_noise=True)
+    made.set_meas("u", u, meas_noise=False)
+    made.setup()
+    return made
+
+
+def test_a_continuous_model_with_scaled_states():
+    """Collocation of degree 6 against the sampled model; both have no process noise."""
+
+    def scaled(model, kind: str = "discrete", scale: float = 1.0):
+        mhe = do_mpc_library().estimator.MHE(oscillator(kind, TS))
+        mhe.settings.n_horizon, mhe.settings.collocation_deg = NE, 6
+        mhe.scaling["_x", "x"] = scale
+        mhe.set_default_objective(np.eye(2), 25.0 * np.eye(1))
+        return mhe
+
+    got = []
+    for kind, scale in (("discrete", 1.0), ("discrete", 3.0), ("continuous", 3.0)):
+        law = do_mpc_estimator(scaled)(model=MODEL, Ts=TS, kind=kind, scale=scale)
+        law.start(START["x0"])
+        got.append(estimated(law, *data()))
+    np.testing.assert_allclose(got[1], got[0], **NEWTON)
+    # The error of the collocation; measured: 1.4e-8.
+    np.testing.assert_allclose(got[2], got[0], rtol=0, atol=1e-6)
 
 
 def test_measurements_without_noise_are_refused():
