@@ -12,7 +12,7 @@ from perf.row import Row
 from rmpc_bench.extras import is_installed
 from rmpc_bench.models.linear import LinearModel
 
-RUNS, STEPS, TS = 50, 40, 0.5
+RUNS, STEPS, TS = 50, 100, 0.5
 MODEL = LinearModel([[1.0, 0.1], [-0.2, 0.9]], [[0.0], [0.3]], [[1.0, 0.0]], 0.04 * np.eye(2), [[0.25]])
 START = {"x0": np.array([0.5, -0.5]), "P0": np.eye(2)}
 
