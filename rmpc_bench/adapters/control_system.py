@@ -8,8 +8,6 @@ from inspect import isroutine
 from numbers import Real
 from typing import Any
 
-import numpy as np
-
 from rmpc_bench.extras import library
 from rmpc_bench.models.equation import Equation, ignores_time, usable_names
 from rmpc_bench.models.realisation import Realisation, arguments, refuse_other_step, refuse_unknown
@@ -70,10 +68,10 @@ class _Function:
 
     def __call__(self, t: float, x: Array, u: Array, p: Parameters) -> Any:
         if self.user is not None:
-            return self.user(t, x, u, {**self.system.params, **p})
-        if np.ndim(x) > 1:
+            return self.user(t, x, u, {**self.system.params, **vars(p)})
+        if x.ndim > 1:
             raise ValueError(f"a system of type {type(self.system).__name__} takes one run at a time")
-        return getattr(self.system, self.name)(t, x, u, {**p})
+        return getattr(self.system, self.name)(t, x, u, vars(p))
 
     @property
     def __name__(self) -> str:
