@@ -1,5 +1,6 @@
 """Optional libraries: the extras of pip, the kinds that need one, and what is said where one is missing."""
 
+import ast
 import importlib.metadata
 import subprocess
 import sys
@@ -62,6 +63,19 @@ def errors(path):
 def test_every_extra_can_be_installed_and_is_one_of_all():
     assert {*extras.EXTRAS} <= {*OPTIONAL}
     assert OPTIONAL["adapters"] == [f"rmpc-bench[{','.join(extras.EXTRAS)}]"]
+
+
+def test_every_test_file_that_imports_one_is_skipped_without_it():
+    """pytest imports all files of the tests, for their doctests; an import that fails would end `make test`."""
+    development = " ".join(OPTIONAL["dev"])
+    modules = {module for extra, module in extras.EXTRAS.items() if f"{extra}>=" not in development}
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        text = path.read_text("utf-8")
+        found = [node for node in ast.parse(text).body if isinstance(node, ast.Import | ast.ImportFrom)]
+        names = {alias.name for node in found if isinstance(node, ast.Import) for alias in node.names}
+        names |= {node.module for node in found if isinstance(node, ast.ImportFrom) and not node.level}
+        needed = {name.partition(".")[0] for name in names} & modules
+        assert all(f'importorskip("{name}' in text or "is not installed" in text for name in needed), (path, needed)
 
 
 def test_every_kind_that_needs_a_library_is_built_in():

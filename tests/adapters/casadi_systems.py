@@ -1,5 +1,9 @@
 """Equations of CasADi for tests: the two tanks of `plants.tanks`, and small ones with known solutions."""
 
+import pytest
+
+pytest.importorskip("casadi")
+
 import casadi
 from plants import tanks
 

@@ -1,7 +1,11 @@
 """Systems of python-control and the same equations as an ODE plant, for the tests of the adapter."""
 
-import control
 import numpy as np
+import pytest
+
+pytest.importorskip("control")
+
+import control
 
 from rmpc_bench.plants import ode
 

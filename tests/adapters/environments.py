@@ -2,8 +2,12 @@
 
 import random
 
-import gymnasium
 import numpy as np
+import pytest
+
+pytest.importorskip("gymnasium")
+
+import gymnasium
 from gymnasium.spaces import Box, Dict
 
 

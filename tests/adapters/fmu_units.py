@@ -4,6 +4,10 @@ import subprocess
 import zipfile
 from pathlib import Path
 
+import pytest
+
+pytest.importorskip("fmpy")
+
 import fmpy
 import fmpy.fmi2
 import fmpy.fmi3
