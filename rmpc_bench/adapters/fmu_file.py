@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cache
-from multiprocessing.util import Finalize
 from typing import Any
 
+from rmpc_bench.components.process_directory import process_directory
 from rmpc_bench.extras import library
 
 REAL = ("Real", "Float64")
@@ -57,9 +56,7 @@ def loaded(path: str) -> Any:
     """Extract a file into a temporary directory of this process, and load its library."""
     fmpy = library("fmu")
     found = fmpy.read_model_description(path)
-    directory = fmpy.extract(path)
-    # At the end of this process, of a worker process as well.
-    Finalize(None, shutil.rmtree, args=(directory, True), exitpriority=1)
+    directory = fmpy.extract(path, process_directory("rmpc-bench-fmu"))
     version = library("fmu", "fmi2").FMU2Slave if found.fmiVersion == "2.0" else library("fmu", "fmi3").FMU3Slave
     identifier = found.coSimulation.modelIdentifier
     return version(guid=found.guid, unzipDirectory=str(directory), modelIdentifier=identifier, instanceName="run")
