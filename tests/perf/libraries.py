@@ -4,7 +4,14 @@ A row has the work of one run and step.  The baseline calls the library and noth
 cost of the adapter and of the simulation around it; the difference of both times is what the adapter adds.
 """
 
-from perf import control_rows, do_mpc_rows, filter_rows, gymnasium_rows
+from perf import casadi_rows, control_rows, do_mpc_rows, filter_rows, fmu_rows, gymnasium_rows
 from perf.row import Row
 
-ROWS: list[Row] = [*control_rows.ROWS, *do_mpc_rows.ROWS, *filter_rows.ROWS, *gymnasium_rows.ROWS]
+ROWS: list[Row] = [
+    *filter_rows.ROWS,
+    *do_mpc_rows.ROWS,
+    *control_rows.ROWS,
+    *casadi_rows.ROWS,
+    *fmu_rows.ROWS,
+    *gymnasium_rows.ROWS,
+]
