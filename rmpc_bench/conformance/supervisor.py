@@ -141,7 +141,8 @@ def _followed(process: _Process, results: dict[str, CheckResult], known: dict[st
             message = process.next()
         except queue.Empty:
             process.end()
-            return current, f"no result within {process.seconds:g} s: an endless loop{process.last_frame()}?"
+            text = f"no result within {process.seconds:g} s: an endless loop{process.last_frame()}?"
+            return current, f"{text} For a slow component give a longer limit, --seconds {10 * process.seconds:g}"
         if message is None:
             code = process.process.wait()
             word = f"was killed by signal {-code}" if code < 0 else f"ended with code {code}"

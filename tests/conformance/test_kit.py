@@ -179,6 +179,7 @@ def test_an_endless_loop_ends_with_its_place():
     report = small_check(misbehaving.Endless, "estimators", seconds=4.0)
     [failed] = report.failed
     assert failed.id == "no-exception" and "an endless loop in answer at misbehaving.py:" in failed.reason
+    assert failed.reason.endswith("For a slow component give a longer limit, --seconds 40")
     assert "not checked" in str(report) and "because no-exception fails" in str(report)
 
 
