@@ -46,16 +46,17 @@ class MheEstimator:
 
     def start(self, x0: Array) -> None:
         """Begin with x(0) of the arrival cost."""
-        self.path = np.array([x0])
+        self.x0, self.path = np.array(x0), np.array([x0])
 
     def update(self, y: Array, u_previous: Array | None, t: float) -> Array:
         """Return x_hat(k) from y(k), in which NaN is a missing measurement, and u(k-1)."""
-        mhe, x0 = self.mhe, np.asarray(self.path[0])
+        mhe, first = self.mhe, self.x0
         if u_previous is None:
-            return x0
+            return first.copy()
         if len(self.window) == self.N:
             # After a step that has failed, the last solution gives the smoothed state one sample later.
-            self.path = self.path[1:] if len(self.path) > 1 else self.path
+            self.path = self.path[min(len(self.path) - 1, 1) :]
+            first = self.path[0]
         else:
             mhe.p_est0.master = self.p_est
         self.window.append(np.concatenate([y, u_previous])[: self.n_y])
@@ -66,9 +67,9 @@ class MheEstimator:
         bound = np.where(self.missing, np.inf, 0.0).ravel()
         mhe.nlp_cons_lb[self.equations], mhe.nlp_cons_ub[self.equations] = -bound, bound
         if not mhe.flags["set_initial_guess"]:
-            mhe.x0, mhe.u0 = self.path[0], u_previous
+            mhe.x0, mhe.u0 = first, u_previous
             mhe.set_initial_guess()
-        mhe.opt_x_num["_x", 1, -1] = self.path[0] / self.scale  # do-mpc takes it for the arrival cost
+        mhe.opt_x_num["_x", 1, -1] = first / self.scale  # do-mpc takes it for the arrival cost
         mhe.t0, guess, p_est = t - self.Ts, mhe.opt_x_num.master, mhe.p_est0.master
         mhe.make_step(self.window[-1][:, None])
         shorten_history(mhe)
@@ -76,5 +77,5 @@ class MheEstimator:
         if not mhe.solver_stats["success"]:
             mhe.opt_x_num.master, mhe.p_est0.master, mhe.flags["initial_run"] = guess, p_est, False
         checked_solution(mhe)
-        self.path = path if n == self.N else self.path
+        self.path = path[: n + 1]
         return np.asarray(path[n])
