@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from rmpc_bench.adapters.casadi_dae import sampled_dae
-from rmpc_bench.adapters.casadi_equation import checked, equation, named_object
+from rmpc_bench.adapters.casadi_equation import checked, equation, named_object, sampled_dae
 from rmpc_bench.extras import library
 from rmpc_bench.models.ode_names import Names, count
 from rmpc_bench.plants import ode

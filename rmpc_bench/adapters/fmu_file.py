@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cache
@@ -10,6 +10,8 @@ from typing import Any
 
 from rmpc_bench.components.process_directory import process_directory
 from rmpc_bench.extras import library
+from rmpc_bench.types import DesignError, Signals
+from rmpc_bench.types.issue import unknown
 
 REAL = ("Real", "Float64")
 """Types of variables that have numbers in double precision, of version 2 and 3."""
@@ -60,3 +62,68 @@ def loaded(path: str) -> Any:
     version = library("fmu", "fmi2").FMU2Slave if found.fmiVersion == "2.0" else library("fmu", "fmi3").FMU3Slave
     identifier = found.coSimulation.modelIdentifier
     return version(guid=found.guid, unzipDirectory=str(directory), modelIdentifier=identifier, instanceName="run")
+
+
+def described(files: Sequence[Any], signals: Signals, p: Sequence[str], named: Mapping[str, str]) -> tuple[Unit, str]:
+    """Return a file with the variables that a plant uses, and a text about it.
+
+    Parameters
+    ----------
+    files : the one file
+    signals : of the plant
+    p : names of the parameters
+    named : name -> name in the file, where it is another one
+
+    Raises
+    ------
+    DesignError
+        If it is no co-simulation unit for this machine, or a variable is not there.
+    """
+    if len(files) != 1:
+        raise DesignError(f"must be one file (got {len(files)})", "fmu")
+    path, fmpy = str(files[0]), library("fmu")
+    try:
+        found = fmpy.read_model_description(path)
+    except Exception as error:
+        raise DesignError(f"{files[0].name} is no FMU ({type(error).__name__}: {error})", "fmu") from error
+    if found.coSimulation is None or found.fmiVersion not in ("2.0", "3.0"):
+        raise DesignError(f"{files[0].name} is no co-simulation unit of FMI 2.0 or 3.0", "fmu")
+    if found.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+        text = f"{files[0].name} allows one instance per process, and every run and method needs an instance"
+        raise DesignError(text, "fmu")
+    try:
+        loaded(path)
+    except Exception as error:
+        raise DesignError(f"{files[0].name} cannot be loaded ({type(error).__name__}: {error})", "fmu") from error
+    known = {each.name: each for each in found.modelVariables}
+
+    def all_of(names: Sequence[str], key: str, causality: Sequence[str]) -> list[Any]:
+        return [_variable(known, named.get(name, name), key, causality) for name in names]
+
+    x = all_of(signals.states, "states", ("output", "local"))
+    y = all_of(signals.outputs, "outputs", ("output", "local"))
+    parameters = all_of(p, "parameters", ("parameter",))
+    u = all_of(signals.inputs, "inputs", ("input",))
+    settable = all(each.initial in ("exact", "approx") for each in x)
+    at_start = [*zip(p, parameters, strict=True), *(zip(signals.states, x, strict=True) if settable else ())]
+    unit = Unit(
+        path,
+        int(found.fmiVersion[0]),
+        tuple(name for name, _ in at_start),
+        tuple(each.valueReference for _, each in at_start),
+        tuple(each.valueReference for each in u),
+        tuple(each.valueReference for each in (*x, *y)),
+    )
+    return unit, f"{found.modelName}, FMI {found.fmiVersion}, one instance per run and method"
+
+
+def _variable(known: Mapping[str, Any], name: str, key: str, causality: Sequence[str]) -> Any:
+    """Return a variable by its name in the file."""
+    if name not in known:
+        raise DesignError(unknown(name, known, "variable of the FMU"), key)
+    found = known[name]
+    if found.type not in REAL or found.shape:
+        raise DesignError(f"{name} is a variable of type {found.type}; only single numbers are supported", key)
+    if found.causality not in causality:
+        raise DesignError(f"{name} is a variable of causality {found.causality} (not {' or '.join(causality)})", key)
+    return found

@@ -9,11 +9,57 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.adapters.fmu_file import Unit
-from rmpc_bench.adapters.fmu_run import FmuRun
 from rmpc_bench.components.single_plant import RunPlants, SingleRunPlant
 from rmpc_bench.components.user_class import user_class
 from rmpc_bench.plants.limited_inputs import limited_inputs
-from rmpc_bench.types import Array, Motion, Signals
+from rmpc_bench.types import Array, Motion, OutOfRange, Parameters, Signals
+
+
+class FmuRun:
+    """The instance of one run; an error of the FMU is an exception, which ends the run.
+
+    Parameters
+    ----------
+    unit : the file
+    signals : of the plant
+    Ts : sampling time [s]
+    """
+
+    def __init__(self, unit: Unit, signals: Signals, Ts: float) -> None:
+        self.unit, self.signals, self.Ts = unit, signals, Ts
+
+    def start(self, p: Parameters, x0: Float[Array, " nx"]) -> None:
+        """Make the instance."""
+        first = dict(zip(self.signals.states, x0.tolist(), strict=True))
+        self.fmu = self.unit.instance({**first, **{name: p[name] for name in p}})
+        second = self.unit.version == 2
+        self.set = self.fmu.setReal if second else self.fmu.setFloat64
+        self.get = self.fmu.getReal if second else self.fmu.getFloat64
+        self._read()
+
+    def step(self, u: Float[Array, " nu"], k: int) -> Float[Array, " nx"]:
+        """Set the inputs, which the FMU holds, and simulate one sample."""
+        if self.unit.inputs:
+            self.set(self.unit.inputs, u)
+        ended = self.fmu.doStep(k * self.Ts, self.Ts)
+        if ended is not None and ended[1]:
+            raise OutOfRange("the FMU has ended the simulation")
+        self._read()
+        return self.x
+
+    def output(self) -> Float[Array, " ny"]:
+        """Return the outputs at the end of the last sample."""
+        return self.y
+
+    def _read(self) -> None:
+        values = np.array(self.get(self.unit.read))
+        self.x, self.y = values[: self.signals.nx], values[self.signals.nx :]
+
+    def __del__(self) -> None:
+        """Free the instance; the library stays loaded for the other runs."""
+        fmu = getattr(self, "fmu", None)
+        if fmu is not None:
+            (fmu.fmi2FreeInstance if self.unit.version == 2 else fmu.fmi3FreeInstance)(fmu.component)
 
 
 class FmuPlant(SingleRunPlant):

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.load import load_config
+from rmpc_bench.config.sweep_point import chosen_point
 from rmpc_bench.extras import library
+from rmpc_bench.numerics.linalg import as_covariance
+from rmpc_bench.simulation.episode import Episode, Sample
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.types import Array, DesignError, Estimator, PlantInfo, Status
+from rmpc_bench.types.issue import unknown
 
-if TYPE_CHECKING:
-    from rmpc_bench.config.experiment_config import ExperimentConfig
+LARGEST_RUN = 2**31
+"""Training runs have indices below it."""
+WEIGHTS = ("Q", "R_u", "R_du", "failure")
 
 
 def env(
@@ -55,10 +69,143 @@ def env(
     >>> info["run"], terminated, truncated
     (3, False, False)
     """
-    from rmpc_bench.adapters.episode_env import EpisodeCost, chosen, environment_class
-
     experiment, estimator = chosen(config, method, at or {})
     costs = EpisodeCost.of(cost or {"Q": 1.0}, experiment.plant.ny, experiment.plant.nu)
     space = library("gymnasium", "spaces").Box
     made = environment_class(library("gymnasium").Env)
     return made(experiment, estimator, costs, preview, limits, space)
+
+
+@dataclass(frozen=True)
+class EpisodeCost:
+    """Weights of the cost of a sample, and the cost of a failed run."""
+
+    Q: Float[Array, "ny ny"]
+    R_u: Float[Array, "nu nu"]
+    R_du: Float[Array, "nu nu"]
+    failure: float
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any], ny: int, nu: int) -> EpisodeCost:
+        """Expand numbers and diagonals.
+
+        Raises
+        ------
+        DesignError
+            If a name is unknown or a weight does not fit.
+        """
+        for name in given:
+            if name not in WEIGHTS:
+                raise DesignError(unknown(name, WEIGHTS, "weight"), "cost")
+        try:
+            Q, R_u, R_du = (
+                as_covariance(given.get(name, 0.0), n) for name, n in zip(WEIGHTS[:3], (ny, nu, nu), strict=True)
+            )
+        except ValueError as error:
+            raise DesignError(str(error), "cost") from None
+        return cls(Q, R_u, R_du, float(given.get("failure", 0.0)))
+
+    def __call__(self, sample: Sample, u: Array, u_previous: Array) -> float:
+        """Return the cost of sample k with the input u(k)."""
+        e, du = sample.y_true - sample.r[0], u - u_previous
+        return float(e @ self.Q @ e + u @ self.R_u @ u + du @ self.R_du @ du)
+
+
+def chosen(
+    config: ExperimentConfig | str | Path, method: str | None, at: Mapping[str, str]
+) -> tuple[Experiment, Estimator | None]:
+    """Return the experiment of a point of a configuration, and the estimator of a method."""
+    config = config if isinstance(config, ExperimentConfig) else load_config(config)
+    experiment = chosen_point(config.points, at).experiment
+    if method is not None and method not in config.methods:
+        raise DesignError(unknown(method, config.methods, "method"), "method")
+    if experiment.plant.recorded is not None:
+        raise DesignError("the plant replays recorded runs: no action can change them", "plant")
+    for design in (experiment.plant, *(each.estimator for each in experiment.methods)):
+        design.warm_up()
+    return experiment, None if method is None else experiment.method(method).estimator
+
+
+class Episodes:
+    """The plant of an experiment; see `rmpc_bench.adapters.gymnasium.env`.
+
+    Parameters
+    ----------
+    experiment : gives plant, random inputs and reference
+    estimator : gives x_hat in place of y; None to observe y
+    cost : of a sample
+    preview : number of samples of the reference
+    limits : lower and upper limits of the action; those of the plant where None
+    Box : class of the spaces
+    """
+
+    np_random: np.random.Generator
+    u: Array
+
+    metadata: Mapping[str, Any] = {"render_modes": []}
+    render_mode = None
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        estimator: Estimator | None,
+        cost: EpisodeCost,
+        preview: int,
+        limits: Any,
+        Box: Any,
+    ) -> None:
+        self.experiment, self.estimator, self.cost, self.preview = experiment, estimator, cost, preview
+        nu = experiment.plant.nu
+        low, high = PlantInfo.of(experiment.plant).limits.u if limits is None else limits
+        self.low, self.high = (np.broadcast_to(np.asarray(each, dtype=float), (nu,)) for each in (low, high))
+        self.action_space = Box(self.low, self.high, (nu,), np.float64)
+        n = len(self._start(experiment.n_runs))
+        self.observation_space = Box(-np.inf, np.inf, (n,), np.float64)
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start a run; see the class."""
+        super().reset(seed=seed)  # type: ignore[misc]
+        run = (options or {}).get("run")
+        if run is None:
+            run = int(self.np_random.integers(self.experiment.n_runs, LARGEST_RUN))
+        return self._start(int(run)), self._info()
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Apply u(k); the reward is that of sample k."""
+        u = np.clip(np.asarray(action, dtype=float).reshape(self.low.shape), self.low, self.high)
+        cost = self.cost(self.episode.sample, u, self.u)
+        sample, self.u = self.episode.step(u), u
+        failed = sample.status != Status.OK
+        cost += self.cost.failure if failed else 0.0
+        return self._seen(), -cost, failed, not failed and self.episode.is_over, self._info()
+
+    def _start(self, run: int) -> Array:
+        self.episode = Episode(self.experiment, run, estimator=self.estimator, preview=self.preview)
+        self.u = np.zeros(self.experiment.plant.nu)
+        return self._seen()
+
+    def _seen(self) -> Array:
+        sample = self.episode.sample
+        first = sample.y if sample.x_hat is None else sample.x_hat
+        return np.concatenate([first, sample.r.ravel(), self.u])
+
+    def _info(self) -> dict[str, Any]:
+        """Return the index of the run and what is not to be observed: the true state and output."""
+        sample, run = self.episode.sample, self.episode.run
+        return {
+            "run": run,
+            "in_experiment": run < self.experiment.n_runs,
+            "k": sample.k,
+            "status": sample.status.word,
+            "message": sample.message,
+            "x": sample.x,
+            "y_true": sample.y_true,
+        }
+
+
+@cache
+def environment_class(base: type) -> type:
+    """Return the class of the environments, derived from `gymnasium.Env`."""
+    return type("ExperimentEnv", (Episodes, base), {"__doc__": Episodes.__doc__})

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rmpc_bench.adapters.trial_arrays import metric_attributes, points_of, recorded, table_of, values_of
+from rmpc_bench.analysis.trial_arrays import metric_attributes, points_of, recorded, table_of, values_of
 from rmpc_bench.extras import library
 
 if TYPE_CHECKING:

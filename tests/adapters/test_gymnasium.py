@@ -9,7 +9,7 @@ from conftest import ROUND
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from adapters import environments  # noqa: E402
+from adapters import gymnasium_environments as environments  # noqa: E402
 
 import rmpc_bench  # noqa: E402
 from rmpc_bench import registry  # noqa: E402
@@ -164,7 +164,7 @@ def test_terminated_ends_the_run_with_a_word():
 def test_wrappers_of_a_registration_stay():
     """`unwrapped` alone would drop them; the time limit goes all the same."""
     if "Wrapped-v0" not in gymnasium.registry:
-        spec = gymnasium.envs.registration.WrapperSpec("Doubled", "adapters.environments:Doubled", {})
+        spec = gymnasium.envs.registration.WrapperSpec("Doubled", "adapters.gymnasium_environments:Doubled", {})
         gymnasium.register("Wrapped-v0", environments.Lag, max_episode_steps=5, additional_wrappers=(spec,))
     plant = design(0.02, 10, env="Wrapped-v0", state="x", output=["observation.0"])
     u = 0.1 * np.ones((1, 10, 1))

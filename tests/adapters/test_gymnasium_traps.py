@@ -8,7 +8,7 @@ from conftest import ROUND
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from adapters import environments  # noqa: E402
+from adapters import gymnasium_environments as environments  # noqa: E402
 from adapters.test_gymnasium import design, inputs, simulated  # noqa: E402
 
 import rmpc_bench  # noqa: E402

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.adapters import environment_access as access_to
-from rmpc_bench.adapters.environment_checks import (
+from rmpc_bench.adapters import gymnasium_access as access_to
+from rmpc_bench.adapters.gymnasium_plant import EnvironmentPlant
+from rmpc_bench.adapters.gymnasium_trials import (
     Trial,
     attempt,
     inputs_between,
@@ -20,7 +21,6 @@ from rmpc_bench.adapters.environment_checks import (
     trial,
     without_effect,
 )
-from rmpc_bench.adapters.environment_plant import EnvironmentPlant
 from rmpc_bench.components.environment_run import Access, EnvironmentRun
 from rmpc_bench.models.ode_names import Names, check_output, names_of, refuse_shared
 from rmpc_bench.plants.ode_design import bounds_by_name
