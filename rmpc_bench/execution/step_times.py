@@ -52,9 +52,9 @@ def timings(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
     """Read how long the calls of components took: sweep columns, method, component, phase, calls and quantiles.
 
     The phase is ``step``, ``first step`` (which may compile) or ``start``; ``block`` is the time per run and step of a
-    component that computes all runs of a block at once.  The quantiles have the relative error of a histogram
-    (`Durations`), 1 %.  They differ from computation to computation.  Without components that are called run by run
-    there are none.
+    component that computes all runs of a block at once, with every run as a call.  The quantiles have the relative
+    error of a histogram (`Durations`), 1 %.  They differ from computation to computation.  Without components that are
+    called run by run there are none.
     """
     rows, has_own = [], False
     for point in experiment.points:

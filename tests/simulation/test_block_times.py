@@ -35,14 +35,14 @@ def timed(clock):
 
 
 def test_time_per_run_and_step(clock):
-    """The sum over all calls divided by runs and steps; answers are passed on."""
+    """The sum over all calls divided by runs and steps, once per run; answers are passed on."""
     calls, journal = timed(clock), Journal()
     for k in range(5):
         assert calls.correct(k, None, NONE) == ("e", "x_hat")
         assert calls.control(k, None, NONE, None, NONE) == ("c", "u")
         assert calls.predict(k, None, NONE) == "e1"
     calls.note(journal, n_runs=10, n_steps=5)
-    assert journal.seconds == {"estimator, block": [0.4], "controller, block": [0.2]}
+    assert journal.seconds == {"estimator, block": [0.4] * 10, "controller, block": [0.2] * 10}
 
 
 def test_components_that_are_timed_run_by_run_are_left_out(clock):
@@ -51,4 +51,4 @@ def test_components_that_are_timed_run_by_run_are_left_out(clock):
     calls.correct(0, None, NONE)
     calls.control(0, None, NONE, None, NONE)
     calls.note(journal, n_runs=2, n_steps=1)
-    assert journal.seconds == {"estimator, first step": [1e-3], "controller, block": [1.0]}
+    assert journal.seconds == {"estimator, first step": [1e-3], "controller, block": [1.0, 1.0]}
