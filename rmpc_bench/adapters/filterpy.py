@@ -17,6 +17,8 @@ from rmpc_bench.components.from_function import class_around
 from rmpc_bench.components.global_generator import drawing_from
 from rmpc_bench.extras import library
 
+SET_MATRICES = "set F = model.A and B = model.B, or derive a class whose predict_x(u) sets F and x"
+
 
 def filterpy_estimator(function: Callable[..., Any] | None = None, /, **declared: Any) -> Any:
     """Make a single-run estimator of a function that returns a new filter.
@@ -74,6 +76,8 @@ def _predict_of(made: Any, model: Any, in_bank: bool) -> Callable[..., Any]:
             raise ValueError(f"{name} is linear, the model is not: derive a class whose predict(u) sets F, x and P")
         if np.any(model.f0) or (hasattr(made, "H") and np.any(model.d0)):
             raise ValueError(f"{name} ignores f0 and d0 of the model: write @filterpy_estimator(deviation=True)")
+        if np.array_equal(made.F, np.eye(len(model.A))) and not np.array_equal(made.F, model.A):
+            raise ValueError(f"{name} has the default F = I and ignores A of the model: {SET_MATRICES}")
         if np.any(model.B) and not np.any(made.B):
-            raise ValueError(f"{name} ignores the input: set its B = model.B")
+            raise ValueError(f"{name} ignores the input: {SET_MATRICES}")
     return made.predict  # type: ignore[no-any-return]

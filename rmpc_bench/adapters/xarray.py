@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,19 +16,19 @@ if TYPE_CHECKING:
     from rmpc_bench.execution.results import Results
 
 
-def dataset(trials: Trials | Results) -> Any:
+def dataset(trials: Trials | Results | str | Path) -> Any:
     """Return metrics and statuses as an `xarray.Dataset` over the points of a sweep, method and run.
 
     Parameters
     ----------
-    trials : what `load_trials`, `load_results` or `run` returns
+    trials : a directory of results, or what `load_trials`, `load_results` or `run` returns
 
     Returns
     -------
     A variable per metric (NaN where the run failed or is missing, inf where an event did not occur) with `units`,
     `long_name` and `better`, and the variable `status` (empty where the run is missing).  The uncertain quantities are
     coordinates of the run.  A full grid of a sweep has a dimension per path; other sweeps have the dimension `point`.
-    Select with ``sel({"method": "Kalman"})``: ``sel(method=..)`` has another meaning in xarray.
+    Select with ``sel({"method": "Kalman"})``, not with ``sel(method=..)``, whose argument is an option of xarray.
 
     Examples
     --------
@@ -36,7 +37,7 @@ def dataset(trials: Trials | Results) -> Any:
     >>> dataset(rmpc_bench.run(config, directory=tempfile.mkdtemp(), jobs=1))["mse"].dims
     ('method', 'run')
     """
-    table = table_of(trials)
+    table = _table(trials)
     points = points_of(table)
     dims = (*points.dims, "method", "run")
     variables: dict[str, Any] = {"status": (dims, values_of(points, "status"))}
@@ -47,7 +48,7 @@ def dataset(trials: Trials | Results) -> Any:
     return library("xarray").Dataset(variables, coordinates, {"name": table.name, "Ts": float(table.Ts)})
 
 
-def traces(trials: Trials | Results) -> Any:
+def traces(trials: Trials | Results | str | Path) -> Any:
     """Return recorded runs as an `xarray.Dataset`.
 
     Parameters
@@ -64,7 +65,7 @@ def traces(trials: Trials | Results) -> Any:
     ValueError
         If no run is recorded, or the trials are those of a whole sweep.
     """
-    table = table_of(trials)
+    table = _table(trials)
     runs, k, signals, r = recorded(table)
     variables = {name: (("method", "run", "time", f"{name}_component"), values) for name, values in signals.items()}
     time = k * (table.Ts or 1.0)
@@ -73,6 +74,12 @@ def traces(trials: Trials | Results) -> Any:
     for name in signals:
         made[name].attrs = {"units": table.units.get(name, "")}
     return made
+
+
+def _table(trials: Trials | Results | str | Path) -> Trials:
+    from rmpc_bench.execution.results import load_trials
+
+    return load_trials(trials) if isinstance(trials, str | Path) else table_of(trials)
 
 
 def _components(names: Mapping[str, str], signals: Mapping[str, Any]) -> dict[str, Sequence[str]]:

@@ -62,7 +62,7 @@ class Paired(SweepFigure):
     ----------
     metric : name of the metric; the primary one if not given
     height : height of the whole picture [in]; if not given 0.5 plus 0.42 for every panel plus 0.24 for every row, and
-        more for a long label
+        more for long labels
     order : methods to show, from top to bottom, the baseline left out; all if not given
     at : points of the sweep to show, from top to bottom, each by values of its paths; all (6 at most) if not given
     """
@@ -119,7 +119,8 @@ class Paired(SweepFigure):
         changes = [changes_of(point, info, methods, of) for point in points]
         kinds = _kinds(changes)
         label = _axis_label(points[0], info, kinds, 0.6 * self.width * POINTS_PER_INCH)
-        size = self.size(0.5 + LINE * max(0, len(label) - 2) + len(points) * (PANEL + ROW * len(methods)))
+        row = max(ROW, LINE * (0.3 + _most_lines(points[0], methods, LABEL_SHARE * self.width * POINTS_PER_INCH)))
+        size = self.size(0.5 + LINE * max(0, len(label) - 2) + len(points) * (PANEL + row * len(methods)))
         return _draw(points, info, changes, kinds, label, size)
 
 
@@ -316,6 +317,11 @@ def _draw_rows(axes: Axes, point: Trials, changes: Sequence[Change], kinds: Sequ
 
 def _label(point: Trials, name: str, limit: float) -> str:
     return "\n".join(wrapped(typeset(point.labels.get(name, name)), limit))
+
+
+def _most_lines(point: Trials, methods: Sequence[str], limit: float) -> int:
+    """Count the lines of the longest label."""
+    return max(_label(point, name, limit).count("\n") + 1 for name in methods)
 
 
 def _runs(point: Trials, changes: Sequence[Change]) -> str:

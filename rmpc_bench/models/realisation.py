@@ -142,7 +142,9 @@ def parametric_system(
         If a parameter is unknown or has no value, or the nominal system cannot be read.
     """
     if not inspect.isroutine(given):
-        refuse_unknown(parameters, (), key)
+        for name in parameters:
+            text = f"a linear system has no parameters; name a function of {name} that returns the system as `{key}`"
+            raise DesignError(text, f"parameters.{name}")
         return ParametricSystem(partial(_fixed, read(given)), {}, key)
     nominal = arguments(given, parameters, key)
     refuse_unknown(parameters, nominal, key)

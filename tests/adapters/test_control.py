@@ -304,3 +304,11 @@ def test_pickling():
     """A plant of named functions can be sent anywhere."""
     again = pickle.loads(pickle.dumps(tanks()))
     np.testing.assert_array_equal(systems.trajectory(again), systems.trajectory(tanks()))
+
+
+def test_a_linear_system_has_no_parameters():
+    """The message says how to write one that has."""
+    system = control.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    with pytest.raises(DesignError, match="a linear system has no parameters; name a function of m") as raised:
+        plant(0.1, 5, control=system, parameters={"m": 1.0})
+    assert raised.value.parameter == "parameters.m"

@@ -112,6 +112,25 @@ def test_a_filter_without_B():
         without(**GIVEN)
 
 
+@pytest.mark.parametrize("kind", [KalmanFilter, ExtendedKalmanFilter])
+def test_a_filter_without_F(kind):
+    """The default F of filterpy is I: the state does not change by itself; the adapter refuses the filter."""
+
+    @filterpy_estimator
+    def without(model, x0, P0):
+        made = kind(dim_x=2, dim_z=1)
+        made.x, made.P, made.B = x0, P0, model.B
+        return made
+
+    naive = kind(dim_x=2, dim_z=1)
+    naive.x, naive.B = START["x0"], MODEL.B
+    naive.predict(u=np.array([1.0]))
+    np.testing.assert_array_equal(naive.x, START["x0"] + MODEL.B @ [1.0])
+    assert np.abs(naive.x - MODEL.A @ START["x0"] - MODEL.B @ [1.0]).max() > 1e-3
+    with pytest.raises(ValueError, match=f"{kind.__name__} has the default F = I .* set F = model.A"):
+        without(**GIVEN)
+
+
 POINT = OperatingPoint(x=np.array([2.0, 1.0]), u=np.array([3.0]), y=np.array([2.0]))
 LINEARISED = LinearisedModel(MODEL.A, MODEL.B, MODEL.C, MODEL.Q_w, MODEL.R_v, point=POINT)
 

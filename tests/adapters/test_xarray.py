@@ -81,6 +81,12 @@ def test_a_table_and_back(stored, tmp_path):
     same(rows(loaded, trials), trials)
 
 
+def test_a_directory_of_results(stored):
+    results = stored()
+    assert dataset(results.directory).identical(dataset(results))
+    assert traces(str(results.directory)).identical(traces(results))
+
+
 def test_a_grid_has_a_dimension_per_path(stored):
     """And a zip has the dimension `point`."""
     more = "sweep: {grid: {controller.Hp: [5, 7], controller.R: [1, 2]}}\n"

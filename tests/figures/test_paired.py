@@ -187,6 +187,15 @@ def test_counts_stay_inside_the_axes(make_trials):
         assert frame.x0 <= box.x0 and box.x1 <= frame.x1
 
 
+def test_long_labels_do_not_overlap(make_trials, columns):
+    """Labels of three lines make the rows higher."""
+    long = "LQE of a library with a long name, MPC of another library with a long name"
+    figure = paired(make_trials({"mse": columns}, labels={"R": long, "T": long}))
+    figure.canvas.draw()
+    upper, lower = (label.get_window_extent() for label in figure.axes[0].get_yticklabels())
+    assert upper.y0 >= lower.y1
+
+
 def test_one_run_has_a_change_and_no_interval(make_trials):
     """By hand: 3 against 2 is 50 per cent more."""
     figure = paired(make_trials({"mse": {"A": [2.0], "B": [3.0]}}))

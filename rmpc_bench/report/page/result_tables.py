@@ -74,9 +74,14 @@ def _metric_block(
     trials = point.trials
     of = metric_table(trials, point.described, point.compared, info)
     columns: dict[str, Sequence[Text]] = {**metric_columns(of)}
+    if times:
+        # Beside the accuracy: the columns after the verdict are outside of a window of the usual width.
+        after = list(columns).index("median [quartiles]") + 1
+        every = [*columns.items()]
+        every.insert(after, ("time per step", [times[line.method] for line in of.lines]))
+        columns = dict(every)
     # What a reader looks for comes before what supports it.
     supporting = {head: columns.pop(head) for head in SUPPORTING if head in columns}
-    columns |= {"time per step": [times[line.method] for line in of.lines]} if times else {}
     columns |= supporting
     labels = columns.pop("label", None)
     if labels is not None:
