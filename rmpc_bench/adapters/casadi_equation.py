@@ -123,7 +123,9 @@ def sampled_dae(
         begin = parts["alg"] if "t" not in dae else casadi.substitute(parts["alg"], dae["t"], 0)
         given = casadi.vertcat(dae["x"], dae.get("u", none), parts["p"])
         find = casadi.rootfinder("algebraic", "newton", {"x": dae["z"], "p": given, "g": begin})
-        over = casadi.integrator("dae", integrator, parts, 0.0, Ts, {**OPTIONS[integrator], **whole})
+        # The correction of idas fails at some states that are consistent already, if its first time is Ts.
+        first = {"first_time": 1e-4 * Ts} if integrator == "idas" else {}
+        over = casadi.integrator("dae", integrator, parts, 0.0, Ts, {**OPTIONS[integrator], **first, **whole})
     except RuntimeError as error:
         raise DesignError(f"CasADi: {reason(error)}", "options" if options else "casadi") from error
     sizes = {"t": 1, "x": dae["x"].numel(), "u": dae.get("u", none).numel(), "p": dae.get("p", none).numel()}

@@ -10,6 +10,7 @@ from adapters.casadi_systems import STEPS, TS, dae, two_tanks
 from adapters.test_casadi_plant import NOISE, drawn, moved
 from conftest import EXACT
 
+from rmpc_bench.adapters.casadi_equation import sampled_dae
 from rmpc_bench.adapters.casadi_plant import plant
 from rmpc_bench.models.dynamics import dynamics_of
 from rmpc_bench.models.linearised import design as linearise
@@ -104,3 +105,21 @@ def test_mistakes_are_reported_at_their_key(keys, key, message):
     with pytest.raises(DesignError, match=message) as caught:
         two_tanks(dae(), **keys)
     assert caught.value.parameter == key
+
+
+def test_a_consistent_state_at_which_the_default_of_idas_fails():
+    """A pendulum whose acceleration z is nearly 0; with its own first time, idas finds no consistent derivatives."""
+    t, x, z, u, p = (casadi.SX.sym(name, n) for name, n in (("t", 1), ("x", 2), ("z", 1), ("u", 1), ("p", 2)))
+    residual = z + p[0] * casadi.sin(x[0]) + p[1] * x[1] - u - 0.2 * casadi.cos(t) + 0.1 * z**3
+    given = {"t": t, "x": x, "z": z, "u": u, "p": p, "ode": casadi.vertcat(x[1], z), "alg": residual}
+    rng = np.random.default_rng(0)
+    # The last of these states is one of them.
+    state, acting = [(rng.standard_normal(2), rng.standard_normal(1)) for _ in range(589)][-1]
+    naive, ours, other = (
+        sampled_dae(given, 0.1, name, options, None)[0]
+        for name, options in (("idas", {"first_time": 0.1}), ("idas", {}), ("collocation", {}))
+    )
+    with pytest.raises(RuntimeError):
+        naive(58.8, state, acting, [2.0, 0.3])
+    expected = other(58.8, state, acting, [2.0, 0.3])
+    np.testing.assert_allclose(ours(58.8, state, acting, [2.0, 0.3]), expected, rtol=0.0, atol=1e-6)
