@@ -52,7 +52,8 @@ def env(
         measurement noise and the change du of the input, and the number `failure`, which is added where the run fails;
         ``{"Q": 1}`` unless given.  The reward is minus this cost.
     preview : number of samples of the reference, r(k) included
-    limits : lower and upper limits of the action; those of the plant unless given
+    limits : lower and upper limits of the action; those of the plant unless given.  An action beyond them is clipped
+        before the estimator gets it, whereas a controller in a run has to do that itself
     at : path of the sweep -> value, for one of its points; the first point unless given
 
     Raises
