@@ -91,6 +91,7 @@ KEYS = {
     "mpc": {"Hp": 3, "Hu": 2, "Q": 1.0, "R": 0.1},
     "minimax-lq": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
     "lqr": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
+    "control-lqr": {"Q_x": 1.0, "R_u": 0.1},
     "game-gain": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
 }
 ESTIMATOR_KEYS = {"robust-kalman": {"c": 0.1}, "risk-sensitive": {"theta": 0.1}, "robust-h-infinity": {"alpha": 0.1}}
