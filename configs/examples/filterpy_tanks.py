@@ -61,14 +61,14 @@ def ukf(model, Ts, x0, P0, alpha: Positive = 1.0):
 
 
 class Cubature(CubatureKalmanFilter):
-    """Cubature filter that draws its points again after each prediction.
+    """Cubature filter that computes its points again after each prediction.
 
     The points of filterpy are those that `fx` has moved: their spread has no process noise.  Arasaratnam and Haykin,
-    "Cubature Kalman filters", IEEE Transactions on Automatic Control 54(6), 2009, draw them from the prediction.
+    "Cubature Kalman filters", IEEE Transactions on Automatic Control 54(6), 2009, compute them from the prediction.
     """
 
     def predict(self, dt=None, fx_args=()):
-        """Predict, then draw."""
+        """Predict, then compute the points."""
         super().predict(dt, fx_args)
         self.sigmas_f = spherical_radial_sigmas(self.x, self.P)
 

@@ -1,7 +1,8 @@
 """Filters of filterpy, and other objects with `predict` and `update`, as estimators of single runs.
 
 A filter computes what filterpy computes, with two exceptions.  y(0) comes before the first `predict`, where sigma
-points would be zero: they are drawn at x0, P0.  An ensemble draws its random numbers from the generator of its run.
+points would be zero: they are computed from x0, P0.  An ensemble draws its random numbers from the generator of
+its run.
 """
 
 from __future__ import annotations

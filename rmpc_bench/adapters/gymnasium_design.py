@@ -168,7 +168,7 @@ def _entry(name: str, signals: Signals, n_seen: int) -> tuple[bool, int]:
 
 
 class _Tried(NamedTuple):
-    """What trials of an environment have shown."""
+    """Results of the trials of an environment."""
 
     trial: Trial
     is_repeatable: bool

@@ -50,7 +50,7 @@ def attempt(key: str, call: Callable[[], T]) -> T:
         raise
     except Exception as error:
         frame = extract_tb(error.__traceback__)[-1]
-        # An error of the library speaks for itself; one in a file of the user has a place there.
+        # The line of an error is shown where it is in a file of the user, not in a library.
         place = "" if "site-packages" in frame.filename or "rmpc_bench" in frame.filename else last_user_frame(error)
         text = one_line(error)
         if type(error).__module__.startswith("gymnasium"):

@@ -48,7 +48,7 @@ def class_around(
     Returns
     -------
     A class derived from `base` that is marked with `single_run` and has the name and the docstring of the function;
-    without a function, what takes the function and returns the class.
+    without a function, a decorator.
 
     Raises
     ------
