@@ -56,7 +56,7 @@ def short_time(seconds: float) -> str:
 
 STEP_TIMES = (
     "time per step = median time of estimator and controller for one sample of one run; it differs from machine to "
-    "machine, and that of a built-in component is the time for a block of runs divided by their number"
+    "machine, and that of a built-in or batch component is the time for a block of runs divided by their number"
 )
 
 
