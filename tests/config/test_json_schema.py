@@ -7,9 +7,8 @@ from jsonschema import Draft7Validator
 
 from rmpc_bench.config.json_schema import json_schema
 from rmpc_bench.config.reader import load
-from rmpc_bench.config.tree import plain
+from rmpc_bench.config.tree import DELETE, plain
 
-DELETED = "!delete"
 CONFIGS = sorted(Path(__file__).parents[2].joinpath("configs").rglob("*.yaml"))
 
 
@@ -37,7 +36,7 @@ def without_deleted(tree):
     """Leave out the keys with the tag `!delete`, which has no value that a schema could describe."""
     if not isinstance(tree, dict):
         return tree
-    return {key: without_deleted(value) for key, value in tree.items() if value != DELETED}
+    return {key: without_deleted(value) for key, value in tree.items() if value is not DELETE}
 
 
 @pytest.mark.parametrize(
