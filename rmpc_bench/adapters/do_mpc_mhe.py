@@ -26,6 +26,13 @@ class MheEstimator:
     made, model, Ts : the MHE, the design model, the sampling time [s]
     """
 
+    returns = "an MHE of do-mpc"
+
+    @staticmethod
+    def fits(made: Any) -> bool:
+        """Whether a function has returned an MHE, which takes measurements by a function."""
+        return hasattr(made, "make_step") and hasattr(made, "set_y_fun")
+
     bridges_missing = True
 
     def __init__(self, made: Any, model: Any, Ts: float) -> None:

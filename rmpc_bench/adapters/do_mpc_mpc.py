@@ -20,6 +20,13 @@ class MpcController:
     preview : samples of the reference that the MPC knows, r(k) included; the last one is held over the horizon
     """
 
+    returns = "an MPC of do-mpc"
+
+    @staticmethod
+    def fits(made: Any) -> bool:
+        """Whether a function has returned an MPC, which has weights of the moves of the input."""
+        return hasattr(made, "make_step") and hasattr(made, "set_rterm")
+
     def __init__(self, made: Any, model: Any, Ts: float, preview: Count = 1) -> None:
         set_up(made, Ts)
         n = made.settings.n_horizon + 1

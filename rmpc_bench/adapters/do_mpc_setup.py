@@ -43,10 +43,12 @@ def set_up(made: Any, Ts: float) -> None:
     Raises
     ------
     ValueError
-        If it has another sampling time.
+        If it has another sampling time, or no horizon.
     """
     if made.settings.t_step not in (None, Ts):
         raise ValueError(f"settings.t_step of do-mpc is {made.settings.t_step}; the sampling time is {Ts}")
+    if made.settings.n_horizon is None:
+        raise ValueError("settings.n_horizon of do-mpc is not set")
     if made.flags["setup"]:
         return
     made.settings.t_step = Ts

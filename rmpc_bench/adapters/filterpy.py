@@ -7,7 +7,7 @@ its run.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import Parameter, signature
 from typing import Any
@@ -35,6 +35,14 @@ def filterpy_estimator(function: Callable[..., Any] | None = None, /, **declared
 
 class FilterpyEstimator:
     """Runs a filter: `update` with y(0), then `predict` with u(k-1) and `update` with y(k)."""
+
+    returns = "a filter with `predict` and `update`, or the filter and a mapping of arguments of its `update`"
+
+    @staticmethod
+    def fits(made: Any) -> bool:
+        """Whether a function has returned a filter."""
+        first, further = made if isinstance(made, tuple) and len(made) == 2 else (made, {})
+        return hasattr(first, "predict") and hasattr(first, "update") and isinstance(further, Mapping)
 
     def __init__(self, made: Any, model: Any, rng: np.random.Generator) -> None:
         self.filter, further = made if isinstance(made, tuple) else (made, {})

@@ -36,6 +36,14 @@ def stonesoup_estimator(function: Callable[..., Any] | None = None, /, **declare
 class StonesoupEstimator:
     """Runs an updater with y(0), then a predictor with u(k-1) and the updater with y(k)."""
 
+    returns = "a predictor and an updater, or these and a prior"
+
+    @staticmethod
+    def fits(made: Any) -> bool:
+        """Whether a function has returned a predictor and an updater."""
+        pair = isinstance(made, tuple) and len(made) in (2, 3)
+        return pair and hasattr(made[0], "predict") and hasattr(made[1], "update")
+
     def __init__(self, made: Any, model: Any, Ts: float, x0: Any, P0: Any, rng: np.random.Generator) -> None:
         if abs(timedelta(seconds=Ts).total_seconds() - Ts) > 1e-3 * Ts:
             raise ValueError(f"Stone Soup counts in microseconds, which are too long for Ts = {Ts:g} s")

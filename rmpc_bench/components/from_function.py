@@ -39,7 +39,8 @@ def class_around(
     ----------
     base : class with the methods of the component; its `__init__` takes what the function has made, and after it any
         standard names and keys, each by its name.  If `rng` is among them, the function draws from it what it draws
-        from NumPy's global generator
+        from NumPy's global generator.  With a static method `fits(made)` and a text `returns` it refuses what a
+        function must not return
     function : the user's function; its arguments are standard names and keys.  None where a decorator is written with
         arguments, ``@filterpy_estimator(deviation=True)``
     needs : arguments that the function must have
@@ -74,6 +75,8 @@ def class_around(
     def make(self: Any, **given: Any) -> None:
         call = drawing_from(given["rng"], function) if "rng" in of_base else function
         made = call(**{name: value for name, value in given.items() if name in of_function})
+        if not getattr(base, "fits", _anything)(made):
+            raise TypeError(f"{function.__name__} returned {_described(made)}; it must return {base.returns}")  # type: ignore[attr-defined]
         base.__init__(self, made, **{name: value for name, value in given.items() if name in of_base})  # type: ignore[misc]
 
     first = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)
@@ -84,6 +87,14 @@ def class_around(
     made_class = type(function.__name__, (base,), {**declared, "__init__": make, "__doc__": function.__doc__})
     made_class.__qualname__, made_class.__module__ = function.__qualname__, function.__module__
     return single_run(made_class)
+
+
+def _anything(made: Any) -> bool:
+    return True
+
+
+def _described(made: Any) -> str:
+    return "None" if made is None else f"an object of type {type(made).__name__}"
 
 
 def _arguments(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:

@@ -73,3 +73,21 @@ def test_the_manual_is_that_of_the_file_of_the_function():
     """Not that of the module in which the class is made."""
     manual = manual_of("estimators", "test", design_function("estimators", Constant))
     assert manual.module == __doc__ and manual.text.startswith("Estimate a constant.")
+
+
+def test_what_a_function_must_not_return_is_named():
+    """With what it must return, in the words of the base class."""
+
+    class Numbers(Held):
+        returns = "a list of numbers"
+
+        @staticmethod
+        def fits(made):
+            return isinstance(made, list)
+
+    def nothing():
+        return None
+
+    with pytest.raises(TypeError, match="nothing returned None; it must return a list of numbers"):
+        class_around(Numbers, nothing)(Ts=0.1)
+    assert class_around(Numbers, constant)(model=1.0, Ts=0.1).update(0.0) == [2.0]
