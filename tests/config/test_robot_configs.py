@@ -140,6 +140,7 @@ CONTROLLERS = {
     "mpc": "Hp: 6, Hu: 2, Q: 1, R: 0.1",
     "minimax-lq": f"horizon: 7, {Q}",
     "lqr": f"horizon: 7, {Q}",
+    "control-lqr": Q,
     "game-gain": f"horizon: 7, {Q}",
 }
 """Keys of every kind beyond those that have defaults; a new controller gets a line here."""
