@@ -137,6 +137,7 @@ ESTIMATORS = {
     "mixed": {},
     "set-membership": {},
     "kalman-disturbance": {"drift": 0.01},
+    "control-lqe": {},
 }
 """Keys of every registered estimator; a new kind gets a line here."""
 CONTROLLERS = {
@@ -145,6 +146,7 @@ CONTROLLERS = {
     "lqr": {"horizon": 20, "Q_x": 1, "R_u": 0.001},
     "minimax-lq": {"horizon": 5, "Q_x": 1, "R_u": 0.1},
     "game-gain": {"horizon": 5, "Q_x": 1, "R_u": 0.1},
+    "control-lqr": {"Q_x": 1, "R_u": 0.001},
 }
 """Keys of every registered controller; a new kind gets a line here."""
 

@@ -40,6 +40,7 @@ ESTIMATORS = {
     "mixed": [{"M0": np.eye(3)}],
     "set-membership": [{"M0": np.eye(3)}, {"M0": np.eye(3), "update": "maksarov-norton", "level": 0.9999}],
     "kalman-disturbance": [{}],
+    "control-lqe": [{}],
 }
 """Parameters of the estimators that support an operating point."""
 REFUSE = {"oracle": "uncertain matrices"}
@@ -59,6 +60,7 @@ CONTROLLERS = {
     "minimax-lq": [{"horizon": 3, "Q_x": 1.0, "R_u": 0.1}],
     "lqr": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1}, {"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "of": "kalman-disturbance"}],
     "game-gain": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "ratio": 1.5}],
+    "control-lqr": [{"Q_x": 1.0, "R_u": 0.1}],
 }
 """Parameters of the controllers, `of` an estimator other than `kalman`."""
 
