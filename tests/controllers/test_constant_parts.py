@@ -226,7 +226,7 @@ def test_controllers_that_use_a_mean_reach_their_target(kind, estimator, tmp_pat
     assert np.isfinite(u).all()
 
 
-@pytest.mark.parametrize("kind", ["minimax-lq", "game-gain"])
+@pytest.mark.parametrize("kind", ["minimax-lq", "game-gain", "control-lqr"])
 @pytest.mark.parametrize(("estimator", "known"), [("kalman", True), ("kalman-disturbance", False)])
 def test_controllers_that_ignore_a_mean_refuse_it(kind, estimator, known, tmp_path):
     """Oracle: the key to blame and the way out."""
