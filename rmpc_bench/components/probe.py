@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import subprocess
 
 LIMIT = 10.0
-"""Longest time of a request [s]."""
+"""Longest time of a request [s]; time in which the processors are busy with other programs does not count."""
 LENGTH = struct.Struct("<Q")
 """Length of a message in bytes, which stands before it."""
 _PRELOADED = tuple(f"rmpc_bench.{room}." for room in ("components", "estimators", "controllers", "plants", "models"))
