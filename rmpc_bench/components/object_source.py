@@ -80,7 +80,8 @@ class _Walk:
 
     def __init__(self, module: str) -> None:
         self.module = module
-        self._seen: set[int] = set()
+        # The objects are kept: the identity of one that has been freed may be that of another.
+        self._seen: dict[int, Any] = {}
 
     def texts(self, found: Any) -> Iterator[bytes]:
         """Yield the parts of an object, those of what it uses included."""
@@ -89,7 +90,7 @@ class _Walk:
         elif isinstance(found, np.ndarray):
             yield repr((found.dtype, found.shape)).encode() + found.tobytes()
         elif id(found) not in self._seen:
-            self._seen.add(id(found))
+            self._seen[id(found)] = found
             yield type(found).__name__.encode()
             yield from self._parts(found)
 

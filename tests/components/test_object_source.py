@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench import registry
-from rmpc_bench.components.object_source import object_hash, registered_identity
+from rmpc_bench.components.object_source import _Walk, object_hash, registered_identity
 from rmpc_bench.components.source import Source
 
 CELL = '''
@@ -102,3 +102,9 @@ def test_an_installed_component_counts_by_package_and_version(monkeypatch):
 
     monkeypatch.setattr(registry, "installed_component", lambda group, name: Installed)
     assert registered_identity("estimators", "my-filter") == "my-package 1.2"
+
+
+def test_an_object_in_the_place_of_a_freed_one_counts():
+    """Lists that exist only while the hash is made may have the same identity, one after the other."""
+    walk = _Walk("notebook")
+    assert all([*walk.texts([value])] == [b"list", repr(value).encode()] for value in (1.0, 2.0, 3.0))
