@@ -30,7 +30,6 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.ode_names import Names
-from rmpc_bench.plants.limited_inputs import limited_inputs
 from rmpc_bench.plants.ode_design import equation, stepping_of
 from rmpc_bench.plants.ode_facts import facts
 from rmpc_bench.plants.ode_stepping import (
@@ -117,12 +116,12 @@ class OdePlant(Plant):
     @property
     def names(self) -> Mapping[str, str]:
         """Names of single components."""
-        return {place: name for place, name in self.ode.places().items() if place != name}
+        return self.ode.component_names()
 
     @property
     def units(self) -> Mapping[str, str]:
         """Units of single components."""
-        return {place: self.ode.units[name] for place, name in self.ode.places().items() if name in self.ode.units}
+        return self.ode.component_units()
 
     def facts(self) -> list[tuple[str, str]]:
         """Names with units and bounds, and the integration over a sample."""
@@ -157,7 +156,7 @@ class OdePlant(Plant):
     ) -> Motion:
         """Integrate over sample k with constant inputs, then add the process noise."""
         runs = delta.runs if isinstance(delta, StartedDelta) else None
-        limited = limited_inputs(self.ode, u, runs)
+        limited = self.ode.limited_inputs(u, runs)
         ends = self._block if self.ode.rhs_takes_blocks and self.stepping.substeps else self._run_by_run
         # Beyond its bounds a state may be one for which rhs is not defined.
         with np.errstate(all="ignore"):

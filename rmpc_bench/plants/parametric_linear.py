@@ -20,7 +20,6 @@ from jaxtyping import Float
 from rmpc_bench.models.realisation import ParametricSystem, SampledSystem
 from rmpc_bench.models.uncertain_system import uncertain_system
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.plants.limited_inputs import limited_inputs
 from rmpc_bench.plants.ode_design import bounds_by_name
 from rmpc_bench.plants.uncertain_linear import UncertainLinear
 from rmpc_bench.plants.uncertainty import Uncertainty
@@ -28,7 +27,6 @@ from rmpc_bench.types import (
     Array,
     LinearPlant,
     Motion,
-    NamedSignals,
     Plant,
     RunFailure,
     RunInfo,
@@ -63,11 +61,6 @@ class StartedMatrices(NamedTuple):
     runs: RunInfo
 
 
-def names_of_components(signals: NamedSignals) -> dict[str, str]:
-    """Names by their places, those that are places themselves left out."""
-    return {place: name for place, name in signals.places().items() if place != name}
-
-
 @dataclass(frozen=True, eq=False)
 class FixedLinear(UncertainLinear):
     """A linear plant without uncertainty whose signals have names."""
@@ -82,7 +75,7 @@ class FixedLinear(UncertainLinear):
     @property
     def names(self) -> Mapping[str, str]:
         """Names of single components."""
-        return names_of_components(self.own_signals)
+        return self.own_signals.component_names()
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +110,7 @@ class ParametricLinear(Plant):
     @property
     def names(self) -> Mapping[str, str]:
         """Names of single components."""
-        return names_of_components(self.signals)
+        return self.signals.component_names()
 
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
@@ -153,7 +146,7 @@ class ParametricLinear(Plant):
         w: Float[Array, "runs nw"],
     ) -> Motion:
         """Return x(k+1)."""
-        inputs = limited_inputs(self.signals, u, delta.runs if isinstance(delta, StartedMatrices) else None)
+        inputs = self.signals.limited_inputs(u, delta.runs if isinstance(delta, StartedMatrices) else None)
         return Motion(mv(delta.A, x) + mv(delta.B, inputs) + w, delta.status.copy())
 
     def output(

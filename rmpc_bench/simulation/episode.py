@@ -6,7 +6,7 @@ applied here gives the trajectory of the experiment, bit for bit.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -69,7 +69,7 @@ class Episode:
             self._e = start.estimator(estimator, 1, self._delta, self._runs)
         self._limits = RunLimits(experiment.state_range, self._x, self.r[: self.n_steps + 1])
         with np.errstate(over="ignore", invalid="ignore"):
-            self._status = self._after(self._limits.of_state(np.full(1, OK), self._runs.failed, self._x))
+            self._status = self._runs.after(self._limits.of_state(np.full(1, OK), self._runs.failed, self._x))
             self.sample = self._measured()
 
     @property
@@ -93,9 +93,9 @@ class Episode:
             raise RuntimeError("the episode is over; start another one")
         k, u_k = self.k, np.array(u, dtype=float).reshape(1, self.plant.nu)
         with np.errstate(over="ignore", invalid="ignore"):
-            self._status = self._after(self._limits.of_input(self._status, np.zeros(1, np.int8), u_k))
+            self._status = self._runs.after(self._limits.of_input(self._status, np.zeros(1, np.int8), u_k))
             motion = as_motion(self.plant.step(k, self._delta, self._x.copy(), u_k.copy(), self._w[:, k]))
-            self._status = self._after(self._limits.of_state(self._status, motion.status, motion.x))
+            self._status = self._runs.after(self._limits.of_state(self._status, motion.status, motion.x))
             if self._runs.alive.all():
                 self._x = np.array(motion.x)
             if self.estimator is not None:
@@ -116,11 +116,8 @@ class Episode:
             self._e, answer = self.estimator.correct(k, self._e, y)
             estimate = as_estimate(answer)
             x_hat = np.array(estimate.x_hat)
-            self._status = self._after(self._limits.of_estimate(self._status, estimate.status, x_hat))
+            self._status = self._runs.after(self._limits.of_estimate(self._status, estimate.status, x_hat))
             x_hat = x_hat[0]
         failure = self.journal.failures.get(self.run)
         status, message = _STATUSES[int(self._status[0])], "" if failure is None else failure.message
         return Sample(k, y[0], y_true[0], self._x[0].copy(), self.r[k : k + self.preview], x_hat, status, message)
-
-    def _after(self, status: Any) -> Any:
-        return self._runs.after(status)

@@ -101,14 +101,15 @@ def compiled_loop(
     trajectories and statuses; None where measurements are missing that the filter bridges
     """
     runs = start.runs if start is not None else tuple(range(len(draws.x0)))
-    truth, law = plant.compiled_form(draws.delta, n_steps), method.controller.compiled_form(r, n_steps, runs)
+    compiled, law = plant.compiled_form(draws.delta, n_steps), method.controller.compiled_form(r, n_steps, runs)
     filter_ = method.estimator.compiled_form()
     x0 = plant.first_state(draws.delta, draws.x0)
     w, v = plant.mix(draws.delta, draws.w, draws.v) if plant.mixes_noise else (draws.w, draws.v)
     if method.estimator.bridges_missing and np.isnan(v).any():
         return None
     known = r[: n_steps + 1].copy()
-    signals, status = _simulated(plant, truth, filter_, law, RunLimits(state_range, x0, known), x0, w, v, n_steps, info)
+    limits = RunLimits(state_range, x0, known)
+    signals, status = _simulated(plant, compiled, filter_, law, limits, x0, w, v, n_steps, info)
     if method.estimator.bridges_missing and np.isnan(signals["y"]).any():
         return None
     matrices = {"P": with_P, "M": with_M}
@@ -120,7 +121,7 @@ def compiled_loop(
 
 def _simulated(
     plant: Plant,
-    truth: CompiledPlant,
+    compiled: CompiledPlant,
     filter_: CompiledFilter,
     law: CompiledLaw,
     limits: RunLimits,
@@ -149,8 +150,8 @@ def _simulated(
         status = limits.of_state(np.full(n_runs, OK), np.full(n_runs, OK), x0)
     status = np.array(status, dtype=np.int8)
     kernel.ready(kernel.loop_kernel, kernel.LOOP)(
-        truth.advance, truth.measure, as_compiled(truth.own), as_compiled(truth.shared), truth.sizes,
-        np.zeros(truth.work), as_compiled_statuses(truth.status),
+        compiled.advance, compiled.measure, as_compiled(compiled.own), as_compiled(compiled.shared), compiled.sizes,
+        np.zeros(compiled.work), as_compiled_statuses(compiled.status),
         as_compiled(_packed_filter(filter_)), as_compiled(law_rows), as_compiled(law.given), constants, shape,
         as_compiled(limits.of_x), as_compiled(np.broadcast_to(limits.of_estimates((n_runs, nh)), (n_runs, nh))),
         as_compiled(x0), as_compiled(w), as_compiled(v), *(signals[name] for name in ("x", "y", "x_hat", "u", "e")),

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array
+from rmpc_bench.types.run_info import RunInfo
 
 
 class NamedSignals:
@@ -47,11 +48,35 @@ class NamedSignals:
         signals = {"x": self.states, "u": self.inputs, "y": self.outputs}
         return {f"{signal}.{i}": name for signal, names in signals.items() for i, name in enumerate(names)}
 
+    def component_names(self) -> dict[str, str]:
+        """Return the names by their places, those left out that are places themselves: ``{"x.0": "h1"}``."""
+        return {place: name for place, name in self.places().items() if place != name}
+
+    def component_units(self) -> dict[str, str]:
+        """Return the units by the places of their signals: ``{"x.0": "m"}``."""
+        return {place: self.units[name] for place, name in self.places().items() if name in self.units}
+
     def limits(self, names: Sequence[str]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Lower and upper bounds of states or inputs, given by their names."""
         pairs = [self.bounds.get(name, (-np.inf, np.inf)) for name in names]
         low, high = np.array(pairs, dtype=float).reshape(len(names), 2).T
         return low, high
+
+    def limited_inputs(self, u: Float[Array, "runs nu"], runs: RunInfo | None) -> Float[Array, "runs nu"]:
+        """Return the inputs within their bounds; those of running runs that were beyond are counted.
+
+        Parameters
+        ----------
+        u : (runs, nu) inputs
+        runs : what counts; None outside a simulation
+        """
+        limited = np.clip(u, *self.limits(self.inputs))
+        if runs is not None:
+            beyond = np.isfinite(u) & (u != limited) & runs.alive[:, None]
+            for j in np.flatnonzero(beyond.any(axis=0)).tolist():
+                name = self.inputs[j]
+                runs.journal.warnings[f"input {name} limited to {self.bounds_text(name)}"] += int(beyond[:, j].sum())
+        return limited
 
     def bounds_text(self, name: str) -> str:
         """Return the bounds of a state or an input with their unit."""
