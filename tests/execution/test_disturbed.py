@@ -26,13 +26,18 @@ OUTSIDE, INSIDE, LATE = End("killed", outside=True), End("exit code 3"), End("la
 
 
 class Slow(Halfway):
-    """The toy estimator, which takes its time."""
+    """The toy estimator, which takes its time; a file has the number of the process that has called it last."""
 
-    def __init__(self, seconds):
-        self.seconds = seconds
+    def __init__(self, seconds, file=None):
+        self.seconds, self.file = seconds, file
 
     def correct(self, k, state, y):
         """Wait, then estimate."""
+        if self.file is not None:
+            replaced = f"{self.file}-{os.getpid()}"
+            with open(replaced, "w") as file:
+                file.write(str(os.getpid()))
+            os.replace(replaced, self.file)
         time.sleep(self.seconds)
         return super().correct(k, state, y)
 
@@ -67,12 +72,14 @@ def serial_results(n_runs):
     return results_of(serial([made], queue_of(made, 7)), n_runs)
 
 
-def test_a_worker_that_is_killed_or_stopped(monkeypatch):
-    """By any signal, at any time; another worker repeats what it had."""
+def test_a_worker_that_is_killed_or_stopped(tmp_path, monkeypatch):
+    """By any signal, in the middle of a run; another worker repeats what it had."""
     monkeypatch.setattr(worker_process, "STOPPED", 0.5)
-    made, notes = made_of(Slow(0.01), 60), []
+    at_work, notes = tmp_path / "at_work", []
+    made = made_of(Slow(0.01, str(at_work)), 60)
     dones = processes([made], queue_of(made, 1), 2, note=lambda *each: notes.append(each))
-    plan = {5: (WORKER, signal.SIGKILL), 20: (WORKER, signal.SIGTERM), 35: (WORKER, signal.SIGSTOP)}
+    signals = (signal.SIGKILL, signal.SIGTERM, signal.SIGSTOP)
+    plan = {5 + 15 * place: (at_work, number) for place, number in enumerate(signals)}
     assert results_of(disturbed(dones, plan), 60) == serial_results(60)
     messages = [end.message for _, end in notes]
     assert messages == [
@@ -81,7 +88,7 @@ def test_a_worker_that_is_killed_or_stopped(monkeypatch):
         "the worker process was stopped",
     ]
     assert all(end.outside for _, end in notes)
-    assert "method A, run" in notes[0][0] and "attempt 1" in notes[0][0]
+    assert all("method A, run" in text and "attempt 1" in text for text, _ in notes)
     assert with_command(WORKER) == []
 
 

@@ -374,14 +374,16 @@ def test_fresh_sets_one_shard_aside(serial, tmp_path, monkeypatch):
 
 STEADY = """
 import time
+from pathlib import Path
 from rmpc_bench import single_run
 
 @single_run
 class Steady:
-    def start(self, x0):
-        self.x_hat = x0
+    def start(self, x0, run):
+        self.x_hat, self.run = x0, run
     def update(self, y, k):
-        time.sleep(0.002)
+        while self.run % 50 > 30 and not Path(__file__).with_name("go_on").exists():
+            time.sleep(0.01)
         return self.x_hat
 """
 
@@ -407,10 +409,12 @@ def test_shards_at_the_same_time_and_kills_from_outside(tmp_path):
                 time.sleep(0.02)
             assert process.poll() is None, process.communicate()
             os.kill(process.pid if number == 2 else children(process.pid)[0], signal.SIGKILL)
+        (tmp_path / "go_on").touch()
         codes = [(process.communicate(timeout=120), process.returncode) for process in started]
     finally:
         for process in started:
             process.kill()
+            process.communicate()
     assert [code for _, code in codes] == [0, -signal.SIGKILL], codes
     shard(path, tmp_path / "out", "2/2")
     result = joined(tmp_path / "out")

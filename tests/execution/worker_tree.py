@@ -37,12 +37,13 @@ def disturbed(dones, plan):
     Parameters
     ----------
     dones : generator of an engine
-    plan : number of a result -> (text of the command line of a process, signal)
+    plan : number of a result -> (text of the command line of a process, or file with its number; signal)
     """
     found = []
     for number, done in enumerate(dones):
         found.append(done)
         if number in plan:
-            text, signal_number = plan[number]
-            os.kill(with_command(text)[-1], signal_number)
+            victim, signal_number = plan[number]
+            process = int(victim.read_text()) if isinstance(victim, Path) else with_command(victim)[-1]
+            os.kill(process, signal_number)
     return found
