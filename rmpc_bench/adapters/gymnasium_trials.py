@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from rmpc_bench.components.environment_run import Access, EnvironmentRun
+from rmpc_bench.components.private_modules import is_source
 from rmpc_bench.components.trace import last_user_frame, one_line
 from rmpc_bench.extras import MissingLibraryError
 from rmpc_bench.types import Array, DesignError, OutOfRange, Parameters
@@ -51,7 +52,7 @@ def attempt(key: str, call: Callable[[], T]) -> T:
     except Exception as error:
         frame = extract_tb(error.__traceback__)[-1]
         # The line of an error is shown where it is in a file of the user, not in a library.
-        place = "" if "site-packages" in frame.filename or "rmpc_bench" in frame.filename else last_user_frame(error)
+        place = last_user_frame(error) if is_source(frame.filename) else ""
         text = one_line(error)
         if type(error).__module__.startswith("gymnasium"):
             text = text.partition(": ")[2]

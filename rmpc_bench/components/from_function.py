@@ -18,6 +18,23 @@ from typing import Any, overload
 
 from rmpc_bench.components.global_generator import drawing_from
 from rmpc_bench.components.single_run import single_run
+from rmpc_bench.types.issue import unknown
+
+ATTRIBUTES = (
+    "Ne",
+    "bridges_missing",
+    "cost_per_step",
+    "depends_on",
+    "deterministic",
+    "deviation",
+    "expected_failures",
+    "prepare",
+    "preview",
+    "regulates",
+    "reports",
+    "states",
+)
+"""Attributes of a single-run class that mean something to the bench."""
 
 
 @overload
@@ -54,7 +71,7 @@ def class_around(
     Raises
     ------
     TypeError
-        If the function does not have an argument that it needs.
+        If the function does not have an argument that it needs, or an attribute means nothing.
 
     Examples
     --------
@@ -67,6 +84,9 @@ def class_around(
     """
     if function is None:
         return partial(class_around, base, needs=needs, **declared)
+    for name in declared:
+        if name not in ATTRIBUTES and not hasattr(base, name):
+            raise TypeError(f"{function.__name__}: {unknown(name, ATTRIBUTES, 'attribute')}")
     of_function = _arguments(function)
     if missing := [name for name in needs if name not in of_function]:
         raise TypeError(f"{function.__name__} needs the argument{'s' * (len(missing) > 1)} {' and '.join(missing)}")

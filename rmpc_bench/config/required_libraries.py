@@ -16,8 +16,11 @@ from rmpc_bench.types import Problem
 
 def check_required(draft: DraftConfig) -> None:
     """Report every required library that is unknown or not installed; nothing is imported."""
-    for number, name in enumerate(draft.values[REQUIRES] or ()):
-        if name not in extras.EXTRAS:
+    names = draft.values[REQUIRES] or ()
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            draft.note([REQUIRES, number], f"{name!r} is named twice")
+        elif name not in extras.EXTRAS:
             draft.note([REQUIRES, number], unknown(name, extras.EXTRAS, "optional library"))
         elif not extras.is_installed(name):
             draft.note([REQUIRES, number], extras.missing(name))

@@ -16,6 +16,7 @@ from stored_rows import n_stored
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
 OWN = """
 import time
+from pathlib import Path
 from rmpc_bench import single_run
 
 @single_run
@@ -23,10 +24,12 @@ class Slow:
     def __init__(self, model):
         pass
     def start(self, x0, run):
-        self.x_hat = x0
+        self.x_hat, self.run = x0, run
     def update(self, y, k):
         if k == 2:
             time.sleep(0.03)
+        while self.run >= 50 and not Path(__file__).with_name("go_on").exists():
+            time.sleep(0.01)
         return self.x_hat
 """
 KEYS = {
@@ -40,7 +43,7 @@ N_TRIALS = 120
 
 
 def write(directory, **keys):
-    """Write an experiment of two seconds, so that it is interrupted behind the first half a second."""
+    """Write an experiment of two seconds; it waits in its last runs until it may go on, so that it is interrupted."""
     (directory / "own.py").write_text(OWN, encoding="utf-8")
     return write_keys(directory, **keys)
 
@@ -49,7 +52,13 @@ def write(directory, **keys):
 def uninterrupted(tmp_path_factory):
     """Return the trials.csv of a run that nobody disturbs."""
     directory = tmp_path_factory.mktemp("uninterrupted")
+    may_go_on(directory)
     return ran(write(directory, **KEYS), directory / "out", "-s", "execution.block=50")
+
+
+def may_go_on(directory):
+    """Let the last runs of the experiment end."""
+    (directory / "go_on").touch()
 
 
 def start(path, jobs=1, **keywords):
@@ -61,6 +70,7 @@ def start(path, jobs=1, **keywords):
 
 def again(path, jobs=1):
     """Give the same command again and return the trials.csv."""
+    may_go_on(path.parent)
     process = start(path, jobs)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
@@ -128,6 +138,7 @@ def test_a_full_disk(tmp_path, uninterrupted):
         # The first trials make a file of 143 kB, all of them one of 385 kB.
         resource.setrlimit(resource.RLIMIT_FSIZE, (250_000, 250_000))
 
+    may_go_on(tmp_path)
     process = start(path, preexec_fn=small_disk)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (74, ""), err
@@ -141,10 +152,8 @@ def test_a_second_process(tmp_path, uninterrupted):
     path = write(tmp_path, **KEYS)
     process = start(path)
     wait_for_blocks(process, path)
-    # Stopped, it cannot finish before the second one looks at the store.
-    process.send_signal(signal.SIGSTOP)
     second = cli("run", path, "-o", tmp_path / "out", "-j", 1)
-    process.send_signal(signal.SIGCONT)
+    may_go_on(tmp_path)
     out, err = process.communicate(timeout=60)
     assert second.exit_code == 5 and "another process writes to it" in second.stderr
     assert process.returncode == 0, err

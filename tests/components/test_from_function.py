@@ -91,3 +91,10 @@ def test_what_a_function_must_not_return_is_named():
     with pytest.raises(TypeError, match="nothing returned None; it must return a list of numbers"):
         class_around(Numbers, nothing)(Ts=0.1)
     assert class_around(Numbers, constant)(model=1.0, Ts=0.1).update(0.0) == [2.0]
+
+
+def test_an_attribute_that_means_nothing():
+    """It is refused with the nearest name; attributes of the base class are known, too."""
+    with pytest.raises(TypeError, match="constant: 'deviations' is not a known attribute; did you mean 'deviation'?"):
+        class_around(Held, constant, deviations=True)
+    assert class_around(Held, constant, deviation=True, update=None).deviation

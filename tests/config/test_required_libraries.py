@@ -60,6 +60,14 @@ def test_an_unknown_name_has_the_nearest_one(tmp_path, monkeypatch):
     assert errors(write(tmp_path, requires="[3]")) == ["tiny.yaml:16:12: requires.0: must be text (got 3)"]
 
 
+def test_a_name_is_given_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    install(monkeypatch, "filterpy")
+    assert errors(write(tmp_path, requires="[filterpy, filterpy]")) == [
+        "tiny.yaml:16:22: requires.1: 'filterpy' is named twice"
+    ]
+
+
 def test_it_is_kept_and_identifies_nothing(tmp_path, monkeypatch):
     install(monkeypatch, "filterpy")
     without, given = load_config(write(tmp_path)), load_config(write(tmp_path, requires="[filterpy]"))
