@@ -54,14 +54,14 @@ def equation(made: Any) -> tuple[Any, tuple[str, ...]]:
 
 
 def checked(
-    function: Any, names: tuple[str, ...], counts: Mapping[str, int | None], key: str, *, alone: bool = False
+    function: Any, names: tuple[str, ...], counts: Mapping[str, int], key: str, *, alone: bool = False
 ) -> CasadiFunction:
     """Return a `casadi.Function` with inputs of these names as a function of numbers.
 
     Parameters
     ----------
     function, names, alone : as `CasadiFunction` takes them
-    counts : input -> number of its entries; None for any number
+    counts : input -> number of its entries; any number where it is left out
     key : of the configuration; a function of `output` is called with (x, p)
 
     Raises
@@ -91,8 +91,8 @@ def sampled_dae(
 ) -> tuple[Any, tuple[str, ...]]:
     """Return x(k+1) of (x, u, p) or (t, x, u, p) as `casadi.Function`, and the names of its inputs.
 
-    At the begin of every sample Newton's method computes the algebraic variables from the same guess, so that x(k+1)
-    depends on nothing else.
+    At the beginning of every sample Newton's method computes the algebraic variables from the same guess, so that
+    x(k+1) depends on nothing else.
 
     Parameters
     ----------

@@ -65,7 +65,8 @@ def plant(
             raise DesignError(f"has no effect on an equation {'with' if has_z else 'without'} z", key)
     sampled = sampled_dae(made, Ts, integrator, options or {}, algebraic) if has_z else None
     function, names = sampled or equation(made)
-    counts = {"x": count(states), "u": count(inputs), "p": len(nominal)}
+    given_names = {"x": states, "u": inputs, "p": [*nominal]}
+    counts = {name: count(each) for name, each in given_names.items() if each is not None}
     rhs = checked(function, names, counts, "casadi", alone=has_z)
     if isinstance(output, library("casadi").Function):
         output = checked(output, ("x", "p")[: max(output.n_in(), 1)], counts, "output")

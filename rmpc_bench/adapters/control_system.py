@@ -18,7 +18,7 @@ KEY = "control"
 
 def nonlinear(given: Any, parameters: Mapping[str, float], Ts: float) -> Equation | None:
     """Return a nonlinear system, or what a function returns, as functions; None for anything else."""
-    ct = library(KEY)
+    ct = library("control")
     own = arguments(given, parameters, KEY) if isroutine(given) else {}
     system = given(**own) if isroutine(given) else given
     if not isinstance(system, ct.NonlinearIOSystem) or isinstance(system, ct.StateSpace):
@@ -40,7 +40,7 @@ def nonlinear(given: Any, parameters: Mapping[str, float], Ts: float) -> Equatio
 
 def linear(system: Any) -> Realisation:
     """Return a linear system in state-space form."""
-    ct = library(KEY)
+    ct = library("control")
     if not isinstance(system, ct.StateSpace | ct.TransferFunction):
         kinds = "a StateSpace, a TransferFunction or a NonlinearIOSystem"
         raise DesignError(f"must be or return {kinds} (got {type(system).__name__})", KEY)

@@ -1,10 +1,11 @@
 """do-mpc: its moving-horizon estimator (MHE), with a window that grows until it is full.
 
 Model   do-mpc has y(j+1) beside u(j): x(0) has the arrival cost only.  Thus y(0) is not used, and x_hat(0) = x0.
-Window  do-mpc repeats the oldest measurement until the window is full.  Here the first measurements stand at its begin,
-        and the equations of missing and later measurements have no bounds: those samples are predictions with the last
-        input and add nothing to the cost.  The estimate is the state at the last measurement.  x0 stays in the arrival
-        cost until the window is full; then the smoothed x(1) replaces it.  Bounds hold for the predictions as well.
+Window  do-mpc repeats the oldest measurement until the window is full.  Here the measurements there are fill the
+        first places.  The equations of missing and later measurements have no bounds: those samples are predictions
+        with the last input and add nothing to the cost.  The estimate is the state at the last measurement.  x0 stays
+        in the arrival cost until the window is full; then the smoothed x(1) replaces it.  Bounds hold for the
+        predictions as well.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from rmpc_bench.adapters.gymnasium_trials import (
     is_repeatable,
     is_writable,
     random_numbers,
+    started,
     trial,
     without_effect,
 )
@@ -84,7 +85,7 @@ def designed(
     )
     read, write = access_to.reader_of(keys.state), access_to.writer_of(keys.state, keys.set_state)
     access = Access(make, action, read, write, ends=ends)
-    first = attempt("state", lambda: _first(access, nominal))
+    first = attempt("state", lambda: started(access, nominal))
     signals = _signals(keys, first.x, low, high, bounds)
     access, measured = _with_output(access, keys, signals, np.size(first.observation))
     if measured is None:
@@ -103,13 +104,6 @@ def _refuse_unknown(inner: Any, names: list[str]) -> None:
         if not hasattr(inner, name):
             text = unknown(name, [each for each in numbers if not isinstance(getattr(inner, each), bool)], "attribute")
             raise DesignError(f"{type(inner).__name__}: {text}", f"parameters.{name}")
-
-
-def _first(access: Access, p: Parameters) -> EnvironmentRun:
-    """Start an environment."""
-    run = EnvironmentRun(access)
-    run.start(p, np.zeros(0), np.random.Generator(np.random.PCG64(0)))
-    return run
 
 
 def _signals(keys: Keys, x: Array, low: Array, high: Array, bounds: Mapping[str, tuple[float, float]]) -> Signals:

@@ -59,18 +59,29 @@ def attempt(key: str, call: Callable[[], T]) -> T:
         raise DesignError(f"{place}: {text}" if place else text, key) from None
 
 
-def trial(access: Access, p: Parameters, inputs: Sequence[Array], x0: Array | None = None) -> Trial:
-    """Step a new environment of a fixed seed until it ends an episode.
+def started(access: Access, p: Parameters, x0: Array | None = None) -> EnvironmentRun:
+    """Start a new environment from a fixed seed.
 
     Parameters
     ----------
     access : how it is made, moved and read
     p : parameters
-    inputs : one per step
     x0 : initial state; that of `reset` unless given
     """
     run = EnvironmentRun(replace(access, starts_at_x0=x0 is not None))
     run.start(p, np.zeros(0) if x0 is None else x0, np.random.Generator(np.random.PCG64(0)))
+    return run
+
+
+def trial(access: Access, p: Parameters, inputs: Sequence[Array], x0: Array | None = None) -> Trial:
+    """Step a new environment until it ends an episode.
+
+    Parameters
+    ----------
+    access, p, x0 : as `started` takes them
+    inputs : one per step
+    """
+    run = started(access, p, x0)
     x, random, seconds = [run.x], [_generator(run.inner)], np.inf
     for u in inputs:
         before = default_timer()
@@ -118,8 +129,7 @@ def is_writable(access: Access, p: Parameters, inputs: Sequence[Array]) -> bool:
     """Whether a state that is written is read back, and the next step starts from it."""
     if access.write is None or access.read is None:
         return False
-    run = EnvironmentRun(replace(access, starts_at_x0=False))
-    run.start(p, np.zeros(0), np.random.Generator(np.random.PCG64(0)))
+    run = started(access, p)
     other = run.x + 1e-3 * (1.0 + np.abs(run.x))
     try:
         access.write(run.inner, other.copy())

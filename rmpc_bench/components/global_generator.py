@@ -11,7 +11,7 @@ import numpy as np
 def drawing_from(rng: np.random.Generator, function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a function whose draws from NumPy's global generator come from another one.
 
-    The state of the global generator stays as it is, apart from a normal number that it may hold back.
+    The state of the global generator stays as it is, apart from a normal number that it may have drawn in advance.
 
     Parameters
     ----------
@@ -25,11 +25,11 @@ def drawing_from(rng: np.random.Generator, function: Callable[..., Any]) -> Call
     """
 
     def call(*arguments: Any, **keywords: Any) -> Any:
-        usual = np.random.get_bit_generator()  # type: ignore[attr-defined]  # noqa: NPY002
+        before = np.random.get_bit_generator()  # type: ignore[attr-defined]  # noqa: NPY002
         np.random.set_bit_generator(rng.bit_generator)  # type: ignore[attr-defined]  # noqa: NPY002
         try:
             return function(*arguments, **keywords)
         finally:
-            np.random.set_bit_generator(usual)  # type: ignore[attr-defined]  # noqa: NPY002
+            np.random.set_bit_generator(before)  # type: ignore[attr-defined]  # noqa: NPY002
 
     return call

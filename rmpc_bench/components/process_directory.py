@@ -21,7 +21,7 @@ def process_directory(name: str) -> Path:
 
     Parameters
     ----------
-    name : begin of its name
+    name : beginning of its name
     """
     prefix = f"{name}-{platform.node()}-"
     _remove(prefix, ended_only=True)

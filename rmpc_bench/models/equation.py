@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.models.ode_names import Names
+from rmpc_bench.models.ode_names import Names, count
 from rmpc_bench.models.realisation import refuse_feedthrough
 from rmpc_bench.types import Array, DesignError, Parameters
 
@@ -113,11 +113,6 @@ def blamed(key: str) -> Iterator[None]:
         if error.parameter not in ("ode", "output", "states", "inputs", "outputs", "discrete"):
             raise
         raise DesignError(str(error), key) from error
-
-
-def count(names: Names) -> int:
-    """Return the number of names."""
-    return names if isinstance(names, int) else len(names)
 
 
 def ignores_time(function: Any) -> bool:

@@ -96,9 +96,9 @@ def check_output(output: Any) -> None:
         raise DesignError(f"{function_name(output)} must take (x, p); it takes {_signature(output)}", "output")
 
 
-def count(names: Names | None) -> int | None:
-    """Return the number of names; None where none are given."""
-    return names if names is None or isinstance(names, int) else len(names)
+def count(names: Names) -> int:
+    """Return the number of names."""
+    return names if isinstance(names, int) else len(names)
 
 
 def _positional(function: Any, key: str) -> int:
