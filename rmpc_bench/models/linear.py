@@ -32,6 +32,7 @@ class LinearModel(Model):
     S_wv : (nx, ny) cross-covariance E w v', zero by default
     f0 : (nx,) constant part of x(k+1), zero by default
     d0 : (ny,) constant part of y(k), zero by default
+    extra_signals : name -> rows Z of a signal z = Z x that limits may name, none by default
 
     Raises
     ------
@@ -47,6 +48,7 @@ class LinearModel(Model):
     S_wv: Float[Array, "nx ny"]
     f0: Float[Array, " nx"]
     d0: Float[Array, " ny"]
+    extra_signals: Mapping[str, Float[Array, "nz nx"]]
 
     is_linear_model = True
 
@@ -61,6 +63,7 @@ class LinearModel(Model):
         S_wv: Rows | None = None,
         f0: Array | list[float] | None = None,
         d0: Array | list[float] | None = None,
+        extra_signals: Mapping[str, Array] | None = None,
     ) -> None:
         for name, matrix in _system({"A": A, "B": B, "C": C}).items():
             object.__setattr__(self, name, matrix)
@@ -76,6 +79,7 @@ class LinearModel(Model):
                 turned = ", as its transpose has" if len(shape) == 2 and array.T.shape == shape else ""
                 raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices{turned}")
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "extra_signals", dict(extra_signals or {}))
 
     def at(self, k: int) -> LinearModel:
         """Return the model at k, which is the same at every k."""

@@ -3,6 +3,8 @@
 Model   J_l th_l'' = rho T_s - beta_l th_l' - T_fl,   J_m th_m'' = K_t I - T_s - beta_m th_m' - T_fm,
         L I' = V - R I - K_t th_m',   T_s = (k_theta / rho) (th_m / rho - th_l).  The linear model neglects the dry
         frictions T_fl, T_fm and the inductance L.
+        The shaft is on the load side: shaft_torque = k_theta (th_m / rho - th_l) accelerates the load, and the motor
+        feels motor_torque = T_s, rho times smaller.
         State x = [th_l, w_l, th_m, w_m] (load and motor angle [rad] and velocity [rad/s]), input V [V], output th_l.
 Source  zenere2018, sections 4.1 and 4.2, Tables 1 and 2 (SI units).
 Assumed Noise on all four states with intensity `process` each, as the paper does not state G-bar and D-bar; process
@@ -33,6 +35,9 @@ TABLE_1: Mapping[str, float] = {
 }
 """Nominal parameters: inertias [kg m^2], viscous frictions [N m s], resistance [Ohm], motor constant [N m/A],
 gear ratio, torsional rigidity [N m/rad]."""
+
+LOAD_TORQUE, MOTOR_TORQUE = "shaft_torque", "motor_torque"
+"""The torque of the elastic shaft as the load feels it, and as the motor does: rho times smaller."""
 
 MUST_BE_POSITIVE = ("J_m", "R", "rho", "J_l")
 """Parameters that appear as divisors in the equations of motion."""
@@ -65,6 +70,18 @@ def continuous(p: Mapping[str, float]) -> tuple[Float[Array, "4 4"], Float[Array
         ]
     )
     return A, np.array([[0.0], [0.0], [0.0], [p["K_t"] / (p["R"] * p["J_m"])]])
+
+
+def torques(p: Mapping[str, float]) -> dict[str, Float[Array, "1 4"]]:
+    """Rows of the torque of the shaft, on the load side and on the motor side [N m].
+
+    Examples
+    --------
+    >>> {name: row.round(6).tolist() for name, row in torques(TABLE_1).items()}
+    {'shaft_torque': [[-1280.2, 0.0, 64.01, 0.0]], 'motor_torque': [[-64.01, 0.0, 3.2005, 0.0]]}
+    """
+    row = np.array([[-p["k_theta"], 0.0, p["k_theta"] / p["rho"], 0.0]])
+    return {LOAD_TORQUE: row, MOTOR_TORQUE: row / p["rho"]}
 
 
 def _damping(p: Mapping[str, float]) -> float:
@@ -105,4 +122,6 @@ def design(
     G_bar = as_matrix(noise.process, 4)
     A, B = discretise(A_bar, B_bar, Ts)
     C = np.array([[1.0, 0.0, 0.0, 0.0]])
-    return LinearModel(A, B, C, van_loan(A_bar, G_bar @ G_bar.T, Ts), np.array([[noise.measurement**2]]))
+    return LinearModel(
+        A, B, C, van_loan(A_bar, G_bar @ G_bar.T, Ts), np.array([[noise.measurement**2]]), extra_signals=torques(p)
+    )

@@ -52,6 +52,7 @@ from rmpc_bench.types.metric import (
 from rmpc_bench.types.model import Model
 from rmpc_bench.types.noise import Noise
 from rmpc_bench.types.ode import Ode, Parameters
+from rmpc_bench.types.optimised_step import OptimisedStep
 from rmpc_bench.types.plant import Plant
 from rmpc_bench.types.plant_info import PlantInfo, SignalLimits
 from rmpc_bench.types.plot_records import Line, Panel
@@ -126,6 +127,7 @@ __all__ = [
     "OfTime",
     "OperatingPoint",
     "OutOfRange",
+    "OptimisedStep",
     "OverTime",
     "Panel",
     "PassedOn",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,11 @@ class Model:
     def remarks(self) -> tuple[str, ...]:
         """Sentences for the user about this model; `check` prints them."""
         return ()
+
+    @attribute
+    def extra_signals(self) -> Mapping[str, Float[Array, "nz nx"]]:
+        """Signals besides x and y that limits may name, such as a shaft torque: name -> Z of z = Z x."""
+        return {}
 
     @attribute
     def operating_point(self) -> OperatingPoint | None:

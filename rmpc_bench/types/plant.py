@@ -150,6 +150,33 @@ class Plant(Design):
         """
         return self.ode
 
+    @attribute
+    def extra_signals(self) -> Mapping[str, str]:
+        """Signals besides x, y and u that metrics may name, such as a shaft torque: name -> unit."""
+        return {}
+
+    def extra_signal(
+        self, name: str, delta: Any, x: Float[Array, "runs samples nx"]
+    ) -> Float[Array, "runs samples nz"]:
+        """Return a signal of `extra_signals` with the parameters of every run.
+
+        Parameters
+        ----------
+        name : of the signal
+        delta : what `draw` has returned
+        x : states of every run
+        """
+        raise NotImplementedError("extra_signal")
+
+    def between(
+        self, delta: Any, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"], parts: int
+    ) -> Float[Array, "runs parts nx"] | None:
+        """Return the states at `parts` equally spaced times after k, the last one x(k+1) without w(k).
+
+        None where the plant is defined at its samples only.
+        """
+        return None
+
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
     ) -> Any:

@@ -35,7 +35,10 @@ class Command(NamedTuple):
 
     u: Float[Array, "runs nu"]
     status: Statuses = _ALL_OK
+    """A run whose status is not OK ends here."""
     info: Mapping[str, Array] = _NO_INFO
+    step_status: Statuses | None = None
+    """What became of the optimisation at k, where u comes from a fallback and the run goes on; None if all are OK."""
 
 
 class OperatingPoint(NamedTuple):
