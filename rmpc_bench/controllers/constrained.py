@@ -1,0 +1,194 @@
+"""Moves of a predictive controller under limits: one quadratic program per run and sample, skipped where no limit acts.
+
+Problem  minimise 1/2 V' H V + (F p)' V + cost of the slacks   over low <= A V + E p <= high, hard rows and soft ones.
+         V are the moves, p = [own; shared] the parameters: those of every run, such as x_hat and u(k-1), and those that
+         all runs share, such as the reference.  V = M p minimises the cost without rows.
+Skip     If low <= (A M + E) p <= high in every row, then V = M p with multipliers and slacks of 0 satisfies the
+         conditions of the minimum, so that it is the minimum, and no program is solved.  The test is exact: all moves
+         and all predicted samples count, without a tolerance.
+Bits     All products are summed by einsum (`mv`), and every program starts cold: a run has the same bytes in any block.
+Missing  A parameter that is not a number makes every comparison false: the run is not skipped, and is not solved.
+Shared   By the controllers mpc, gpc and tube-mpc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int8
+
+from rmpc_bench.controllers.limits import Fallback
+from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.qp import QpStatus, QuadraticProgram
+from rmpc_bench.types import Array, Command, OptimisedStep, Status
+
+STEPS = {
+    QpStatus.OPTIMAL: OptimisedStep.SOLVED,
+    QpStatus.SOFTENED: OptimisedStep.SOFTENED,
+    QpStatus.INFEASIBLE: OptimisedStep.INFEASIBLE,
+    QpStatus.ITERATION_LIMIT: OptimisedStep.NOT_CONVERGED,
+    QpStatus.FAILED: OptimisedStep.NOT_CONVERGED,
+}
+"""Status of the solver -> result of the step."""
+STATUSES = {OptimisedStep.INFEASIBLE: Status.INFEASIBLE, OptimisedStep.NOT_CONVERGED: Status.NOT_CONVERGED}
+"""Result of a failed step -> status of the step, or of a run that ends with it."""
+
+
+class Rows(NamedTuple):
+    """Rows low <= A V + E p <= high of a program; `stacked` joins several."""
+
+    A: Float[Array, "rows n"]
+    E: Float[Array, "rows np"]
+    low: Float[Array, " rows"]
+    high: Float[Array, " rows"]
+    unit: Float[Array, " rows"]
+    """Unit of a row and of its slack: the solver has absolute tolerances."""
+    soft: Bool[Array, " rows"]
+    linear: Float[Array, " rows"]
+    """Cost of a slack of one unit; not used in hard rows."""
+    quadratic: Float[Array, " rows"]
+    """Cost of half the square of a slack of one unit; not used in hard rows."""
+
+    @classmethod
+    def hard(
+        cls,
+        A: Float[Array, "rows n"],
+        E: Float[Array, "rows np"],
+        low: Float[Array, " rows"],
+        high: Float[Array, " rows"],
+        unit: Float[Array, " rows"],
+    ) -> Rows:
+        """Return rows that the moves must satisfy."""
+        nothing = np.zeros(len(A))
+        return cls(A, E, low, high, unit, np.zeros(len(A), dtype=bool), nothing, nothing + 1.0)
+
+    @classmethod
+    def stacked(cls, parts: Sequence[Rows]) -> Rows:
+        """Return the rows of several parts; those without a finite bound are left out."""
+        whole = cls(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        limited = np.isfinite(whole.low) | np.isfinite(whole.high)
+        return cls(*(np.ascontiguousarray(each[limited]) for each in whole))
+
+
+class Moves(NamedTuple):
+    """Moves of every run, and how they were found."""
+
+    V: Float[Array, "runs n"]
+    """The minimum; where the step failed, M p."""
+    steps: Int8[Array, " runs"]
+    """Values of `OptimisedStep`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstrainedMoves:
+    """Programs that differ in their parameters.
+
+    Parameters
+    ----------
+    H : (n, n) positive definite matrix
+    F : (n, np) linear part of the cost for every parameter
+    M : (n, np) the minimum without rows: M = -H^-1 F
+    rows : the limits
+    size : (n,) unit of every move, for the solver, which has absolute tolerances
+    n_own : number of parameters of every run; the other ones are shared by all runs
+    skips : whether no program is solved where no limit acts; otherwise every program is
+    iteration_limit : largest number of iterations of the solver; its own default unless given
+    """
+
+    H: Float[Array, "n n"]
+    F: Float[Array, "n np"]
+    M: Float[Array, "n np"]
+    rows: Rows
+    size: Float[Array, " n"]
+    n_own: int
+    skips: bool = True
+    iteration_limit: int | None = None
+
+    def moves(self, own: Float[Array, "runs own"], shared: Float[Array, " shared"]) -> Moves:
+        """Return the moves of a block of runs.
+
+        Parameters
+        ----------
+        own : parameters of every run
+        shared : parameters that all runs share
+        """
+        own, shared = np.ascontiguousarray(own), np.ascontiguousarray(shared)[None]
+        T, M, rows = self._tested, self.M, self.rows
+        V = mv(M[:, : self.n_own], own) + mv(M[:, self.n_own :], shared)
+        tested = mv(T[:, : self.n_own], own) + mv(T[:, self.n_own :], shared)
+        free = ((tested >= rows.low) & (tested <= rows.high)).all(axis=1) & np.isfinite(own).all(axis=1)
+        steps = np.full(len(own), OptimisedStep.SKIPPED, dtype=np.int8)
+        acting = np.flatnonzero(~free) if self.skips else np.arange(len(own))
+        if acting.size:
+            self._solve(acting, own[acting], shared, V, steps)
+        return Moves(V, steps)
+
+    def _solve(
+        self,
+        acting: Array,
+        own: Float[Array, "acting own"],
+        shared: Float[Array, "1 shared"],
+        V: Float[Array, "runs n"],
+        steps: Int8[Array, " runs"],
+    ) -> None:
+        """Solve the programs of some runs and write their moves and results."""
+        n, F, E = self.n_own, self._scaled_F, self._scaled_E
+        f = mv(F[:, :n], own) + mv(F[:, n:], shared)
+        moved = mv(E[:, :n], own) + mv(E[:, n:], shared)
+        low, high = self.rows.low / self.rows.unit - moved, self.rows.high / self.rows.unit - moved
+        for i, run in enumerate(acting.tolist()):
+            answer = self._program.solve(f[i], low[i], high[i])
+            steps[run] = STEPS[answer.status]
+            if answer.status.solved:
+                V[run] = answer.x * self.size
+
+    @cached_property
+    def _tested(self) -> Float[Array, "rows np"]:
+        return self.rows.A @ self.M + self.rows.E
+
+    @cached_property
+    def _scaled_F(self) -> Float[Array, "n np"]:
+        return self.size[:, None] * self.F
+
+    @cached_property
+    def _scaled_E(self) -> Float[Array, "rows np"]:
+        return self.rows.E / self.rows.unit[:, None]
+
+    @cached_property
+    def _program(self) -> QuadraticProgram:
+        rows, size = self.rows, self.size
+        limit = {} if self.iteration_limit is None else {"iteration_limit": self.iteration_limit}
+        H, A = size[:, None] * self.H * size, rows.A * size / rows.unit[:, None]
+        return QuadraticProgram(H, A, rows.soft, rows.linear, rows.quadratic, **limit)
+
+
+def with_fallback(
+    u: Float[Array, "runs nu"],
+    clipped: Float[Array, "runs nu"],
+    u_previous: Float[Array, "runs nu"],
+    steps: Int8[Array, " runs"],
+    fallback: Fallback | None,
+) -> Command:
+    """Return the command of a constrained law, with the entry `qp` and the statuses of failed steps.
+
+    Parameters
+    ----------
+    u : input of every run; that of a failed step is replaced
+    clipped : clipped unconstrained minimiser, for `clip` and `stop`
+    u_previous : u(k-1), for `hold`
+    steps : values of `OptimisedStep`
+    fallback : what is applied where the step failed; None for `clip`
+    """
+    statuses = np.zeros(len(u), dtype=np.int8)
+    for step, status in STATUSES.items():
+        statuses[steps == step] = status
+    failed = (statuses != Status.OK)[:, None]
+    u = np.where(failed, u_previous if fallback == "hold" else clipped, u)
+    info = {"qp": steps.astype(float)}
+    if fallback == "stop":
+        return Command(u, statuses, info)
+    return Command(u, np.zeros_like(statuses), info, statuses)

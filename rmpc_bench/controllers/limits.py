@@ -1,0 +1,203 @@
+"""Limits of a predictive controller: of the input and its increment, and soft ones of any signal of the design model.
+
+Names   A soft limit names a signal z = Z x + z_0 of the design model: one of its own signals (`extra_signals`, such as
+        `shaft_torque`), a state or an output by its place (`x.0`, `y.1`) or by its name, where the plant has names.
+        With `of` it gives the rows Z itself, and the name is free.
+Shared  By the controllers mpc, gpc and tube-mpc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.types import Array, Count, DesignError, Model, NonNegative, PlantInfo, Positive
+from rmpc_bench.types.issue import no_such_component, unknown
+
+Pairs = tuple[float, float] | list[tuple[float, float]]
+"""[low, high] for all, or one pair each."""
+Fallback = Literal["clip", "hold", "stop"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of the input and of its increment.
+
+    Parameters
+    ----------
+    u : [low, high] for every input, or one pair per input, in the unit of the input
+    du : [low, high] of the increment u(k) - u(k-1), or one pair per input
+    enforce : `clip` clips the unconstrained minimiser, first its increment, then the input; `qp` makes the limits
+        constraints of the optimisation, a quadratic program
+    fallback : what is applied where the quadratic program has no solution or is not solved, `clip` by default: `clip`
+        applies the clipped unconstrained minimiser, `hold` repeats u(k-1), and `stop` ends the run
+    """
+
+    u: Pairs | None = None
+    du: Pairs | None = None
+    enforce: Literal["clip", "qp"] = "clip"
+    fallback: Fallback | None = None
+
+
+@dataclass(frozen=True)
+class SoftLimit:
+    """A limit of a predicted signal that may be exceeded by a slack, at a cost.
+
+    Parameters
+    ----------
+    limits : [low, high] of the signal, or one pair per row of it, in its unit
+    linear : cost of a slack of one `scale`; above the largest multiplier of the hard limit the limit is kept wherever
+        that is possible
+    scale : unit of the slack (default: high - low)
+    quadratic : cost of half the square of a slack of one `scale`
+    steps : number of predicted samples that are limited, k+1 to k+steps (default: all of the horizon)
+    of : row or rows Z of a signal z = Z x, where the design model does not name it
+    """
+
+    limits: Pairs
+    linear: NonNegative
+    scale: Positive | None = None
+    quadratic: Positive = 1e-3
+    steps: Count | None = None
+    of: list[float] | list[list[float]] | None = None
+
+
+class Bounds(NamedTuple):
+    """Lower and upper bounds, one per input or row."""
+
+    low: Float[Array, " n"]
+    high: Float[Array, " n"]
+
+
+class Signal(NamedTuple):
+    """A signal z = Z x + constant of the design model, in physical units."""
+
+    Z: Float[Array, "nz nx"]
+    constant: Float[Array, " nz"]
+
+
+class SoftRows(NamedTuple):
+    """A soft limit of a signal, ready for a quadratic program."""
+
+    signal: Signal
+    bounds: Bounds
+    scale: Float[Array, " nz"]
+    linear: float
+    quadratic: float
+    steps: int
+
+
+def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
+    """Return bounds of n signals; infinite without pairs.
+
+    Parameters
+    ----------
+    pairs : one pair for all, or one per signal
+    n : number of signals
+    key : the key, for messages
+
+    Raises
+    ------
+    DesignError
+        If the number of pairs does not fit, a bound is not a number, or a lower bound is not below the upper one.
+    """
+    if pairs is None:
+        return Bounds(np.full(n, -np.inf), np.full(n, np.inf))
+    given = np.array(pairs, dtype=float)
+    if given.ndim == 1:
+        given = np.tile(given, (n, 1))
+    if given.shape != (n, 2):
+        raise DesignError(f"has {len(given)} pairs; a pair [low, high] or {n} pairs are required", key)
+    for low, high in given.tolist():
+        if not low < high:
+            raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", key)
+    return Bounds(*np.ascontiguousarray(given.T))
+
+
+def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None) -> Signal:
+    """Return the rows of a signal that the design model names.
+
+    Parameters
+    ----------
+    name : one of `model.extra_signals`, a place such as ``x.0`` or ``y.1``, or the name of a state or an output
+    model : a model that is the same at all k
+    plant_info : the names of the plant, where they may be used
+
+    Raises
+    ------
+    DesignError
+        If there is no such signal, with the nearest known name.
+    """
+    if name in model.extra_signals:
+        Z = np.array(model.extra_signals[name], dtype=float)
+        return Signal(Z, np.zeros(len(Z)))
+    place = _places(model, plant_info).get(name, name)
+    letter, _, number = place.partition(".")
+    n = {"x": model.nx, "y": model.ny}.get(letter)
+    if n is None or not number.isdecimal():
+        places = [f"x.{i}" for i in range(model.nx)] + [f"y.{i}" for i in range(model.ny)]
+        known = [*model.extra_signals, *_places(model, plant_info), *places]
+        raise DesignError(unknown(name, known, "signal of the design model", "or give its rows with `of`"))
+    i = int(number)
+    if i >= n:
+        raise DesignError(no_such_component({"x": "state", "y": "output"}[letter], i, n))
+    Z, constant = (np.eye(n), np.zeros(n)) if letter == "x" else (model.C, model.d0)
+    return Signal(np.array(Z[i : i + 1]), np.array(constant[i : i + 1]))
+
+
+def soft_rows(
+    soft: Mapping[str, SoftLimit], model: LinearModel, horizon: int, plant_info: PlantInfo | None = None
+) -> dict[str, SoftRows]:
+    """Return the soft limits with the rows of their signals.
+
+    Parameters
+    ----------
+    soft : name of the signal -> its limit
+    model : the design model
+    horizon : largest number of predicted samples
+    plant_info : the names of the plant, where they may be used
+
+    Raises
+    ------
+    DesignError
+        If a signal is unknown, or a size, a bound or a number of steps does not fit.
+    """
+    found = {}
+    for name, limit in soft.items():
+        key = f"soft.{name}"
+        try:
+            signal = signal_of(name, model, plant_info) if limit.of is None else _own(limit.of, model.nx, key)
+        except DesignError as error:
+            raise DesignError(str(error), error.parameter or key) from None
+        bounds = bounds_of(limit.limits, len(signal.Z), f"{key}.limits")
+        if limit.steps is not None and limit.steps > horizon:
+            raise DesignError(f"must be at most the horizon {horizon} (got {limit.steps})", f"{key}.steps")
+        if limit.scale is None and not np.isfinite([*bounds.low, *bounds.high]).all():
+            raise DesignError("has no `scale`, which has no default where a bound is infinite", key)
+        scale = bounds.high - bounds.low if limit.scale is None else np.full(len(signal.Z), limit.scale)
+        found[name] = SoftRows(signal, bounds, scale, limit.linear, limit.quadratic, limit.steps or horizon)
+    return found
+
+
+def _own(of: list[float] | list[list[float]], nx: int, key: str) -> Signal:
+    """Return the signal of given rows."""
+    rows: list[Any] = [each for each in of if isinstance(each, list)] or [of]
+    for row in rows:
+        if len(row) != nx:
+            raise DesignError(f"a row has {len(row)} numbers; states of the design model: {nx}", f"{key}.of")
+    return Signal(np.array(rows, dtype=float), np.zeros(len(rows)))
+
+
+def _places(model: Model, plant_info: PlantInfo | None) -> dict[str, str]:
+    """Return the names of states and outputs that are no places -> their places."""
+    if plant_info is None or (plant_info.nx, plant_info.ny) != (model.nx, model.ny):
+        return {}
+    names = [(name, f"x.{i}") for i, name in enumerate(plant_info.states)]
+    # A state and an output with one name: the output is the measured state, and the state is meant.
+    names = [(name, f"y.{i}") for i, name in enumerate(plant_info.outputs)] + names
+    return {name: place for name, place in names if name != place}
