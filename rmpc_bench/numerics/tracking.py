@@ -25,6 +25,17 @@ SMALLEST = 1e-13
 """Pivot relative to the largest of its stage that counts as 0, because of the rounding of the factorisation."""
 
 
+class Path(NamedTuple):
+    """The solution of every run over the horizon; NaN if the cost does not determine the inputs."""
+
+    U: Float[Array, "runs N nu"]
+    """Inputs u(0)..u(N-1)."""
+    X: Float[Array, "runs N nx"]
+    """States x(1)..x(N)."""
+    loss: Float[Array, " runs"]
+    """Minimal costs."""
+
+
 class TrackingLaw(NamedTuple):
     """The solution as a linear function: u(0) = K_w w - K_x x + u_0, minimal cost |E_w w - E_x x + e_0|^2."""
 
@@ -105,3 +116,23 @@ def track(
     u, loss = np.empty((len(x), B.shape[2])), np.empty(len(x))
     tracking_kernel(A, B, f, C, Q_yw, R_u, w, x, u, loss)
     return u, loss
+
+
+def paths(
+    A: Float[Array, "models nx nx"],
+    B: Float[Array, "models nx nu"],
+    f: Float[Array, " nx"],
+    C: Float[Array, "ny nx"],
+    Q_yw: Float[Array, "weights ny ny"],
+    R_u: Float[Array, "nu nu"],
+    w: Float[Array, "N ny"],
+    x: Float[Array, "runs nx"],
+) -> Path:
+    """Return all inputs and the states that they lead to; parameters, first inputs and costs as in `track`."""
+    from rmpc_bench.numerics.tracking_kernel import path_kernel
+
+    A, B, f, C, Q_yw, R_u, w, x = (as_compiled(each) for each in (A, B, f, C, Q_yw, R_u, w, x))
+    n_runs, N, (nx, nu) = len(x), len(w), B.shape[1:]
+    path = Path(np.empty((n_runs, N, nu)), np.empty((n_runs, N, nx)), np.empty(n_runs))
+    path_kernel(A, B, f, C, Q_yw, R_u, w, x, *path)
+    return path

@@ -2,7 +2,7 @@
 
 Backwards over the horizon, the minimal cost to go is |S x - s|^2 plus a constant.  Every stage adds the rows
 Q_yw (C x - w), which Householder reflections reduce to a triangle, and then eliminates the input.  No matrix is
-squared.
+squared.  `path_kernel` keeps the rows [R, G, g] of R u(j) = g - G x(j) of every stage and computes all inputs forwards.
 
 Imported at the first step only, as it loads numba.  One file, because numba's cache does not detect a change of a
 function in another file.
@@ -106,9 +106,12 @@ def _eliminate(T: Any, nu: int, rows: int, end: int, dots: Any) -> bool:  # prag
 
 @compiled(error_model="numpy")
 def _track(
-    A: Any, B: Any, f: Any, C: Any, Q_yw: Any, R_u: Any, w: Any, x: Any, u: Any, S: Any, T: Any, dots: Any
+    A: Any, B: Any, f: Any, C: Any, Q_yw: Any, R_u: Any, w: Any, x: Any, u: Any, S: Any, T: Any, dots: Any, laws: Any
 ) -> float:  # pragma: no cover
-    """Solve one problem: write its first input, NaN where it is not determined, and return the least cost."""
+    """Solve one problem: write its first input, NaN where it is not determined, and return the least cost.
+
+    ``laws`` gets the rows of the inputs of the stages 1, 2, .., unless it is empty.
+    """
     nx, nu = B.shape
     rows, loss, determined = 0, 0.0, True
     for j in range(len(w) - 1, -1, -1):
@@ -117,6 +120,8 @@ def _track(
         _stack(S, rows, A, B, f, R_u, T)
         if j > 0:
             determined = _eliminate(T, nu, rows, nu + nx + 1, dots) and determined
+            if len(laws) > 0:
+                laws[j] = T[:nu]
             S[:rows] = T[nu : nu + rows, nu:]
     for i in range(nu, nu + rows):  # the state is known now
         total = T[i, nu + nx]
@@ -143,6 +148,44 @@ def tracking_kernel(
     """Write first inputs and least costs of all rows of x, each by itself; A, B, Q_yw have one row for all or each."""
     nx, nu, ny = B.shape[1], B.shape[2], C.shape[0]
     S, T, dots = np.empty((nx + ny, nx + 1)), np.empty((nu + nx, nu + nx + 1)), np.empty(nu + nx + 1)
+    nothing = np.empty((0, nu, nu + nx + 1))
     for row in range(len(x)):
         a, q = (row if len(A) > 1 else 0), (row if len(Q_yw) > 1 else 0)
-        loss[row] = _track(A[a], B[a], f, C, Q_yw[q], R_u, w, x[row], u[row], S, T, dots)
+        loss[row] = _track(A[a], B[a], f, C, Q_yw[q], R_u, w, x[row], u[row], S, T, dots, nothing)
+
+
+@compiled(error_model="numpy")
+def _forwards(A: Any, B: Any, f: Any, x: Any, laws: Any, U: Any, X: Any) -> None:  # pragma: no cover
+    """Write the states X and, by the laws of their stages, the inputs after the first one, which is known."""
+    nx, nu = B.shape
+    for j in range(len(U)):
+        before = x if j == 0 else X[j - 1]
+        if j > 0:
+            for i in range(nu - 1, -1, -1):
+                total = laws[j, i, nu + nx]
+                for m in range(nx):
+                    total -= laws[j, i, nu + m] * before[m]
+                for m in range(i + 1, nu):
+                    total -= laws[j, i, m] * U[j, m]
+                U[j, i] = total / laws[j, i, i]
+        for i in range(nx):
+            total = f[i]
+            for m in range(nx):
+                total += A[i, m] * before[m]
+            for m in range(nu):
+                total += B[i, m] * U[j, m]
+            X[j, i] = total
+
+
+@compiled(error_model="numpy")
+def path_kernel(
+    A: Any, B: Any, f: Any, C: Any, Q_yw: Any, R_u: Any, w: Any, x: Any, U: Any, X: Any, loss: Any
+) -> None:  # pragma: no cover
+    """Write all inputs, the states that they lead to and the least costs of all rows of x; otherwise as above."""
+    nx, nu, ny = B.shape[1], B.shape[2], C.shape[0]
+    S, T, dots = np.empty((nx + ny, nx + 1)), np.empty((nu + nx, nu + nx + 1)), np.empty(nu + nx + 1)
+    laws = np.empty((len(w), nu, nu + nx + 1))
+    for row in range(len(x)):
+        a, q = (row if len(A) > 1 else 0), (row if len(Q_yw) > 1 else 0)
+        loss[row] = _track(A[a], B[a], f, C, Q_yw[q], R_u, w, x[row], U[row, 0], S, T, dots, laws)
+        _forwards(A[a], B[a], f, x[row], laws, U[row], X[row])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
-from rmpc_bench.numerics.tracking import SMALLEST, gains, track
+from rmpc_bench.numerics.tracking import SMALLEST, gains, paths, track
 
 SIZES = [(6, 4, 3, 10), (1, 1, 1, 1), (3, 2, 2, 5), (2, 1, 3, 4), (2, 3, 2, 6), (3, 1, 3, 1), (2, 2, 2, 3)]
 """nx, nu, ny, N: the robot, more outputs than states, more inputs than outputs, as many outputs as states."""
@@ -171,3 +171,33 @@ def test_weights_of_all_kinds(rng):
         for Q_u in (random_psd(rng, 2), np.array([[1.0, 2.0], [0.0, 1e-3]])):
             u, _ = tracked(A, B, f, C, Q_yw[None], Q_u, w, x)
             np.testing.assert_allclose(u[0], dense(A[0], B[0], f, C, Q_yw, Q_u, w, x[0])[0], rtol=1e-8)
+
+
+@pytest.mark.parametrize(("nx", "nu", "ny", "N"), SIZES)
+def test_paths_have_the_first_inputs_and_costs_of_the_recursion_to_the_bit(nx, nu, ny, N, rng):
+    """Oracle: `track`, whose arithmetic they repeat."""
+    A, B, f, C, Q_yw, Q_u, w, x = problems(rng, nx, nu, ny, N)
+    R_u = np.linalg.qr(Q_u)[1]
+    u, loss = track(A, B, f, C, Q_yw, R_u, w, x)
+    path = paths(A, B, f, C, Q_yw, R_u, w, x)
+    np.testing.assert_array_equal(path.U[:, 0], u)
+    np.testing.assert_array_equal(path.loss, loss)
+
+
+@pytest.mark.parametrize(("nx", "nu", "ny", "N"), SIZES)
+def test_the_later_inputs_of_a_path_are_the_first_ones_of_shorter_problems(nx, nu, ny, N, rng):
+    """Oracle: `track` from the state that the inputs before lead to, with the rest of the horizon."""
+    A, B, f, C, Q_yw, Q_u, w, x = problems(rng, nx, nu, ny, N)
+    R_u = np.linalg.qr(Q_u)[1]
+    path = paths(A, B, f, C, Q_yw, R_u, w, x)
+    for j in range(N):
+        np.testing.assert_allclose(path.U[:, j], track(A, B, f, C, Q_yw, R_u, w[j:], x)[0], **LSTSQ)
+        x = np.einsum("rij,rj->ri", A, x) + np.einsum("rij,rj->ri", B, path.U[:, j]) + f
+        np.testing.assert_allclose(path.X[:, j], x, **LSTSQ)
+
+
+def test_a_path_of_a_cost_that_does_not_determine_the_inputs_is_nan(rng):
+    """Oracle: two equal inputs without a cost."""
+    path = paths(*(np.ones((1, 1, 1)), np.ones((1, 1, 2)), np.zeros(1)), np.ones((1, 1)), np.ones((1, 1, 1)),
+                 np.zeros((2, 2)), np.ones((3, 1)), np.ones((2, 1)))  # fmt: skip
+    assert np.isnan(path.U).all() and np.isnan(path.X).all()
