@@ -104,7 +104,16 @@ MAY_IMPORT = {
 }
 MAY_IMPORT["cli"] = set(MAY_IMPORT)
 MAY_IMPORT["__main__"] = {"cli"}
-SHARED_SIBLINGS = {"bridging", "constrained", "gain_schedule", "limits", "noise_tuning", "prediction", "state_feedback"}
+SHARED_SIBLINGS = {
+    "bridging",
+    "constrained",
+    "gain_schedule",
+    "increments",
+    "limits",
+    "noise_tuning",
+    "prediction",
+    "state_feedback",
+}
 ONLY_IN = {  # a package of others -> where it may be imported
     "matplotlib": "figures/",
     "joblib": "execution/engines/",

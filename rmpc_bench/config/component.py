@@ -23,7 +23,7 @@ from rmpc_bench.components.recipes import Recipe, inside
 from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.schema import keys_of, keys_with_files, validate
 from rmpc_bench.config.short_forms import FILE, given_forms, with_kind
-from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key
+from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key, split
 from rmpc_bench.config.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.extras import MissingLibraryError, missing_for
@@ -144,7 +144,8 @@ class Component:
 
     def problem(self, message: str, parameter: str = "") -> Problem:
         """Return a problem of this component, at the parameter to blame."""
-        steps = parameter.split(".") if parameter else []
+        quoted = '"' in parameter
+        steps = split(parameter, self.tree.mark) if quoted else parameter.split(".") if parameter else []
         shown_steps = [FILE] if steps == ["kind"] and self.code is not None else steps
         return Problem(*locate(self.tree, steps), join([*self.path, *shown_steps]), message)
 

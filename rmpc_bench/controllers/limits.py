@@ -112,7 +112,9 @@ def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
     if given.ndim == 1:
         given = np.tile(given, (n, 1))
     if given.shape != (n, 2):
-        raise DesignError(f"has {len(given)} pairs; a pair [low, high] or {n} pairs are required", key)
+        raise DesignError(
+            f"has {len(given)} pairs; one pair [low, high] for all, or one each for {n}, is required", key
+        )
     for low, high in given.tolist():
         if not low < high:
             raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", key)
@@ -169,7 +171,7 @@ def soft_rows(
     """
     found = {}
     for name, limit in soft.items():
-        key = f"soft.{name}"
+        key = f'soft."{name}"' if "." in name else f"soft.{name}"
         try:
             signal = signal_of(name, model, plant_info) if limit.of is None else _own(limit.of, model.nx, key)
         except DesignError as error:

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
@@ -133,9 +134,11 @@ def _saturated(experiment: Experiment, method: Method, model: _DesignModel) -> s
     """Describe a reference for which the design model, without noise, has its input on a limit all the time."""
     limits = method.controller.input_limits
     linear = model.get() if limits is not None else None
-    if limits is None or linear is None or not np.isfinite(limits).any():
+    if limits is None or linear is None:
         return None
-    (low, high), n_steps = limits, experiment.n_steps
+    (low, high), n_steps = (np.atleast_1d(each) for each in limits), experiment.n_steps
+    if not np.isfinite([low, high]).any():
+        return None
     r = experiment.scenario.reference.sample(n_steps + 1 + method.controller.preview)
     free = seen = 0
     for u in _inputs(method, linear, r, n_steps):
@@ -146,11 +149,16 @@ def _saturated(experiment: Experiment, method: Method, model: _DesignModel) -> s
     if seen < n_steps:
         return None
     return (
-        f"with the design model and without noise the input is on a limit [{low:g}, {high:g}] in "
+        f"with the design model and without noise the input is on a limit {_pairs(low, high)} in "
         f"{100.0 * (1.0 - free / n_steps):.0f} % of the samples: the reference, up to "
         f"{np.abs(r[: n_steps + 1]).max():g}, is out of reach; check the unit of `reference`, or choose wider `limits` "
         "or a longer `time`"
     )
+
+
+def _pairs(low: Float[Array, " n"], high: Float[Array, " n"]) -> str:
+    """Write limits: one pair for all inputs, or one each."""
+    return ", ".join(f"[{least:g}, {most:g}]" for least, most in zip(low, high, strict=True))
 
 
 def _inputs(method: Method, model: Any, r: Array, n_steps: int) -> Any:

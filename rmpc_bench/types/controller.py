@@ -46,8 +46,8 @@ class Controller(Design):
         return None
 
     @attribute
-    def input_limits(self) -> tuple[float, float] | None:
-        """Lower and upper limit of all inputs; None where there are none."""
+    def input_limits(self) -> tuple[float | Float[Array, " nu"], float | Float[Array, " nu"]] | None:
+        """Lower and upper limit, a number for all inputs or one per input; None where there are none."""
         return None
 
     @attribute

@@ -70,7 +70,8 @@ class DesignError(Exception):
     Parameters
     ----------
     message : what is wrong and the way out
-    parameter : the parameter to blame, with dots inside a nested one, so that the message can point at its place
+    parameter : the parameter to blame, with dots inside a nested one, so that the message can point at its place; a key
+        that contains a dot stands in double quotes
     """
 
     def __init__(self, message: str, parameter: str = "") -> None:
