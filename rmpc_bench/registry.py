@@ -110,6 +110,10 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "reported": "rmpc_bench.metrics.reported:Reported",
         "fallbacks": "rmpc_bench.metrics.reported:Fallbacks",
         "near_singular": "rmpc_bench.metrics.singular_poses:NearSingular",
+        "violation": "rmpc_bench.metrics.limits:Violation",
+        "largest": "rmpc_bench.metrics.limits:Largest",
+        "runaway": "rmpc_bench.metrics.runaway:Runaway",
+        "qp_share": "rmpc_bench.metrics.optimised_steps:QpShare",
     },
     "figures": {
         "boxplot": "rmpc_bench.figures.boxplot:Boxplot",

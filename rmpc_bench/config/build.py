@@ -165,8 +165,9 @@ class _ExperimentBuilder:
         invalid = any(problem.path.startswith("noise") for problem in self.draft.problems)
         bursts = None if scenario is None or invalid else has_bursts(scenario)
         units = plant.y_unit, plant.u_unit
+        r = None if scenario is None else scenario.reference.sample(self.n_steps + 1)
         layout = MetricLayout(
-            self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates
+            self.n_steps, self.time.tick, *units, self.smoke, plant, methods, bursts, self.first_estimates, r
         )
         made = [self.metric(component, layout) for component in self.draft.metrics if component is not None]
         names: set[str] = set()

@@ -43,6 +43,7 @@ def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]
     if len(found) < len(experiments):
         return
     there = [*SIGNALS, COVARIANCE]
+    there += [name for experiment in found for name in experiment.plant.extra_signals]
     there += [name for experiment in found for method in experiment.methods for name in method.reports]
     there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
     for number, name in enumerate(draft.values["record"].signals):

@@ -64,10 +64,11 @@ def _signals(experiments: Sequence[Experiment]) -> dict[str, dict[str, tuple[int
     if not recording.n_runs:
         return {}
     known = {"y": (plant.ny,), "u": (plant.nu,), "x": (plant.nx,), "x_hat": None, COVARIANCE: None, BURSTS: (1,)}
+    extra = {name: (1,) for name in plant.extra_signals}
     found: dict[str, dict[str, tuple[int, ...] | None]] = {}
     for experiment in experiments:
         for method in experiment.methods:
-            shapes = {**known, **method.reports}
+            shapes = {**known, **method.reports, **extra}
             kept = {name: shapes[name] for name in experiment.recording.signals if name in shapes}
             found[method.name] = found.get(method.name, {}) | kept
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar, get_args
@@ -25,9 +25,11 @@ class MetricExample:
     Parameters
     ----------
     record : trajectories of at least four runs and three samples, with everything that the metric needs
+    delta : for a metric of an extra signal: what the plant has drawn for the runs of the given indices
     """
 
     record: Record
+    delta: Callable[[Sequence[int]], Any] | None = None
     checks: ClassVar[tuple[Check, ...]]
 
     @property
@@ -49,6 +51,8 @@ class MetricExample:
         changed["r"] = record.r.copy()
         changed["info"] = {name: values[rows] for name, values in record.info.items()}
         changed["bursts"] = None if record.bursts is None else record.bursts[rows]
+        if self.delta is not None:
+            changed["delta"] = self.delta(rows)
         return record._replace(**changed)
 
     def broken(self, run: int, value: float) -> Record:

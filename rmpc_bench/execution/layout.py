@@ -102,6 +102,7 @@ class _Layout:
         experiment, plant = point.experiment, point.experiment.plant
         recording = experiment.recording
         is_recorded = bool(recording.n_runs and recording.signals)
+        extra = {name: unit for name, unit in plant.extra_signals.items() if name in recording.signals}
         return StoredPoint(
             coordinates=dict(point.coordinates),
             title=point.title,
@@ -109,7 +110,7 @@ class _Layout:
             Ts=0.0 if self._config.in_samples else float(plant.Ts),
             nx=int(plant.nx),
             n_steps=experiment.n_steps,
-            units={"y": plant.y_unit, "u": plant.u_unit, **plant.units},
+            units={"y": plant.y_unit, "u": plant.u_unit, **plant.units, **extra},
             metrics=experiment.metric_infos,
             metric_keys=dict(point.metric_keys),
             methods={method.name: self._method(point, method) for method in experiment.methods},

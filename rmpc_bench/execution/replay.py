@@ -170,7 +170,7 @@ def _simulated(
     common = {
         "Ts": plant.Ts,
         "r": r[: n_steps + 1],
-        "units": {"y": plant.y_unit, "u": plant.u_unit, **plant.units},
+        "units": {"y": plant.y_unit, "u": plant.u_unit, **plant.units, **plant.extra_signals},
         "uncertainty": named_values(experiment, run),
     }
     keywords: dict[str, Any] = {"info": info, "state_range": experiment.state_range, "start": start, "last": until}
@@ -184,6 +184,7 @@ def _simulated(
     failure = start.journal.failures.get(run)
     last = n_steps if failure is None or failure.k is None else failure.k
     named = {name: getattr(record, name) for name in SIGNALS} | dict(record.info)
+    named |= {name: plant.extra_signal(name, record.delta, record.x)[:, :, None] for name in plant.extra_signals}
     signals = {name: values[0, : last + 1] for name, values in named.items()}
     return {**common, "status": _WORDS[code], "failure": failure, "signals": signals, "metrics": metrics}
 

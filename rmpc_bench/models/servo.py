@@ -39,6 +39,9 @@ gear ratio, torsional rigidity [N m/rad]."""
 LOAD_TORQUE, MOTOR_TORQUE = "shaft_torque", "motor_torque"
 """The torque of the elastic shaft as the load feels it, and as the motor does: rho times smaller."""
 
+TORQUE_UNITS: Mapping[str, str] = {LOAD_TORQUE: "N m", MOTOR_TORQUE: "N m"}
+"""Torques of the shaft -> unit."""
+
 MUST_BE_POSITIVE = ("J_m", "R", "rho", "J_l")
 """Parameters that appear as divisors in the equations of motion."""
 
@@ -82,6 +85,28 @@ def torques(p: Mapping[str, float]) -> dict[str, Float[Array, "1 4"]]:
     """
     row = np.array([[-p["k_theta"], 0.0, p["k_theta"] / p["rho"], 0.0]])
     return {LOAD_TORQUE: row, MOTOR_TORQUE: row / p["rho"]}
+
+
+def shaft_torque(
+    name: str, k_theta: Float[Array, " runs"], rho: Float[Array, " runs"], x: Float[Array, "runs samples n"]
+) -> Float[Array, "runs samples"]:
+    """Return a torque of the shaft [N m] with the parameters of every run.
+
+    Parameters
+    ----------
+    name : `LOAD_TORQUE` or `MOTOR_TORQUE`
+    k_theta, rho : torsional rigidity [N m/rad] and gear ratio
+    x : states, which begin with th_l, w_l, th_m
+
+    Examples
+    --------
+    >>> x, two = np.array([[[0.1, 0.0, 4.0, 0.0]]]), np.array([20.0])
+    >>> [shaft_torque(name, np.array([1000.0]), two, x).item() for name in (LOAD_TORQUE, MOTOR_TORQUE)]
+    [100.0, 5.0]
+    """
+    k_theta, rho = k_theta[:, None], rho[:, None]
+    torque: Array = k_theta * (x[:, :, 2] / rho - x[:, :, 0])
+    return torque if name == LOAD_TORQUE else torque / rho
 
 
 def _damping(p: Mapping[str, float]) -> float:

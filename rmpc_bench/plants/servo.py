@@ -26,10 +26,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from rmpc_bench.models.servo import TABLE_1, continuous
+from rmpc_bench.models.servo import TABLE_1, TORQUE_UNITS, continuous, shaft_torque
 from rmpc_bench.numerics.linalg import discretise, mv
 from rmpc_bench.plants.servo_friction import friction_profiles
-from rmpc_bench.plants.servo_linear_part import admissible, linear_part
+from rmpc_bench.plants.servo_linear_part import admissible, linear_between, linear_part
 from rmpc_bench.types import (
     Array,
     CompiledPlant,
@@ -57,6 +57,8 @@ class LinearDelta(NamedTuple):
     E: Float[Array, "runs nx nx"]
     G: Float[Array, "runs nx inputs"]
     status: Statuses
+    parameters: tuple[Mapping[str, float], ...]
+    """Parameters of every run; the nominal ones where those drawn are out of range."""
 
 
 class ServoDelta(NamedTuple):
@@ -65,6 +67,10 @@ class ServoDelta(NamedTuple):
     linear: Float[Array, "runs 9"]
     friction: Float[Array, "runs 2 3"]
     status: Statuses
+    k_theta: Float[Array, " runs"]
+    """Torsional rigidity of the shaft [N m/rad]."""
+    rho: Float[Array, " runs"]
+    """Gear ratio."""
 
 
 def coefficients(p: Mapping[str, Any]) -> tuple[Float[Array, "*runs 9"], Float[Array, "*runs 2 3"]]:
@@ -156,6 +162,8 @@ class Servo(Plant):
             linear=np.where(slow[:, None], linear, usual[0]),
             friction=np.where(slow[:, None, None], friction, usual[1]),
             status=np.where(good & slow, Status.OK, Status.OUT_OF_RANGE).astype(np.int8),
+            k_theta=np.where(slow, p["k_theta"], self.nominal["k_theta"]),
+            rho=np.where(slow, p["rho"], self.nominal["rho"]),
         )
 
     def step(
@@ -171,6 +179,30 @@ class Servo(Plant):
 
         x_next, status = servo_step(self.compiled_form(delta, 1), x, u, w)
         return Motion(x_next, np.where(delta.status != Status.OK, delta.status, status))
+
+    extra_signals = TORQUE_UNITS
+
+    def extra_signal(
+        self, name: str, delta: ServoDelta, x: Float[Array, "runs samples 5"]
+    ) -> Float[Array, "runs samples"]:
+        """Return the torque of the shaft with the rigidity and the gear ratio of every run [N m]."""
+        return shaft_torque(name, delta.k_theta, delta.rho, x)
+
+    has_between = True
+
+    def between(
+        self,
+        delta: ServoDelta,
+        x: Float[Array, "runs steps 5"],
+        u: Float[Array, "runs steps 1"],
+        parts: int,
+        first: int = 0,
+    ) -> Float[Array, "runs steps parts 5"]:
+        """Advance every period in equal parts, each as exactly as a whole period."""
+        from rmpc_bench.plants.servo_compiled import compiled_servo, servo_between
+
+        shorter = compiled_servo(delta.linear, delta.friction, self.Ts / parts, TOLERANCE, delta.status)
+        return servo_between(shorter, x, u, parts)
 
     has_compiled_form = True
 
@@ -221,7 +253,7 @@ class ServoLinear(Plant):
         """Sample the dynamics of every run."""
         rows, status = _rows(parameters, self.nominal)
         sampled = [discretise(*continuous(p), self.Ts) for p in rows]
-        return LinearDelta(np.stack([E for E, _ in sampled]), np.stack([G for _, G in sampled]), status)
+        return LinearDelta(np.stack([E for E, _ in sampled]), np.stack([G for _, G in sampled]), status, tuple(rows))
 
     def step(
         self,
@@ -233,6 +265,29 @@ class ServoLinear(Plant):
     ) -> Motion:
         """Advance one sample with constant voltage, then add the process noise."""
         return Motion(mv(delta.E, x) + mv(delta.G, u) + w, delta.status)
+
+    extra_signals = TORQUE_UNITS
+
+    def extra_signal(
+        self, name: str, delta: LinearDelta, x: Float[Array, "runs samples 4"]
+    ) -> Float[Array, "runs samples"]:
+        """Return the torque of the shaft with the rigidity and the gear ratio of every run [N m]."""
+        k_theta, rho = (np.array([p[key] for p in delta.parameters]) for key in ("k_theta", "rho"))
+        return shaft_torque(name, k_theta, rho, x)
+
+    has_between = True
+
+    def between(
+        self,
+        delta: LinearDelta,
+        x: Float[Array, "runs steps 4"],
+        u: Float[Array, "runs steps 1"],
+        parts: int,
+        first: int = 0,
+    ) -> Float[Array, "runs steps parts 4"]:
+        """Advance every period in equal parts by the matrix exponentials of this shorter time."""
+        sampled = [discretise(*continuous(p), self.Ts / parts) for p in delta.parameters]
+        return linear_between(np.stack([E for E, _ in sampled]), np.stack([G for _, G in sampled]), x, u, parts)
 
     has_compiled_form = True
 

@@ -49,3 +49,23 @@ def servo_step(
     x, u, w, own, shared = arrays
     rows(plant.advance, 0, x, u, w, own, shared, plant.sizes, np.zeros(plant.work), x_next, status)
     return x_next, status
+
+
+def servo_between(
+    plant: CompiledPlant, x: Float[Array, "runs steps 5"], u: Float[Array, "runs steps 1"], parts: int
+) -> Float[Array, "runs steps parts 5"]:
+    """Return the states at the ends of equal parts of every control period, without process noise.
+
+    Parameters
+    ----------
+    plant : the plant whose sampling time is one part of a period
+    x, u : states at the beginning of the periods, and voltages [V]
+    parts : number of parts per period
+    """
+    states, w = np.empty((*x.shape[:2], parts, x.shape[2])), np.zeros((len(x), 4))
+    for k in range(x.shape[1]):
+        now = x[:, k]
+        for part in range(parts):
+            now, _ = servo_step(plant, now, u[:, k], w)
+            states[:, k, part] = now
+    return states

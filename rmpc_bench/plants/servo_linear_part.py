@@ -1,4 +1,7 @@
-"""Linear part of the servomechanism (no dry friction), for the model mismatch, and valid ranges of its parameters."""
+"""Linear part of the servomechanism (no dry friction): for the model mismatch, and between the samples.
+
+Also the valid ranges of its parameters.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from rmpc_bench.models.servo import MUST_BE_POSITIVE
-from rmpc_bench.numerics.linalg import discretise
+from rmpc_bench.numerics.linalg import discretise, mv
 from rmpc_bench.types import Array, LinearPlant
 
 
@@ -48,3 +51,27 @@ def linear_part(
         return None
     A, B = discretise(*continuous(parameters), Ts)
     return LinearPlant(A, B[:, :1], np.eye(1, len(A)), np.eye(4, len(A)))
+
+
+def linear_between(
+    E: Float[Array, "runs nx nx"],
+    G: Float[Array, "runs nx nu"],
+    x: Float[Array, "runs steps nx"],
+    u: Float[Array, "runs steps nu"],
+    parts: int,
+) -> Float[Array, "runs steps parts nx"]:
+    """Return the states at the ends of equal parts of every control period.
+
+    Parameters
+    ----------
+    E, G : dynamics of every run, sampled over one part of a period
+    x, u : states at the beginning of the periods, and inputs
+    parts : number of parts per period
+    """
+    states = np.empty((*x.shape[:2], parts, x.shape[2]))
+    for k in range(x.shape[1]):
+        now, driven = x[:, k], mv(G, u[:, k])
+        for part in range(parts):
+            now = mv(E, now) + driven
+            states[:, k, part] = now
+    return states

@@ -37,7 +37,7 @@ BURSTS = "bursts"
 COVARIANCE = "P"
 """The reported covariance of the estimation error, which is recorded row by row; NaN of a method that reports none."""
 SIGNALS = ("y", "u", "x", "x_hat")
-"""Signals of every run; other recorded signals are reported by the method, or the bursts of the noise."""
+"""Signals of every run; others are extra signals of the plant, reported by the method, or the bursts of the noise."""
 
 
 class Block(NamedTuple):
@@ -96,7 +96,7 @@ def simulate_block(
     traces = {
         name: trace[:n_recorded]
         for name in recording.signals
-        if n_recorded and (trace := _signal(record, name)) is not None
+        if n_recorded and (trace := _signal(record, name, plant)) is not None
     }
     ensemble = groups(record.x, record.x_hat, ok, runs) if recording.ensemble else ()
     return Block(status, np.array(values).reshape(len(values), len(ok)), traces, ensemble, start.journal)
@@ -180,7 +180,7 @@ def simulate(
                 break
     timed.note(start.journal, n_runs, n_steps)
     record = _recorded(outputs, inputs, plant.Ts, known, controller)
-    return record._replace(bursts=draws.bursts), status
+    return record._replace(bursts=draws.bursts, delta=draws.delta), status
 
 
 def _recorded(
@@ -198,8 +198,10 @@ def _wanted(info: Mapping[str, Array], names: Collection[str]) -> dict[str, Floa
     return {name: value.reshape(len(value), -1) for name, value in info.items() if name in names}
 
 
-def _signal(record: Record, name: str) -> Float[Array, "runs _ _"] | None:
+def _signal(record: Record, name: str, plant: Plant) -> Float[Array, "runs _ _"] | None:
     """Trajectories of a signal; None where the method does not report it."""
+    if name in plant.extra_signals:
+        return plant.extra_signal(name, record.delta, record.x)[:, :, None]
     if name == BURSTS:
         return None if record.bursts is None else record.bursts[:, :, None].astype(float)
     if name == COVARIANCE and name not in record.info:

@@ -116,7 +116,7 @@ def compiled_loop(
     P, M = (_over_time(getattr(method.estimator, name), n_steps) if want else None for name, want in matrices.items())
     x, y, x_hat, u = (signals[name] for name in ("x", "y", "x_hat", "u"))
     record = Record(plant.Ts, x, y, x_hat, u, known, P, M, method.controller, bursts=draws.bursts)
-    return record._replace(info=_reported(signals, filter_, info)), status
+    return record._replace(info=_reported(signals, filter_, info), delta=draws.delta), status
 
 
 def _simulated(

@@ -32,5 +32,5 @@ def kept(experiment: Experiment, name: str) -> Recording:
     name : of the method
     """
     recording = experiment.recording
-    there = {*SIGNALS, BURSTS, COVARIANCE, *experiment.method(name).reports}
+    there = {*SIGNALS, BURSTS, COVARIANCE, *experiment.plant.extra_signals, *experiment.method(name).reports}
     return recording._replace(signals=tuple(signal for signal in recording.signals if signal in there))

@@ -27,7 +27,7 @@ Direction: TypeAlias = Literal["lower", "higher", "zero", "one"]
 """Which value is better: a lower or a higher one, the one closest to 0 (signed), the one closest to 1 (a ratio)."""
 
 
-ACRONYMS = frozenset(("mse", "rmse", "mae", "nees", "nis", "iae", "ise"))
+ACRONYMS = frozenset(("mse", "rmse", "mae", "nees", "nis", "iae", "ise", "qp"))
 """Words of the names of metrics that are written in capitals."""
 
 
@@ -97,6 +97,8 @@ class MetricLayout(NamedTuple):
     """Whether the measurement noise has bursts; None where it is not known."""
     first_estimates: Mapping[str, Estimate | None] = {}
     """Method with components of the user -> its estimate at k = 0 of a nominal run; None where there is none."""
+    r: Float[Array, "samples ny"] | None = None
+    """Reference at k = 0..N, known before the runs; None where it is not."""
 
     def sample(self, bound: float) -> int:
         """Return the sample nearest to a time in seconds or samples, as the experiment's `time` is given."""
@@ -129,6 +131,8 @@ class Record(NamedTuple):
     """What is known about the experiment; None for trajectories from elsewhere."""
     runs: RunInfo | None = None
     """The runs of the block, for a metric that works run by run: it leaves out runs that are not `alive`."""
+    delta: Any = None
+    """What the plant has drawn for the runs, with which it computes its extra signals; None where it is not known."""
 
     @property
     def layout(self) -> MetricLayout:
@@ -255,6 +259,10 @@ class WindowMetric(Metric):
     to_the_end: ClassVar[bool] = False
     """Whether the window ends at k = N unless `to` is given; otherwise it ends at k = N-1."""
 
+    def last_sample(self, layout: MetricLayout) -> int:
+        """Return the last sample that a window may contain."""
+        return layout.n_steps - 1 if self.input_only else layout.n_steps
+
     def window(self, layout: MetricLayout) -> SampleWindow:
         """Return the samples between the bounds.
 
@@ -263,7 +271,7 @@ class WindowMetric(Metric):
         DesignError
             If a bound is outside the experiment or the window contains no sample.
         """
-        limit = layout.n_steps - 1 if self.input_only else layout.n_steps
+        limit = self.last_sample(layout)
         default_last = layout.n_steps if self.to_the_end else layout.n_steps - 1
         first, last = (
             limit if bound == "N" else default if bound is None else layout.sample(bound)

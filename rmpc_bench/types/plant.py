@@ -152,30 +152,46 @@ class Plant(Design):
 
     @attribute
     def extra_signals(self) -> Mapping[str, str]:
-        """Signals besides x, y and u that metrics may name, such as a shaft torque: name -> unit."""
+        """Signals besides x, y and u that metrics and records may name, such as a shaft torque: name -> unit."""
         return {}
 
-    def extra_signal(
-        self, name: str, delta: Any, x: Float[Array, "runs samples nx"]
-    ) -> Float[Array, "runs samples nz"]:
-        """Return a signal of `extra_signals` with the parameters of every run.
+    def extra_signal(self, name: str, delta: Any, x: Float[Array, "runs samples nx"]) -> Float[Array, "runs samples"]:
+        """Return a signal of `extra_signals`, one number per sample, with the parameters of every run.
 
         Parameters
         ----------
         name : of the signal
-        delta : what `draw` has returned
+        delta : what `draw` or `start` has returned
         x : states of every run
         """
         raise NotImplementedError("extra_signal")
 
-    def between(
-        self, delta: Any, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"], parts: int
-    ) -> Float[Array, "runs parts nx"] | None:
-        """Return the states at `parts` equally spaced times after k, the last one x(k+1) without w(k).
+    @attribute
+    def has_between(self) -> bool:
+        """Whether `between` is defined; otherwise the states are known at the samples only."""
+        return False
 
-        None where the plant is defined at its samples only.
+    def between(
+        self,
+        delta: Any,
+        x: Float[Array, "runs steps nx"],
+        u: Float[Array, "runs steps nu"],
+        parts: int,
+        first: int = 0,
+    ) -> Float[Array, "runs steps parts nx"]:
+        """Return the states at `parts` equally spaced times of every control period; see `has_between`.
+
+        The last time of a period is its end, without the process noise.
+
+        Parameters
+        ----------
+        delta : what `draw` or `start` has returned
+        x : states at the beginning of successive periods
+        u : inputs of these periods
+        parts : number of times per period
+        first : time index k of the first period
         """
-        return None
+        raise NotImplementedError("between")
 
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int

@@ -36,21 +36,47 @@ PARAMETERS = {
     "reported": [{"of": "gain"}, {"of": "gain", "reduce": "last", "component": 1}],
     "fallbacks": [{}],
     "near_singular": [{"below": 0.8}],
+    "violation": [
+        {"of": "u", "limit": 1.0},
+        {"of": "x.1", "limit": (-1.0, 2.0), "what": "largest"},
+        {"of": "twist", "limit": 1.0, "what": "integral", "between": 2},
+        {"of": "y", "limit": 1.0, "between": 1},
+    ],
+    "largest": [{"of": "u.1"}, {"of": "twist"}, {"of": "y.2", "between": 2}],
+    "runaway": [{"factor": 3.0}, {"beyond": 2.0, "components": [1]}],
+    "qp_share": [{"of": "skipped"}, {"of": "failed"}],
 }
 """Keys that make a metric of each kind; a new kind gets a line here."""
 CASES = [(kind, keys, per_run) for kind in KINDS for keys in PARAMETERS.get(kind, []) for per_run in (False, True)]
 RUNS, STEPS = 11, 130  # 130 samples of three states make NumPy's sums pairwise
 
 
+GAINS = np.linspace(1.0, 3.0, RUNS)
+"""What the plant has drawn for every run."""
+
+
 class Mechanism(Plant):
-    """Three states, three outputs, a manipulability that is the size of the first output."""
+    """Three states, three outputs, a manipulability that is the size of the first output, and a twist."""
 
     nx, nu, ny = 3, 2, 3
     Ts = 0.5
     has_singular_poses = True
 
+    extra_signals = {"twist": "N m"}
+    has_between = True
+
     def manipulability(self, y):
         return np.abs(y[:, 0])
+
+    def output(self, k, delta, x, v):
+        return (1.0 + k) * x + v
+
+    def extra_signal(self, name, delta, x):
+        return delta[:, None] * (x[:, :, 0] - x[:, :, 1])
+
+    def between(self, delta, x, u, parts, first=0):
+        share = (1.0 + np.arange(parts)) / parts
+        return x[:, :, None] + share[:, None] * delta[:, None, None, None] * u[:, :, None, :1]
 
 
 class Certifying(Controller):
@@ -74,7 +100,7 @@ def record(*, per_run):
     info = {"gain": rng.standard_normal((RUNS, STEPS, 2)), "fallback": 1.0 * (rng.random((RUNS, STEPS + 1, 1)) < 0.2)}
     bursts = rng.random((RUNS, STEPS + 1)) < 0.3
     S = np.stack([random_psd(rng, 2) for _ in range(RUNS * (STEPS + 1))]).reshape(RUNS, STEPS + 1, 4)
-    info |= {"e": rng.standard_normal((RUNS, STEPS + 1, 2)), "S": S}
+    info |= {"e": rng.standard_normal((RUNS, STEPS + 1, 2)), "S": S, "qp": rng.integers(0, 5, (RUNS, STEPS, 1)) * 1.0}
     layout = MetricLayout(STEPS, 0.5, "m", "V", plant=Mechanism(), bursts=True)
     return Record(0.5, x, y, x_hat, u, r, P, M, Certifying(), info, bursts, layout)
 
@@ -82,7 +108,7 @@ def record(*, per_run):
 @pytest.fixture(scope="module")
 def examples():
     """Return the trajectories by whether P and M belong to a run."""
-    return {per_run: MetricExample(record(per_run=per_run)) for per_run in (False, True)}
+    return {per_run: MetricExample(record(per_run=per_run), lambda rows: GAINS[rows]) for per_run in (False, True)}
 
 
 def test_every_registered_kind_is_tested():
