@@ -67,6 +67,8 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "lqr": "rmpc_bench.controllers.state_feedback:lqr",
         "control-lqr": "rmpc_bench.adapters.control_gains:lqr",
         "game-gain": "rmpc_bench.controllers.state_feedback:game_gain",
+        "lqg": "rmpc_bench.controllers.lqg:design",
+        "pid": "rmpc_bench.controllers.pid:design",
     },
     "references": {
         "constant": "rmpc_bench.simulation.reference:constant",

@@ -109,6 +109,7 @@ SHARED_SIBLINGS = {
     "constrained",
     "gain_schedule",
     "increments",
+    "input_limits",
     "limits",
     "noise_tuning",
     "prediction",

@@ -207,6 +207,8 @@ def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[Lin
     """Average the parts of (10) over time."""
     if each.pair is None or each.model is None or each.P0 is None:
         return _without_law(each)
+    if each.pair.law.state is not None:
+        return "a law with a state of its own"
     if not plants:
         return "no linear plant"
     stacked = LinearPlant(*(np.stack(matrices) for matrices in zip(*plants, strict=True)))

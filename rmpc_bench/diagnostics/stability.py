@@ -1,7 +1,8 @@
 """The control loop without its nonlinear parts: neither friction nor limits of the input.
 
 Model   x(k+1) = A~ x + B~ u, y = C~ x + v; a filter with given gains, x_hat = x_pred + L e, e = y - C x_pred,
-        x_pred(k+1) = F x_pred + B u + K e; the law u(k) = u(k-1) + K_r [r(k+1); ..] - K_x x_hat(k) - K_u u(k-1).
+        x_pred(k+1) = F x_pred + B u + K e; the law u(k) = u(k-1) + K_r [r(k+1); ..] - K_x x_hat(k) - K_u u(k-1), of
+        some laws with + K_s s(k) + K_y y(k) and a state s(k+1) = A_s s + B_x x_hat(k) + B_y y(k).
 Input   the `gain_schedule` of the estimator and the `linear_law` of the controller; other pairs are not analysed.
 """
 
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, Controller, Estimator, GainSchedule, LinearLaw, LinearPlant
+from rmpc_bench.types import Array, Controller, Estimator, GainSchedule, LawState, LinearLaw, LinearPlant
 
 
 class LoopGains(NamedTuple):
@@ -59,7 +60,9 @@ def spectral_radius(plant: LinearPlant, pair: LinearPair) -> float:
     plant : one plant
     pair : what controls it
     """
-    g = pair.at(-1)
+    g, state = pair.at(-1), pair.law.state
+    if state is not None:
+        g = g._replace(J=g.J + state.K_y)
     from_x = g.J @ plant.C
     loop = np.block(  # on [x, x_pred, u(k-1)]
         [
@@ -68,4 +71,18 @@ def spectral_radius(plant: LinearPlant, pair: LinearPair) -> float:
             [from_x, g.from_x_pred, g.from_u],
         ]
     )
+    if state is not None:
+        loop = _with_state(loop, plant, g, state)
     return float(np.abs(np.linalg.eigvals(loop)).max())
+
+
+def _with_state(
+    loop: Float[Array, "q q"], plant: LinearPlant, g: LoopGains, state: LawState
+) -> Float[Array, "all all"]:
+    """Return the matrix of a loop whose law has a state s, on [x, x_pred, u(k-1), s]."""
+    # s(k+1) = A_s s + B_x x_hat + B_y y with x_hat = (I - L C) x_pred + L y, y = C~ x.
+    x_hat_of_x_pred = np.eye(len(g.F)) - g.L @ g.C
+    from_u = np.zeros((len(state.A_s), len(g.from_u)))
+    driven = np.hstack([(state.B_x @ g.L + state.B_y) @ plant.C, state.B_x @ x_hat_of_x_pred, from_u])
+    by_state = np.vstack([plant.B @ state.K_s, g.B @ state.K_s, state.K_s])
+    return np.block([[loop, by_state], [driven, state.A_s]])

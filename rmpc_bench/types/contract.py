@@ -142,6 +142,16 @@ def _controller(controller: Controller, provided: Mapping[str, Any]) -> Iterator
     yield from _shape("K_x of its linear law", law.K_x, (model.nu, model.nx))
     yield from _shape("K_u of its linear law", law.K_u, (model.nu, model.nu))
     yield from _shape("K_r of its linear law", law.K_r, (model.nu, rows))
+    if law.state is None:
+        return
+    n, sizes = len(law.state.A_s), (model.nu, model.nx, model.ny)
+    for name, matrix, shape in zip(
+        law.state._fields,
+        law.state,
+        ((sizes[0], n), (sizes[0], sizes[2]), (n, n), (n, sizes[1]), (n, sizes[2])),
+        strict=True,
+    ):
+        yield from _shape(f"{name} of the state of its linear law", matrix, shape)
 
 
 def _reference(reference: Reference, provided: Mapping[str, Any]) -> Iterator[str]:

@@ -117,6 +117,11 @@ class Model:
         return {}
 
     @attribute
+    def n_disturbances(self) -> int:
+        """Number of estimated disturbances, which are the last states."""
+        return 0
+
+    @attribute
     def operating_point(self) -> OperatingPoint | None:
         """Point around which the model is linear; None for a model without one, whose equations hold everywhere."""
         return None

@@ -134,9 +134,24 @@ class GainSchedule(NamedTuple):
     """None where it is zero."""
 
 
+class LawState(NamedTuple):
+    """State s of a linear control law, such as an integral of the control error, and what the law takes from y(k).
+
+    u(k) has the further terms K_s s(k) + K_y y(k), and s(k+1) = A_s s(k) + B_x x_hat(k) + B_y y(k) without a reference.
+    """
+
+    K_s: Float[Array, "nu ns"]
+    K_y: Float[Array, "nu ny"]
+    A_s: Float[Array, "ns ns"]
+    B_x: Float[Array, "ns nx"]
+    B_y: Float[Array, "ns ny"]
+
+
 class LinearLaw(NamedTuple):
     """Gains of the control law u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); r(k+2); ..] - K_x x_hat(k)."""
 
     K_x: Float[Array, "nu nx"]
     K_u: Float[Array, "nu nu"]
     K_r: Float[Array, "nu rows"]
+    state: LawState | None = None
+    """State of the law besides u(k-1); None for a law that has none and does not use y(k)."""

@@ -142,6 +142,8 @@ CONTROLLERS = {
     "lqr": f"horizon: 7, {Q}",
     "control-lqr": Q,
     "game-gain": f"horizon: 7, {Q}",
+    "lqg": f"{Q}, Q_i: 1",
+    "pid": "Kp: 1, on: estimate",
 }
 """Keys of every kind beyond those that have defaults; a new controller gets a line here."""
 TAKERS = ("gpc", "kalman", "lp-window")

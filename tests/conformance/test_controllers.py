@@ -13,6 +13,7 @@ from rmpc_bench.conformance import ControllerExample, check_component
 from rmpc_bench.conformance.controller_information import ControllerInformationExample
 from rmpc_bench.conformance.linear_system import LinearSystem
 from rmpc_bench.conformance.results import run_checks
+from rmpc_bench.controllers.input_limits import InputLimits
 from rmpc_bench.controllers.mpc import Limits, Scale
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman
@@ -47,6 +48,17 @@ PARAMETERS = {
     ],
     "control-lqr": [{"Q_x": 1.0, "R_u": 0.1}],
     "game-gain": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "ratio": 1.5}],
+    "lqg": [
+        {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1, "limits": InputLimits((-0.3, 0.3))},
+        {"Q_y": 1.0, "Q_i": 0.0, "R_u": 0.1, "of": "mean"},
+        {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1, "on": "estimate", "feedforward": "none"},
+        {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1, "limits": InputLimits((-0.3, 0.3)), "anti_windup": "back-calculation"},
+    ],
+    "pid": [
+        {"Kp": 1.0, "Ki": 0.5, "Kd": 0.2, "Tf": 0.1, "limits": InputLimits((-0.3, 0.3))},
+        {"Kp": 1.0, "Ki": 0.5, "on": "estimate", "start": "bumpless"},
+        {"Kp": 1.0, "Ki": 0.5, "limits": InputLimits((-0.3, 0.3)), "anti_windup": "clamping"},
+    ],
 }
 """Parameters that make a design of each kind, `of` a filter if not a Kalman filter's; a new kind gets a line here."""
 SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]
@@ -72,11 +84,16 @@ def case(request):
     skip_without_library("controllers", kind)
     model = random_model(np.random.default_rng(12), nx, nu, ny, 0.9)
     make, provided, parameters = registry.get("controllers", kind), {}, dict(PARAMETERS[kind][number])
+    if kind in ("lqg", "pid"):
+        provided["Ts"] = 0.1
+        if ny != nu:
+            # One output per input.
+            parameters["outputs"] = list(range(nu))
     if "estimator" in inspect.signature(make).parameters:
         start = {"x0": np.zeros(nx), "P0": np.eye(nx)}
         filter_of = {"data": data_dependent, "mean": kalman_disturbance}.get(parameters.pop("of", ""), kalman)
         given = {"n_steps": STEPS, "estimator": filter_of(model, STEPS, **start)}
-        provided = {name: value for name, value in given.items() if name in inspect.signature(make).parameters}
+        provided |= {name: value for name, value in given.items() if name in inspect.signature(make).parameters}
     design = make(model, **provided, **parameters)
     return design, ControllerExample.random(nx, ny, design.preview, n_runs=RUNS, n_steps=STEPS), nu
 
@@ -98,7 +115,7 @@ def test_available_information(kind):
     """Every controller uses the data up to k and the reference of its preview only."""
     skip_without_library("controllers", kind)
     system = replace(LinearSystem.shipped(), n_runs=6, n_steps=100)
-    make, given = registry.get("controllers", kind), {"n_steps": system.n_steps, "estimator": system.kalman}
+    make, given = registry.get("controllers", kind), {"n_steps": system.n_steps, "estimator": system.kalman, "Ts": 0.1}
     provided = {name: value for name, value in given.items() if name in inspect.signature(make).parameters}
     design = make(system.model, **provided, **PARAMETERS[kind][0])
     example = ControllerInformationExample(system, design.preview, None, design.regulates)

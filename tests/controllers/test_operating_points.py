@@ -61,6 +61,15 @@ CONTROLLERS = {
     "lqr": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1}, {"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "of": "kalman-disturbance"}],
     "game-gain": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "ratio": 1.5}],
     "control-lqr": [{"Q_x": 1.0, "R_u": 0.1}],
+    "lqg": [
+        {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
+        {"Q_y": 1.0, "Q_i": 0.1, "R_u": 0.1, "feedforward": "none", "on": "estimate"},
+        {"Q_x": 1.0, "Q_i": 0.0, "R_u": 0.1, "of": "kalman-disturbance"},
+    ],
+    "pid": [
+        {"Kp": 0.02, "Ki": 0.05, "Kd": 0.001, "b": 0.5, "c": 0.3},
+        {"Kp": 0.02, "Ki": 0.05, "on": "estimate", "start": "bumpless"},
+    ],
 }
 """Parameters of the controllers, `of` an estimator other than `kalman`."""
 
@@ -121,7 +130,7 @@ def designed(model, estimator, controller, shift):
     given = {name: value for name, value in start.items() if name in inspect.signature(make).parameters}
     filter_ = make(model, STEPS, **given, **own)
     law, keys = registry.get("controllers", controller[0]), dict(controller[1])
-    given = {"n_steps": STEPS, "estimator": filter_}
+    given = {"n_steps": STEPS, "estimator": filter_, "Ts": Affine.Ts}
     given = {name: value for name, value in given.items() if name in inspect.signature(law).parameters}
     return Method("m", filter_, law(model, **given, **keys))
 

@@ -89,6 +89,15 @@ M_{k|k} = (q_k^{-1} + 1) T M_{k|k-1} T^\top + (q_k + 1) L_k M_v L_k^\top, \quad 
     ("controllers", "lqr"): r"\min_u " + _COST,
     ("controllers", "control-lqr"): r"\min_u \sum_{k=0}^{\infty} x_k^\top Q_x x_k + u_k^\top R_u u_k",
     ("controllers", "game-gain"): r"\min_u \max_w " + _COST + r" - \tau w_t^\top M_w^{-1} w_t",
+    (
+        "controllers",
+        "lqg",
+    ): r"""u_k = u_s - K_x (\hat x_k - x_s) - K_q (q_k - q_s), \quad q_{k+1} = q_k + y_k - r_k, \quad
+\min_u \sum_{k=0}^{\infty} x_k^\top Q_x x_k + q_k^\top Q_i q_k + u_k^\top R_u u_k""",
+    (
+        "controllers",
+        "pid",
+    ): r"""u = u_{op} + K_p (b r - y) + \frac{K_i}{s} (r - y) + \frac{K_d s}{1 + T_f s} (c r - y)""",
     ("references", "constant"): r"r_k = \mathrm{value}",
     ("references", "s-shape"): r"""x = -w \sin 2f, \quad y = h \cos f, \quad \psi = \alpha \sin^2 (\pi g), \quad
 f = \left( \tfrac{5}{4} g - \tfrac{1}{8} \right) \pi, \quad g = 10 s^3 - 15 s^4 + 6 s^5, \quad s = \min(t / T, 1)""",

@@ -93,6 +93,8 @@ KEYS = {
     "lqr": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
     "control-lqr": {"Q_x": 1.0, "R_u": 0.1},
     "game-gain": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
+    "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
+    "pid": {"Kp": 1.0, "on": "estimate"},
 }
 ESTIMATOR_KEYS = {"robust-kalman": {"c": 0.1}, "risk-sensitive": {"theta": 0.1}, "robust-h-infinity": {"alpha": 0.1}}
 
@@ -107,7 +109,7 @@ def test_linear_methods_refuse_a_nonlinear_model_with_the_way_out(group, kind):
     plant = two_tanks()
     model, start = nonlinear(TS, plant, noise=NOISE), {"x0": np.zeros(2), "P0": np.eye(2), "M0": np.eye(2)}
     filter_ = kalman(linearise(TS, plant, noise=NOISE, at=At(u=8.0, guess=0.1)), STEPS, x0=np.zeros(2), P0=np.eye(2))
-    provided = {"n_steps": STEPS, "plant": plant, "estimator": filter_, **start}
+    provided = {"n_steps": STEPS, "plant": plant, "estimator": filter_, "Ts": TS, **start}
     make = registry.get(group, kind)
     given = {name: value for name, value in provided.items() if name in inspect.signature(make).parameters}
     with pytest.raises(DesignError, match="linearise|uncertain matrices"):

@@ -1,0 +1,30 @@
+"""Limits of the input of laws without an optimisation, and what becomes of their integrals while a limit acts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from rmpc_bench.controllers.limits import Bounds, Pairs
+
+AntiWindup: TypeAlias = Literal["back-calculation", "clamping", "none"]
+
+
+@dataclass(frozen=True)
+class InputLimits:
+    """Bounds of the input.
+
+    Parameters
+    ----------
+    u : [low, high] for every input, or one pair per input, in the unit of the input
+    """
+
+    u: Pairs
+
+
+def common_limits(bounds: Bounds) -> tuple[float, float] | None:
+    """Return a lower and an upper limit that no input exceeds; None where there are none."""
+    low, high = float(bounds.low.min()), float(bounds.high.max())
+    return None if np.isinf([low, high]).all() else (low, high)

@@ -1,0 +1,300 @@
+"""Linear-quadratic control of the estimate with integrals of the control error: follows a reference without offset.
+
+Model   The design model without noise is augmented by the sums q of the control errors,
+            x(k+1) = A x(k) + B u(k) + f,   q(k+1) = q(k) + y(k) - r(k),
+        and, with x_s and u_s the steady state of the model with y = r, the law is
+            u = u_s - K_x (x_hat - x_s) - K_q (q - q_s(r)).
+        [K_x, K_q] minimises the sum over all k of x' Q_x x + q' Q_i q + u' R_u u of the augmented model (the stationary
+        Riccati equation); x, u and q stand for deviations from the steady state.  f has the constant part of the model,
+        the mean of the process noise that an estimator reports (`w_mean`), and the disturbances of a model that
+        estimates them: all of them change x_s and u_s only, since no input can control a disturbance.
+        Of several steady states with y = r, the one with the least u' R_u u is taken.
+        `feedforward` chooses what a step of the reference does at once.  K_q q_s(r) does not change the final value.
+            optimal  q_s(r) = - S x_s(r), the q with the least remaining cost after a step of the reference at rest:
+                     S = P_qq^-1 P_qx of the solution P of the Riccati equation.
+            target   q_s = 0.  The sum of all errors then ends at 0 on an exact model, so every step overshoots.
+            none     x_s and u_s do not depend on r: only the integrals bring y to r.
+        The input is clipped to `limits`.  Where that changes the input v of the law, `anti_windup` decides on q:
+            clamping          an error is not summed where it drives an input further beyond its limit,
+            back-calculation  q is corrected by (Ts / Tt) K_q^+ (v - u), with the pseudo-inverse K_q^+,
+            none              q grows on.
+        An error of a missing measurement (NaN) is not summed.
+Source  Integral action: Kwakernaak and Sivan, Linear Optimal Control Systems (1972); textbook.
+Limit   Q_i -> 0, and Q_i: 0 exactly, is `lqr` with a long horizon, for the deviation from the steady state.
+Cost    Three small matrix-vector products per run and step.
+Fails   Design error: not every reference has a steady state (more outputs than inputs, or a zero at 1), a weight is not
+        admissible, or the Riccati equation has no stabilising solution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.controllers.input_limits import AntiWindup, InputLimits, common_limits
+from rmpc_bench.controllers.limits import Bounds, bounds_of
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.numerics.linalg import as_covariance, mv
+from rmpc_bench.numerics.lq_tracking import IntegralGain, integral_gain, steady_map, steady_rank
+from rmpc_bench.types import (
+    Array,
+    Command,
+    Controller,
+    DesignError,
+    Estimate,
+    Estimator,
+    LawState,
+    LinearLaw,
+    Matrix,
+    Model,
+    OperatingPoint,
+    Positive,
+    Status,
+)
+
+OK = np.int8(Status.OK)
+Feedforward: TypeAlias = Literal["optimal", "target", "none"]
+
+
+class LqgState(NamedTuple):
+    """State of the controller between steps."""
+
+    q: Float[Array, "runs nq"]
+    """Sums of the control errors, without columns where Q_i is 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lqg(Controller):
+    """u = u_op + u_0 + K_r (r - y_op) - K_x (x_hat - x_op) - K_d w_mean - K_q q; create it with `design`."""
+
+    K_x: Float[Array, "nu nx"]
+    K_q: Float[Array, "nu nq"]
+    K_r: Float[Array, "nu nz"]
+    """Of the tracked outputs."""
+    u_0: Float[Array, " nu"]
+    """Input that compensates the constant parts of the model."""
+    K_d: Float[Array, "nu nx"] | None
+    """Gain of the estimated mean of the process noise, None if the estimator does not estimate it."""
+    rows: Float[Array, "nz ny"]
+    """Selects the tracked outputs."""
+    bounds: Bounds
+    anti_windup: AntiWindup
+    correction: Float[Array, "nq nu"]
+    """(Ts / Tt) K_q^+."""
+    C: Float[Array, "ny nx"] | None
+    """Output matrix where the errors of the estimate are summed, None where those of y are."""
+    d0: Float[Array, " ny"] | None
+    point: OperatingPoint | None
+
+    @property
+    def input_limits(self) -> tuple[float, float] | None:
+        """Lower and upper limit of the inputs; None without limits."""
+        return common_limits(self.bounds)
+
+    def init(self, n_runs: int) -> LqgState:
+        """Start with sums of 0."""
+        return LqgState(np.zeros((n_runs, self.K_q.shape[1])))
+
+    def control(
+        self,
+        k: int,
+        state: LqgState,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[LqgState, Command]:
+        """Apply the law, clip, and sum the error."""
+        x_hat, target, u_0 = estimate.x_hat, r[0], self.u_0
+        if self.point is not None:
+            x_hat, target, u_0 = x_hat - self.point.x, target - self.point.y, u_0 + self.point.u
+        v = u_0 + mv(self.K_r, (self.rows @ target)[None]) - mv(self.K_x, x_hat)
+        if self.K_d is not None:
+            v = v - mv(self.K_d, estimate.info["w_mean"])
+        if self.K_q.shape[1] == 0:
+            u = np.clip(v, *self.bounds)
+            return state, Command(u, np.full(len(u), OK), {})
+        v = v - mv(self.K_q, state.q)
+        u = np.clip(v, *self.bounds)
+        outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
+        error = mv(self.rows, outputs - r[0])
+        error = np.where(np.isnan(error), 0.0, error)
+        return LqgState(state.q + self._summed(error, v - u)), Command(u, np.full(len(u), OK), {})
+
+    def _summed(self, error: Float[Array, "runs nq"], excess: Float[Array, "runs nu"]) -> Float[Array, "runs nq"]:
+        """Return what is added to the sums where clipping took ``excess`` from the input."""
+        if self.anti_windup == "back-calculation":
+            return error + mv(self.correction, excess)
+        if self.anti_windup == "clamping":
+            driven = -self.K_q * error[:, None, :] * excess[:, :, None]
+            return np.where((driven > 0.0).any(axis=1), 0.0, error)
+        return error
+
+    def linear_law(self) -> LinearLaw | None:
+        """Return the gains without limits; None with an operating point or further terms, which make it affine."""
+        if self.point is not None or self.K_d is not None or self.u_0.any() or (self.d0 is not None and self.d0.any()):
+            return None
+        (nu, nx), nq = self.K_x.shape, self.K_q.shape[1]
+        law = LinearLaw(self.K_x, np.eye(nu), np.zeros((nu, 0)))
+        if nq == 0:
+            return law
+        of_y = self.rows if self.C is None else np.zeros(self.rows.shape)
+        of_x = np.zeros((nq, nx)) if self.C is None else self.rows @ self.C
+        return law._replace(state=LawState(-self.K_q, np.zeros((nu, of_y.shape[1])), np.eye(nq), of_x, of_y))
+
+
+def design(
+    model: Model,
+    Ts: float,
+    estimator: Estimator,
+    *,
+    R_u: Matrix,
+    Q_i: Matrix,
+    Q_x: Matrix | None = None,
+    Q_y: Matrix | None = None,
+    outputs: list[int] | None = None,
+    on: Literal["y", "estimate"] = "y",
+    feedforward: Feedforward = "optimal",
+    limits: InputLimits | None = None,
+    anti_windup: AntiWindup = "clamping",
+    Tt: Positive | None = None,
+) -> Lqg:
+    """Linear-quadratic control of the estimate with integrals of the control error.
+
+    Parameters
+    ----------
+    model : design model, the same at all k
+    Ts : sampling time [s]
+    estimator : estimator of the method; the steady state uses the mean of the process noise if it estimates one
+    R_u : weight of the input, positive definite: a number, a diagonal or a matrix
+    Q_i : weight of the sums of the control errors, in the same forms; positive definite, or 0 for no integrals
+    Q_x : weight of the state without disturbances, in the same forms; exactly one of `Q_x` and `Q_y` is given
+    Q_y : weight of the output y = C x in place of that of the state
+    outputs : outputs that follow the reference, counted from 0, at most as many as inputs (default: all)
+    on : `y` sums the errors of the measured output, `estimate` those of C x_hat + d0, which leaves an offset where the
+        estimate has one
+    feedforward : what a step of the reference does at once: `optimal`, `target` or `none`
+    limits : bounds of the input, `{u: [low, high]}` or one pair per input
+    anti_windup : treatment of the sums while a limit acts: `clamping`, `back-calculation` or `none`
+    Tt : tracking time of the back-calculation [s], at least Ts (default: Ts)
+
+    Raises
+    ------
+    DesignError
+        If a weight is not admissible, the limits do not fit, not every reference has a steady state, or there is no
+        stabilising gain.
+    """
+    if model.varies:
+        raise DesignError("needs a design model that does not depend on k; use lqr, or another model")
+    constant: LinearModel = model.at(0)
+    rows = np.eye(model.ny)[_tracked(outputs, model.ny)]
+    R = _weight(R_u, model.nu, "R_u")
+    if np.linalg.eigvalsh(R)[0] <= 0.0:
+        raise DesignError("must be positive definite", "R_u")
+    n = constant.nx - model.n_disturbances
+    Q, sums = _weight_of_states(Q_x, Q_y, constant.C[:, :n]), _weight_of_sums(Q_i, len(rows))
+    if Tt is not None and anti_windup != "back-calculation":
+        raise DesignError("has no effect without `anti_windup: back-calculation`", "Tt")
+    if Tt is not None and Tt < Ts:
+        raise DesignError(f"must be at least the sampling time {Ts:g} s (got {Tt:g})", "Tt")
+    if feedforward == "none" and not len(sums):
+        raise DesignError("has no reference without integrals; choose Q_i > 0 or another feedforward", "feedforward")
+    A, B, C = constant.A[:n, :n], constant.B[:n], rows @ constant.C[:, :n]
+    _refuse_rank(A, B, C)
+    gain = _gain(A, B, C if len(sums) else C[:0], Q, sums, R)
+    T = steady_map(A, B, C, R)
+    # Of [f; z]: the input that holds the state, and keeps x_hat at x_s.
+    held = T[n:] + gain.K_x @ T[:n]
+    # Disturbances d are the last states: f = A[:n, n:] d and z = r - C[:, n:] d.
+    K_x = np.hstack([gain.K_x, -held @ np.vstack([constant.A[:n, n:], -rows @ constant.C[:, n:]])])
+    free = model.deviation
+    z_0 = rows @ free.d0
+    return Lqg(
+        K_x,
+        gain.K_q,
+        _reference_gain(feedforward, held[:, n:], gain, T[:n, n:]),
+        held @ np.concatenate([free.f0[:n], -z_0]),
+        -held[:, :n] @ np.eye(n, constant.nx) if estimator.estimates_mean else None,
+        rows,
+        bounds_of(None if limits is None else limits.u, model.nu, "limits.u"),
+        anti_windup,
+        (1.0 if Tt is None else Ts / Tt) * np.linalg.pinv(gain.K_q),
+        None if on == "y" else constant.C,
+        None if on == "y" else constant.d0,
+        model.operating_point,
+    )
+
+
+def _tracked(outputs: list[int] | None, ny: int) -> list[int]:
+    """Return the outputs that follow the reference."""
+    if outputs is None:
+        return list(range(ny))
+    if not outputs or len(set(outputs)) != len(outputs) or not all(0 <= each < ny for each in outputs):
+        raise DesignError(f"must be different numbers from 0 to {ny - 1} (got {outputs})", "outputs")
+    return outputs
+
+
+def _weight(value: Matrix, n: int, name: str) -> Float[Array, "n n"]:
+    """Return a weight as a matrix."""
+    try:
+        return as_covariance(value, n)
+    except ValueError as error:
+        raise DesignError(str(error), name) from None
+
+
+def _weight_of_states(Q_x: Matrix | None, Q_y: Matrix | None, C: Float[Array, "ny nx"]) -> Float[Array, "nx nx"]:
+    """Return the weight of the state, which one of two keys gives."""
+    if Q_x is not None and Q_y is not None:
+        raise DesignError("is given beside `Q_x`; choose one of the two", "Q_y")
+    if Q_y is not None:
+        weighed: Array = C.T @ _weight(Q_y, len(C), "Q_y") @ C
+        return weighed
+    if Q_x is None:
+        raise DesignError("is missing; give `Q_x`, the weight of the state, or `Q_y`, that of the output", "Q_x")
+    return _weight(Q_x, C.shape[1], "Q_x")
+
+
+def _weight_of_sums(Q_i: Matrix, n: int) -> Float[Array, "nq nq"]:
+    """Return the weight of the sums, of size 0 where it is 0."""
+    weight = _weight(Q_i, n, "Q_i")
+    if not weight.any():
+        return np.zeros((0, 0))
+    if np.linalg.eigvalsh(weight)[0] <= 0.0:
+        raise DesignError("must be positive definite, or 0 for no integrals", "Q_i")
+    return weight
+
+
+def _refuse_rank(A: Array, B: Array, C: Array) -> None:
+    """Raise a DesignError if not every value of the tracked outputs has a steady state."""
+    found, needed = steady_rank(A, B, C)
+    if found < needed:
+        raise DesignError(
+            f"not every reference has a steady state: rank [A - I, B; C, 0] is {found} and must be {needed} (more "
+            "outputs than inputs, or a zero at 1); choose fewer by `outputs`",
+            "outputs",
+        )
+
+
+def _gain(A: Array, B: Array, C: Array, Q: Array, sums: Array, R: Array) -> IntegralGain:
+    """Return the stationary gain."""
+    try:
+        return integral_gain(A, B, C, Q, sums, R)
+    except np.linalg.LinAlgError as error:
+        reason = "no stabilising gain: an unstable mode is not controllable, or the weights do not see a mode at 1"
+        raise DesignError(f"{reason} ({error})", "R_u") from None
+
+
+def _reference_gain(
+    feedforward: Feedforward, held: Float[Array, "nu nz"], gain: IntegralGain, x_s: Float[Array, "nx nz"]
+) -> Float[Array, "nu nz"]:
+    """Return K_r of u = .. + K_r r, which contains the shift of the sums."""
+    if feedforward == "none":
+        return np.zeros_like(held)
+    if feedforward == "target" or gain.K_q.shape[1] == 0:
+        return held
+    nx = len(x_s)
+    S = np.linalg.solve(gain.P[nx:, nx:], gain.P[nx:, :nx])
+    shifted: Array = held - gain.K_q @ S @ x_s  # - K_q (q + S x_s)
+    return shifted
