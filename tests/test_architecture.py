@@ -82,6 +82,7 @@ MAY_IMPORT = {
         "claims",
         "simulation",
         "noise",
+        "models",  # the key `disturbance` of every model
         "types",
         "rmpc_bench",
         "regular_file",

@@ -122,7 +122,7 @@ class _ExperimentBuilder:
         draft = self.draft
         x = draft.initial["x"]
         x0 = None if x is None else self.methods.sized("x", initial_state, x, plant.nx)
-        laws = NoiseLaws(draft, lambda: self.methods.model(draft.model))
+        laws = NoiseLaws(draft, lambda: self.methods.undisturbed(draft.model))
         x0_noise = laws.terms(draft.initial["laws"], plant.nx, "initial")
         process = laws.terms(draft.noise.get("process", ()), plant.nw, "process")
         measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement")
@@ -282,7 +282,7 @@ def _experiment(
         cut_windows=builder.smoke,
         state_range=state_range,
     )
-    draft.warnings += warnings_of(draft, experiment, builder.methods.model)
+    draft.warnings += warnings_of(draft, experiment, builder.methods.undisturbed)
     if first:
         draft.model_facts = model_facts(draft, builder.methods.model)
     return experiment

@@ -65,20 +65,36 @@ class MethodBuilder:
         if component.takes("plant") and self.plant is None:
             # The plant has an error, which is reported there.
             return None
+        # The disturbances of a model that depends on the state are checked at the initial estimate.
+        start = self.draft.initial["x_hat"] if component.shared else None
         return self.cache.get(
-            ["model", size, component.resolved(), nominal],
-            lambda: component.build(self.draft.problems, **size, plant=self.plant),
+            ["model", size, component.resolved(), nominal, start],
+            lambda: self._model(component, {**size, "plant": self.plant}),
         )
+
+    def undisturbed(self, component: Component | None) -> Any:
+        """Build a design model without its disturbances, as the plant has none."""
+        return self.model(None if component is None else component.without_shared())
+
+    def _model(self, component: Component, provided: Mapping[str, Any]) -> Any:
+        """Build a design model with its disturbances; methods with other disturbances share the model without them."""
+        if not component.shared:
+            return component.build(self.draft.problems, **provided)
+        made, x_hat = self.undisturbed(component), self.draft.initial["x_hat"]
+        if made is None or x_hat is None or self.sized("x_hat", initial_state, x_hat, made.nx) is None:
+            return None
+        return component.extended(made, self.draft.problems, n_steps=self.n_steps, x_hat=x_hat)
 
     def _start(self, model: Any) -> dict[str, Array] | None:
         """Return x0, P0 and M0 of the estimators, for the size of a model."""
-        given, P = self.draft.initial, self.draft.initial["P"]
+        given, P, undisturbed = self.draft.initial, self.draft.initial["P"], model.undisturbed
         if any(given[key] is None for key in ("x_hat", "P", "M")):
             return None
-        x0 = self.sized("x_hat", initial_state, given["x_hat"], model.nx)
-        P0 = model.Q_w if isinstance(P, str) else self.sized("P", initial_covariance, P, model.nx)
-        M0 = self.sized("M", initial_covariance, given["M"], model.nx)
-        return None if x0 is None or P0 is None or M0 is None else {"x0": x0, "P0": P0, "M0": M0}
+        nx = undisturbed.nx
+        x0 = self.sized("x_hat", initial_state, given["x_hat"], nx)
+        P0 = undisturbed.Q_w if isinstance(P, str) else self.sized("P", initial_covariance, P, nx)
+        M0 = self.sized("M", initial_covariance, given["M"], nx)
+        return None if x0 is None or P0 is None or M0 is None else model.start(x0, P0, M0)
 
     def sized(self, key: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array | None:
         """Expand a short form under `initial`; a wrong size is reported there."""
@@ -129,7 +145,11 @@ class MethodBuilder:
             return None
         else:
             controller = components.controller.build(problems, **common, estimator=estimator)
-        return None if estimator is None or controller is None else Method(name, estimator, controller)
+        return (
+            None
+            if estimator is None or controller is None
+            else Method(name, estimator, controller, model.n_disturbances)
+        )
 
     def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
         """Return what stands for a controller where there is none; None where the input is invalid."""

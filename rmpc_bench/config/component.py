@@ -27,8 +27,14 @@ from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key, split
 from rmpc_bench.config.user_files import placed
 from rmpc_bench.expressions.quantity import Expression
 from rmpc_bench.extras import MissingLibraryError, missing_for
+from rmpc_bench.models.disturbance import Disturbance
+from rmpc_bench.simulation.scenario import initial_state
 from rmpc_bench.types import DesignError, Issue, Problem
 
+SHARED_KEYS: Mapping[str, Mapping[str, Any]] = {"models": {"disturbance": Disturbance}}
+"""Group -> keys that every component of it has, with what validates them."""
+NONE = "none"
+"""Value of such a key that stands for no value, so that a method can do without a default of all methods."""
 Writer = Callable[[CodeReference | DataReference], str]
 """Returns what stands in plain data for something in a file of the user."""
 
@@ -56,6 +62,7 @@ class Component:
     path : where it stands in the configuration
     design : the design function or class
     code : where a component from a file stands; None for others
+    shared : keys that every component of the group has; those that are not given are left out
     """
 
     group: str
@@ -65,6 +72,7 @@ class Component:
     path: tuple[str | int, ...]
     design: Callable[..., Any]
     code: CodeReference | None = None
+    shared: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def build(self, problems: list[Problem], **provided: Any) -> Any:
         """Call the design function.
@@ -85,6 +93,29 @@ class Component:
         if made is not None and not self.is_built_in:
             recipe.remember(made)
         return made
+
+    def extended(self, made: Any, problems: list[Problem], *, n_steps: int, x_hat: Any) -> Any:
+        """Return a built design model with its disturbances; None where there is a problem.
+
+        Parameters
+        ----------
+        made : the model without them
+        problems : gets a DesignError, as a problem at the parameter to blame
+        n_steps : number of control periods N
+        x_hat : initial estimate, as configured
+        """
+        keys = self.shared.get("disturbance")
+        if keys is None or made is None:
+            return made
+        # Imported here: most configurations have no disturbances.
+        from rmpc_bench.models.with_disturbance import with_disturbance
+
+        try:
+            with np.errstate(all="ignore"):
+                return with_disturbance(made, keys, n_steps, initial_state(x_hat, made.nx))
+        except DesignError as error:
+            problems.append(self.problem(str(error), f"disturbance.{error.parameter}".rstrip(".")))
+            return None
 
     def check(self, issues: Callable[[], Iterable[Issue]]) -> list[Problem]:
         """Call what finds issues of the built component and return them as problems at the keys to blame."""
@@ -117,6 +148,10 @@ class Component:
     def keys(self) -> type[BaseModel]:
         """The pydantic model of its keys."""
         return keys_of(self.group, self.kind, self.design)
+
+    def without_shared(self) -> Component:
+        """Return the component without the keys that every component of its group has."""
+        return dataclasses.replace(self, shared={}) if self.shared else self
 
     def takes(self, name: str) -> bool:
         """Whether the design function has a parameter of this name that is no key."""
@@ -157,7 +192,8 @@ class Component:
         write : returns what stands for something in a file of the user
         """
         kind = {"kind": self.kind} if self.code is None else {"file": write(self.code)}
-        return {**kind, **{name.rstrip("_"): plain_data(value, write) for name, value in self.parameters.items()}}
+        keys = {**self.parameters, **self.shared}
+        return {**kind, **{name.rstrip("_"): plain_data(value, write) for name, value in keys.items()}}
 
 
 def plain_data(value: Any, write: Writer = as_given) -> Any:
@@ -217,11 +253,28 @@ def read_component(
     own = tree.copy()
     for key in ("kind", *ignore):
         own.pop(key, None)
+    before = len(problems)
+    shared = _shared(group, own, model, path, problems)
     checked = validate(model, placed(own, keys_with_files(group, kind, design), access), path, problems)
-    if checked is None:
+    if checked is None or len(problems) > before:
         return None
     parameters = {name: getattr(checked, name) for name in type(checked).model_fields}
-    return Component(group, kind, parameters, tree, tuple(path), design, code)
+    return Component(group, kind, parameters, tree, tuple(path), design, code, shared)
+
+
+def _shared(
+    group: str, own: Map, keys: type[BaseModel], path: Sequence[str | int], problems: list[Problem]
+) -> dict[str, Any]:
+    """Take the keys that every component of a group has from its tree, and validate them."""
+    found = {}
+    for name, annotation in SHARED_KEYS.get(group, {}).items():
+        # A component of a user may have had a key of this name before.
+        if name not in own or name in keys.model_fields:
+            continue
+        mark, value = locate(own, [name]), own.pop(name)
+        if value is not None and value != NONE:
+            found[name] = validate(annotation, value, [*path, name], problems, mark=mark)
+    return found
 
 
 def _design(
@@ -263,13 +316,16 @@ def build_component(group: str, data: Mapping[str, Any] | None, **provided: Any)
     ----------
     group : group of the registry
     data : ``kind`` and keys
-    provided : what the bench provides
+    provided : what the bench provides, and for a model the initial estimate `x_hat`, as configured
     """
     if data is None:
         return None
     mark = Mark("", 1, 1)
     component = read_component(group, Map(data, mark=mark), [], [], mark=mark)
-    return None if component is None else component.build([], **provided)
+    made = None if component is None else component.build([], **provided)
+    if component is None or not component.shared:
+        return made
+    return component.extended(made, [], n_steps=provided["n_steps"], x_hat=provided.get("x_hat", 0.0))
 
 
 def problem_of(error: CodeError, mark: Mark, path: str) -> Problem:

@@ -12,11 +12,11 @@ from dataclasses import is_dataclass
 from typing import Any, NamedTuple, get_args
 
 from rmpc_bench.config.annotation_schema import Schema, mapping_schema, record_schema
-from rmpc_bench.config.component import plain_data
+from rmpc_bench.config.component import SHARED_KEYS, plain_data
 from rmpc_bench.config.key_meanings import key_meanings
 from rmpc_bench.config.schema import hints, keys_of
 from rmpc_bench.config.schema_words import type_words, unit_of
-from rmpc_bench.config.section_schemas import PLANT_KEYS
+from rmpc_bench.config.section_schemas import MODEL_KEYS, PLANT_KEYS
 from rmpc_bench.types.sweep_points import value_text
 
 _SECTION = re.compile(r"^(\w+)\n-{3,}\n", re.MULTILINE)
@@ -96,7 +96,8 @@ def _keys(group: str, kind: str, design: Any) -> tuple[KeyEntry, ...]:
 
 def shared_keys(group: str) -> tuple[KeyEntry, ...]:
     """Return the keys that every component of a group has, beside its own."""
-    return keys_of_schema({"properties": PLANT_KEYS}) if group == "plants" else ()
+    shared = {"plants": PLANT_KEYS, "models": {name: MODEL_KEYS[name] for name in SHARED_KEYS["models"]}}
+    return keys_of_schema({"properties": shared[group]}) if group in shared else ()
 
 
 def entry(name: str, schema: Schema, default: str | None, keys: tuple[KeyEntry, ...] = ()) -> KeyEntry:

@@ -79,7 +79,8 @@ def _shared(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[st
     terms = {f"noise.{channel}.{i}": term for channel, sum_ in draft.noise.items() for i, term in enumerate(sum_)}
     terms |= {f"initial.{i}": term for i, term in enumerate(draft.initial["laws"])}
     if draft.model is not None and any(term.same is not None for term in terms.values()):
-        common["model"] = draft.model.resolved(without_path)
+        # The noise of the plant does not depend on the disturbances of the design model.
+        common["model"] = draft.model.without_shared().resolved(without_path)
         roles["model"] = draft.model
     # An edit of an estimator in the file of the plant is no other experiment.
     code = own.identity({**roles, **{role: term.law for role, term in terms.items()}}, whole=False)

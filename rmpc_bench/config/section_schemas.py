@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from rmpc_bench.config.annotation_schema import CODE, Schema, record_schema
 from rmpc_bench.config.noise_section import DISTRIBUTIONS, SCALE
+from rmpc_bench.models.disturbance import Disturbance
 
 NUMBER: Schema = {"type": ["number", "string"]}
 _EXPRESSIONS: Schema = {
@@ -40,8 +41,15 @@ PLANT_KEYS: dict[str, Schema] = {
 """Keys of every plant."""
 PLANT_OF: Schema = {"type": "string", "description": "a configuration whose plant is taken; see `plant`"}
 MODEL_KEYS: dict[str, Schema] = {
-    "from": {"const": "plant", "description": "takes the parameters of the plant, which further keys may change"}
+    "from": {"const": "plant", "description": "takes the parameters of the plant, which further keys may change"},
+    "disturbance": {
+        "anyOf": [{"enum": ["none"]}, record_schema(Disturbance)],
+        "default": "none",
+        "description": "unknown disturbances, which the estimator estimates as further states and the controller "
+        "takes into account",
+    },
 }
+"""Keys of every model."""
 
 
 def uncertainty() -> Schema:

@@ -148,19 +148,21 @@ def _method_model(method: Method, data: Mapping[str, Any], experiment: Experimen
 def _redesigned(
     build: Build, data: Mapping[str, Any], experiment: Experiment, n_steps: int, *, estimator: bool
 ) -> tuple[Any, Array, Any] | None:
-    """Design model, P0 and estimator from plain data, for some number of steps."""
+    """Design model without disturbances, P0 of x, and estimator from plain data, for some number of steps."""
     plant = experiment.plant
-    model = build("models", data.get("model"), Ts=plant.Ts, n_steps=n_steps, plant=plant)
+    model = build("models", data.get("model"), Ts=plant.Ts, n_steps=n_steps, plant=plant, x_hat=data["x_hat"])
     if model is None or not model.is_linear_model:
         return None
-    n = len(model.A)
+    n, of_x = model.undisturbed.nx, model.undisturbed
     try:
         x0 = initial_state(data["x_hat"], n)
-        P0 = model.Q_w if isinstance(data["P"], str) else initial_covariance(data["P"], n)
+        P0 = of_x.Q_w if isinstance(data["P"], str) else initial_covariance(data["P"], n)
     except DesignError:
         return None
-    provided = {"model": model, "n_steps": n_steps, "x0": x0, "P0": P0, "plant": None}
-    return model, P0, build("estimators", data.get("estimator"), **provided) if estimator else None
+    start = model.start(x0, P0, np.zeros((n, n)))
+    provided = {"model": model, "n_steps": n_steps, "x0": start["x0"], "P0": start["P0"], "plant": None}
+    # The plant has no disturbance: what is compared with it is the model of x.
+    return of_x, P0, build("estimators", data.get("estimator"), **provided) if estimator else None
 
 
 def _plants(experiment: Experiment) -> list[LinearPlant]:

@@ -80,7 +80,8 @@ class _DesignModel:
     def get(self) -> Any:
         """Return the design model, None where it cannot be built."""
         plant, n_steps = self.experiment.plant, self.experiment.n_steps
-        return self.build("models", self.data.get("model"), Ts=plant.Ts, n_steps=n_steps, plant=plant)
+        x_hat, sizes = self.data.get("x_hat", 0.0), {"Ts": plant.Ts, "n_steps": n_steps}
+        return self.build("models", self.data.get("model"), **sizes, plant=plant, x_hat=x_hat)
 
 
 def _uncontrolled(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:

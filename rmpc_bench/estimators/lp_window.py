@@ -143,7 +143,7 @@ class LpWindow(Estimator):
         return isinstance(self.model, StateDependentModel)
 
     @cached_property
-    def _largest(self) -> float:
+    def _largest(self) -> float | Float[Array, " nx"]:
         return cast("StateDependentModel", self.model).largest if self._depends else inf
 
     @cached_property

@@ -8,7 +8,16 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, DesignError, Estimate, Issue, MetricLayout, Record, as_estimate
+from rmpc_bench.types import (
+    Array,
+    DesignError,
+    Estimate,
+    Issue,
+    MetricLayout,
+    Record,
+    as_estimate,
+    without_disturbances,
+)
 
 ReportedMatrix = Literal["P", "M"]
 DESCRIPTIONS: dict[ReportedMatrix, str] = {"P": "the covariance P", "M": "the set M"}
@@ -27,10 +36,11 @@ def first_estimates(layout: MetricLayout) -> Iterator[tuple[str, Estimate]]:
     for method in layout.methods:
         known = layout.first_estimates.get(method.name)
         if known is not None:
-            yield method.name, known
+            yield method.name, without_disturbances(known, method.n_disturbances)
         elif not (method.estimator.knows_uncertainty or method.name in layout.first_estimates):
             with np.errstate(all="ignore"):
-                yield method.name, as_estimate(method.estimator.correct(0, method.estimator.init(1), y)[1])
+                estimate = as_estimate(method.estimator.correct(0, method.estimator.init(1), y)[1])
+            yield method.name, without_disturbances(estimate, method.n_disturbances)
 
 
 def check_state_lengths(layout: MetricLayout, key: str = "") -> Iterator[Issue]:

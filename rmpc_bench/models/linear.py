@@ -33,6 +33,7 @@ class LinearModel(Model):
     f0 : (nx,) constant part of x(k+1), zero by default
     d0 : (ny,) constant part of y(k), zero by default
     extra_signals : name -> rows Z of a signal z = Z x that limits may name, none by default
+    disturbance_inputs : name -> B_d of a place where `disturbance` of a configuration may enter, none by default
 
     Raises
     ------
@@ -49,6 +50,7 @@ class LinearModel(Model):
     f0: Float[Array, " nx"]
     d0: Float[Array, " ny"]
     extra_signals: Mapping[str, Float[Array, "nz nx"]]
+    disturbance_inputs: Mapping[str, Float[Array, "nx nd"]]
 
     is_linear_model = True
 
@@ -64,6 +66,7 @@ class LinearModel(Model):
         f0: Array | list[float] | None = None,
         d0: Array | list[float] | None = None,
         extra_signals: Mapping[str, Array] | None = None,
+        disturbance_inputs: Mapping[str, Array] | None = None,
     ) -> None:
         for name, matrix in _system({"A": A, "B": B, "C": C}).items():
             object.__setattr__(self, name, matrix)
@@ -80,6 +83,7 @@ class LinearModel(Model):
                 raise DesignError(f"{name} has shape {array.shape}; {shape} fits the other matrices{turned}")
             object.__setattr__(self, name, array)
         object.__setattr__(self, "extra_signals", dict(extra_signals or {}))
+        object.__setattr__(self, "disturbance_inputs", dict(disturbance_inputs or {}))
 
     def at(self, k: int) -> LinearModel:
         """Return the model at k, which is the same at every k."""

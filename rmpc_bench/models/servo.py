@@ -42,6 +42,9 @@ LOAD_TORQUE, MOTOR_TORQUE = "shaft_torque", "motor_torque"
 TORQUE_UNITS: Mapping[str, str] = {LOAD_TORQUE: "N m", MOTOR_TORQUE: "N m"}
 """Torques of the shaft -> unit."""
 
+LOAD = "load"
+"""Place of a disturbance: a torque on the load [N m], constant over a sample."""
+
 MUST_BE_POSITIVE = ("J_m", "R", "rho", "J_l")
 """Parameters that appear as divisors in the equations of motion."""
 
@@ -146,7 +149,14 @@ def design(
     A_bar, B_bar = continuous(p)
     G_bar = as_matrix(noise.process, 4)
     A, B = discretise(A_bar, B_bar, Ts)
+    on_load = discretise(A_bar, np.array([[0.0], [1.0 / J_l], [0.0], [0.0]]), Ts)[1]
     C = np.array([[1.0, 0.0, 0.0, 0.0]])
     return LinearModel(
-        A, B, C, van_loan(A_bar, G_bar @ G_bar.T, Ts), np.array([[noise.measurement**2]]), extra_signals=torques(p)
+        A,
+        B,
+        C,
+        van_loan(A_bar, G_bar @ G_bar.T, Ts),
+        np.array([[noise.measurement**2]]),
+        extra_signals=torques(p),
+        disturbance_inputs={LOAD: on_load},
     )

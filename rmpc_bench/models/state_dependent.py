@@ -47,8 +47,8 @@ class StateDependentModel(Model):
         return self.R_v
 
     @attribute
-    def largest(self) -> float:
-        """Largest magnitude of a coordinate of an estimate that has a meaning."""
+    def largest(self) -> float | Float[Array, " nx"]:
+        """Largest magnitude of a coordinate of an estimate that has a meaning, one number or one per coordinate."""
         return np.inf
 
     def at(self, k: int, /) -> Any:

@@ -50,7 +50,7 @@ def checked_calls(plant: Plant, method: Method, alive: Bool[Array, " runs"], jou
     alive : whether a run has not failed, updated in place
     journal : gets the warnings of components that are not built in
     """
-    _, estimator, controller = method
+    estimator, controller = method.estimator, method.controller
     return (
         CheckedPlant(plant, alive, journal) if is_own(plant) else plant,
         CheckedEstimator(estimator, alive, journal) if is_own(estimator) else estimator,

@@ -30,6 +30,7 @@ from rmpc_bench.types import (
     as_command,
     as_estimate,
     as_motion,
+    without_disturbances,
 )
 
 BURSTS = "bursts"
@@ -133,7 +134,7 @@ def simulate(
     start : for components that take the runs of the block; runs 0, 1, .. of seed 0 unless given
     last : sample after which the simulation ends; what the trajectories hold for later samples has no meaning
     """
-    estimator, controller = method.estimator, method.controller
+    estimator, controller, nd = method.estimator, method.controller, method.n_disturbances
     n_runs, x = len(draws.x0), draws.x0
     start, runs = start or RunStart(0, tuple(range(n_runs)), Journal()), RunState.of(n_runs)
     alive, failed = runs
@@ -161,10 +162,11 @@ def simulate(
             e, answer = timed.correct(k, e, y)
             estimate = as_estimate(answer)
             estimate = estimate._replace(x_hat=np.array(estimate.x_hat))
-            status = runs.after(limits.of_estimate(status, estimate.status, estimate.x_hat))
-            outputs.at(k, x_hat=estimate.x_hat, **_wanted(estimate.info, info))
-            outputs.matrix_at(k, "P", estimate.P if with_P else None)
-            outputs.matrix_at(k, "M", estimate.M if with_M else None)
+            status = runs.after(limits.of_estimate(status, estimate.status, estimate.x_hat, nd))
+            of_x = without_disturbances(estimate, nd)
+            outputs.at(k, x_hat=of_x.x_hat, **_wanted(of_x.info, info))
+            outputs.matrix_at(k, "P", of_x.P if with_P else None)
+            outputs.matrix_at(k, "M", of_x.M if with_M else None)
             if k == n_steps:
                 break
             c, chosen = timed.control(k, c, y, estimate, r[k : k + preview])

@@ -15,7 +15,7 @@ from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.state_range import OK, RunLimits
-from rmpc_bench.types import Array, Estimator, Journal, Status, as_estimate, as_motion
+from rmpc_bench.types import Array, Estimator, Journal, Status, as_estimate, as_motion, without_disturbances
 
 _STATUSES = {int(status): status for status in Status}
 
@@ -47,14 +47,21 @@ class Episode:
     experiment : gives plant, random inputs and reference
     run : index of the run; one beyond those of the experiment has random inputs that no run of it has
     estimator : gives an estimate at every sample; None for none
+    n_disturbances : number of its last states that are disturbances and no part of the estimate of x
     preview : number of samples of the reference, r(k) included
     """
 
     def __init__(
-        self, experiment: Experiment, run: int, *, estimator: Estimator | None = None, preview: int = 1
+        self,
+        experiment: Experiment,
+        run: int,
+        *,
+        estimator: Estimator | None = None,
+        n_disturbances: int = 0,
+        preview: int = 1,
     ) -> None:
         self.plant, self.n_steps, self.run = experiment.plant, experiment.n_steps, run
-        self.estimator, self.preview, self.k = estimator, preview, 0
+        self.estimator, self.n_disturbances, self.preview, self.k = estimator, n_disturbances, preview, 0
         scenario, runs = experiment.scenario, range(run, run + 1)
         draws = scenario.draw(self.plant, runs, self.n_steps)
         self.r = scenario.reference.sample(self.n_steps + 1 + preview)
@@ -115,9 +122,9 @@ class Episode:
         if self.estimator is not None:
             self._e, answer = self.estimator.correct(k, self._e, y)
             estimate = as_estimate(answer)
-            x_hat = np.array(estimate.x_hat)
-            self._status = self._runs.after(self._limits.of_estimate(self._status, estimate.status, x_hat))
-            x_hat = x_hat[0]
+            x_hat, nd = np.array(estimate.x_hat), self.n_disturbances
+            self._status = self._runs.after(self._limits.of_estimate(self._status, estimate.status, x_hat, nd))
+            x_hat = without_disturbances(estimate, nd).x_hat[0]
         failure = self.journal.failures.get(self.run)
         status, message = _STATUSES[int(self._status[0])], "" if failure is None else failure.message
         return Sample(k, y[0], y_true[0], self._x[0].copy(), self.r[k : k + self.preview], x_hat, status, message)

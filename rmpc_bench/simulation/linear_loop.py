@@ -20,6 +20,7 @@ from rmpc_bench.simulation.run_start import RunStart
 from rmpc_bench.simulation.scenario import Draws, Experiment
 from rmpc_bench.simulation.state_range import DEFAULT_RANGE, OK, RunLimits, StateRange
 from rmpc_bench.types import (
+    DISTURBANCES,
     Array,
     CompiledFilter,
     CompiledLaw,
@@ -109,14 +110,22 @@ def compiled_loop(
         return None
     known = r[: n_steps + 1].copy()
     limits = RunLimits(state_range, x0, known)
-    signals, status = _simulated(plant, compiled, filter_, law, limits, x0, w, v, n_steps, info)
+    nd = method.n_disturbances
+    of_estimates = limits.of_estimates((len(x0), len(filter_.schedule.x0)), nd)
+    signals, status = _simulated(plant, compiled, filter_, law, limits, of_estimates, x0, w, v, n_steps, info)
     if method.estimator.bridges_missing and np.isnan(signals["y"]).any():
         return None
     matrices = {"P": with_P, "M": with_M}
     P, M = (_over_time(getattr(method.estimator, name), n_steps) if want else None for name, want in matrices.items())
     x, y, x_hat, u = (signals[name] for name in ("x", "y", "x_hat", "u"))
+    reported = _reported(signals, filter_, info)
+    if nd:
+        # Contiguous, so that sums over time are those of the simulation step by step.
+        reported |= {DISTURBANCES: np.ascontiguousarray(x_hat[:, :, -nd:])} if DISTURBANCES in info else {}
+        x_hat = np.ascontiguousarray(x_hat[:, :, :-nd])
+        P, M = (None if each is None else np.ascontiguousarray(each[:, :-nd, :-nd]) for each in (P, M))
     record = Record(plant.Ts, x, y, x_hat, u, known, P, M, method.controller, bursts=draws.bursts)
-    return record._replace(info=_reported(signals, filter_, info), delta=draws.delta), status
+    return record._replace(info=reported, delta=draws.delta), status
 
 
 def _simulated(
@@ -125,6 +134,7 @@ def _simulated(
     filter_: CompiledFilter,
     law: CompiledLaw,
     limits: RunLimits,
+    of_estimates: Float[Array, "runs _"],
     x0: Float[Array, "runs nx"],
     w: Float[Array, "runs samples nw"],
     v: Float[Array, "runs samples ny"],
@@ -153,7 +163,7 @@ def _simulated(
         compiled.advance, compiled.measure, as_compiled(compiled.own), as_compiled(compiled.shared), compiled.sizes,
         np.zeros(compiled.work), as_compiled_statuses(compiled.status),
         as_compiled(_packed_filter(filter_)), as_compiled(law_rows), as_compiled(law.given), constants, shape,
-        as_compiled(limits.of_x), as_compiled(np.broadcast_to(limits.of_estimates((n_runs, nh)), (n_runs, nh))),
+        as_compiled(limits.of_x), as_compiled(np.broadcast_to(of_estimates, (n_runs, nh))),
         as_compiled(x0), as_compiled(w), as_compiled(v), *(signals[name] for name in ("x", "y", "x_hat", "u", "e")),
         status,
     )  # fmt: skip

@@ -68,16 +68,25 @@ class RunLimits:
             reported = np.where(reported != OK, reported, left)
         return first_failure(status, reported, np.abs(x) <= self.of_x)
 
-    def of_estimate(self, status: Statuses, reported: Statuses, x_hat: Float[Array, "runs nx_hat"]) -> Statuses:
+    def of_estimate(
+        self, status: Statuses, reported: Statuses, x_hat: Float[Array, "runs nx_hat"], n_disturbances: int = 0
+    ) -> Statuses:
         """Return the first failure of every run after a correction.
 
         The states of a design model have no limits of their own: where their number is not that of the plant, the
         largest limit of the plant counts.
         """
-        return first_failure(status, reported, np.abs(x_hat) <= self.of_estimates(x_hat.shape))
+        return first_failure(status, reported, np.abs(x_hat) <= self.of_estimates(x_hat.shape, n_disturbances))
 
-    def of_estimates(self, shape: tuple[int, ...]) -> Float[Array, "runs _"]:
-        """Return the limits of estimates, to be broadcast to their shape (runs, nx_hat)."""
+    def of_estimates(self, shape: tuple[int, ...], n_disturbances: int = 0) -> Float[Array, "runs _"]:
+        """Return the limits of estimates, to be broadcast to their shape (runs, nx_hat).
+
+        Disturbances, the last coordinates, may have any unit: they must be below 1e100, as inputs.
+        """
+        if n_disturbances:
+            runs, n = shape
+            of_x = np.broadcast_to(self.of_estimates((runs, n - n_disturbances)), (runs, n - n_disturbances))
+            return np.hstack([of_x, np.full((runs, n_disturbances), LARGEST)])
         return self.of_x if shape == self.of_x.shape else self._of_x_hat
 
     def of_input(self, status: Statuses, reported: Statuses, u: Float[Array, "runs nu"]) -> Statuses:

@@ -58,6 +58,7 @@ from rmpc_bench.types.plant_info import PlantInfo, SignalLimits
 from rmpc_bench.types.plot_records import Line, Panel
 from rmpc_bench.types.recorded_runs import RecordedRuns
 from rmpc_bench.types.records import (
+    DISTURBANCES,
     Channel,
     Command,
     Estimate,
@@ -71,6 +72,7 @@ from rmpc_bench.types.records import (
     as_command,
     as_estimate,
     as_motion,
+    without_disturbances,
 )
 from rmpc_bench.types.reference import Reference
 from rmpc_bench.types.result_layout import ResultLayout
@@ -82,6 +84,7 @@ from rmpc_bench.types.status import (
 )
 
 __all__ = [
+    "DISTURBANCES",
     "NO_WATCH",
     "Array",
     "Bound",
@@ -165,4 +168,5 @@ __all__ = [
     "issues_of",
     "no_such_component",
     "row_by_row",
+    "without_disturbances",
 ]

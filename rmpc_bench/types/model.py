@@ -117,11 +117,32 @@ class Model:
         return {}
 
     @attribute
+<<<<<<< HEAD
+=======
+    def disturbance_inputs(self) -> Mapping[str, Float[Array, "nx nd"]]:
+        """Places besides `input` and `output` where a disturbance may enter, such as the load: name -> B_d."""
+        return {}
+
+    @attribute
+>>>>>>> 03c5ea2 (models: unknown disturbances as further states of any design model, with the test of their detectability)
     def n_disturbances(self) -> int:
         """Number of estimated disturbances, which are the last states."""
         return 0
 
     @attribute
+<<<<<<< HEAD
+=======
+    def undisturbed(self) -> Model:
+        """The model without its disturbances; the model itself if it has none."""
+        return self
+
+    @attribute
+    def D0(self) -> Float[Array, "nd nd"]:
+        """Covariance of the disturbances at k = 0."""
+        return np.zeros((self.n_disturbances, self.n_disturbances))
+
+    @attribute
+>>>>>>> 03c5ea2 (models: unknown disturbances as further states of any design model, with the test of their detectability)
     def operating_point(self) -> OperatingPoint | None:
         """Point around which the model is linear; None for a model without one, whose equations hold everywhere."""
         return None
@@ -145,6 +166,20 @@ class Model:
     def deviation(self) -> Model:
         """The model of x - x_op, u - u_op and y - y_op; the model itself without an operating point."""
         return self
+
+    def start(self, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]) -> dict[str, Array]:
+        """Return x0, P0 and M0 of estimators: the disturbances have mean 0, covariance D0 and no bounded part.
+
+        Parameters
+        ----------
+        x0, P0, M0 : mean, covariance and shape of the bounded part of x(0), without disturbances
+        """
+        nd, n = self.n_disturbances, len(x0)
+        if not nd:
+            return {"x0": x0, "P0": P0, "M0": M0}
+        P = np.pad(P0, (0, nd))
+        P[n:, n:] = self.D0
+        return {"x0": np.pad(x0, (0, nd)), "P0": P, "M0": np.pad(M0, (0, nd))}
 
     def _constant(self, name: str) -> Array:
         """Return a matrix of the linear model; an AttributeError where it depends on k."""

@@ -12,6 +12,8 @@ from jaxtyping import Float
 from rmpc_bench.types.basics import Array
 from rmpc_bench.types.status import Statuses
 
+DISTURBANCES = "d_hat"
+"""Entry of the info of an estimate: the estimated disturbances of the design model."""
 _ALL_OK = np.zeros((), dtype=np.int8)
 """Status of every run where a component gives none; `as_estimate` and its siblings repeat it for every run."""
 _ALL_OK.setflags(write=False)
@@ -28,6 +30,31 @@ class Estimate(NamedTuple):
     """Shape matrix of the reported set of x_hat - x."""
     status: Statuses = _ALL_OK
     info: Mapping[str, Array] = _NO_INFO
+
+
+def without_disturbances(estimate: Estimate, nd: int) -> Estimate:
+    """Return the estimate of x from that of [x; d]; its info has d_hat as a further entry.
+
+    Parameters
+    ----------
+    estimate : of a design model whose last ``nd`` states are disturbances
+    nd : number of disturbances
+
+    Examples
+    --------
+    >>> found = without_disturbances(Estimate(np.array([[1.0, 2.0, 5.0]])), 1)
+    >>> found.x_hat.tolist(), found.info["d_hat"].tolist()
+    ([[1.0, 2.0]], [[5.0]])
+    """
+    if not nd:
+        return estimate
+    x_hat, P, M = estimate.x_hat, estimate.P, estimate.M
+    return estimate._replace(
+        x_hat=x_hat[:, :-nd],
+        P=None if P is None else P[..., :-nd, :-nd],
+        M=None if M is None else M[..., :-nd, :-nd],
+        info={**estimate.info, DISTURBANCES: x_hat[:, -nd:]},
+    )
 
 
 class Command(NamedTuple):
