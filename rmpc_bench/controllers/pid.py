@@ -13,7 +13,7 @@ Model   u = u_op + P + I + D with three gains that act side by side (parallel fo
             clamping          I(k) = I(k-1) where Ki (r(k) - y(k)) drives v(k) further beyond the limit,
             none              I(k) grows on.
         A missing measurement (NaN) is replaced by the last one, or y_op before the first one.
-Source  Astrom and Hagglund, Advanced PID Control (2006), chapters 3 and 13; the default of `Tt` is theirs.
+Source  Astrom and Hagglund, PID Controllers: Theory, Design, and Tuning (1995), with their rule for `Tt` as default.
 Limit   Ki = Kd = 0 is the proportional law u = u_op + Kp (b r - y).
 Cost    About fifteen operations per run, step and loop.
 Fails   Design error: the numbers of inputs and outputs differ and `outputs` does not choose them.
