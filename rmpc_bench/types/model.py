@@ -117,21 +117,16 @@ class Model:
         return {}
 
     @attribute
-<<<<<<< HEAD
-=======
     def disturbance_inputs(self) -> Mapping[str, Float[Array, "nx nd"]]:
         """Places besides `input` and `output` where a disturbance may enter, such as the load: name -> B_d."""
         return {}
 
     @attribute
->>>>>>> 03c5ea2 (models: unknown disturbances as further states of any design model, with the test of their detectability)
     def n_disturbances(self) -> int:
         """Number of estimated disturbances, which are the last states."""
         return 0
 
     @attribute
-<<<<<<< HEAD
-=======
     def undisturbed(self) -> Model:
         """The model without its disturbances; the model itself if it has none."""
         return self
@@ -142,7 +137,6 @@ class Model:
         return np.zeros((self.n_disturbances, self.n_disturbances))
 
     @attribute
->>>>>>> 03c5ea2 (models: unknown disturbances as further states of any design model, with the test of their detectability)
     def operating_point(self) -> OperatingPoint | None:
         """Point around which the model is linear; None for a model without one, whose equations hold everywhere."""
         return None
