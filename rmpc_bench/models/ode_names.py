@@ -80,20 +80,25 @@ def is_timed(rhs: Any, key: str = "ode") -> bool:
     return n == 4
 
 
-def check_output(output: Any) -> None:
+def check_output(output: Any, key: str = "output") -> None:
     """Refuse an output function that takes anything but (x, p).
+
+    Parameters
+    ----------
+    output : the user's function
+    key : of the configuration, for messages
 
     Raises
     ------
     DesignError
         With the reason for which an output cannot depend on u.
     """
-    n = _positional(output, "output")
-    if n in (3, 4):
+    n = _positional(output, key)
+    if n in (3, 4) and key == "output":
         reason = "u(k) is computed from y(k), so an output cannot depend on the input of the same sample"
         raise DesignError(f"{function_name(output)} must take (x, p): {reason}", "output")
     if n != 2:
-        raise DesignError(f"{function_name(output)} must take (x, p); it takes {_signature(output)}", "output")
+        raise DesignError(f"{function_name(output)} must take (x, p); it takes {_signature(output)}", key)
 
 
 def count(names: Names) -> int:

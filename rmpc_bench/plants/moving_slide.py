@@ -89,6 +89,27 @@ class MovingSlide(Plant):
         """Measure the pose."""
         return x[:, :3] + v
 
+    has_between = True
+
+    def between(
+        self,
+        delta: SlideDelta,
+        x: Float[Array, "runs steps 6"],
+        u: Float[Array, "runs steps 4"],
+        parts: int,
+        first: int = 0,
+    ) -> Float[Array, "runs steps parts 6"]:
+        """Integrate every period in equal parts, each with as many steps as the plant takes for a period."""
+        from rmpc_bench.models.moving_slide_kernel import slide_step_kernel
+
+        states, no_noise = np.empty((*x.shape[:2], parts, self.nx)), np.zeros((len(x), self.nx))
+        for k in range(x.shape[1]):
+            now, torques = as_compiled(x[:, k]), as_compiled(u[:, k])
+            for part in range(parts):
+                now, _ = slide_step_kernel(now, torques, no_noise, delta.numbers, self.Ts / parts, self.substeps)
+                states[:, k, part] = now
+        return states
+
     def manipulability(self, y: Float[Array, "poses 3"]) -> Float[Array, " poses"]:
         """Smallest singular value of J of the nominal robot."""
         from rmpc_bench.models.moving_slide_kernel import sigma_kernel

@@ -32,6 +32,7 @@ from jaxtyping import Float
 from rmpc_bench.models.ode_names import Names
 from rmpc_bench.plants.ode_design import equation, stepping_of
 from rmpc_bench.plants.ode_facts import facts
+from rmpc_bench.plants.ode_signals import extra_equation, extra_values, states_between
 from rmpc_bench.plants.ode_stepping import (
     RunAdvance,
     Solver,
@@ -86,6 +87,8 @@ class OdePlant(Plant):
     nominal: Mapping[str, float] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     cost_per_step: float = 0.0
+    extra: Ode | None = None
+    """The equation with the extra signals as its outputs; None where there are none."""
     starts_runs = True
 
     @property
@@ -123,9 +126,39 @@ class OdePlant(Plant):
         """Units of single components."""
         return self.ode.component_units()
 
+    @property
+    def extra_signals(self) -> Mapping[str, str]:
+        """Names of the extra signals with their units."""
+        return {} if self.extra is None else {name: self.extra.units.get(name, "") for name in self.extra.outputs}
+
+    def extra_signal(
+        self, name: str, delta: OdeDelta | StartedDelta, x: Float[Array, "runs samples nx"]
+    ) -> Float[Array, "runs samples"]:
+        """Return an extra signal with the parameters of every run."""
+        assert self.extra is not None
+        return extra_values(self.extra, name, delta.numbers, x)
+
+    @property
+    def has_between(self) -> bool:
+        """Whether there is anything between two samples: not with a map."""
+        return not self.ode.discrete
+
+    def between(
+        self,
+        delta: OdeDelta | StartedDelta,
+        x: Float[Array, "runs steps nx"],
+        u: Float[Array, "runs steps nu"],
+        parts: int,
+        first: int = 0,
+    ) -> Float[Array, "runs steps parts nx"]:
+        """Integrate every period in equal parts by the integrator of the plant."""
+        alive = delta.runs.alive if isinstance(delta, StartedDelta) else np.ones(len(x), dtype=bool)
+        limited = np.clip(u, *self.ode.limits(self.ode.inputs))
+        return states_between(self.ode, self.Ts, self.stepping, delta.numbers, x, limited, parts, first, alive)
+
     def facts(self) -> list[tuple[str, str]]:
         """Names with units and bounds, and the integration over a sample."""
-        return facts(self.ode, self.stepping)
+        return facts(self.ode, self.stepping, self.extra)
 
     def draw(
         self, parameters: Mapping[str, Float[Array, " runs"]], rngs: Sequence[np.random.Generator], n_steps: int
@@ -254,6 +287,8 @@ def design(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     x0: Any = None,
     discrete: bool = False,
+    extra_signal: UserFunction = None,
+    extra_signals: Names | None = None,
 ) -> OdePlant:
     """Ordinary differential equation in a Python function.
 
@@ -274,6 +309,9 @@ def design(
     bounds : name of a state or an input -> lower and upper bound
     x0 : (nx,) initial state, from which the functions are tried
     discrete : whether rhs returns x(k+1) in place of time derivatives
+    extra_signal : ``PATH.py:NAME`` of extra_signal(x, p), which returns signals that are not measured, such as a
+        torque; metrics and `record` may name them
+    extra_signals : their names, such as ``{torque: N m}``
 
     Raises
     ------
@@ -291,4 +329,5 @@ def design(
     record, reasons = equation(ode, output, states, inputs, outputs, parameters or {}, bounds or {}, start, discrete)
     stepping, remarks, cost = stepping_of(record, float(Ts), n_steps, solver, events, reasons, start)
     record = replace(record, substeps=stepping.substeps)
-    return OdePlant(float(Ts), record, stepping, record.nominal, remarks, cost)
+    extra, more = extra_equation(record, extra_signal, extra_signals, start)
+    return OdePlant(float(Ts), record, stepping, record.nominal, remarks + more, cost, extra)

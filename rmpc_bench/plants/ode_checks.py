@@ -80,8 +80,8 @@ def rhs_takes_blocks(ode: Ode, x0: Float[Array, " nx"]) -> str:
     )  # fmt: skip
 
 
-def output_takes_blocks(ode: Ode, x0: Float[Array, " nx"]) -> str:
-    """Say the same of an output function.
+def output_takes_blocks(ode: Ode, x0: Float[Array, " nx"], key: str = "output") -> str:
+    """Say the same of an output function, which a key of the configuration names.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def output_takes_blocks(ode: Ode, x0: Float[Array, " nx"]) -> str:
     return _takes_blocks(
         lambda part, p: ode.measure(padded(part.x), p),
         lambda x, u, p: ode.measure(x, p),
-        ode, some, "output", function_name(ode.output),
+        ode, some, key, function_name(ode.output),
     )  # fmt: skip
 
 

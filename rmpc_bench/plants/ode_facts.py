@@ -9,14 +9,15 @@ from rmpc_bench.plants.ode_stepping import Stepping
 from rmpc_bench.types import Ode
 
 
-def facts(ode: Ode, stepping: Stepping) -> list[tuple[str, str]]:
-    """Return labels and texts."""
+def facts(ode: Ode, stepping: Stepping, extra: Ode | None = None) -> list[tuple[str, str]]:
+    """Return labels and texts; `extra` is the equation with the extra signals as its outputs."""
     arguments, left = "t, x, u, p" if ode.timed else "x, u, p", "x(k+1)" if ode.discrete else "x'"
     found = [
         ("equation", f"{left} = {function_name(ode.rhs)}({arguments})"),
         ("states", _names(ode, ode.states)),
         ("inputs", _names(ode, ode.inputs) or "none"),
         ("outputs", _names(ode, ode.outputs) + (" (all states)" if ode.output is None else "")),
+        *([] if extra is None else [("extra signals", _names(extra, extra.outputs))]),
         ("parameters", ", ".join(f"{name} = {value:g}" for name, value in ode.nominal.items()) or "none"),
         *([] if ode.discrete else [("solver", _solver(stepping))]),
         ("calls of rhs", "all runs of a block at once" if ode.rhs_takes_blocks and stepping.substeps else "run by run"),

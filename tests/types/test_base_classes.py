@@ -22,6 +22,8 @@ DEFAULTS = {
         "has_period": False,
         "opponent": None,
         "has_singular_poses": False,
+        "extra_signals": {},
+        "has_between": False,
         "system": None,
     },
     Estimator: {
