@@ -1,9 +1,8 @@
-"""Generalised predictive control: positional form, no constraints, output weight constant or adapted to the noise.
+"""Generalised predictive control: positional form, output weight constant or adapted to the noise.
 
 Contents
-    1  law with a constant output weight                       Gpc
-    2  law with an output weight adapted to the noise          TunedGpc
-    3  design and checks of the keys                           design, _noise
+    design, which checks the keys.  The laws are in gpc_law.py, their limits in gpc_limits.py, gpc_rows.py and
+    gpc_programs.py.
 
 Model   At every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
         |Q_yw (y(k+j) - r(k+j))|^2 + |Q_u u(k+j-1)|^2, predicted from x_hat(k) with one model over the horizon, and
@@ -13,241 +12,58 @@ Model   At every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
         A state-dependent model is evaluated at x_hat(k-1), at k = 0 at x_hat(0); a time-varying model at k.
         The predictions include the constant parts of the model and, if the estimator estimates it, the mean of the
         process noise (`w_mean` of the estimate), which is held over the horizon.
-Source  belda2017, section III; order of the steps as in its section VI.
+Limits  `enforce: clip` clips the increment u(k) - u(k-1) of that input, then the input; u(-1) is 0 or u_op.
+        `enforce: qp` adds the constraints
+            u_low <= u(k+j) <= u_high,  du_low <= u(k+j) - u(k+j-1) <= du_high           for j = 0..Np-1
+            z_low - eps <= z(k+j) <= z_high + eps,  eps >= 0                             for j = 1..steps, `soft`
+        and, for every slack, linear eps / scale + quadratic / 2 (eps / scale)^2 to the cost.  Runs in which no limit
+        acts have the input of the law without limits.  `loss` is the minimal cost without limits.
+        `linear` is in the unit of the cost: with outputs in metres and Q_yw = 1, an output error of 1 cm over a
+        horizon of 10 samples costs 1e-3.
+Source  belda2017, section III; order of the steps as in its section VI.  The limits are an addition.
 Tuning  `constant`, or `lp-noise` (noise_tuning.py), which computes Q_yw(k) from recent estimates and measurements.
 Limit   Without a reference lqr with horizon = Np, Q_x = C' Q_yw' Q_yw C and R_u = Q_u' Q_u.  With Np = 1, Q_u = 0 and
-        C B square, y(k+1) = r(k+1).
+        C B square, y(k+1) = r(k+1).  `enforce: qp` with limits that never act is the law without limits.
 Cost    With constant weights and a constant linear model two small matrix-vector products per run and step.  Otherwise
         a square-root recursion over the horizon, about 10 us for six states, four inputs and Np = 10.
-Fails   Design error if the cost does not determine the inputs, for example Q_u = 0 with more inputs than outputs.
+Fails   Design error if the cost does not determine the inputs, for example Q_u = 0 with more inputs than outputs.  With
+        `enforce: qp` a step for which no inputs satisfy the hard limits, or for which the solver fails, applies
+        `fallback` and is counted.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning, TuningData
-from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean, with_output
+from rmpc_bench.controllers.gpc_law import Gpc, TunedGpc
+from rmpc_bench.controllers.gpc_limits import GpcLimits, limits_of
+from rmpc_bench.controllers.gpc_programs import VaryingProgram, constant_program
+from rmpc_bench.controllers.limits import Limits, SoftLimit
+from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning
+from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
-from rmpc_bench.numerics.linalg import as_matrix, mv
-from rmpc_bench.numerics.tracking import SMALLEST, TrackingLaw, gains, track
-from rmpc_bench.types import Array, Command, Controller, DesignError, Estimate, Estimator, Horizon, Matrix, Status
-
-OK = np.int8(Status.OK)
-
-
-class GpcState(NamedTuple):
-    """State of the controller between steps."""
-
-    x_previous: Float[Array, "runs nx"]
-    u_previous: Float[Array, "runs nu"]
-
-
-class TunedState(NamedTuple):
-    """State of the controller with an adapted output weight between steps."""
-
-    x_previous: Float[Array, "runs nx"]
-    u_previous: Float[Array, "runs nu"]
-    """Previous input; its deviation from u_op if the model has an operating point."""
-    Q_yw: Float[Array, "runs ny ny"]
-    window: Float[Array, "runs samples numbers"]
-    w_mean_previous: Float[Array, "runs nx"]
-    """Estimated mean of the process noise, 0 if the estimator does not estimate it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Gpc(Controller):
-    """The law with a constant output weight; create it with `design`.
-
-    Parameters
-    ----------
-    model : design model, linear or state-dependent
-    Np : prediction horizon [samples]
-    Q_yw : root of the output weight
-    R_u : upper triangular root of the input weight
-    gains : the constant law, None if the law varies with k or with the state
-    uses_mean : whether the predictions use the estimated mean of the process noise
-    """
-
-    model: Any
-    Np: int
-    Q_yw: Float[Array, "ny ny"]
-    R_u: Float[Array, "nu nu"]
-    gains: TrackingLaw | None
-    uses_mean: bool
-
-    @property
-    def preview(self) -> int:
-        """Samples r(k)..r(k+Np)."""
-        return self.Np + 1
-
-    @property
-    def reports(self) -> dict[str, tuple[int, ...]]:
-        """What the info of a command has."""
-        return {"Q_yw": self.Q_yw.shape, "loss": ()}
-
-    @property
-    def cost_per_step(self) -> float:
-        """Time of the recursion, and of a linearisation run by run [s]."""
-        return 0.0 if self.gains is not None else 1.2e-6 * self.Np + (3e-4 if self._offsets else 0.0)
-
-    def init(self, n_runs: int) -> GpcState | TunedState:
-        """Start with a previous estimate of 0, which the law does not use at k = 0."""
-        return GpcState(np.zeros((n_runs, self._nx)), np.zeros((n_runs, len(self.R_u))))
-
-    def control(
-        self,
-        k: int,
-        state: Any,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
-    ) -> tuple[Any, Command]:
-        """Apply the first input of the minimiser."""
-        x_hat = estimate.x_hat
-        if self.gains is not None:
-            d = self._frozen(k, x_hat, state.u_previous).d
-            u, loss = _linear(self.gains, self._extended(estimate), r[1:] - d)
-        else:
-            now = self._frozen(k, state.x_previous if k else x_hat, state.u_previous)
-            u, loss = self._first(now, self.Q_yw[None], estimate, r)
-        info = {"Q_yw": np.broadcast_to(self.Q_yw, (len(u), *self.Q_yw.shape)), "loss": loss}
-        return GpcState(x_hat, u), Command(self._physical(u), np.full(len(u), OK), info)
-
-    def warm_up(self) -> None:
-        """Compile the kernels of a step before the design is sent to workers."""
-        if self.gains is None:
-            self._try(0)
-
-    def _try(self, k: int) -> None:
-        ny = len(self.Q_yw)
-        x_hat = np.zeros((1, self._nx))
-        nothing = Estimate(x_hat, None, None, np.full(1, OK), {"w_mean": x_hat})
-        self.control(k, self.init(1), np.zeros((1, ny)), nothing, np.zeros((self.preview, ny)))
-
-    @cached_property
-    def _follows(self) -> bool:
-        """Whether the model is state-dependent."""
-        return isinstance(self.model, StateDependentModel)
-
-    @cached_property
-    def _offsets(self) -> bool:
-        """Whether the model has constant parts and an output matrix of every run."""
-        return bool(self._follows and self.model.has_offsets)
-
-    @cached_property
-    def _nx(self) -> int:
-        return int(self.model.nx if self._follows else self.model.at(0).nx)
-
-    def _frozen(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Frozen:
-        """Return the model at k; a state-dependent model is evaluated at x, and at u if it depends on the input."""
-        if self._offsets:
-            return with_output(self.model.around(k, x, u))
-        if self._follows:
-            (A, B), C = self.model.at_state(x), self.model.C
-            return Frozen(A, B, np.zeros(C.shape[1]), C, np.zeros(len(C)))
-        return frozen(self.model.at(k))
-
-    def _physical(self, u: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
-        """Return the inputs; `u` are their deviations from the operating point."""
-        return u if self.model.operating_point is None else u + self.model.u_op
-
-    def _first(
-        self,
-        now: Frozen,
-        Q_yw: Float[Array, "weights ny ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
-    ) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
-        """Return the first inputs and the minimal costs."""
-        now = with_mean(now) if self.uses_mean else now
-        A, B = (matrix if matrix.ndim == 3 else matrix[None] for matrix in (now.A, now.B))
-        return track(A, B, now.f, now.C, Q_yw, self.R_u, r[1:] - now.d, self._extended(estimate))
-
-    def _extended(self, estimate: Estimate) -> Float[Array, "runs n"]:
-        """Return the estimate, followed by the estimated mean of the process noise if it is used."""
-        if self._offsets:
-            # The states of `with_output`: its output at k has no effect.
-            nothing = np.zeros((len(estimate.x_hat), len(self.Q_yw)))
-            return np.hstack([estimate.x_hat, nothing, np.ones((len(nothing), 1))])
-        return np.hstack([estimate.x_hat, estimate.info["w_mean"]]) if self.uses_mean else estimate.x_hat
-
-
-@dataclass(frozen=True, eq=False)
-class TunedGpc(Gpc):
-    """The law with an output weight adapted to the noise; create it with `design`.
-
-    Parameters
-    ----------
-    noise : tuning of the output weight
-    """
-
-    noise: NoiseTuning
-
-    @property
-    def reports(self) -> dict[str, tuple[int, ...]]:
-        """What the info of a command has."""
-        return {**super().reports, **self.noise.reports}
-
-    @property
-    def cost_per_step(self) -> float:
-        """Time of the recursion and of LP2 [s]."""
-        return super().cost_per_step + (25e-6 if self.noise.keys.state_rows else 7e-6)
-
-    def init(self, n_runs: int) -> TunedState:
-        """Start with the output weight of the design and an empty window."""
-        Q_yw, nu = np.tile(self.Q_yw, (n_runs, 1, 1)), len(self.R_u)
-        nothing = np.zeros((n_runs, self._nx))
-        return TunedState(nothing, np.zeros((n_runs, nu)), Q_yw, self.noise.init(n_runs), nothing)
-
-    def control(
-        self,
-        k: int,
-        state: Any,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
-    ) -> tuple[Any, Command]:
-        """Compute the output weight and apply the first input of the minimiser."""
-        x_hat = estimate.x_hat
-        now = self._frozen(k, state.x_previous if k else x_hat, state.u_previous)
-        before = now if self._follows or k == 0 else self._frozen(k - 1, x_hat, state.u_previous)
-        x_tilde = mv(before.A, state.x_previous) + mv(before.B, state.u_previous) + before.f
-        x_tilde = x_tilde + state.w_mean_previous if self.uses_mean else x_tilde
-        sample = TuningData(y, mv(now.C, x_hat) + now.d, x_hat, x_tilde if k else np.full_like(x_hat, np.nan))
-        point = self.model.operating_point
-        if point is not None:
-            # The fits have no constant term: they are those of the deviations.
-            signals = zip(sample, (point.y, point.y, point.x, point.x), strict=True)
-            sample = TuningData(*(signal - centre for signal, centre in signals))
-        window = self.noise.moved(state.window, sample)
-        Q_yw, info = self.noise.penalties(k, window, state.Q_yw)
-        u, loss = self._first(now, Q_yw, estimate, r)
-        info = {"Q_yw": Q_yw, "loss": loss, **info}
-        w_mean = estimate.info["w_mean"] if self.uses_mean else state.w_mean_previous
-        after = TunedState(x_hat, u, Q_yw, window, w_mean)
-        return after, Command(self._physical(u), np.full(len(u), OK), info)
-
-    def warm_up(self) -> None:
-        """Compile the kernels of a step before the design is sent to workers."""
-        self._try(self.noise.start)
+from rmpc_bench.numerics.linalg import as_matrix
+from rmpc_bench.numerics.tracking import SMALLEST, TrackingLaw, gains
+from rmpc_bench.types import Array, DesignError, Estimator, Horizon, Matrix, PlantInfo
 
 
 def design(
     model: Any,
     n_steps: int | None = None,
     estimator: Estimator | None = None,
+    plant_info: PlantInfo | None = None,
     *,
     Np: Horizon,
     Q_yw: Matrix,
     Q_u: Matrix,
     tuning: ConstantTuning | LpNoise = ConstantTuning(),  # noqa: B008 - frozen, so it cannot be shared by mistake
+    limits: Limits | None = None,
+    soft: dict[str, SoftLimit] | None = None,
 ) -> Gpc:
     """Generalised predictive controller.
 
@@ -257,16 +73,22 @@ def design(
     n_steps : number of control periods; without it, a model that may vary is treated as varying
     estimator : estimator of the method; the predictions use the mean of the process noise if it estimates one, and
         `lp-noise` starts after the window of an estimator with a window is full
+    plant_info : names of the states and outputs, which soft limits may use
     Np : prediction horizon [samples]
     Q_yw : root of the weight of the output error: a number, a diagonal or a matrix
     Q_u : root of the weight of the input: a number, a diagonal or a matrix
     tuning : `{kind: constant}` keeps Q_yw, `{kind: lp-noise, ..}` adapts Q_yw to estimated bounds of the noise
+    limits : bounds of the input and of its increment, `{u: [low, high], du: [low, high], enforce: clip}`; with
+        `enforce: qp` they are constraints of the optimisation
+    soft : limits of predicted signals of the design model, measured or not, which may be exceeded at a cost; they need
+        `enforce: qp`
 
     Raises
     ------
     DesignError
-        If a size is inconsistent, the bounds are in the wrong order, the cost does not determine the inputs, or the
-        estimator estimates the mean of the process noise of a state-dependent model.
+        If a size is inconsistent, bounds are in the wrong order, the cost does not determine the inputs, a soft limit
+        names no signal of the design model, or the estimator estimates the mean of the process noise of a
+        state-dependent model.
     """
     model = _constant(model, n_steps)
     uses_mean = estimator is not None and estimator.estimates_mean
@@ -274,22 +96,48 @@ def design(
         raise DesignError("does not support an estimated mean of the process noise with a state-dependent model")
     now = model if isinstance(model, StateDependentModel) else model.at(0)
     outputs, inputs = _root("Q_yw", Q_yw, now.ny), _root("Q_u", Q_u, now.nu)
-    R_u = np.linalg.qr(inputs)[1]
+    R_u, extended = np.linalg.qr(inputs)[1], _extended_states(model, uses_mean=uses_mean)
+    limited = limits_of(limits, soft, model, extended, Np, plant_info)
     if isinstance(tuning, ConstantTuning) and isinstance(model, LinearModel):
         fixed = with_mean(frozen(model)) if uses_mean else frozen(model)
-        try:
-            law = gains(fixed.A, fixed.B, fixed.f, fixed.C, outputs, inputs, Np)
-        except ValueError as error:
-            raise DesignError(f"{error}; choose another Q_u", "Q_u") from None
-        return Gpc(model, Np, outputs, R_u, law, uses_mean)
+        law, limited = _gains(fixed, outputs, inputs, Np), _with_program(limited, fixed, outputs, inputs)
+        return Gpc(model, Np, outputs, R_u, law, uses_mean, limits=limited)
     sizes = np.linalg.svd(inputs, compute_uv=False)
     if not sizes[-1] > SMALLEST * sizes[0]:
         raise DesignError("must be of full rank, unless both the model and Q_yw are constant", "Q_u")
+    if limited is not None and limited.horizon is not None:
+        limited = replace(limited, program=VaryingProgram(R_u))
     if isinstance(tuning, ConstantTuning):
-        return Gpc(model, Np, outputs, R_u, None, uses_mean)
+        return Gpc(model, Np, outputs, R_u, None, uses_mean, limits=limited)
     if isinstance(model, StateDependentModel) and model.has_offsets:
         raise DesignError("does not support `at: trajectory` of the model; use constant", "tuning")
-    return TunedGpc(model, Np, outputs, R_u, None, uses_mean, _noise(tuning, estimator, now.nx, now.ny))
+    noise = _noise(tuning, estimator, now.nx, now.ny)
+    return TunedGpc(model, Np, outputs, R_u, None, uses_mean, noise, limits=limited)
+
+
+def _extended_states(model: Any, *, uses_mean: bool) -> int:
+    """Return the number of states of the predictions: those of `with_mean` and `with_output` are more."""
+    if isinstance(model, StateDependentModel):
+        return int(model.nx + (model.ny + 1 if model.has_offsets else 0))
+    nx = int(model.at(0).nx)
+    return 2 * nx if uses_mean else nx
+
+
+def _gains(fixed: Frozen, Q_yw: Float[Array, "ny ny"], Q_u: Float[Array, "nu nu"], Np: int) -> TrackingLaw:
+    """Return the constant law."""
+    try:
+        return gains(fixed.A, fixed.B, fixed.f, fixed.C, Q_yw, Q_u, Np)
+    except ValueError as error:
+        raise DesignError(f"{error}; choose another Q_u", "Q_u") from None
+
+
+def _with_program(
+    limits: GpcLimits | None, fixed: Frozen, Q_yw: Float[Array, "ny ny"], Q_u: Float[Array, "nu nu"]
+) -> GpcLimits | None:
+    """Return the limits with the program of a constant model."""
+    if limits is None or limits.horizon is None:
+        return limits
+    return replace(limits, program=constant_program(fixed, Q_yw, Q_u, limits.horizon.at(0)))
 
 
 def _root(name: str, root: Matrix, n: int) -> Float[Array, "n n"]:
@@ -318,13 +166,3 @@ def _noise(keys: LpNoise, estimator: Estimator | None, nx: int, ny: int) -> Nois
             f"must be at least {most - 1}: a fit of {most} coefficients needs as many samples", "tuning.Ne2"
         )
     return NoiseTuning(keys, keys.Ne2 + (0 if estimator is None else estimator.Ne), nx, ny)
-
-
-def _linear(
-    law: TrackingLaw, x: Float[Array, "runs nx"], w: Float[Array, "Np ny"]
-) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
-    """Return the first inputs and the minimal costs for constant gains."""
-    # The reference is the same for all runs.
-    ahead = w.reshape(1, -1)
-    e = mv(law.E_w, ahead) + law.e_0 - mv(law.E_x, x)
-    return mv(law.K_w, ahead) + law.u_0 - mv(law.K_x, x), (e * e).sum(axis=1)

@@ -121,6 +121,12 @@ def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
     return Bounds(*np.ascontiguousarray(given.T))
 
 
+def one_for_all(u: Bounds) -> tuple[float, float] | Bounds:
+    """Return numbers where the bounds are the same for all inputs."""
+    (low, high), same = u, all((each == each[0]).all() for each in u)
+    return (float(low[0]), float(high[0])) if same else u
+
+
 def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None) -> Signal:
     """Return the rows of a signal that the design model names.
 

@@ -35,7 +35,7 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.constrained import ConstrainedMoves, with_fallback
 from rmpc_bench.controllers.increments import IncrementCost, increment_program
-from rmpc_bench.controllers.limits import Bounds, Fallback, Limits, SoftLimit, bounds_of, soft_rows
+from rmpc_bench.controllers.limits import Bounds, Fallback, Limits, SoftLimit, bounds_of, one_for_all, soft_rows
 from rmpc_bench.controllers.prediction import predict_disturbance, predict_inputs, predict_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
@@ -271,7 +271,7 @@ def design(
     u_op = None if model.operating_point is None else model.u_op
     law_of_u: dict[str, Any] = {"preview": Hp + 1, "K_d": K_d, "u_0": u_0, "u_op": u_op}
     law_of_u["du"] = None if limits.du is None else du
-    gains = (first @ Psi, K_u, first, *_one_for_all(u))
+    gains = (first @ Psi, K_u, first, *one_for_all(u))
     if limits.enforce == "clip":
         return Mpc(*gains, **law_of_u)
     rows = soft_rows(soft or {}, model, Hp, plant_info)
@@ -288,12 +288,6 @@ def _refuse_constraints(limits: Limits, soft: Mapping[str, SoftLimit] | None, la
         raise DesignError("qp needs `law: increment`: the printed law does not depend on u(k-1)", "limits.enforce")
     if soft and limits.enforce != "qp":
         raise DesignError("needs `limits: {enforce: qp}`: a soft limit is a constraint of the optimisation", "soft")
-
-
-def _one_for_all(u: Bounds) -> tuple[float, float] | Bounds:
-    """Return numbers where the bounds are the same for all inputs."""
-    (low, high), same = u, all((each == each[0]).all() for each in u)
-    return (float(low[0]), float(high[0])) if same else u
 
 
 def _constant(model: Model) -> LinearModel:

@@ -1,0 +1,256 @@
+"""Laws of generalised predictive control, whose cost, readings and keys gpc.py defines.
+
+Contents
+    1  law with a constant output weight                       Gpc
+    2  law with an output weight adapted to the noise          TunedGpc
+
+Limits  Without limits, with limits that clip, and where no limit acts the inputs have the same bits; gpc_limits.py has
+        the programs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.controllers.gpc_limits import GpcLimits
+from rmpc_bench.controllers.limits import Bounds, one_for_all
+from rmpc_bench.controllers.noise_tuning import NoiseTuning, TuningData
+from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean, with_output
+from rmpc_bench.models.state_dependent import StateDependentModel
+from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.tracking import TrackingLaw, track
+from rmpc_bench.types import Array, Command, Controller, Estimate, Status
+
+OK = np.int8(Status.OK)
+
+
+class GpcState(NamedTuple):
+    """State of the controller between steps."""
+
+    x_previous: Float[Array, "runs nx"]
+    u_previous: Float[Array, "runs nu"]
+
+
+class TunedState(NamedTuple):
+    """State of the controller with an adapted output weight between steps."""
+
+    x_previous: Float[Array, "runs nx"]
+    u_previous: Float[Array, "runs nu"]
+    """Previous input; its deviation from u_op if the model has an operating point."""
+    Q_yw: Float[Array, "runs ny ny"]
+    window: Float[Array, "runs samples numbers"]
+    w_mean_previous: Float[Array, "runs nx"]
+    """Estimated mean of the process noise, 0 if the estimator does not estimate it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gpc(Controller):
+    """The law with a constant output weight; create it with `design`.
+
+    Parameters
+    ----------
+    model : design model, linear or state-dependent
+    Np : prediction horizon [samples]
+    Q_yw : root of the output weight
+    R_u : upper triangular root of the input weight
+    gains : the constant law, None if the law varies with k or with the state
+    uses_mean : whether the predictions use the estimated mean of the process noise
+    limits : limits of inputs and signals; None without
+    """
+
+    model: Any
+    Np: int
+    Q_yw: Float[Array, "ny ny"]
+    R_u: Float[Array, "nu nu"]
+    gains: TrackingLaw | None
+    uses_mean: bool
+    limits: GpcLimits | None = field(default=None, kw_only=True)
+
+    @property
+    def preview(self) -> int:
+        """Samples r(k)..r(k+Np)."""
+        return self.Np + 1
+
+    @property
+    def reports(self) -> dict[str, tuple[int, ...]]:
+        """What the info of a command has."""
+        optimised = self.limits is not None and self.limits.optimised
+        return {"Q_yw": self.Q_yw.shape, "loss": (), **({"qp": ()} if optimised else {})}
+
+    @property
+    def cost_per_step(self) -> float:
+        """Time of the recursion, and of a linearisation run by run [s]."""
+        return 0.0 if self.gains is not None else 1.2e-6 * self.Np + (3e-4 if self._offsets else 0.0)
+
+    @property
+    def input_limits(self) -> tuple[float | Float[Array, " nu"], float | Float[Array, " nu"]] | None:
+        """Lower and upper limit of all inputs, or of each."""
+        if self.limits is None:
+            return None
+        low, high = self.limits.inputs.u
+        return one_for_all(Bounds(low + self.model.u_op, high + self.model.u_op))
+
+    def init(self, n_runs: int) -> GpcState | TunedState:
+        """Start with a previous estimate of 0, which the law does not use at k = 0."""
+        return GpcState(np.zeros((n_runs, self._nx)), np.zeros((n_runs, len(self.R_u))))
+
+    def control(
+        self,
+        k: int,
+        state: Any,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[Any, Command]:
+        """Apply the first input of the minimiser."""
+        x_hat = estimate.x_hat
+        if self.gains is not None:
+            x, w = self._extended(estimate), r[1:] - self._frozen(k, x_hat, state.u_previous).d
+            u, loss = _linear(self.gains, x, w)
+            command = Command(u) if self.limits is None else self.limits.constant(u, x, state.u_previous, w)
+        else:
+            now = self._frozen(k, state.x_previous if k else x_hat, state.u_previous)
+            command, loss = self._first(k, now, self.Q_yw[None], estimate, r, state.u_previous)
+        info = {"Q_yw": np.broadcast_to(self.Q_yw, (len(x_hat), *self.Q_yw.shape)), "loss": loss}
+        return GpcState(x_hat, command.u), self._physical(command, info)
+
+    def warm_up(self) -> None:
+        """Compile the kernels of a step before the design is sent to workers."""
+        if self.gains is None:
+            self._try(0)
+
+    def _try(self, k: int) -> None:
+        ny = len(self.Q_yw)
+        x_hat = np.zeros((1, self._nx))
+        nothing = Estimate(x_hat, None, None, np.full(1, OK), {"w_mean": x_hat})
+        self.control(k, self.init(1), np.zeros((1, ny)), nothing, np.zeros((self.preview, ny)))
+
+    @cached_property
+    def _follows(self) -> bool:
+        """Whether the model is state-dependent."""
+        return isinstance(self.model, StateDependentModel)
+
+    @cached_property
+    def _offsets(self) -> bool:
+        """Whether the model has constant parts and an output matrix of every run."""
+        return bool(self._follows and self.model.has_offsets)
+
+    @cached_property
+    def _nx(self) -> int:
+        return int(self.model.nx if self._follows else self.model.at(0).nx)
+
+    def _frozen(self, k: int, x: Float[Array, "runs nx"], u: Float[Array, "runs nu"]) -> Frozen:
+        """Return the model at k; a state-dependent model is evaluated at x, and at u if it depends on the input."""
+        if self._offsets:
+            return with_output(self.model.around(k, x, u))
+        if self._follows:
+            (A, B), C = self.model.at_state(x), self.model.C
+            return Frozen(A, B, np.zeros(C.shape[1]), C, np.zeros(len(C)))
+        return frozen(self.model.at(k))
+
+    def _physical(self, command: Command, info: dict[str, Array]) -> Command:
+        """Return a command whose inputs are deviations from the operating point as one of the inputs themselves."""
+        u = command.u if self.model.operating_point is None else command.u + self.model.u_op
+        status = command.status if np.ndim(command.status) else np.full(len(u), OK)
+        return Command(u, status, {**info, **command.info}, command.step_status)
+
+    def _first(
+        self,
+        k: int,
+        now: Frozen,
+        Q_yw: Float[Array, "weights ny ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+        u_previous: Float[Array, "runs nu"],
+    ) -> tuple[Command, Float[Array, " runs"]]:
+        """Return the command, with deviations from the operating point, and the minimal costs without limits."""
+        now = with_mean(now) if self.uses_mean else now
+        A, B = (matrix if matrix.ndim == 3 else matrix[None] for matrix in (now.A, now.B))
+        x, w = self._extended(estimate), r[1:] - now.d
+        if self.limits is not None and self.limits.optimised:
+            return self.limits.varying(k, now._replace(A=A, B=B), Q_yw, x, u_previous, w)
+        u, loss = track(A, B, now.f, now.C, Q_yw, self.R_u, w, x)
+        command = Command(u) if self.limits is None else self.limits.inputs.command(u, u, None, u_previous)
+        return command, loss
+
+    def _extended(self, estimate: Estimate) -> Float[Array, "runs n"]:
+        """Return the estimate, followed by the estimated mean of the process noise if it is used."""
+        if self._offsets:
+            # The states of `with_output`: its output at k has no effect.
+            nothing = np.zeros((len(estimate.x_hat), len(self.Q_yw)))
+            return np.hstack([estimate.x_hat, nothing, np.ones((len(nothing), 1))])
+        return np.hstack([estimate.x_hat, estimate.info["w_mean"]]) if self.uses_mean else estimate.x_hat
+
+
+@dataclass(frozen=True, eq=False)
+class TunedGpc(Gpc):
+    """The law with an output weight adapted to the noise; create it with `design`.
+
+    Parameters
+    ----------
+    noise : tuning of the output weight
+    """
+
+    noise: NoiseTuning
+
+    @property
+    def reports(self) -> dict[str, tuple[int, ...]]:
+        """What the info of a command has."""
+        return {**super().reports, **self.noise.reports}
+
+    @property
+    def cost_per_step(self) -> float:
+        """Time of the recursion and of LP2 [s]."""
+        return super().cost_per_step + (25e-6 if self.noise.keys.state_rows else 7e-6)
+
+    def init(self, n_runs: int) -> TunedState:
+        """Start with the output weight of the design and an empty window."""
+        Q_yw, nu = np.tile(self.Q_yw, (n_runs, 1, 1)), len(self.R_u)
+        nothing = np.zeros((n_runs, self._nx))
+        return TunedState(nothing, np.zeros((n_runs, nu)), Q_yw, self.noise.init(n_runs), nothing)
+
+    def control(
+        self,
+        k: int,
+        state: Any,
+        y: Float[Array, "runs ny"],
+        estimate: Estimate,
+        r: Float[Array, "preview ny"],
+    ) -> tuple[Any, Command]:
+        """Compute the output weight and apply the first input of the minimiser."""
+        x_hat = estimate.x_hat
+        now = self._frozen(k, state.x_previous if k else x_hat, state.u_previous)
+        before = now if self._follows or k == 0 else self._frozen(k - 1, x_hat, state.u_previous)
+        x_tilde = mv(before.A, state.x_previous) + mv(before.B, state.u_previous) + before.f
+        x_tilde = x_tilde + state.w_mean_previous if self.uses_mean else x_tilde
+        sample = TuningData(y, mv(now.C, x_hat) + now.d, x_hat, x_tilde if k else np.full_like(x_hat, np.nan))
+        point = self.model.operating_point
+        if point is not None:
+            # The fits have no constant term: they are those of the deviations.
+            signals = zip(sample, (point.y, point.y, point.x, point.x), strict=True)
+            sample = TuningData(*(signal - centre for signal, centre in signals))
+        window = self.noise.moved(state.window, sample)
+        Q_yw, info = self.noise.penalties(k, window, state.Q_yw)
+        command, loss = self._first(k, now, Q_yw, estimate, r, state.u_previous)
+        info = {"Q_yw": Q_yw, "loss": loss, **info}
+        w_mean = estimate.info["w_mean"] if self.uses_mean else state.w_mean_previous
+        return TunedState(x_hat, command.u, Q_yw, window, w_mean), self._physical(command, info)
+
+    def warm_up(self) -> None:
+        """Compile the kernels of a step before the design is sent to workers."""
+        self._try(self.noise.start)
+
+
+def _linear(
+    law: TrackingLaw, x: Float[Array, "runs nx"], w: Float[Array, "Np ny"]
+) -> tuple[Float[Array, "runs nu"], Float[Array, " runs"]]:
+    """Return the first inputs and the minimal costs for constant gains."""
+    # The reference is the same for all runs.
+    ahead = w.reshape(1, -1)
+    e = mv(law.E_w, ahead) + law.e_0 - mv(law.E_x, x)
+    return mv(law.K_w, ahead) + law.u_0 - mv(law.K_x, x), (e * e).sum(axis=1)

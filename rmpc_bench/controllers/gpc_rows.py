@@ -1,0 +1,208 @@
+"""Limits of the inputs u(k)..u(k+Np-1) and of predicted signals as rows of a program.
+
+Units   Hard rows are in units of high - low, soft ones in units of their `scale`.
+Order   Limits of the inputs, limits of their increments, then the limited signals, sample by sample.
+Shared  By the laws of gpc_law.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rmpc_bench.controllers.limits import Bounds, SoftLimit, SoftRows, soft_rows
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.state_dependent import StateDependentModel
+from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.tracking import Path
+from rmpc_bench.types import Array, PlantInfo
+
+
+class HardRows(NamedTuple):
+    """Limits of the inputs: rows low <= a U + before u(k-1) <= high."""
+
+    a: Float[Array, "rows inputs"]
+    before: Float[Array, "rows nu"]
+    low: Float[Array, " rows"]
+    high: Float[Array, " rows"]
+    unit: Float[Array, " rows"]
+
+    @classmethod
+    def of(cls, u: Bounds, du: Bounds, N: int) -> HardRows:
+        """Return the rows of a horizon; those without a finite bound are left out."""
+        nu = len(u.low)
+        every = np.eye(N * nu)
+        a = np.vstack([every, every - np.eye(N * nu, k=-nu)])
+        before = np.zeros((2 * N * nu, nu))
+        before[N * nu : (N + 1) * nu] = -np.eye(nu)
+        low, high = (np.concatenate([np.tile(of_u, N), np.tile(of_du, N)]) for of_u, of_du in zip(u, du, strict=True))
+        limited = np.isfinite(low) | np.isfinite(high)
+        rows = (a, before, low, high, _unit(low, high))
+        return cls(*(np.ascontiguousarray(each[limited]) for each in rows))
+
+
+class SignalRows(NamedTuple):
+    """Soft limits of the signals Z x(k+j) + constant; axis 0 of `limited` is j."""
+
+    Z: Float[Array, "nz nx"]
+    constant: Float[Array, " nz"]
+    low: Float[Array, " nz"]
+    high: Float[Array, " nz"]
+    unit: Float[Array, " nz"]
+    linear: Float[Array, " nz"]
+    quadratic: Float[Array, " nz"]
+    limited: Bool[Array, "N nz"]
+    """Which predicted samples are limited."""
+
+    @classmethod
+    def of(cls, soft: tuple[SoftRows, ...], nx: int, N: int) -> SignalRows:
+        """Return the rows of all signals, whose states may be fewer than the nx states of the predictions."""
+        if not soft:
+            none = np.zeros(0)
+            return cls(np.zeros((0, nx)), none, none, none, none, none, none, np.zeros((N, 0), dtype=bool))
+        Z = np.vstack([np.pad(each.signal.Z, ((0, 0), (0, nx - each.signal.Z.shape[1]))) for each in soft])
+        low, high = (np.concatenate([each.bounds[side] for each in soft]) for side in (0, 1))
+        sizes = [len(each.signal.Z) for each in soft]
+        linear, quadratic, steps = (
+            np.repeat([getattr(each, name) for each in soft], sizes) for name in ("linear", "quadratic", "steps")
+        )
+        limited = (np.arange(N)[:, None] < steps) & (np.isfinite(low) | np.isfinite(high))
+        constant, unit = (
+            np.concatenate(each) for each in zip(*((s.signal.constant, s.scale) for s in soft), strict=True)
+        )
+        return cls(Z, constant, low, high, unit, linear, quadratic, limited)
+
+    def spread(self, values: Float[Array, " nz"]) -> Float[Array, " rows"]:
+        """Repeat what belongs to a signal for its limited samples, sample by sample."""
+        repeated: Array = np.broadcast_to(values, self.limited.shape)[self.limited]
+        return repeated
+
+
+@dataclass(frozen=True, eq=False)
+class Limited:
+    """All rows of a horizon.
+
+    Parameters
+    ----------
+    hard : limits of the inputs
+    signals : limits of signals
+    """
+
+    hard: HardRows
+    signals: SignalRows
+
+    @cached_property
+    def unit(self) -> Float[Array, " rows"]:
+        """Units of all rows."""
+        return np.concatenate([self.hard.unit, self.signals.spread(self.signals.unit)])
+
+    @cached_property
+    def low(self) -> Float[Array, " rows"]:
+        """Lower bounds of all rows."""
+        return np.concatenate([self.hard.low, self.signals.spread(self.signals.low)])
+
+    @cached_property
+    def high(self) -> Float[Array, " rows"]:
+        """Upper bounds of all rows."""
+        return np.concatenate([self.hard.high, self.signals.spread(self.signals.high)])
+
+    @cached_property
+    def soft(self) -> Bool[Array, " rows"]:
+        """Which rows are soft."""
+        return np.arange(len(self.unit)) >= len(self.hard.unit)
+
+    def weights(self, factor: float) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
+        """Return the linear and quadratic weights of the slacks in a cost multiplied by a factor; 0 and 1 if hard."""
+        hard, signals = len(self.hard.unit), self.signals
+        linear = np.concatenate([np.zeros(hard), factor * signals.spread(signals.linear)])
+        return linear, np.concatenate([np.ones(hard), factor * signals.spread(signals.quadratic)])
+
+    def rows(self, Theta: Float[Array, "N nx N nu"]) -> Float[Array, "rows inputs"]:
+        """Return all rows as functions of the inputs of the horizon."""
+        N, _, _, nu = Theta.shape
+        z = np.einsum("im,jmnu->jinu", self.signals.Z, Theta).reshape(N, -1, N * nu)
+        return np.vstack([self.hard.a, z[self.signals.limited]])
+
+    def values(self, path: Path, u_previous: Float[Array, "runs nu"]) -> Float[Array, "runs rows"]:
+        """Return all rows at given inputs and states."""
+        n_runs, N, nx = path.X.shape
+        signals = self.signals
+        z = mv(signals.Z, path.X.reshape(-1, nx)).reshape(n_runs, N, -1) + signals.constant
+        inputs = mv(self.hard.a, path.U.reshape(n_runs, -1)) + mv(self.hard.before, u_previous)
+        return np.hstack([inputs, z[:, signals.limited]])
+
+
+def _unit(low: Float[Array, " rows"], high: Float[Array, " rows"]) -> Float[Array, " rows"]:
+    """Return the spans of the bounds; the size of the only finite bound where there is one, and 1 if that is 0."""
+    sizes = np.array([low, high])
+    size = np.abs(np.where(np.isfinite(sizes), sizes, 0.0)).max(axis=0)
+    with np.errstate(invalid="ignore"):
+        unit: Array = np.where(np.isfinite(high - low), high - low, np.where(size > 0.0, size, 1.0))
+    return unit
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedHorizon:
+    """Rows of every sample.
+
+    Parameters
+    ----------
+    model : design model
+    nx : number of states of the predictions, of which those of the model are the first
+    hard : limits of the inputs
+    soft : name of a signal -> its limit
+    N : horizon [samples]
+    plant_info : names of the plant
+    """
+
+    model: Any
+    nx: int
+    hard: HardRows
+    soft: Mapping[str, SoftLimit]
+    N: int
+    plant_info: PlantInfo | None = None
+
+    def at(self, k: int) -> Limited:
+        """Return the rows at k; only those of outputs of a time-varying model depend on k."""
+        fixed = not self.soft or isinstance(self.model, StateDependentModel | LinearModel)
+        return self._first if fixed or k == 0 else self._made(k)
+
+    @cached_property
+    def _first(self) -> Limited:
+        return self._made(0)
+
+    def _made(self, k: int) -> Limited:
+        soft = self._soft(k) if self.soft else {}
+        return Limited(self.hard, SignalRows.of(tuple(soft.values()), self.nx, self.N))
+
+    def _soft(self, k: int) -> dict[str, SoftRows]:
+        model, info = self.model, self.plant_info
+        if not isinstance(model, StateDependentModel):
+            return soft_rows(self.soft, model.at(k), self.N, info)
+        nx, ny = model.nx, model.ny
+        C = np.zeros((ny, nx)) if model.has_offsets else model.C
+        signals = model.extra_signals
+        found = soft_rows(self.soft, _readout(C, signals), self.N, info)
+        if not model.has_offsets:
+            return found
+        # The predictions have the outputs as states after those of the model.
+        before, after = np.zeros((ny, nx)), np.zeros((ny, 1))
+        wide = {name: np.pad(Z, ((0, 0), (0, ny + 1))) for name, Z in signals.items()}
+        padded = {
+            name: limit
+            if limit.of is None
+            else replace(limit, of=np.pad(found[name].signal.Z, ((0, 0), (0, ny + 1))).tolist())
+            for name, limit in self.soft.items()
+        }
+        return soft_rows(padded, _readout(np.hstack([before, np.eye(ny), after]), wide), self.N)
+
+
+def _readout(C: Float[Array, "ny nx"], signals: Mapping[str, Array]) -> LinearModel:
+    """Return a model that stands for the signals of another one."""
+    ny, nx = C.shape
+    return LinearModel(np.eye(nx), np.zeros((nx, 1)), C, np.zeros((nx, nx)), np.eye(ny), extra_signals=signals)
