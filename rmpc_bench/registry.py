@@ -69,6 +69,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "game-gain": "rmpc_bench.controllers.state_feedback:game_gain",
         "lqg": "rmpc_bench.controllers.lqg:design",
         "pid": "rmpc_bench.controllers.pid:design",
+        "tube-mpc": "rmpc_bench.controllers.tube_mpc:design",
     },
     "references": {
         "constant": "rmpc_bench.simulation.reference:constant",

@@ -115,10 +115,12 @@ SHARED_SIBLINGS = {
     "gpc_rows",
     "increments",
     "input_limits",
+    "limit_rows",
     "limits",
     "noise_tuning",
     "prediction",
     "state_feedback",
+    "tube_design",
 }
 ONLY_IN = {  # a package of others -> where it may be imported
     "matplotlib": "figures/",

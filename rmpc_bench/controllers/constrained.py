@@ -187,7 +187,9 @@ def with_fallback(
     for step, status in STATUSES.items():
         statuses[steps == step] = status
     failed = (statuses != Status.OK)[:, None]
-    u = np.where(failed, u_previous if fallback == "hold" else clipped, u)
+    # A missing estimate gives no input, not the previous one.
+    held = np.where(np.isnan(clipped), clipped, u_previous)
+    u = np.where(failed, held if fallback == "hold" else clipped, u)
     info = {"qp": steps.astype(float)}
     if fallback == "stop":
         return Command(u, statuses, info)

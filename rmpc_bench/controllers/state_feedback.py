@@ -25,6 +25,8 @@ import numpy as np
 from annotated_types import Gt
 from jaxtyping import Float
 
+from rmpc_bench.controllers.input_limits import InputLimits, common_limits
+from rmpc_bench.controllers.limits import Bounds, bounds_of
 from rmpc_bench.models.noise_sets import stochastic_sets
 from rmpc_bench.numerics.linalg import as_covariance, at_sample, mv, psd_sqrt
 from rmpc_bench.numerics.lq_game import Game
@@ -105,6 +107,20 @@ class Lqr(Regulator):
     """Gain of the estimated mean of the process noise, None if it is not used."""
     u_0: Float[Array, "k nu"]
     """Input that compensates the mean known from the model."""
+    bounds: Bounds | None = field(default=None, kw_only=True)
+    """Bounds to which the input is clipped, None without."""
+
+    @property
+    def input_limits(self) -> tuple[float, float] | None:
+        """Lower and upper limit that no input exceeds."""
+        return None if self.bounds is None else common_limits(self.bounds)
+
+    def control(
+        self, k: int, state: NoState, y: Float[Array, "runs ny"], estimate: Estimate, r: Float[Array, "preview ny"]
+    ) -> tuple[NoState, Command]:
+        """Apply the first input of the window, clipped to its bounds."""
+        state, command = super().control(k, state, y, estimate, r)
+        return state, command if self.bounds is None else command._replace(u=np.clip(command.u, *self.bounds))
 
     def input_of(self, k: int, estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the inputs at k."""
@@ -113,8 +129,8 @@ class Lqr(Regulator):
 
     @property
     def has_compiled_form(self) -> bool:
-        """A law that uses an estimated mean has none."""
-        return self.K_d is None
+        """A law that uses an estimated mean, or clips its input, has none."""
+        return self.K_d is None and self.bounds is None
 
     def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
         """Return the gains."""
@@ -134,6 +150,7 @@ def lqr(
     Q_x: Matrix,
     R_u: Matrix,
     mean: Literal["known", "estimated", "ignored"] | None = None,
+    limits: InputLimits | None = None,
 ) -> Lqr:
     """Linear-quadratic control of the estimate over a receding horizon.
 
@@ -147,11 +164,12 @@ def lqr(
     R_u : weight of the input, positive definite
     mean : mean of the process noise: `known` uses that of the model, `estimated` adds the estimated one, `ignored`
         uses 0 (default: `estimated` if the estimator estimates the mean, otherwise `known`)
+    limits : bounds `u` to which the input is clipped; none if not given
 
     Raises
     ------
     DesignError
-        If a weight is not admissible, or the estimator does not estimate the mean.
+        If a weight or a bound is not admissible, or the estimator does not estimate the mean.
     """
     if mean is None:
         mean = "estimated" if estimator.estimates_mean else "known"
@@ -162,7 +180,9 @@ def lqr(
     if mean == "estimated" and not estimator.estimates_mean:
         raise DesignError("the estimator does not estimate the mean; use kalman-disturbance, or `known`", "mean")
     u_0 = np.zeros_like(law.K_d[:, :, 0]) if mean == "ignored" else law.K_d[:, :, 0]
-    return Lqr(law.K, law.K_d[:, :, 1:] if mean == "estimated" else None, u_0, point=model.operating_point)
+    bounds = None if limits is None else bounds_of(limits.u, model.nu, "limits.u")
+    K_d = law.K_d[:, :, 1:] if mean == "estimated" else None
+    return Lqr(law.K, K_d, u_0, point=model.operating_point, bounds=bounds)
 
 
 @dataclass(frozen=True, eq=False)

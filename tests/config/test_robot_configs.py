@@ -141,6 +141,7 @@ CONTROLLERS = {
     "minimax-lq": f"horizon: 7, {Q}",
     "lqr": f"horizon: 7, {Q}",
     "control-lqr": Q,
+    "tube-mpc": f"horizon: 7, {Q}, limits: {{u: [-1, 1]}}, W: 0.1",
     "game-gain": f"horizon: 7, {Q}",
     "lqg": f"{Q}, Q_i: 1",
     "pid": "Kp: 1, on: estimate",

@@ -21,6 +21,7 @@ from rmpc_bench.estimators.kalman_disturbance import design as kalman_disturbanc
 from rmpc_bench.estimators.set_membership import design as set_membership
 
 KINDS = registry.names("controllers")
+TUBE = {"Q_x": 1.0, "R_u": 0.1, "horizon": 5, "limits": {"u": (-0.4, 0.4), "x.0": (-3.0, 3.0)}, "W": 0.01}
 PARAMETERS = {
     "gpc": [
         {"Np": 4, "Q_yw": 1.0, "Q_u": 0.1},
@@ -45,6 +46,7 @@ PARAMETERS = {
     "lqr": [
         {"horizon": 7, "Q_x": 1.0, "R_u": 0.1},
         {"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "mean": "estimated", "of": "mean"},
+        {"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "limits": InputLimits(u=(-0.3, 0.3))},
     ],
     "control-lqr": [{"Q_x": 1.0, "R_u": 0.1}],
     "game-gain": [{"horizon": 7, "Q_x": 1.0, "R_u": 0.1, "ratio": 1.5}],
@@ -59,15 +61,22 @@ PARAMETERS = {
         {"Kp": 1.0, "Ki": 0.5, "on": "estimate", "start": "bumpless"},
         {"Kp": 1.0, "Ki": 0.5, "limits": InputLimits((-0.3, 0.3)), "anti_windup": "clamping"},
     ],
+    "tube-mpc": [
+        {**TUBE, "tightening": "growing"},
+        {**TUBE, "tightening": "growing", "fallback": "hold"},
+        {**TUBE, "tightening": "none", "fallback": "stop", "limits": {"u": (-9.0, 9.0)}},
+        {**TUBE, "tightening": "tube", "alpha": 0.3},
+    ],
 }
 """Parameters that make a design of each kind, `of` a filter if not a Kalman filter's; a new kind gets a line here."""
 SIZES = [(1, 1, 1), (3, 2, 2), (4, 1, 2)]
+# The set of a tube has too many facets with four states.
 CASES = [
     # The set `stages` takes a search of milliseconds per run and step.
     pytest.param((kind, number, size), marks=[pytest.mark.slow] * (parameters.get("set") == "stages"))
     for kind in KINDS
     for number, parameters in enumerate(PARAMETERS.get(kind, []))
-    for size in (SIZES if parameters.get("set") != "stages" else SIZES[1:2])
+    for size in (SIZES[1:2] if parameters.get("set") == "stages" else SIZES[:2] if "alpha" in parameters else SIZES)
 ]
 RUNS, STEPS = 9, 12
 

@@ -149,6 +149,7 @@ CONTROLLERS = {
     "control-lqr": {"Q_x": 1, "R_u": 0.001},
     "lqg": {"Q_x": 1, "Q_i": 0.01, "R_u": 0.001},
     "pid": {"Kp": 0.1, "Ki": 0.1},
+    "tube-mpc": {"horizon": 5, "Q_x": 1, "R_u": 0.1, "limits": {"u": [-100, 100]}, "tightening": "none"},
 }
 """Keys of every registered controller; a new kind gets a line here."""
 
@@ -228,7 +229,7 @@ def test_controllers_that_use_a_mean_reach_their_target(kind, estimator, tmp_pat
     assert np.isfinite(u).all()
 
 
-@pytest.mark.parametrize("kind", ["minimax-lq", "game-gain", "control-lqr"])
+@pytest.mark.parametrize("kind", ["minimax-lq", "game-gain", "control-lqr", "tube-mpc"])
 @pytest.mark.parametrize(("estimator", "known"), [("kalman", True), ("kalman-disturbance", False)])
 def test_controllers_that_ignore_a_mean_refuse_it(kind, estimator, known, tmp_path):
     """Oracle: the key to blame and the way out."""

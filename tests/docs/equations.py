@@ -87,6 +87,8 @@ M_{k|k} = (q_k^{-1} + 1) T M_{k|k-1} T^\top + (q_k + 1) L_k M_v L_k^\top, \quad 
 + \sum_{j=0}^{H_u - 1} \Vert \Delta u_{k+j} \Vert_R^2""",
     ("controllers", "minimax-lq"): r"\min_u \max_{e, w^b} \mathrm{E} " + _COST,
     ("controllers", "lqr"): r"\min_u " + _COST,
+    ("controllers", "tube-mpc"): r"""\min \sum_{j=0}^{N-1} \Vert z_j \Vert_{Q_x}^2 + \Vert v_j \Vert_{R_u}^2
++ \Vert z_N \Vert_P^2, \quad z_0 \in x_k - Z, \quad u_k = v_0 + K (x_k - z_0)""",
     ("controllers", "control-lqr"): r"\min_u \sum_{k=0}^{\infty} x_k^\top Q_x x_k + u_k^\top R_u u_k",
     ("controllers", "game-gain"): r"\min_u \max_w " + _COST + r" - \tau w_t^\top M_w^{-1} w_t",
     (

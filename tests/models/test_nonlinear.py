@@ -92,6 +92,7 @@ KEYS = {
     "minimax-lq": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
     "lqr": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
     "control-lqr": {"Q_x": 1.0, "R_u": 0.1},
+    "tube-mpc": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1, "limits": {"u": (-1.0, 1.0)}, "W": 0.1},
     "game-gain": {"horizon": 3, "Q_x": 1.0, "R_u": 0.1},
     "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
     "pid": {"Kp": 1.0, "on": "estimate"},

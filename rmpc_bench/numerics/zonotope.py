@@ -1,0 +1,204 @@
+"""Zonotopes around 0: sums of segments, such as the sets that bounded noise reaches in a linear system.
+
+Set     Z = {G e : every entry of e in [-1, 1]}.  Linear maps, sums and the support function are exact and need no
+        vertices: M Z has the generators M G, Z_1 + Z_2 has those of both, and max {d' z : z in Z} = sum_j |d' g_j|.
+Sets    Minimal robust invariant set of x+ = A x + w, w in a box W: W + A W + A^2 W + ..
+        Outer approximation: if A^s W is inside alpha W with alpha < 1, then (1 - alpha)^-1 (W + .. + A^(s-1) W) is
+        robust invariant and contains the minimal set (Rakovic, Kerrigan, Kouramas and Mayne 2005).
+Cost    The number of facets grows with a power of the number of generators: 2 per generator in the plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.types import Array
+
+PARALLEL = 1e-8
+"""Angle between the normals of two facets below which they are one facet [rad].
+
+A point between the facets that are kept exceeds a facet that is left out by at most twice this angle times the radius
+of the set."""
+
+
+@dataclass(frozen=True, eq=False)
+class Zonotope:
+    """The set {G e : -1 <= e <= 1}.
+
+    Parameters
+    ----------
+    generators : (n, m) matrix G, a generator per column
+
+    Examples
+    --------
+    A square and its image under a shear:
+
+    >>> square = box([1.0, 1.0])
+    >>> sheared = square.mapped(np.array([[1.0, 1.0], [0.0, 1.0]]))
+    >>> sheared.half_widths.tolist(), sheared.area, (square + sheared).area
+    ([2.0, 1.0], 4.0, 20.0)
+    """
+
+    generators: Float[Array, "n m"]
+
+    def mapped(self, M: Float[Array, "p n"]) -> Zonotope:
+        """Return the image M Z."""
+        return Zonotope(M @ self.generators)
+
+    def scaled(self, factor: float) -> Zonotope:
+        """Return factor Z."""
+        return Zonotope(factor * self.generators)
+
+    def __add__(self, other: Zonotope) -> Zonotope:
+        """Return the Minkowski sum {a + b : a in the first set, b in the second}."""
+        return Zonotope(np.hstack([self.generators, other.generators]))
+
+    def support(self, directions: Float[Array, "rows n"]) -> Float[Array, " rows"]:
+        """Return max {d' z : z in Z} for every row d'; the minimum is its negative."""
+        reached: Array = np.abs(directions @ self.generators).sum(axis=1)
+        return reached
+
+    @property
+    def half_widths(self) -> Float[Array, " n"]:
+        """Half the width of the set along every axis."""
+        return self.support(np.eye(len(self.generators)))
+
+    @property
+    def area(self) -> float:
+        """Area of a set in the plane: 4 sum |det [g_i, g_j]| over all pairs of generators.
+
+        Raises
+        ------
+        ValueError
+            If the set is not in the plane.
+        """
+        if len(self.generators) != 2:
+            raise ValueError(f"only a set in the plane has an area; this one has {len(self.generators)} dimensions")
+        x, y = self.generators
+        # Every pair stands twice in the matrix of determinants.
+        return float(2.0 * np.abs(np.outer(x, y) - np.outer(y, x)).sum())
+
+    def most_facets(self) -> int:
+        """Return an upper bound of the number of pairs of opposite facets, without computing them."""
+        n, m = self.generators.shape
+        return comb(m, n - 1)
+
+    def facets(self) -> Facets:
+        """Return the set as {z : -bounds <= normals z <= bounds}.
+
+        Raises
+        ------
+        ValueError
+            If the set has no interior.
+        """
+        n = len(self.generators)
+        if np.linalg.matrix_rank(self.generators) < n:
+            raise ValueError("the set has no interior")
+        normals = _normals(self.generators)
+        return Facets(normals, self.support(normals))
+
+    def outline(self) -> Float[Array, "points 2"]:
+        """Return the vertices of a set in the plane, counterclockwise."""
+        upper = np.where(_points_up(self.generators), self.generators, -self.generators)
+        turned = upper[:, np.argsort(np.arctan2(upper[1], upper[0]), kind="stable")]
+        # From the lowest vertex along twice every generator, and back on the other side.
+        half = -turned.sum(axis=1) + 2.0 * np.cumsum(turned, axis=1).T
+        return np.concatenate([half, -half])
+
+
+class Facets(NamedTuple):
+    """A set that is symmetric to 0, as {z : -bounds <= normals z <= bounds}."""
+
+    normals: Float[Array, "rows n"]
+    """Unit vectors, one per pair of opposite facets."""
+    bounds: Float[Array, " rows"]
+
+
+def box(half_widths: Float[Array, " n"] | list[float]) -> Zonotope:
+    """Return the box of all z with |z_i| <= half_widths_i."""
+    return Zonotope(np.diag(np.asarray(half_widths, dtype=float)))
+
+
+def reached(A: Float[Array, "n n"], W: Zonotope, n_steps: int) -> Zonotope:
+    """Return W + A W + .. + A^(n_steps - 1) W, the states that noise in W reaches from 0 in some steps."""
+    parts, power = [np.zeros((len(A), 0))], np.eye(len(A))
+    for _ in range(n_steps):
+        parts.append(power @ W.generators)
+        power = A @ power
+    return Zonotope(np.hstack(parts))
+
+
+class InvariantSet(NamedTuple):
+    """Outer approximation of the minimal robust invariant set."""
+
+    set: Zonotope
+    terms: int
+    """s, number of terms of the sum."""
+    alpha: float
+    """Smallest number for which A^s W is inside alpha W."""
+
+
+def robust_invariant(
+    A: Float[Array, "n n"], half_widths: Float[Array, " n"], largest_alpha: float, most_terms: int = 10_000
+) -> InvariantSet:
+    """Return a robust invariant set of x+ = A x + w, with w in a box.
+
+    Parameters
+    ----------
+    A : matrix whose eigenvalues are inside the unit circle
+    half_widths : (n,) of the box, all positive
+    largest_alpha : accuracy, below 1: terms are added until alpha is at most this number
+    most_terms : largest number of terms
+
+    Raises
+    ------
+    ValueError
+        If so many terms do not reach the accuracy.
+
+    Examples
+    --------
+    The minimal set of x+ = x / 2 + w, |w| <= 1, is |x| <= 2; with three terms it is (1 + 1/2 + 1/4) / (1 - 1/8):
+
+    >>> robust_invariant(np.array([[0.5]]), np.array([1.0]), 0.2).set.half_widths.tolist()
+    [2.0]
+    """
+    power = np.eye(len(A))
+    for terms in range(1, most_terms + 1):
+        power = A @ power
+        # A^s W is a zonotope inside the box alpha W if its half widths are at most alpha times those of W.
+        alpha = float((np.abs(power) @ half_widths / half_widths).max())
+        if alpha <= largest_alpha:
+            return InvariantSet(reached(A, box(half_widths), terms).scaled(1.0 / (1.0 - alpha)), terms, alpha)
+    raise ValueError(f"{most_terms} terms do not reach alpha = {largest_alpha:g}")
+
+
+def _normals(generators: Float[Array, "n m"]) -> Float[Array, "rows n"]:
+    """Return unit normals of all facets: every facet is spanned by n - 1 generators."""
+    n = len(generators)
+    sized = generators[:, np.abs(generators).sum(axis=0) > 0.0]
+    directions = sized / np.linalg.norm(sized, axis=0)
+    kept = np.zeros((0, n))
+    for chosen in combinations(range(directions.shape[1]), n - 1):
+        _, sizes, rows = np.linalg.svd(directions[:, chosen].T, full_matrices=True)
+        # Generators that are (nearly) dependent span no facet.
+        if n > 1 and sizes[-1] < PARALLEL:
+            continue
+        normal = rows[-1]
+        # The distance of unit vectors, because the arc cosine of their product has half of the digits only.
+        angles = np.minimum(*(np.linalg.norm(kept - signed, axis=1) for signed in (normal, -normal)))
+        if angles.min(initial=np.inf) >= PARALLEL:
+            kept = np.vstack([kept, normal])
+    return kept
+
+
+def _points_up(generators: Float[Array, "2 m"]) -> Array:
+    """Say which generators have an angle of 0 or more and less than pi."""
+    x, y = generators
+    up: Array = (y > 0.0) | ((y == 0.0) & (x > 0.0))
+    return up
