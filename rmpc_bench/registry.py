@@ -132,6 +132,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "plane": "rmpc_bench.figures.plane:Plane",
         "ranking": "rmpc_bench.figures.ranking:Ranking",
         "series": "rmpc_bench.figures.series:Series",
+        "shares": "rmpc_bench.figures.shares:Shares",
         "sweep-lines": "rmpc_bench.figures.sweep_lines:SweepLines",
         "trajectories": "rmpc_bench.figures.trajectories:Trajectories",
         "tubes": "rmpc_bench.figures.tubes:Tubes",

@@ -26,6 +26,7 @@ PARAMETERS = {
     "plane": [{"components": (0, 1), "marks": 1.0}],
     "ranking": [{}, {"metric": "power"}],
     "series": [{"quantity": "P"}],
+    "shares": [{}, {"metric": "power", "above": 1.5, "order": ["B"]}],
     "sweep-lines": [{}, {"metric": "power", "log": True, "spread": "se"}, {"show": "change"}],
     "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
     "tubes": [{}, {"over": "time"}],
