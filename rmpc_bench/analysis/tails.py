@@ -73,7 +73,7 @@ def _row(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
         "n": n,
         "tail_quantile": sign * float(quantile(losses, 1 - TAIL)),
         **_ends("tail_quantile", at, sign),
-        "cvar": sign * mean,
+        "cvar": sign * mean + 0.0,
         **_ends("cvar", of_mean, sign),
         "did_not_occur_share": missing / n if n else math.nan,
         **_ends("did_not_occur", share, 1.0),
@@ -83,7 +83,7 @@ def _row(trials: Trials, method: str, info: MetricInfo) -> dict[str, Any]:
 
 
 def _ends(name: str, interval: Interval, sign: float) -> dict[str, float]:
-    low, high = interval if sign > 0 else (-interval[1], -interval[0])
+    low, high = interval if sign > 0 else (-interval[1] + 0.0, -interval[0] + 0.0)
     return {f"{name}_low": low, f"{name}_high": high}
 
 

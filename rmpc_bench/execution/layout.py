@@ -119,7 +119,7 @@ class _Layout:
             reference=self._keep(experiment.scenario.reference.sample(experiment.n_steps + 1)) if is_recorded else None,
             uncertainty_key=point.uncertainty_key,
             uncertainty=tuple(experiment.scenario.uncertainty),
-            names=dict(plant.names),
+            names={**plant.names, **{f"{name}.0": name.replace("_", " ") for name in extra}},
             random_besides=random_besides(experiment),
             limitations=tuple(plant.limitations),
         )

@@ -18,7 +18,7 @@ from rmpc_bench.figures.line_styles import LineStyle, line_styles
 from rmpc_bench.figures.shared_content import shared_content
 from rmpc_bench.figures.style import REFERENCE, style
 from rmpc_bench.figures.sweep_points import points_at, short_title
-from rmpc_bench.types import MetricInfo, ResultLayout
+from rmpc_bench.types import Array, MetricInfo, ResultLayout
 from rmpc_bench.types.figure import SweepFigure
 from rmpc_bench.types.issue import Issue
 
@@ -101,14 +101,14 @@ class Shares(SweepFigure):
         layout = layout_checked(self, results)
         info, points = metric_of(results, self.metric), points_at(results, self.at)
         methods = [name for name in self.order or layout.methods if name in layout.methods]
-        words = info.words if not self.above and info.unit == "" else f"{info.words} above {self.above:g} {info.unit}"
+        words = _words(info, self.above, [point.column(info.name, name) for point in points for name in point.methods])
         rows = [
             _row(point, name, info, self.above, short_title(point) if len(points) > 1 else "")
             for point in points
             for name in methods
             if name in point.methods
         ]
-        return SharesContent(info, words.rstrip(), points, methods, rows)
+        return SharesContent(info, words, points, methods, rows)
 
 
 class Row(NamedTuple):
@@ -152,6 +152,14 @@ def layout_checked(keys: Shares, results: Trials) -> ResultLayout:
     layout = layout_of(results)
     keys.require(layout)
     return layout
+
+
+def _words(info: MetricInfo, above: float, columns: Sequence[Array]) -> str:
+    """Say what happens in the runs that count: the metric if it is 0 or 1, else the metric and the number."""
+    values = np.concatenate(columns) if columns else np.zeros(0)
+    if above == 0.0 and np.isin(values[~np.isnan(values)], (0.0, 1.0)).all():
+        return info.words
+    return f"{info.words} above {above:g} {info.unit}".rstrip()
 
 
 def _row(point: Trials, method: str, info: MetricInfo, above: float, title: str) -> Row:
