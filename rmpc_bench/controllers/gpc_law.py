@@ -84,8 +84,11 @@ class Gpc(Controller):
 
     @property
     def cost_per_step(self) -> float:
-        """Time of the recursion, and of a linearisation run by run [s]."""
-        return 0.0 if self.gains is not None else 1.2e-6 * self.Np + (3e-4 if self._offsets else 0.0)
+        """Time of the recursion, of a linearisation run by run, and of programs in a quarter of the samples [s]."""
+        optimised = self.limits is not None and self.limits.optimised
+        if self.gains is not None:
+            return 2e-5 if optimised else 0.0
+        return 1.2e-6 * self.Np + (3e-4 if self._offsets else 0.0) + (1e-4 if optimised else 0.0)
 
     @property
     def input_limits(self) -> tuple[float | Float[Array, " nu"], float | Float[Array, " nu"]] | None:
