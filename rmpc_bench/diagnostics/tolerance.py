@@ -96,7 +96,9 @@ def divergence_over_time(
     nominal = _side(linear, model.Q_w[None], model.R_v, P0[None], n_steps)
 
     n_runs, n_ahead = len(plants.A), pair.law.K_r.shape[1] // len(model.C)
-    start = [x0, pair.schedule.x0, pair.schedule.x0, np.zeros(len(pair.law.K_u))]
+    # A filter that estimates disturbances has them as its last states.
+    own = pair.schedule.x0
+    start = [x0, own[: len(model.A)], own, np.zeros(len(pair.law.K_u))]
     mean = np.tile(np.concatenate(start)[:, None], (n_runs, 1, 1))
     spread = np.zeros((n_runs, mean.shape[1], mean.shape[1]))
     parts = Divergence(*np.empty((3, n_runs, n_steps)))

@@ -13,6 +13,8 @@ from rmpc_bench.controllers.lqg import design
 from rmpc_bench.controllers.state_feedback import lqr
 from rmpc_bench.diagnostics.stability import linear_pair, spectral_radius
 from rmpc_bench.estimators.kalman import design as kalman
+from rmpc_bench.models.disturbance import Disturbance, entry_of
+from rmpc_bench.models.disturbed import DisturbedLinear
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.types import DesignError, Estimate, Estimator, LinearPlant, Method, Status
@@ -205,19 +207,6 @@ def test_a_missing_measurement_is_not_summed():
     assert np.isfinite(command.u).all()
 
 
-class WithDisturbance(LinearModel):
-    """A model whose last state is a disturbance of the input."""
-
-    n_disturbances = 1
-
-
-def with_input_disturbance(m, drift):
-    """Return a model with an input disturbance."""
-    A = np.block([[m.A, m.B], [np.zeros((1, m.nx)), np.eye(1)]])
-    Q_w = np.block([[m.Q_w, np.zeros((m.nx, 1))], [np.zeros((1, m.nx)), drift * np.eye(1)]])
-    return WithDisturbance(A, np.vstack([m.B, [[0.0]]]), np.hstack([m.C, [[0.0]]]), Q_w, m.R_v)
-
-
 @pytest.mark.parametrize("Q_i", [0.0, 1e-2])
 def test_a_disturbance_of_the_model_changes_the_target(Q_i):
     """Its gain is 1 for an input disturbance; the loop has no offset, with sums or without them.
@@ -225,7 +214,7 @@ def test_a_disturbance_of_the_model_changes_the_target(Q_i):
     Oracle: u_s = -d, and y = r on a plant with a constant disturbance and other matrices.
     """
     m = servo_model()
-    augmented, n = with_input_disturbance(m, 1e5), 300
+    augmented, n = DisturbedLinear(m, entry_of(m, Disturbance(at="input", drift=1e5))), 300
     filter_ = kalman(augmented, n, x0=np.zeros(5), P0=augmented.Q_w)
     law, plain = (design(each, TS, filter_, Q_y=1.0, Q_i=Q_i, R_u=1e-6) for each in (augmented, m))
     np.testing.assert_allclose(law.K_x[:, :4], plain.K_x, rtol=1e-12)

@@ -10,6 +10,8 @@ from rmpc_bench.diagnostics.stability import linear_pair
 from rmpc_bench.diagnostics.tolerance import divergence_over_time
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.estimators.robust_kalman import design as robust_kalman
+from rmpc_bench.models.disturbance import Disturbance, entry_of
+from rmpc_bench.models.disturbed import DisturbedLinear
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.servo import TABLE_1
 from rmpc_bench.numerics.linalg import van_loan
@@ -102,6 +104,20 @@ def test_against_the_joint_density_of_all_data(seed, ny, s):
             np.testing.assert_allclose(found.mismatch[run, k] / s**2, 0.5 * a @ np.linalg.solve(K, a), rtol=1e-7)
             noise = 0.5 * np.trace(np.linalg.solve(K, spread))
             np.testing.assert_allclose(found.noise[run, k], noise, rtol=1e-7, atol=1e-12)
+
+
+def test_a_filter_with_a_disturbance_has_more_states_than_the_model():
+    """A plant equal to the model does not diverge from it, whatever the filter of the method estimates besides."""
+    rng = np.random.default_rng(7)
+    model = random_model(rng, 3, 1, 1)
+    disturbed = DisturbedLinear(model, entry_of(model, Disturbance(at="input", drift=2.0)))
+    x0, P0 = rng.standard_normal(3), random_psd(rng, 3)
+    start = disturbed.start(x0, P0, np.zeros((3, 3)))
+    estimator = kalman(disturbed, N, x0=start["x0"], P0=start["P0"])
+    pair = linear_pair(estimator, mpc(disturbed, Hp=4, Hu=2, Q=1.0, R=0.3))
+    truth = LinearPlant(model.A, model.B, model.C, np.eye(3))
+    for part in divergence_over_time(stacked([truth]), model, pair, x0, P0, rng.standard_normal((N + 5, 1)), N):
+        np.testing.assert_allclose(part, 0.0, atol=1e-9)  # rounding of the parts, which are of size 1 for other plants
 
 
 def test_a_plant_equal_to_the_model_does_not_diverge():
