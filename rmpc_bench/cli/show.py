@@ -133,6 +133,9 @@ def _lines(found: Replay, until: int | None) -> list[str]:
         at = "" if found.failure.k is None else f" at k = {found.failure.k}, t = {found.Ts * found.failure.k:g} s"
         lines += [f"{found.failure.component}{at}: {found.failure.message}"]
         lines += [found.failure.trace.rstrip()] if found.failure.trace else []
+    if found.failed_steps:
+        counts = ", ".join(f"{n} {word}" for word, n in found.failed_steps.items())
+        lines += [f"steps whose optimisation failed, where the fallback was applied: {counts}"]
     if found.uncertainty:
         lines += ["uncertain quantities  " + ", ".join(f"{n} = {v:.6g}" for n, v in found.uncertainty.items())]
     if len(found.signals["x"]):

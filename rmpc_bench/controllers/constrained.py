@@ -193,4 +193,4 @@ def with_fallback(
     info = {"qp": steps.astype(float)}
     if fallback == "stop":
         return Command(u, statuses, info)
-    return Command(u, np.zeros_like(statuses), info, statuses)
+    return Command(u, np.zeros_like(statuses), info, statuses if statuses.any() else None)

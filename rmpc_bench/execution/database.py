@@ -26,6 +26,11 @@ from rmpc_bench.execution.store_file import (
 
 __all__ = ["FILE", "Database", "MissingError", "OccupiedError", "StoreError", "WriteError"]
 
+_LATER = """
+CREATE TABLE IF NOT EXISTS failed_steps (method INTEGER, run INTEGER, status INTEGER, n INTEGER NOT NULL,
+    PRIMARY KEY (method, run, status)) WITHOUT ROWID
+"""
+"""Table that stores of this format lack which an earlier version has made; a writer adds it."""
 _SCHEMA = f"""
 PRAGMA application_id = {APPLICATION};
 PRAGMA user_version = {FORMAT};
@@ -111,6 +116,7 @@ class Database:
             if is_new or not execute("SELECT 1 FROM sqlite_master").fetchone():
                 for statement in filter(str.strip, _SCHEMA.split(";")):
                     execute(statement)
+            execute(_LATER)
             execute("COMMIT")
         execute("SELECT 1 FROM meta LIMIT 1")
 
@@ -124,6 +130,10 @@ class Database:
             return self.connection.execute(query, parameters).fetchall()
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             raise _translated(error, self._path) from None
+
+    def has_table(self, name: str) -> bool:
+        """Whether there is a table of this name, which a store of an earlier version may lack."""
+        return bool(self.read("SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?", (name,)))
 
     def write(self, statements: Sequence[Statement]) -> None:
         """Execute statements, each for a sequence of rows, inside a `transaction`.

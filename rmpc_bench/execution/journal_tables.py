@@ -1,4 +1,4 @@
-"""Tables of the trial store for what happened in the runs: failures, held steps, warnings and durations."""
+"""Tables of the trial store for what happened in the runs: failures, held and failed steps, warnings, durations."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from jaxtyping import Int
 from rmpc_bench.execution.chunks import ranges
 from rmpc_bench.execution.database import Statement
 from rmpc_bench.execution.durations import Durations
-from rmpc_bench.types import Array, Journal, RunFailure
+from rmpc_bench.types import Array, Journal, RunFailure, Status
 
+WORDS = {int(status): status.word for status in Status}
 Read = Callable[[str, tuple[Any, ...]], list[Any]]
 
 
@@ -36,10 +37,15 @@ def journal_rows(method: int, runs: Int[Array, " runs"], journal: Journal) -> li
     return [
         ("DELETE FROM failures WHERE method = ? AND run >= ? AND run < ?", spans),
         ("DELETE FROM held WHERE method = ? AND run >= ? AND run < ?", spans),
+        ("DELETE FROM failed_steps WHERE method = ? AND run >= ? AND run < ?", spans),
         ("DELETE FROM warnings WHERE method = ? AND first < ? AND stop > ?", [(method, stop, first)]),
         ("DELETE FROM durations WHERE method = ? AND first < ? AND stop > ?", [(method, stop, first)]),
         ("INSERT INTO failures VALUES (?, ?, ?)", failures),
         ("INSERT INTO held VALUES (?, ?, ?)", [(method, run, n) for run, n in journal.held.items() if n]),
+        (
+            "INSERT INTO failed_steps VALUES (?, ?, ?, ?)",
+            [(method, *run_and_status, n) for run_and_status, n in journal.failed_steps.items()],
+        ),
         (
             "INSERT INTO warnings VALUES (?, ?, ?, ?, ?)",
             [(method, first, stop, text, n) for text, n in journal.warnings.items()],
@@ -65,6 +71,22 @@ def read_failures(read: Read, method: int, n_runs: int) -> list[RunFailure]:
     """
     rows = read("SELECT failure FROM failures WHERE method = ? AND run < ? ORDER BY run", (method, n_runs))
     return [RunFailure(**json.loads(text)) for (text,) in rows]
+
+
+def read_failed_steps(read: Read, method: int, n_runs: int) -> dict[int, dict[str, int]]:
+    """Return run -> word of a status -> number of steps that failed so, of the runs that have some.
+
+    Parameters
+    ----------
+    read : runs a query
+    method : number of the method
+    n_runs : runs from this one on are left out
+    """
+    found: dict[int, dict[str, int]] = {}
+    query = "SELECT run, status, n FROM failed_steps WHERE method = ? AND run < ? ORDER BY run, status"
+    for run, status, n in read(query, (method, n_runs)):
+        found.setdefault(run, {})[WORDS[status]] = n
+    return found
 
 
 def read_durations(read: Read, method: int, n_runs: int) -> dict[str, Durations]:

@@ -140,6 +140,7 @@ class _Layout:
             series=series,
             moments=moments,
             holds=method.estimator.holds or method.controller.holds,
+            optimises=method.controller.optimises,
         )
 
     def _series_of(

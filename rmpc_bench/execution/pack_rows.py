@@ -15,10 +15,10 @@ from rmpc_bench.types import Array
 
 TOLERANCE = 1e-9
 """Largest relative difference of equal values on two machines."""
-_TEXT = ("method", "metric", "status", "quantity", "component")
+_TEXT = ("method", "metric", "status", "quantity", "component", "worst_step")
 _DIGITS = 5.1e-6
 """Largest relative difference of two numbers with equal six digits, one of them unrounded."""
-_COUNTS = ("run", "k", "n", "held_steps")
+_COUNTS = ("run", "k", "n", "held_steps", "failed_steps")
 
 
 def read_rows(path: Path) -> pd.DataFrame:

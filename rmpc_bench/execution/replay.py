@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,7 @@ class Replay:
     ----------
     run, method, point : index of the run, name of the method, point of the sweep in words
     status : word of its status
+    failed_steps : word of a status -> number of steps whose optimisation failed so
     failure : why it has failed; None where it has not, or where there is no description
     Ts : sampling time [s]
     signals : signal -> (samples, components), up to the last sample or the failure; u and what the controller reports
@@ -77,6 +78,7 @@ class Replay:
     stored: Mapping[str, float]
     stored_status: str
     error: BaseException | None = None
+    failed_steps: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def differing(self) -> dict[str, tuple[float, float]]:
@@ -186,7 +188,9 @@ def _simulated(
     named = {name: getattr(record, name) for name in SIGNALS} | dict(record.info)
     named |= {name: plant.extra_signal(name, record.delta, record.x)[:, :, None] for name in plant.extra_signals}
     signals = {name: values[0, : last + 1] for name, values in named.items()}
-    return {**common, "status": _WORDS[code], "failure": failure, "signals": signals, "metrics": metrics}
+    steps = {_WORDS[step]: n for (_, step), n in sorted(start.journal.failed_steps.items())}
+    found = {"status": _WORDS[code], "failure": failure, "signals": signals, "metrics": metrics, "failed_steps": steps}
+    return {**common, **found}
 
 
 def _ended(error: BaseException, experiment: Experiment, run: int) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from rmpc_bench.execution.database import Database, Statement, StoreError, Write
 from rmpc_bench.execution.differences import Names, differences
 from rmpc_bench.execution.durations import Durations
 from rmpc_bench.execution.ensemble_table import as_array, as_bytes, read_groups, with_stored_runs
-from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failures
+from rmpc_bench.execution.journal_tables import journal_rows, read_durations, read_failed_steps, read_failures
 from rmpc_bench.execution.sampled_values import Sampled, by_name, read_sampled
 from rmpc_bench.execution.store_copy import Opened, copy_rows
 from rmpc_bench.execution.stored_method import StoredMethod
@@ -318,6 +318,13 @@ class Store:
         """Run -> number of held steps, of the runs that have some."""
         query = "SELECT run, n FROM held WHERE method = ? AND run < ? ORDER BY run"
         return dict(self._read(query, (self._number(method), n_runs)))
+
+    def failed_steps(self, method: str, n_runs: int) -> dict[int, dict[str, int]]:
+        """Run -> word of a status -> number of steps whose optimisation failed so, of the runs that have some."""
+        if not self._database.has_table("failed_steps"):
+            return {}
+        with decoded(self.directory):
+            return read_failed_steps(self._read, self._number(method), n_runs)
 
     def warnings(self, method: str, n_runs: int) -> dict[str, int]:
         """Text of a warning of a component -> how often it was given, the most frequent one first."""

@@ -98,7 +98,9 @@ def _copy_runs(source: Opened, target: Database, method: str, runs: Int[Array, "
     names = dict(source.read("SELECT number, key FROM keys", ()))
     traces = [(method, target.number(names[signal]), *rest) for method, signal, *rest in of_method("traces", 2)]
     _insert(target, "traces", traces)
-    for table in ("failures", "held"):
+    for table in ("failures", "held", "failed_steps"):
+        if not source.database.has_table(table):
+            continue
         _insert(target, table, list(of_method(table, 1)))
     for table in _BY_BLOCK:
         spans = target.read(f"SELECT DISTINCT first, stop FROM {table} WHERE method = ?", (here,))

@@ -44,6 +44,7 @@ class PointMethod:
     series : series of its design -> name of the array, axis 0 = k; empty where nothing of the method is computed
     moments : names of the arrays of the exact mean and covariance of (x, x_hat); None where there are none
     holds : whether a component of the method holds a failed step
+    optimises : whether its controller goes on after a step whose optimisation failed
     """
 
     definition: str
@@ -55,6 +56,7 @@ class PointMethod:
     series: Mapping[str, str] = field(default_factory=dict)
     moments: tuple[str, str] | None = None
     holds: bool = False
+    optimises: bool = False
 
     @property
     def stored(self) -> StoredMethod:

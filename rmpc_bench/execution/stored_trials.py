@@ -123,7 +123,8 @@ def _notes(experiment: StoredExperiment, point: StoredPoint, store: Store, name:
     method, n_runs = point.methods[name], experiment.n_runs
     failures = tuple(store.failures(method.key, n_runs))
     held, warnings = store.held(method.key, n_runs), store.warnings(method.key, n_runs)
-    return RunNotes(point.n_steps, method.holds, failures, held, warnings)
+    failed = store.failed_steps(method.key, n_runs)
+    return RunNotes(point.n_steps, method.holds, failures, held, warnings, None, method.optimises, failed)
 
 
 def _groups(experiment: StoredExperiment, point: StoredPoint, store: Store, name: str) -> RunGroups | None:

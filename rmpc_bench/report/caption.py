@@ -101,6 +101,8 @@ def _described(table: MetricTable, shown: Sequence[Column]) -> Iterable[str]:
         yield "Runs/failed: number of finished runs and of failed runs."
     if "held" in shown:
         yield "Held steps: share of the steps in which a failed component kept its last value."
+    if "steps" in shown:
+        yield "Failed steps: share of the steps in which the optimisation failed and the fallback was applied."
 
 
 def _mean(table: MetricTable) -> str:

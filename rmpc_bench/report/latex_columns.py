@@ -11,7 +11,7 @@ from rmpc_bench.report.cells import MetricTable
 from rmpc_bench.report.latex_numbers import number_latex
 from rmpc_bench.report.latex_text import to_latex, unit_latex
 from rmpc_bench.report.latex_width import table_width
-from rmpc_bench.report.run_notes import held_cells
+from rmpc_bench.report.run_notes import failed_cells, held_cells
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
@@ -80,6 +80,8 @@ def columns_of(table: MetricTable) -> dict[Column, list[str]]:
     found["n"] = cells.sizes(table)
     if held := held_cells(trials, [line.method for line in table.lines]):
         found["held"] = held
+    if failed := failed_cells(trials, [line.method for line in table.lines]):
+        found["steps"] = failed
     # A column of hyphens says nothing.
     return {
         name: [number_latex(cell) for cell in texts]
@@ -115,6 +117,7 @@ def head_of(table: MetricTable, column: Column) -> str:
         "verdict": ["Verdict"],
         "n": ["Runs/", "failed"],
         "held": ["Held", "steps"],
+        "steps": ["Failed", "steps"],
         "pairs": ["Pairs"],
     }
     return stacked(heads[column])

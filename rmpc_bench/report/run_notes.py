@@ -1,4 +1,4 @@
-"""Failed runs, held steps and warnings as text: for the screen, tables/summary.md and failures/METHOD-RUN.txt."""
+"""Failed runs, held and failed steps and warnings as text: for the screen, tables/summary.md and failures/*.txt."""
 
 from __future__ import annotations
 
@@ -26,6 +26,18 @@ def held_cells(trials: Trials, methods: list[str]) -> list[str]:
         return []
     n_runs = len(trials.runs)
     shares = {method: 100.0 * notes.share_held(n_runs) for method, notes in trials.notes.items() if notes.holds}
+    return [f"{shares[method]:.2g} %" if method in shares else "-" for method in methods]
+
+
+def failed_cells(trials: Trials, methods: list[str]) -> list[str]:
+    """Return the share of failed steps of every method, for a column of a table; none where no step has failed."""
+    shares = {
+        method: 100.0 * notes.n_failed_steps / (notes.n_steps * len(trials.runs))
+        for method, notes in trials.notes.items()
+        if notes.optimises and len(trials.runs)
+    }
+    if not any(shares.get(method) for method in methods):
+        return []
     return [f"{shares[method]:.2g} %" if method in shares else "-" for method in methods]
 
 
@@ -71,9 +83,29 @@ def held_sentences(trials: Trials) -> list[str]:
     ]
 
 
+def failed_sentences(trials: Trials) -> list[str]:
+    """Say how many optimisations of which method failed, and in how many runs, of which every one went on."""
+    sentences = []
+    for method, notes in trials.notes.items():
+        if not notes.failed_steps:
+            continue
+        n_runs, every = len(notes.failed_steps), notes.n_steps * len(trials.runs)
+        words = {status.word: 0 for status in Status}
+        for counts in notes.failed_steps.values():
+            for word, n in counts.items():
+                words[word] += n
+        parts = ", ".join(f"{n:,} {word}" for word, n in words.items() if n)
+        sentences.append(
+            f"{method}: the optimisation failed in {notes.n_failed_steps:,} of {every:,} steps ({parts}), "
+            f"in {n_runs} run{'' if n_runs == 1 else 's'}; the fallback was applied"
+        )
+    return sentences
+
+
 def notes_markdown(trials: Trials) -> list[str]:
-    """Return the sections on held steps and warnings; none where there are neither."""
+    """Return the sections on held steps, failed steps and warnings; none where there are none."""
     held = [f"- {text}" for text in held_sentences(trials)]
+    failed = [f"- {text}" for text in failed_sentences(trials)]
     warned = [
         # A warning may have several lines, and a list entry has one.
         f"- {method}, {n} time{'' if n == 1 else 's'}: {' '.join(text.split())}"
@@ -81,11 +113,12 @@ def notes_markdown(trials: Trials) -> list[str]:
         for text, n in [*notes.warnings.items()][:MOST_WARNINGS]
     ]
     parts = ["## Held steps", "\n".join(held)] if held else []
+    parts += ["## Failed steps", "\n".join(failed)] if failed else []
     return [*parts, *(["## Warnings of components", "\n".join(warned)] if warned else [])]
 
 
 def screen_lines(trials: Trials, directory: object) -> list[str]:
-    """Return the lines of the screen on failed runs, held steps and warnings.
+    """Return the lines of the screen on failed runs, held and failed steps, and warnings.
 
     Parameters
     ----------
@@ -101,6 +134,8 @@ def screen_lines(trials: Trials, directory: object) -> list[str]:
     lines += [f"{'':12}and {left} more: tables/summary.md and failures/"] if left > 0 else []
     held = [text for table in trials.each for text in held_sentences(table)]
     lines += [f"{'held' if number == 0 else '':12}{text}" for number, text in enumerate(held[:MOST_ON_SCREEN])]
+    steps = [text for table in trials.each for text in failed_sentences(table)]
+    lines += [f"{'steps' if number == 0 else '':12}{text}" for number, text in enumerate(steps[:MOST_ON_SCREEN])]
     kinds = {text for table in trials.each for notes in table.notes.values() for text in notes.warnings}
     if kinds:
         what = f"{len(kinds)} different warning{'' if len(kinds) == 1 else 's'} of components: tables/summary.md"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -29,7 +29,8 @@ MOST_ON_SCREEN = 6
 def trials_csv(trials: Trials, path: Path) -> None:
     """Write the table of trials with the sweep columns, `method, run, status` and one column per metric.
 
-    Where a component may hold failed steps, `held_steps` follows the status.
+    Where a component may hold failed steps, `held_steps` follows the status; where a controller optimises and goes on
+    after a failed step, `failed_steps` and `worst_step`, the worst status of the steps of the run.
 
     Parameters
     ----------
@@ -38,15 +39,21 @@ def trials_csv(trials: Trials, path: Path) -> None:
     """
     metrics = (info.name for info in trials.metrics)
     columns = [*trials.paths, "method", "run", "status"]
-    if not any(notes.holds for table in trials.each for notes in table.notes.values()):
-        write_csv(trials.frame[[*columns, *metrics]], path)
-        return
-    held = [
-        table.notes[method].held.get(run, 0) if method in table.notes else 0
-        for table in trials.each
-        for method, run in table.frame[["method", "run"]].itertuples(index=False)
-    ]
-    write_csv(trials.frame.assign(held_steps=held)[[*columns, "held_steps", *metrics]], path)
+    steps = _step_columns(trials)
+    write_csv(trials.frame.assign(**steps)[[*columns, *steps, *metrics]], path)
+
+
+def _step_columns(trials: Trials) -> dict[str, list[Any]]:
+    """Return the columns on held and on failed steps, each where a method may have such steps."""
+    notes = [table.notes.get(method) for table in trials.each for method in table.frame["method"]]
+    known = list(zip((run for table in trials.each for run in table.frame["run"]), notes, strict=True))
+    columns: dict[str, list[Any]] = {}
+    if any(each.holds for table in trials.each for each in table.notes.values()):
+        columns["held_steps"] = [each.held.get(run, 0) if each else 0 for run, each in known]
+    if any(each.optimises for table in trials.each for each in table.notes.values()):
+        columns["failed_steps"] = [each.n_failed_of(run) if each else 0 for run, each in known]
+        columns["worst_step"] = [each.worst_step_of(run) if each else "ok" for run, each in known]
+    return columns
 
 
 MOST_PAGES = 50

@@ -13,7 +13,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
 from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
-from rmpc_bench.report.run_notes import STEP_TIMES, held_cells, notes_markdown, step_times
+from rmpc_bench.report.run_notes import STEP_TIMES, failed_cells, held_cells, notes_markdown, step_times
 from rmpc_bench.report.sentences import AVERAGES, explanation, sentence
 from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo, Status
@@ -59,6 +59,8 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
         columns["n"] = ["n/n_failed", *cells.sizes(table)]
     if held := held_cells(trials, [line.method for line in table.lines]):
         columns["held"] = ["held", *held]
+    if failed := failed_cells(trials, [line.method for line in table.lines]):
+        columns["failed"] = ["failed steps", *failed]
     if table.with_failed and table.with_comparisons:
         columns["pairs"] = ["pairs", *cells.pairs(table)]
     times = step_times(trials, [line.method for line in table.lines])
@@ -143,6 +145,8 @@ def metric_columns(table: MetricTable) -> dict[str, list[str]]:
     columns["n/n_failed"] = cells.sizes(table)
     if held := held_cells(trials, [line.method for line in table.lines]):
         columns["held steps"] = held
+    if failed := failed_cells(trials, [line.method for line in table.lines]):
+        columns["failed steps"] = failed
     if table.with_failed and table.with_comparisons:
         columns["pairs"] = cells.pairs(table)
     return columns

@@ -174,7 +174,9 @@ class CheckedController(_Checked):
         _check_answer(second, "control", Command, "(state, u) or (state, Command)")
         command = as_command(second)
         _check_array(command.u, "control", "u", (self._n, self._nu))
-        _check_status(command.status, "control", self._n)
+        for status in (command.status, command.step_status):
+            if status is not None:
+                _check_status(status, "control", self._n)
         _check_info(command.info, "control", self._n)
         return state, command
 

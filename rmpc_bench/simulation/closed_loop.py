@@ -53,7 +53,7 @@ class Block(NamedTuple):
     ensemble: Sequence[Group]
     """Mean and covariance of (x, x_hat) over groups of runs, where they are to be kept."""
     journal: Journal
-    """Failures, held steps, durations and warnings of the components."""
+    """Failures, held and failed steps, durations and warnings of the components."""
 
 
 def simulate_block(
@@ -172,6 +172,7 @@ def simulate(
             c, chosen = timed.control(k, c, y, estimate, r[k : k + preview])
             command = as_command(chosen)
             status = runs.after(limits.of_input(status, command.status, command.u))
+            start.note_steps(command.step_status, runs)
             u = np.array(command.u)
             inputs.at(k, u=u, **_wanted(command.info, info))
             motion = as_motion(moving.step(k, draws.delta, x.copy(), u.copy(), w[:, k]))

@@ -64,6 +64,19 @@ class RunStart(NamedTuple):
         init: Callable[..., Any] = controller.init
         return init(n_runs, runs=self._runs("controller", shared)) if controller.starts_runs else init(n_runs)
 
+    def note_steps(self, step_status: Statuses | None, shared: RunState) -> None:
+        """Count the failed steps of runs that go on.
+
+        Parameters
+        ----------
+        step_status : of every run; None where no step has failed
+        shared : says which runs have not failed
+        """
+        if step_status is None:
+            return
+        for row in np.flatnonzero((step_status != OK) & shared.alive).tolist():
+            self.journal.failed_steps[self.runs[row], int(step_status[row])] += 1
+
     def _runs(self, role: str, shared: RunState) -> RunInfo:
         rngs = tuple(stream(self.seed, run, f"own/{role}") for run in self.runs)
         return RunInfo(self.runs, rngs, shared.alive, self.journal, shared.failed, self.watch)

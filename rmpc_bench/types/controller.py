@@ -56,6 +56,11 @@ class Controller(Design):
         return {}
 
     @attribute
+    def optimises(self) -> bool:
+        """Whether it optimises at every sample and goes on after a failed one, which `Command.step_status` counts."""
+        return "qp" in self.reports
+
+    @attribute
     def certifies(self) -> bool:
         """Whether this design bounds the effect of the bounded noise, so that `certificate` is defined."""
         return False

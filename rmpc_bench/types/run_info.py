@@ -49,6 +49,7 @@ class Journal:
     ----------
     failures : run -> its first failure
     held : run -> number of held steps
+    failed_steps : run and number of a `Status` -> number of steps whose optimisation failed, and whose run went on
     seconds : component and phase, such as ``estimator`` or ``estimator, first step`` -> durations of its calls [s];
         phase ``block`` is the time per run and step of calls for all runs of a block
     warnings : text of a warning of a component -> how often it was given
@@ -57,6 +58,7 @@ class Journal:
 
     failures: dict[int, RunFailure] = field(default_factory=dict)
     held: Counter[int] = field(default_factory=Counter)
+    failed_steps: Counter[tuple[int, int]] = field(default_factory=Counter)
     seconds: dict[str, list[float]] = field(default_factory=dict)
     warnings: Counter[str] = field(default_factory=Counter)
     call: Callable[..., Any] | None = None

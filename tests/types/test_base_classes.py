@@ -49,6 +49,7 @@ DEFAULTS = {
         "remarks": (),
         "cost_per_step": 0.0,
         "certifies": False,
+        "optimises": False,
         "input_limits": None,
     },
     Model: {"varies": False, "is_linear_model": False, "has_sets": False, "S": 0.0},

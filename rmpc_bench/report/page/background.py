@@ -10,7 +10,7 @@ from rmpc_bench.claims.claim import Finding
 from rmpc_bench.report.page.blocks import Block, Text, bullets, code, facts, heading, paragraph, table
 from rmpc_bench.report.page.result_tables import inconclusive
 from rmpc_bench.report.page.source import PageSource
-from rmpc_bench.report.run_notes import failed_runs, held_sentences, of_run, show_command
+from rmpc_bench.report.run_notes import failed_runs, failed_sentences, held_sentences, of_run, show_command
 from rmpc_bench.report.tables import declared_lines, status_lines
 
 MOST_LISTED = 6
@@ -120,7 +120,7 @@ def _machine_limits(source: PageSource) -> list[Text]:
 
 
 def failure_blocks(source: PageSource) -> list[Block]:
-    """Return failed runs with the command that replays them, held steps, warnings, and the time that it took.
+    """Return failed runs with the command that replays them, held and failed steps, warnings, and the time taken.
 
     Parameters
     ----------
@@ -139,6 +139,8 @@ def failure_blocks(source: PageSource) -> list[Block]:
     blocks += [heading("Failed runs to replay"), *bullets(commands)] if commands else []
     held = [text for trials in source.trials.each for text in held_sentences(trials)]
     blocks += bullets([f"Held: {text}" for text in held[:MOST_LISTED]])
+    steps = [text for trials in source.trials.each for text in failed_sentences(trials)]
+    blocks += bullets([f"Steps: {text}" for text in steps[:MOST_LISTED]])
     warned = dict.fromkeys(
         " ".join(text.split())
         for trials in source.trials.each

@@ -18,7 +18,7 @@ from rmpc_bench.report.summary import MOST_ON_SCREEN, Summary
 from rmpc_bench.report.tables import BEST, legend, metric_columns, quantity
 from rmpc_bench.types import MetricInfo
 
-SUPPORTING = ("won/lost/tied", "superiority", "p", "n/n_failed", "held steps", "pairs")
+SUPPORTING = ("won/lost/tied", "superiority", "p", "n/n_failed", "held steps", "failed steps", "pairs")
 """Columns behind the verdict."""
 MOST_OPEN = 3
 """Tables besides that of the primary metric that are not folded."""
