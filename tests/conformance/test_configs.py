@@ -10,6 +10,7 @@ from missing_libraries import skip_without_libraries
 from rmpc_bench import load_config, run
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
+from rmpc_bench.metrics.optimised_steps import QP, QpShare
 
 ROOT = Path(__file__).parents[2] / "configs"
 CONFIGS = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.yaml"))
@@ -65,7 +66,8 @@ def test_there_are_configurations():
 def test_two_runs_of_a_few_steps(name, tmp_path):
     """Every method completes two short runs with a value for every metric, at up to four points of a sweep.
 
-    Where only exact moments are evaluated, there are these and no runs.
+    Where only exact moments are evaluated, there are these and no runs.  A method that solves no quadratic programs has
+    no shares of them.
     """
     skip_without_libraries(ROOT / name)
     config = load_config(ROOT / name, runs=2, smoke=True)
@@ -79,7 +81,12 @@ def test_two_runs_of_a_few_steps(name, tmp_path):
     if "moments" in config.evaluate:
         exact = trials.series[(trials.series["quantity"] == "cov(e)") & (trials.series["n"] == 0)]
         assert set(exact["method"]) == set(config.methods) - trials.oracles
-    assert not trials.frame.isna().any(axis=None)
+    made = config.points[0].experiment
+    shares = [metric.name for metric in made.metrics if isinstance(metric, QpShare)]
+    without = [method.name for method in made.methods if QP not in method.controller.reports]
+    optimised = ~trials.frame["method"].isin(without)
+    assert not trials.frame.drop(columns=shares).isna().any(axis=None)
+    assert not trials.frame.loc[optimised, shares].isna().any(axis=None)
 
 
 @pytest.mark.parametrize("name", marked(HEAVY))
