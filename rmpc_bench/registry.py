@@ -83,6 +83,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "steps": "rmpc_bench.simulation.input_signals:steps",
     },
     "noises": {
+        "corners": "rmpc_bench.noise.bounded:corners",
         "ellipsoid": "rmpc_bench.noise.bounded:ellipsoid",
         "gaussian": "rmpc_bench.noise.gaussian:gaussian",
         "uniform": "rmpc_bench.noise.bounded:uniform",

@@ -34,8 +34,8 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.constrained import ConstrainedMoves, with_fallback
 from rmpc_bench.controllers.input_limits import common_limits
-from rmpc_bench.controllers.limit_rows import LimitRows, limit_rows
-from rmpc_bench.controllers.limits import Bounds, Fallback, Pairs
+from rmpc_bench.controllers.limit_rows import LimitRows, OpenPairs, limit_rows
+from rmpc_bench.controllers.limits import Bounds, Fallback
 from rmpc_bench.controllers.tube_design import Tightening, TubeDesign, feedback
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_vector, mv
@@ -154,7 +154,7 @@ def design(
     Q_x: Matrix,
     R_u: Matrix,
     horizon: Horizon,
-    limits: dict[str, Pairs],
+    limits: dict[str, OpenPairs],
     W: Positive | list[Positive] | None = None,
     tightening: Tightening = "tube",
     fallback: Fallback = "clip",
@@ -172,7 +172,7 @@ def design(
     R_u : weight of the input, positive definite
     horizon : N, number of corrections of the feedback [samples]
     limits : [low, high] by signal: `u` (one pair for all inputs, or one per input), `u.0`, `x.1`, `y.0`, or a signal
-        that the design model names; .inf where there is none
+        that the design model names; `null` in place of a number where there is none
     W : half widths of the box of the process noise, a number for all states or one per state; `none` does not use it
     tightening : `tube` tightens every limit by a robust invariant set, `growing` that of step j by the noise of j
         samples, `none` no limit

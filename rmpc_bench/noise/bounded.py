@@ -1,7 +1,8 @@
-"""Bounded noise: uniform in a box, and laws for an ellipsoid.
+"""Bounded noise: uniform in a box, at the corners of a box, and laws for an ellipsoid.
 
-Model   w = center + L u.  `uniform`: u in the box [-1, 1]^n.  `ellipsoid`: u in the unit ball, L a root of the shape
-        matrix M, so that (w - center)' M^-1 (w - center) <= 1.  A singular M gives a flat ellipsoid.
+Model   w = center + L u.  `uniform`: u in the box [-1, 1]^n.  `corners`: u at a corner of it.  `ellipsoid`: u in the
+        unit ball, L a root of the shape matrix M, so that (w - center)' M^-1 (w - center) <= 1.  A singular M gives a
+        flat ellipsoid.
 Source  ma2025, (1), (74), (75); Section V for the skewed cube.  A point of this cube may be outside the unit ball: the
         key `outside` selects how it is treated.
 Limit   `ellipsoid` with skew 1/2 and outside `reject` is uniform in the ellipsoid.
@@ -19,7 +20,7 @@ from annotated_types import Ge, Le
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, placed
-from rmpc_bench.noise.points import Ball, Box, KnownPoints, Points, ProjectedCube, RejectedCube, SkewedCube
+from rmpc_bench.noise.points import Ball, Box, Corners, KnownPoints, Points, ProjectedCube, RejectedCube, SkewedCube
 from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
@@ -104,6 +105,25 @@ def uniform(
         factor = _matrix("mix", mix, n) @ factor
     steady = KnownBoundedNoise(_vector("center", center, n), factor, Box())
     return BurstyNoise(steady, placed(bursts, Ts)) if bursts else steady
+
+
+def corners(n: int, *, radius: NonNegative | list[NonNegative], center: float | list[float] = 0.0) -> KnownBoundedNoise:
+    """Noise at a corner of a box, center - radius or center + radius in every coordinate, all equally likely.
+
+    The largest noises of a box are those at its corners: they test a law that is designed for all noises in it.
+
+    Parameters
+    ----------
+    n : dimension
+    radius : half-width of the box: a number (for every coordinate) or one per coordinate
+    center : centre of the box: a number (for every coordinate) or one per coordinate
+
+    Raises
+    ------
+    DesignError
+        If a size does not fit.
+    """
+    return KnownBoundedNoise(_vector("center", center, n), np.diag(_vector("radius", radius, n)), Corners())
 
 
 def ellipsoid(

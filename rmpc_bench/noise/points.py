@@ -50,6 +50,19 @@ class Box(KnownPoints):
 
 
 @dataclass(frozen=True)
+class Corners(KnownPoints):
+    """Corners of [-1, 1]^n, all equally likely."""
+
+    def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
+        """Points one by one; the signs are those of `Box` with the same generator."""
+        return np.where(rng.random((n_samples, n)) < 0.5, -1.0, 1.0)
+
+    def moments(self, n: int) -> PointMoments:
+        """Mean and covariance of a point."""
+        return PointMoments(np.zeros(n), np.eye(n))
+
+
+@dataclass(frozen=True)
 class Ball(KnownPoints):
     """Uniform in the unit ball."""
 

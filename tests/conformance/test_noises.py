@@ -15,6 +15,7 @@ PARAMETERS = {
         {"radius": 1.0, "bursts": [Burst(0.2, 0.5, 3.0)]},
         {"radius": 1.0, "bursts": RandomBursts([(0.1, 0.5)], (0.1, 0.2), (2.0, 3.0))},
     ],
+    "corners": [{"radius": [1.0, 2.0], "center": 0.3}],
     "ellipsoid": [
         {"shape": [[2.0, 0.5], [0.5, 1.0]]},
         {"shape": [2.0, 1.0], "law": "skewed-cube", "center": 1.0, "scale": 0.5},

@@ -18,7 +18,7 @@ from rmpc_bench.types import DesignError, Estimate, OperatingPoint, OptimisedSte
 
 A, B = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.5], [1.0]])
 MODEL = LinearModel(A, B, np.eye(2), 0.01 / 3, 0.0)
-EXAMPLE = {"Q_x": 1.0, "R_u": 0.01, "horizon": 9, "limits": {"u": (-1.0, 1.0), "x.1": (-np.inf, 2.0)}, "W": 0.1}
+EXAMPLE = {"Q_x": 1.0, "R_u": 0.01, "horizon": 9, "limits": {"u": (-1.0, 1.0), "x.1": (None, 2.0)}, "W": 0.1}
 START = np.array([-5.0, -2.0])
 PRINTED = {"rtol": 0.0, "atol": 1e-9}
 """Nine or ten digits are given."""
@@ -285,7 +285,7 @@ def test_an_operating_point_moves_the_law(tightening):
 def test_a_limit_of_a_signal_of_the_model():
     """Oracle: the same limit of the state, twice as large."""
     named = LinearModel(A, B, np.eye(2), 0.01, 0.0, extra_signals={"speed": np.array([[0.0, 2.0]])})
-    limits = {"u": (-1.0, 1.0), "speed": (-np.inf, 4.0)}
+    limits = {"u": (-1.0, 1.0), "speed": (None, 4.0)}
     x = np.array([START, [-6.0, 1.0]])
     np.testing.assert_allclose(commanded(design(named, **EXAMPLE | {"limits": limits}), x).u, commanded(law_of(), x).u)
 
@@ -347,6 +347,7 @@ INTEGRATOR = LinearModel(np.array([[1.0, 1.0], [0.0, 1.0]]), [[1.0], [0.0]], [[1
         (MODEL, {"W": None}, "W", "is needed with tightening: tube"),
         (MODEL, {"W": [0.1, 0.1, 0.1]}, "W", "3"),
         (MODEL, {"limits": {}}, "limits", "needs a limit"),
+        (MODEL, {"limits": {"u": []}}, "limits.u", "needs a pair"),
         (MODEL, {"limits": {"x.2": (0.0, 1.0)}}, "limits.x.2", "state 2"),
         (MODEL, {"limits": {"u.1": (0.0, 1.0)}}, "limits.u.1", "input 1"),
         (MODEL, {"limits": {"torque": (0.0, 1.0)}}, "limits.torque", "not a known signal of the design model"),
@@ -357,7 +358,22 @@ INTEGRATOR = LinearModel(np.array([[1.0, 1.0], [0.0, 1.0]]), [[1.0], [0.0]], [[1
         (MODEL, {"Q_x": [1.0, 1.0, 1.0]}, "Q_x", "3"),
         (INTEGRATOR, {"limits": {"u": (-1.0, 1.0)}}, "", "do not reach that of the eigenvalue 1"),
     ],
-    ids=["W", "no W", "size", "empty", "state", "input", "signal", "order", "point", "R_u", "Q_x", "Q", "integrator"],
+    ids=[
+        "W",
+        "no W",
+        "size",
+        "empty",
+        "no pair",
+        "state",
+        "input",
+        "signal",
+        "order",
+        "point",
+        "R_u",
+        "Q_x",
+        "Q",
+        "integrator",
+    ],
 )
 def test_refused(model, keys, key, message):
     """Oracle: the key to blame and the message."""

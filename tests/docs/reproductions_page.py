@@ -56,6 +56,14 @@ TITLES = {
     "suspected misprint": "Suspected misprints",
 }
 SYSTEMS = "benchmarks"
+FURTHER = {
+    "mayne2005": (
+        "Tube predictive control",
+        "The example of Mayne, Seron and Rakovic, Robust model predictive control of constrained linear systems with "
+        "bounded disturbances (2005), with claims of our own: the text of the paper was not at hand.",
+    ),
+}
+"""Folder of configurations that reproduce no statement of a paper -> title and introduction."""
 
 
 class Configuration(NamedTuple):
@@ -116,7 +124,10 @@ def _contents() -> str:
         title = ", ".join(filter(None, (title, IDENTIFIERS.get(paper))))
         where = f"[statements](#{paper}), [equations and assumptions](methods/{paper}.md)"
         rows.append((paper, text(title), where))
-    return table(("paper", "title", "pages"), [*rows, (SYSTEMS, "Systems of the literature", f"[list](#{SYSTEMS})")])
+    further = [(group, text(title), f"[claims](#{group})") for group, (title, _) in FURTHER.items()]
+    return table(
+        ("paper", "title", "pages"), [*rows, (SYSTEMS, "Systems of the literature", f"[list](#{SYSTEMS})"), *further]
+    )
 
 
 def _paper(paper: str) -> list[str]:
@@ -204,9 +215,20 @@ def _overview(found: Sequence[Configuration]) -> str:
     return table(("configuration", "what is compared", "what was found", "runs"), rows)
 
 
+def _additional(group: str) -> list[str]:
+    """Claims and configurations of a folder."""
+    found = configurations(group)
+    groups = statements(Place(each, claim) for each in found for claim in each.claims)
+    rows = [_row(group, places) for places in groups]
+    header = ("statement", "source", "finding", "numbers", "where")
+    return [f"### {TITLES['additional result']}", table(header, rows), "### Configurations", _overview(found)]
+
+
 def _others() -> list[str]:
     """Systems and examples, which reproduce no paper of the list."""
     about = "Small systems of the literature, which other configurations use with `plant: {from: ..}`."
     parts = [heading(2, "Systems of the literature", SYSTEMS), about, _overview(configurations(SYSTEMS))]
+    for group, (title, introduction) in FURTHER.items():
+        parts += [heading(2, title, group), text(introduction), *_additional(group)]
     about = "Two experiments with own components, explained in [examples.md](examples.md)."
     return [*parts, "## Examples", about, _overview(configurations("examples"))]

@@ -8,13 +8,18 @@ import pytest
 from conftest import ROUND, random_psd, within_stat
 
 from rmpc_bench import registry
-from rmpc_bench.noise.bounded import ellipsoid, uniform
+from rmpc_bench.noise.bounded import corners, ellipsoid, uniform
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.types import DesignError
 
 PAPER = [[5.0, 2.0], [2.0, 5.0]]  # (74)
 CUBE = {"law": "skewed-cube"}
-KEYS = {"gaussian": {"std": 1.0}, "uniform": {"radius": 1.0}, "ellipsoid": {"shape": 1.0}}
+KEYS = {
+    "gaussian": {"std": 1.0},
+    "uniform": {"radius": 1.0},
+    "corners": {"radius": 1.0},
+    "ellipsoid": {"shape": 1.0},
+}
 LAWS = {
     "uniform": {},
     "lower": {"root": "lower"},
@@ -287,3 +292,17 @@ def test_bad_boxes_are_design_errors(keys):
 def test_laws_survive_a_process(law):
     """Oracle: the same draws, bit for bit."""
     np.testing.assert_array_equal(drawn(pickle.loads(pickle.dumps(law)), 9), drawn(law, 9))
+
+
+def test_corners_of_a_box():
+    """Oracle: each of the four corners has a share of 1/4; moments of a fair coin; a size that does not fit."""
+    law = corners(2, radius=[2.0, 3.0], center=[1.0, -1.0])
+    w = drawn(law)
+    assert {tuple(each) for each in w.tolist()} == {(-1.0, -4.0), (-1.0, 2.0), (3.0, -4.0), (3.0, 2.0)}
+    for corner in np.unique(w, axis=0):
+        assert within_stat((w == corner).all(axis=1), 0.25)
+    np.testing.assert_array_equal(law.mean, [1.0, -1.0])
+    np.testing.assert_array_equal(law.cov, np.diag([4.0, 9.0]))
+    with pytest.raises(DesignError, match="3") as caught:
+        corners(2, radius=[1.0, 1.0, 1.0])
+    assert caught.value.parameter == "radius"
