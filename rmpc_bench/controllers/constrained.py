@@ -116,14 +116,16 @@ class ConstrainedMoves:
         own : parameters of every run
         shared : parameters that all runs share
         """
-        own, shared = np.ascontiguousarray(own), np.ascontiguousarray(shared)[None]
-        T, M, rows = self._tested, self.M, self.rows
-        V = mv(M[:, : self.n_own], own) + mv(M[:, self.n_own :], shared)
-        tested = mv(T[:, : self.n_own], own) + mv(T[:, self.n_own :], shared)
-        free = ((tested >= rows.low) & (tested <= rows.high)).all(axis=1) & np.isfinite(own).all(axis=1)
-        steps = np.full(len(own), OptimisedStep.SKIPPED, dtype=np.int8)
-        acting = np.flatnonzero(~free) if self.skips else np.arange(len(own))
-        if acting.size:
+        own, shared, rows = np.ascontiguousarray(own), np.ascontiguousarray(shared)[None], self.rows
+        of_own, of_shared = self._moves_and_rows
+        found = mv(of_own, own) + mv(of_shared, shared)
+        n = len(self.M)
+        V, tested = found[:, :n], found[:, n:]
+        # A comparison with NaN is false, so that the run is not skipped.
+        free = np.asarray(((tested >= rows.low) & (tested <= rows.high)).all(axis=1))
+        steps = np.zeros(len(own), dtype=np.int8)
+        if not (self.skips and free.all()):
+            acting = np.flatnonzero(~free) if self.skips else np.arange(len(own))
             self._solve(acting, own[acting], shared, V, steps)
         return Moves(V, steps)
 
@@ -136,27 +138,32 @@ class ConstrainedMoves:
         steps: Int8[Array, " runs"],
     ) -> None:
         """Solve the programs of some runs and write their moves and results."""
-        n, F, E = self.n_own, self._scaled_F, self._scaled_E
-        f = mv(F[:, :n], own) + mv(F[:, n:], shared)
-        moved = mv(E[:, :n], own) + mv(E[:, n:], shared)
-        low, high = self.rows.low / self.rows.unit - moved, self.rows.high / self.rows.unit - moved
-        for i, run in enumerate(acting.tolist()):
-            answer = self._program.solve(f[i], low[i], high[i])
-            steps[run] = STEPS[answer.status]
-            if answer.status.solved:
-                V[run] = answer.x * self.size
+        of_own, of_shared = self._cost_and_bounds
+        given = mv(of_own, own) + mv(of_shared, shared)
+        n = len(self.M)
+        f, moved = given[:, :n], given[:, n:]
+        low, high = self._scaled_bounds
+        x, statuses = self._program.solve_block(f, low - moved, high - moved)
+        steps[acting] = [STEPS[status] for status in statuses]
+        solved = [status.solved for status in statuses]
+        V[acting[solved]] = x[solved] * self.size
 
     @cached_property
-    def _tested(self) -> Float[Array, "rows np"]:
-        return self.rows.A @ self.M + self.rows.E
+    def _moves_and_rows(self) -> tuple[Array, Array]:
+        """Gains of the moves without rows and, below them, of the rows, for the own and the shared parameters."""
+        return self._split(np.vstack([self.M, self.rows.A @ self.M + self.rows.E]))
 
     @cached_property
-    def _scaled_F(self) -> Float[Array, "n np"]:
-        return self.size[:, None] * self.F
+    def _cost_and_bounds(self) -> tuple[Array, Array]:
+        """Gains of the linear part of the cost and, below them, of the bounds, in the units of the solver."""
+        return self._split(np.vstack([self.size[:, None] * self.F, self.rows.E / self.rows.unit[:, None]]))
 
     @cached_property
-    def _scaled_E(self) -> Float[Array, "rows np"]:
-        return self.rows.E / self.rows.unit[:, None]
+    def _scaled_bounds(self) -> tuple[Array, Array]:
+        return self.rows.low / self.rows.unit, self.rows.high / self.rows.unit
+
+    def _split(self, gains: Float[Array, "n np"]) -> tuple[Array, Array]:
+        return np.ascontiguousarray(gains[:, : self.n_own]), np.ascontiguousarray(gains[:, self.n_own :])
 
     @cached_property
     def _program(self) -> QuadraticProgram:
@@ -183,14 +190,15 @@ def with_fallback(
     steps : values of `OptimisedStep`
     fallback : what is applied where the step failed; None for `clip`
     """
-    statuses = np.zeros(len(u), dtype=np.int8)
+    statuses, info = np.zeros(len(u), dtype=np.int8), {"qp": steps.astype(float)}
+    if not (steps >= OptimisedStep.INFEASIBLE).any():
+        return Command(u, statuses, info)
     for step, status in STATUSES.items():
         statuses[steps == step] = status
     failed = (statuses != Status.OK)[:, None]
     # A missing estimate gives no input, not the previous one.
     held = np.where(np.isnan(clipped), clipped, u_previous)
     u = np.where(failed, held if fallback == "hold" else clipped, u)
-    info = {"qp": steps.astype(float)}
     if fallback == "stop":
         return Command(u, statuses, info)
-    return Command(u, np.zeros_like(statuses), info, statuses if statuses.any() else None)
+    return Command(u, np.zeros_like(statuses), info, statuses)

@@ -198,9 +198,10 @@ class ConstrainedMpc(Mpc):
         mean = () if self.K_d is None else (estimate.info["w_mean"],)
         found = self.program.moves(np.hstack([estimate.x_hat, before, *mean]), np.append(r[1:].ravel(), 1.0))
         clipped = self._clipped(self._minimiser(before, estimate, r), before)
-        # The input of a skipped run has the bits of `enforce: clip`.
-        solved = (found.steps != OptimisedStep.SKIPPED)[:, None]
-        u = np.where(solved, self._clipped(before + found.V[:, :nu], before), clipped)
+        u, solved = clipped, found.steps != OptimisedStep.SKIPPED
+        if solved.any():
+            # The input of a skipped run has the bits of `enforce: clip`.
+            u = np.where(solved[:, None], self._clipped(before + found.V[:, :nu], before), clipped)
         command = with_fallback(u, clipped, before, found.steps, self.fallback)
         return MpcState(command.u), command
 

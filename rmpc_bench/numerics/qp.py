@@ -51,7 +51,7 @@ class QpStatus(IntEnum):
     @property
     def solved(self) -> bool:
         """Whether the answer is the minimum."""
-        return self in (QpStatus.OPTIMAL, QpStatus.SOFTENED)
+        return self <= QpStatus.SOFTENED
 
 
 FLAGS = {
@@ -134,6 +134,36 @@ class QuadraticProgram:
             return self._failed(status)
         return QpSolution(status, np.array(x), float(value), np.array(info["lam"]))
 
+    def solve_block(
+        self, f: Float[Array, "problems n"], low: Float[Array, "problems rows"], high: Float[Array, "problems rows"]
+    ) -> tuple[Float[Array, "problems n"], list[QpStatus]]:
+        """Solve many problems, each from a cold start; return their minima, NaN unless solved, and their statuses.
+
+        The numbers are those of `solve`; the arrays are checked and copied once.
+
+        Parameters
+        ----------
+        f, low, high : as in `solve`, one row per problem
+        """
+        f, low, high = (np.array(each, dtype=float, order="C") for each in (f, low, high))
+        missing = np.asarray(~np.isfinite(f).all(axis=1) | np.isnan(low).any(axis=1) | np.isnan(high).any(axis=1))
+        empty = ((low > high) & (self._marks != SOFT)).any(axis=1)
+        # The solver may write into its marks: every problem has its own.
+        marks = np.tile(self._marks, (len(f), 1))
+        x, statuses = np.full(f.shape, np.nan), []
+        update, solve = self._solver.update, self._solver.solve
+        for i, wrong in enumerate((missing | empty).tolist()):
+            if wrong:
+                statuses.append(QpStatus.FAILED if missing[i] else QpStatus.INFEASIBLE)
+                continue
+            update(f=f[i], bupper=high[i], blower=low[i], sense=marks[i])
+            found, _, flag, _ = solve()
+            status = FLAGS.get(flag, QpStatus.FAILED)
+            statuses.append(status)
+            if status.solved:
+                x[i] = found
+        return x, statuses
+
     def _failed(self, status: QpStatus) -> QpSolution:
         rows, n = self.A.shape
         return QpSolution(status, np.full(n, np.nan), float("nan"), np.full(rows, np.nan))
@@ -144,6 +174,12 @@ class QuadraticProgram:
         return np.where(soft, SOFT, 0).astype(np.int32)
 
     @cached_property
+    def _matrices(self) -> tuple[Array, Array]:
+        """Contiguous copies, which live as long as the solver."""
+        H, A = (np.array(each, dtype=float, order="C") for each in (self.H, self.A))
+        return H, A
+
+    @cached_property
     def _solver(self) -> Any:
         """The solver with its factorisation of H; made again in every process."""
         import daqp
@@ -151,7 +187,7 @@ class QuadraticProgram:
         rows, n = self.A.shape
         wide = np.full(rows, 1e30)
         model: Any = daqp.Model()
-        H, A = (np.array(each, dtype=float, order="C") for each in (self.H, self.A))
+        H, A = self._matrices
         model.setup(H, np.zeros(n), A, wide, -wide, self._marks.copy())
         model.settings = {**model.settings, "primal_tol": PRIMAL_TOL, "iter_limit": self.iteration_limit}
         if self.soft is not None and self.soft.any():
@@ -163,7 +199,7 @@ class QuadraticProgram:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the solver out, which cannot be copied to another process."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_solver", "_marks")}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_solver", "_marks", "_matrices")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
