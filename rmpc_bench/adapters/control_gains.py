@@ -5,7 +5,8 @@ Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k) of the design mod
                      one-step predictor, K = A P C' (C P C' + R_v)^-1.  The filter, whose x_hat(k) uses y(k), has the
                      gain L = P C' (C P C' + R_v)^-1; with K in its place it would correct by A L.
         control-lqr  u = u_op - K_x (x_hat - x_op) with the gain of `dlqr`, which minimises the sum over all k of
-                     x' Q_x x + u' R_u u.  It regulates to 0, or to the operating point, as `lqr`.
+                     x' Q_x x + u' R_u u.  It regulates to 0, or to the operating point, as `lqr`.  Disturbances of the
+                     model, which no input changes, are held over the horizon, as by `lqr`.
 Limit   The gains of `kalman` after convergence, and of `lqr` with a long horizon.
 Cost    As every gain schedule, and one small product per run and step.
 Fails   Design error: no stationary gain, a model that depends on k, correlated noises, or a known mean of the noise
@@ -55,10 +56,26 @@ def lqr(model: Model, n_steps: int, estimator: Estimator, *, Q_x: Matrix, R_u: M
     """
     if model.varies:
         raise DesignError("stationary gains need a design model that does not depend on k; use lqr")
-    stages, solve = stages_of(model, 1, 1, Q_x, R_u), library("control").dlqr
-    refuse_mean(model, estimator, stages)
-    K, _, _ = _solved(lambda: solve(*(matrices[0] for matrices in stages), method="scipy"))
+    of_x = model.undisturbed
+    stages, solve = stages_of(of_x, 1, 1, Q_x, R_u), library("control").dlqr
+    refuse_mean(of_x, estimator, stages)
+    A, B, Q, R = (matrices[0] for matrices in stages)
+    K, P, _ = _solved(lambda: solve(A, B, Q, R, method="scipy"))
+    if model.n_disturbances:
+        B_d = model.at(0).A[: of_x.nx, of_x.nx :]
+        K = np.hstack([K, _held(A, B, R, K, P) @ B_d])
     return Lqr(K[None], None, np.zeros((1, len(K))), point=model.operating_point)
+
+
+def _held(A: Array, B: Array, R: Array, K: Array, P: Array) -> Float[Array, "nu nx"]:
+    """Return the gain of a constant part of x(k+1) that is held for ever: the limit of `lqr` for a long horizon.
+
+    With a constant part v the value of x is x' P x + 2 g' x and a constant, where g = (A - B K)' (g + P v); hence
+    g + P v = (I - (A - B K)')^-1 P v.
+    """
+    held = np.linalg.solve(np.eye(len(A)) - (A - B @ K).T, P)
+    gain: Array = np.linalg.solve(R + B.T @ P @ B, B.T @ held)
+    return gain
 
 
 def _solved(call: Callable[[], Any]) -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 
 from rmpc_bench.adapters.do_mpc_setup import do_mpc_library, quiet
 from rmpc_bench.extras import library
+from rmpc_bench.models.disturbed import DisturbedNonlinear
 from rmpc_bench.models.nonlinear import NonlinearModel
 from rmpc_bench.types import DesignError
 
@@ -49,8 +50,23 @@ def functions_of(model: Any) -> tuple[Any, Any]:
         if step.n_in() > 2:
             raise DesignError("a do-mpc model is made of an equation that does not depend on the time", "kind")
         return step, output_function(model)
+    if isinstance(model, DisturbedNonlinear):
+        return _disturbed(model)
     if model.varies:
         raise DesignError("a do-mpc model is made of a model that is the same at all k", "kind")
     casadi = library("casadi")
     A, B, C = (casadi.DM(each) for each in (model.A, model.B, model.C))
     return lambda x, u: A @ x + B @ u + model.f0, lambda x: C @ x + model.d0
+
+
+def _disturbed(model: DisturbedNonlinear) -> tuple[Any, Any]:
+    """Return the functions of a nonlinear model with the disturbances as its last states."""
+    casadi, nx = library("casadi"), model.undisturbed.nx
+    step, output = functions_of(model.undisturbed)
+    S, N, C_d = (casadi.DM(each) for each in (model.entry.S, model.entry.N, model.entry.C_d))
+
+    def moved(z: Any, u: Any) -> Any:
+        x, d = z[:nx], z[nx:]
+        return casadi.vertcat(step(x, u + S @ d) + N @ d, d)
+
+    return moved, lambda z: output(z[:nx]) + C_d @ z[nx:]

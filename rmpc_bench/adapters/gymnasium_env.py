@@ -18,7 +18,7 @@ from rmpc_bench.extras import library
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.simulation.episode import Episode, Sample
 from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.types import Array, DesignError, Estimator, PlantInfo, Status
+from rmpc_bench.types import Array, DesignError, Method, PlantInfo, Status
 from rmpc_bench.types.issue import unknown
 
 LARGEST_RUN = 2**31
@@ -70,11 +70,11 @@ def env(
     >>> info["run"], terminated, truncated
     (3, False, False)
     """
-    experiment, estimator = chosen(config, method, at or {})
+    experiment, pair = chosen(config, method, at or {})
     costs = EpisodeCost.of(cost or {"Q": 1.0}, experiment.plant.ny, experiment.plant.nu)
     space = library("gymnasium", "spaces").Box
     made = environment_class(library("gymnasium").Env)
-    return made(experiment, estimator, costs, preview, limits, space)
+    return made(experiment, pair, costs, preview, limits, space)
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,8 @@ class EpisodeCost:
 
 def chosen(
     config: ExperimentConfig | str | Path, method: str | None, at: Mapping[str, str]
-) -> tuple[Experiment, Estimator | None]:
-    """Return the experiment of a point of a configuration, and the estimator of a method."""
+) -> tuple[Experiment, Method | None]:
+    """Return the experiment of a point of a configuration, and the method of a name."""
     config = config if isinstance(config, ExperimentConfig) else load_config(config)
     experiment = chosen_point(config.points, at).experiment
     if method is not None and method not in config.methods:
@@ -124,7 +124,7 @@ def chosen(
         raise DesignError("the plant replays recorded runs: no action can change them", "plant")
     for design in (experiment.plant, *(each.estimator for each in experiment.methods)):
         design.warm_up()
-    return experiment, None if method is None else experiment.method(method).estimator
+    return experiment, None if method is None else experiment.method(method)
 
 
 class Episodes:
@@ -133,7 +133,7 @@ class Episodes:
     Parameters
     ----------
     experiment : gives plant, random inputs and reference
-    estimator : gives x_hat in place of y; None to observe y
+    method : its estimator gives x_hat in place of y, with the disturbances of its design model; None to observe y
     cost : of a sample
     preview : number of samples of the reference
     limits : lower and upper limits of the action; those of the plant where None
@@ -149,13 +149,15 @@ class Episodes:
     def __init__(
         self,
         experiment: Experiment,
-        estimator: Estimator | None,
+        method: Method | None,
         cost: EpisodeCost,
         preview: int,
         limits: Any,
         Box: Any,
     ) -> None:
-        self.experiment, self.estimator, self.cost, self.preview = experiment, estimator, cost, preview
+        self.experiment, self.cost, self.preview = experiment, cost, preview
+        self.estimator = None if method is None else method.estimator
+        self.n_disturbances = 0 if method is None else method.n_disturbances
         nu = experiment.plant.nu
         low, high = PlantInfo.of(experiment.plant).limits.u if limits is None else limits
         self.low, self.high = (np.broadcast_to(np.asarray(each, dtype=float), (nu,)) for each in (low, high))
@@ -183,7 +185,9 @@ class Episodes:
         return self._seen(), -cost, failed, not failed and self.episode.is_over, self._info()
 
     def _start(self, run: int) -> Array:
-        self.episode = Episode(self.experiment, run, estimator=self.estimator, preview=self.preview)
+        self.episode = Episode(
+            self.experiment, run, estimator=self.estimator, n_disturbances=self.n_disturbances, preview=self.preview
+        )
         self.u = np.zeros(self.experiment.plant.nu)
         return self._seen()
 

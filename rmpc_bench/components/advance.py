@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rmpc_bench.models.disturbed import DisturbedNonlinear
 from rmpc_bench.models.nonlinear import NonlinearModel
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.types import Array
@@ -38,7 +39,7 @@ def advanced(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Arra
 
 
 def _moved(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Array, Array]:
-    if isinstance(model, NonlinearModel):
+    if isinstance(model, NonlinearModel | DisturbedNonlinear):
         F = model.F(x_hat, u, k)
         return model.f(x_hat, u, k), F @ P @ F.T + model.Q_w
     # A linear model has f as well, but its matrices also move P.

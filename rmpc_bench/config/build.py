@@ -101,6 +101,7 @@ class _ExperimentBuilder:
         if method is None:
             return None
         laws, schedule = exact_laws(plant, method, scenario), method.estimator.gain_schedule
+        n_disturbances = method.n_disturbances
         if isinstance(laws, str) or schedule is None:
             self.draft.note(path, f"{name}: {laws}")
             return None
@@ -110,7 +111,7 @@ class _ExperimentBuilder:
         key = ["opposed", self.methods.size(), resolved, described, [each.tolist() for each in laws]]
         try:
             made = self.cache.get(
-                key, lambda: plant.against(worst_sequence(plant, schedule, laws, self.n_steps, radius))
+                key, lambda: plant.against(worst_sequence(plant, schedule, laws, self.n_steps, radius, n_disturbances))
             )
         except DesignError as error:
             self.draft.note(path, f"{name}: {error}")

@@ -90,6 +90,6 @@ def _series_of(method: Method, experiment: Experiment, draft: DraftConfig) -> Sh
 def _ensemble(nx: int, method: Method) -> Shapes:
     """Return series of the ensemble -> shape of a sample."""
     x0 = method.estimator.x0
-    x_hat = np.zeros((1, nx if x0 is None else len(x0)))
+    x_hat = np.zeros((1, nx if x0 is None else len(x0) - method.n_disturbances))
     z = np.concatenate([np.zeros((1, nx)), x_hat], axis=1)
     return {name: array.shape[1:] for name, array in signals(Moments(z, z[:, :, None] * z[:, None]), nx).items()}

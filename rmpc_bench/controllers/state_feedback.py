@@ -264,9 +264,12 @@ def stages_of(model: Model, n_steps: int, horizon: int, Q_x: Matrix, R_u: Matrix
     models = [_ahead(model.at, k) for k in range(n_steps + horizon - 1)]
     A, B = np.array([each.A for each in models]), np.array([each.B for each in models])
     weights = []
-    for name, weight, n in (("Q_x", Q_x, A.shape[1]), ("R_u", R_u, B.shape[2])):
+    nd = model.n_disturbances
+    # A disturbance has no weight: the law takes it into account, and cannot change it.
+    for name, weight, n, padded in (("Q_x", Q_x, A.shape[1] - nd, nd), ("R_u", R_u, B.shape[2], 0)):
         try:
-            weights.append(np.broadcast_to(as_covariance(weight, n), (len(A), n, n)))
+            full = np.pad(as_covariance(weight, n), (0, padded))
+            weights.append(np.broadcast_to(full, (len(A), *full.shape)))
         except ValueError as error:
             raise DesignError(str(error), name) from None
     if np.linalg.eigvalsh(weights[1][0])[0] <= 0.0:

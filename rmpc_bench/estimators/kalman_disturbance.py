@@ -4,7 +4,9 @@ Model   x(k+1) = A x(k) + B u(k) + f0 + d(k) + w(k),  y(k) = C x(k) + d0 + v(k),
         w ~ N(0, Q_w), v ~ N(0, R_v), xi ~ N(0, drift I), white, independent; d(0) ~ N(0, D0).
         P is the covariance of x_hat - x.  The entry `w_mean` of the estimate is d_hat, the mean in addition to f0.
 Source  Additional method: a baseline for noise with non-zero mean, which ma2025 does not include.
-Limit   D0 = 0 and drift = 0 give the Kalman filter.
+Limit   D0 = 0 and drift = 0 give the Kalman filter.  Where the mean is detectable, which needs as many outputs as
+        states, x_hat is that of `kalman` with the key `disturbance: {at: {B_d: 1}, ..}` of the model.  Elsewhere that
+        key is refused; here D0 and drift decide how the mean is divided among the states.
 Cost    As a gain schedule with twice the number of states.
 Fails   Design error if the covariance of the innovation is singular.
 """
@@ -17,39 +19,12 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import FilterState, GainScheduleFilter, riccati_schedule
-from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.disturbance import Entry
+from rmpc_bench.models.disturbed import DisturbedModel
 from rmpc_bench.models.noise_sets import NoiseKind, NoiseSets, stochastic_sets, with_noise_kind
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Model, NonNegative
-
-
-@dataclass(frozen=True, eq=False)
-class DriftingModel(Model):
-    """A model with the unknown mean of the process noise as an additional state: [x; d]."""
-
-    model: Model
-    drift: float
-
-    @property
-    def varies(self) -> bool:
-        """Whether a matrix depends on k."""
-        return self.model.varies
-
-    def at(self, k: int) -> LinearModel:
-        """Return the model at k."""
-        now = self.model.at(k)
-        nx, nothing, same = now.nx, np.zeros((now.nx, now.nx)), np.eye(now.nx)
-        return LinearModel(
-            np.block([[now.A, same], [nothing, same]]),
-            np.vstack([now.B, np.zeros_like(now.B)]),
-            np.hstack([now.C, np.zeros_like(now.C)]),
-            np.block([[now.Q_w, nothing], [nothing, self.drift * same]]),
-            now.R_v,
-            S_wv=np.vstack([now.S_wv, np.zeros_like(now.S_wv)]),
-            f0=np.concatenate([now.f0, np.zeros(nx)]),
-            d0=now.d0,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,14 +115,19 @@ def design(
         D = as_covariance(D0, nx)
     except ValueError as error:
         raise DesignError(str(error), "D0") from None
+    if model.n_disturbances:
+        message = "estimates a disturbance of every state already; use kalman, or a model without `disturbance`"
+        raise DesignError(message)
     design_model, P0 = with_noise_kind(model, P0, M0, noise)
-    start = np.block([[P0, np.zeros((nx, nx))], [np.zeros((nx, nx)), D]])
+    entry = Entry(np.zeros((model.nu, nx)), np.eye(nx), np.zeros((model.ny, nx)), drift * np.eye(nx), D)
+    with_mean = DisturbedModel(design_model, entry)
+    start = with_mean.start(x0, P0, np.zeros_like(P0))
     return DisturbanceFilter(
         riccati_schedule(
-            DriftingModel(design_model, drift),
+            with_mean,
             n_steps,
-            np.concatenate([x0, np.zeros(nx)]),
-            start,
+            start["x0"],
+            start["P0"],
             lambda k, P_pred: Inflation(P_pred, 0.0),
             use_y0=use_y0,
         ),

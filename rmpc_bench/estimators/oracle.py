@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.estimators.gain_schedule import Form
+from rmpc_bench.models.disturbed_uncertain import DisturbedUncertain, augmented_system
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.models.uncertain_system import UncertainSystem
 from rmpc_bench.numerics.linalg import mv, symmetrise
@@ -157,8 +158,11 @@ def design(
     """
     if not isinstance(model, UncertainModel) or plant.system is None:
         raise DesignError("needs plant and model of a kind with uncertain matrices, such as uncertain-linear")
+    system = plant.system
+    if isinstance(model, DisturbedUncertain) and system.size("nx") == model.undisturbed.nx:
+        system = augmented_system(system, model.entry)
     for size in ("nx", "nu", "ny", "nw", "nv"):
-        of_plant, of_model = plant.system.size(size), model.system.size(size)
+        of_plant, of_model = system.size(size), model.system.size(size)
         if of_plant != of_model:
             raise DesignError(f"plant and model must have the same sizes; {size} is {of_plant} and {of_model}")
-    return Oracle(plant.system, model, x0, P0, form)
+    return Oracle(system, model, x0, P0, form)

@@ -129,8 +129,11 @@ def design(
     ------
     DesignError
         If the innovation has no noise at some step, a matrix exceeds 1e100, the noises of the model are correlated, or
-        M_v is singular for `maksarov-norton`.
+        M_v is singular for `maksarov-norton`, or the model has disturbances, whose sets need `inflate`.
     """
+    if model.n_disturbances and not inflate:
+        message = "the drift of a disturbance has a variance and no bound: without `inflate` the estimate of it stays at 0"
+        raise DesignError(message, "inflate")
     sets = NoiseSets(model, level if inflate else None)
     start = sets.initial(P0, M0)
     if update == "linear":

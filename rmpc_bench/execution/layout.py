@@ -159,7 +159,7 @@ class _Layout:
         laws = exact_laws(experiment.plant, method, experiment.scenario)
         if isinstance(laws, str):
             return None
-        mean, cov = exact_moments(experiment.plant, schedule, laws, experiment.n_steps)
+        mean, cov = exact_moments(experiment.plant, schedule, laws, experiment.n_steps, method.n_disturbances)
         return self._keep(mean), self._keep(cov)
 
     def _keep(self, values: Array) -> str:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, TypeGuard
+from typing import ClassVar, Literal, TypeAlias, TypeGuard
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.types import (
+    DISTURBANCES,
     Array,
     Controller,
     Count,
@@ -67,6 +68,9 @@ class Certificate(Metric):
     starts: Count = 40
     noise: Literal["each", "shared"] = "each"
 
+    # The controller certifies the cost from [x; d] on, where the design model has disturbances.
+    needs_info: ClassVar[tuple[str, ...]] = (DISTURBANCES,)
+
     @property
     def better(self) -> Direction:
         """A ratio is best at 1, a cost is better when it is lower."""
@@ -97,6 +101,8 @@ class Certificate(Metric):
         """Compute the certificate for the estimates at the sample."""
         k = self.samples(record).first
         controller, x_hat = record.controller, record.x_hat[:, k]
+        if DISTURBANCES in record.info:
+            x_hat = np.hstack([x_hat, record.info[DISTURBANCES][:, k]])
         values = np.full(len(x_hat), np.nan)
         # A failed run may have no estimate.
         known = np.isfinite(x_hat).all(axis=1)

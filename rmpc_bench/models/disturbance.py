@@ -112,7 +112,7 @@ def entry_of(model: Model, disturbance: Disturbance) -> Entry:
         try:
             variances[name] = np.diag(as_vector(value, nd))
         except ValueError as error:
-            raise DesignError(f"{error} ({nd} disturbances)", name) from None
+            raise DesignError(f"{error}, one per disturbance", name) from None
     if not (variances["drift"] + variances["D0"]).diagonal().all():
         raise DesignError("a disturbance with drift = 0 and D0 = 0 is always 0; give drift > 0", "drift")
     return Entry(S, N, C_d, variances["drift"], variances["D0"])
@@ -153,13 +153,19 @@ def _rows(name: str, value: Matrix | None, n: int, noun: str) -> Float[Array, "n
     if given.ndim == 0:
         return float(given) * np.eye(n) if given else None
     if given.ndim == 1:
-        meanings = row_by_row(given.tolist(), lambda rows, columns: f"{rows} {noun}s, {columns} disturbances")
+        meanings = row_by_row(
+            given.tolist(), lambda rows, columns: f"{_number(rows, noun)}, {_number(columns, 'disturbance')}"
+        )
         raise DesignError(f"a flat list is ambiguous here: {meanings}", f"at.{name}")
     if len(given) != n:
         raise DesignError(does_not_fit(given.shape, (n, given.shape[1])), f"at.{name}")
     if not np.isfinite(given).all():
         raise DesignError("must be finite", f"at.{name}")
     return given
+
+
+def _number(n: int, noun: str) -> str:
+    return f"{n} {noun}{'s' * (n != 1)}"
 
 
 def augmented(now: LinearModel, entry: Entry) -> LinearModel:
@@ -238,7 +244,7 @@ def refuse_undetectable(models: Sequence[LinearModel], entry: Entry) -> tuple[in
     if rank == needed:
         return rank, needed
     ny = models[0].ny
-    more = f": {entry.nd} disturbances, but {ny} output{'s' * (ny > 1)}" if entry.nd > ny else ""
+    more = f": {_number(entry.nd, 'disturbance')}, but {_number(ny, 'output')}" if entry.nd > ny else ""
     raise DesignError(
         f"is not detectable: the rank of [A - I, B_d; C, C_d] is {rank}, and nx + nd = {needed} is necessary{more}; no "
         "estimator can distinguish this disturbance from a change of the state, and its covariance grows without bound",

@@ -27,7 +27,7 @@ _GAIN = 1e-9  # relative growth of the trace below which a sweep was the last on
 
 
 def worst_sequence(
-    plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int, radius: float = 1.0
+    plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int, radius: float = 1.0, n_disturbances: int = 0
 ) -> tuple[Array, ...]:
     """Choose F for k = 0..N, as (samples, r, s) of every channel; F(N) plays no part.
 
@@ -38,15 +38,16 @@ def worst_sequence(
     laws : of the initial state and of the noises
     n_steps : number of control periods N
     radius : largest norm of every F
+    n_disturbances : number of the last states of the filter, which are no part of the error
 
     Raises
     ------
     DesignError
         If the filter estimates another number of states than the plant has.
     """
-    nx, periods = len(laws.x), []
-    if len(schedule.x0) != nx:
-        raise DesignError(f"the filter has {len(schedule.x0)} states, the plant {nx}: the error x - x_hat is undefined")
+    (nx, n_hat), periods = (len(laws.x), len(schedule.x0) - n_disturbances), []
+    if n_hat != nx:
+        raise DesignError(f"the filter has {n_hat} states, the plant {nx}: the error x - x_hat is undefined")
     for k in range(n_steps + 1):
         period = plant.period(k)
         assert period is not None  # a greedy law is white: it is the same for every run
@@ -67,7 +68,7 @@ def _climbed(
 ) -> tuple[float, list[list[Array]]]:
     """Sweep until the trace grows no more; return it and the F of all k."""
     nx, n_steps, best = len(laws.x), len(periods) - 1, 0.0
-    error = np.hstack([np.eye(nx), -np.eye(nx)])
+    error = np.hstack([np.eye(nx), -np.eye(nx), np.zeros((nx, len(schedule.x0) - nx))])
     chosen = [
         [sign * np.eye(*channel.mean.shape) for channel in period.channels]
         for sign, period in zip(signs, periods, strict=True)

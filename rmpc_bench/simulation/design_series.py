@@ -10,6 +10,8 @@ from rmpc_bench.types import Array, DesignError, Method
 def design_series(method: Method) -> dict[str, Array]:
     """Return the series of the estimator of a method, axis 0 = k.
 
+    With disturbances in the design model, P and M are those of x, and P_d and M_d those of d.
+
     Parameters
     ----------
     method : the pair
@@ -28,4 +30,9 @@ def design_series(method: Method) -> dict[str, Array]:
         if array.ndim == 0:
             raise DesignError(f"`series` returns a number for {name!r}; axis 0 must be the time index k")
         found[str(name)] = array
+    nd = method.n_disturbances
+    for name in ("P", "M"):
+        if nd and name in found:
+            both = found[name]
+            found |= {name: both[:, :-nd, :-nd], f"{name}_d": both[:, -nd:, -nd:]}
     return found

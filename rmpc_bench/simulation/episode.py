@@ -15,7 +15,7 @@ from rmpc_bench.simulation.own_draws import own_draws
 from rmpc_bench.simulation.run_start import RunStart, RunState
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.state_range import OK, RunLimits
-from rmpc_bench.types import Array, Estimator, Journal, Status, as_estimate, as_motion, without_disturbances
+from rmpc_bench.types import Array, Estimator, Journal, Status, as_estimate, as_motion
 
 _STATUSES = {int(status): status for status in Status}
 
@@ -33,7 +33,7 @@ class Sample(NamedTuple):
     r: Float[Array, "preview ny"]
     """Reference from r(k) on."""
     x_hat: Float[Array, " nx_hat"] | None
-    """Estimate; None without an estimator."""
+    """Estimate, with the disturbances of the design model; None without an estimator."""
     status: Status
     message: str
     """Why the run has failed; empty where it has not, or where there is no description."""
@@ -47,7 +47,7 @@ class Episode:
     experiment : gives plant, random inputs and reference
     run : index of the run; one beyond those of the experiment has random inputs that no run of it has
     estimator : gives an estimate at every sample; None for none
-    n_disturbances : number of its last states that are disturbances and no part of the estimate of x
+    n_disturbances : number of its last states that are disturbances
     preview : number of samples of the reference, r(k) included
     """
 
@@ -124,7 +124,7 @@ class Episode:
             estimate = as_estimate(answer)
             x_hat, nd = np.array(estimate.x_hat), self.n_disturbances
             self._status = self._runs.after(self._limits.of_estimate(self._status, estimate.status, x_hat, nd))
-            x_hat = without_disturbances(estimate, nd).x_hat[0]
+            x_hat = x_hat[0]
         failure = self.journal.failures.get(self.run)
         status, message = _STATUSES[int(self._status[0])], "" if failure is None else failure.message
         return Sample(k, y[0], y_true[0], self._x[0].copy(), self.r[k : k + self.preview], x_hat, status, message)

@@ -78,7 +78,7 @@ class Joint(NamedTuple):
     c: Float[Array, " nz"]
 
 
-def exact_moments(plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int) -> Moments:
+def exact_moments(plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int, n_disturbances: int = 0) -> Moments:
     """Compute the moments of the state and of its estimate.
 
     Parameters
@@ -87,6 +87,7 @@ def exact_moments(plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int
     schedule : a filter with given gains
     laws : of the initial state and of the noises
     n_steps : number of control periods N
+    n_disturbances : number of the last states of the filter, which are left out
     """
     nx, n_hat = len(laws.x), len(schedule.x0)
     mean = np.concatenate([laws.x, schedule.x0])
@@ -109,7 +110,8 @@ def exact_moments(plant: Plant, schedule: GainSchedule, laws: Laws, n_steps: int
                 covs.append(cov)
             joint = predicted(reached, schedule, k, nx)
             mean, cov = _mean(joint, mean, laws.n), moved(joint, cov, laws.U, added)
-    return Moments(np.array(means), np.array(covs))
+    n = nx + n_hat - n_disturbances
+    return Moments(np.array(means)[:, :n], np.array(covs)[:, :n, :n])
 
 
 def mean_matrix(period: Period) -> Float[Array, "no nq"]:
