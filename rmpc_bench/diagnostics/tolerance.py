@@ -75,7 +75,7 @@ def divergence_over_time(
     Parameters
     ----------
     plants : the linear plants, stacked: axis 0 of every matrix is the run
-    model : design model of the filters
+    model : design model of the filters, without disturbances
     pair : the pair that controls the plants; the model's filter has the initial estimate of its filter
     x0 : (n,) mean of the plant's state at the start
     P0 : (nx, nx) covariance of the model's state at the start

@@ -132,7 +132,9 @@ def design(
         M_v is singular for `maksarov-norton`, or the model has disturbances, whose sets need `inflate`.
     """
     if model.n_disturbances and not inflate:
-        message = "the drift of a disturbance has a variance and no bound: without `inflate` the estimate of it stays at 0"
+        message = (
+            "the drift of a disturbance has a variance and no bound: without `inflate` the estimate of it stays at 0"
+        )
         raise DesignError(message, "inflate")
     sets = NoiseSets(model, level if inflate else None)
     start = sets.initial(P0, M0)

@@ -77,13 +77,20 @@ class MatchedModel(Model):
         M_w, M_v = sets.process(k), sets.measurement(k)
         if not (M_w.any() or M_v.any()):
             return now
-        Q_w, R_v = now.Q_w + uniform_covariance(M_w), now.R_v + uniform_covariance(M_v)
+        nd = self.model.n_disturbances
+        Q_w, R_v = now.Q_w + uniform_covariance(M_w, nd), now.R_v + uniform_covariance(M_v)
         return LinearModel(now.A, now.B, now.C, Q_w, R_v, S_wv=now.S_wv, f0=now.f0, d0=now.d0)
 
 
-def uniform_covariance(M: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Return the covariance of the uniform distribution on E(0, M)."""
-    cov: Array = M / (len(M) + 2)
+def uniform_covariance(M: Float[Array, "n n"], n_disturbances: int = 0) -> Float[Array, "n n"]:
+    """Return the covariance of the uniform distribution on E(0, M).
+
+    Parameters
+    ----------
+    M : shape matrix
+    n_disturbances : number of the last coordinates that have no bounded part: the ellipsoid has so many dimensions less
+    """
+    cov: Array = M / (len(M) - n_disturbances + 2)
     return cov
 
 
@@ -93,7 +100,7 @@ def with_noise_kind(
     """Return a model and an initial covariance that treat bounded parts as uniform (`matched`) or omit them."""
     if noise == "nominal":
         return model, P0
-    return MatchedModel(model), P0 if M0 is None else P0 + uniform_covariance(M0)
+    return MatchedModel(model), P0 if M0 is None else P0 + uniform_covariance(M0, model.n_disturbances)
 
 
 def stochastic_sets(model: Model) -> NoiseSets:
