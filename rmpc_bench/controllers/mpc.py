@@ -153,7 +153,8 @@ class Mpc(Controller):
     def _clipped(self, u: Float[Array, "runs nu"], u_previous: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
         """Clip the increment, then the input."""
         if self.du is not None:
-            u = u_previous + np.clip(u - u_previous, *self.du)
+            # An increment within its bounds keeps the bits of u.
+            u = np.clip(u, u_previous + self.du.low, u_previous + self.du.high)
         return np.clip(u, self.low, self.high)
 
     def linear_law(self) -> LinearLaw | None:
