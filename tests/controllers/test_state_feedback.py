@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import ROUND
+from conftest import ROUND, random_model
 from controllers import minimax_oracles as oracles
 from scipy.linalg import solve_discrete_are
 
+from rmpc_bench.controllers.input_limits import InputLimits
 from rmpc_bench.controllers.state_feedback import game_gain, lqr
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.estimators.kalman_disturbance import design as kalman_disturbance
@@ -112,3 +113,23 @@ def test_the_window_of_k_counts(kind):
         make = lqr if kind == "lqr" else game_gain
         u.append(control(make(model, 3, estimator, horizon=4, **WEIGHTS), 2 - first, x))
     np.testing.assert_allclose(u[0], u[1], rtol=1e-10)  # prices by halving
+
+
+def test_limits_clip_the_input_of_lqr():
+    """Oracle: the input without limits, clipped; with an operating point the limits are physical ones."""
+    model = random_model(np.random.default_rng(6), 3, 2, 2)
+    estimator = kalman(model, 3, x0=np.zeros(3), P0=np.eye(3))
+    keys = {"horizon": 5, "Q_x": 1.0, "R_u": 0.1}
+    free, x = lqr(model, 3, estimator, **keys), 3.0 * np.random.default_rng(7).standard_normal((50, 3))
+    for pairs in ((-0.2, 0.3), [(-0.2, 0.3), (-0.1, 0.5)]):
+        low, high = np.array(pairs).reshape(-1, 2).T
+        law = lqr(model, 3, estimator, **keys, limits=InputLimits(u=pairs))
+        u = [each.control(0, each.init(50), x, Estimate(x), np.zeros((1, 3)))[1].u for each in (law, free)]
+        np.testing.assert_array_equal(u[0], np.clip(u[1], low, high))
+        assert (u[0] != u[1]).any()
+        assert free.has_compiled_form
+        assert not law.has_compiled_form
+    assert lqr(model, 3, estimator, **keys, limits=InputLimits(u=(-0.2, 0.3))).input_limits == (-0.2, 0.3)
+    with pytest.raises(DesignError, match="must be below the upper bound") as caught:
+        lqr(model, 3, estimator, **keys, limits=InputLimits(u=(0.3, -0.2)))
+    assert caught.value.parameter == "limits.u"
