@@ -146,8 +146,10 @@ def gain_law():
     return lambda x_hat, u: u - law.K_u @ u + law.K_r @ r - law.K_x @ x_hat
 
 
-def solved_law(model):
-    """Return the control law that do-mpc finds with the cost, horizons and clipped inputs of the experiment.
+def solved_law(model, limit=None):
+    """Return the control law that do-mpc finds with the cost and the horizons of the experiment.
+
+    With `limit`, the inputs of the horizon are limited; otherwise the loop clips the first one.
 
     The input of do-mpc's model is the increment; `moves` is one for the first three of a horizon, and zero after them.
     """
@@ -172,6 +174,8 @@ def solved_law(model):
     for i in range(HP + 1):
         horizon["_tvp", i, "moves"] = float(i < HU)
     mpc.set_tvp_fun(lambda t: horizon)
+    if limit is not None:
+        mpc.bounds["lower", "_x", "last"], mpc.bounds["upper", "_x", "last"] = -limit, limit
     mpc.setup()
     mpc.x0 = np.zeros((5, 1))
     mpc.set_initial_guess()
