@@ -56,7 +56,7 @@ def test_the_rank_does_not_depend_on_units(rng):
     assert rank_and_size(A, np.zeros((4, 1)), C, 1e-5 * np.ones((1, 1))) == (4, 5)
 
 
-def test_a_placement_that_is_not_detectable_grows_for_ever():
+def test_the_covariance_of_a_placement_that_is_not_detectable_grows():
     """The naive model with a disturbance at the output: it can be designed, and its covariance has no bound.
 
     Oracle: along [v; -1] nothing is measured, and the drift adds the same variance at every step.
