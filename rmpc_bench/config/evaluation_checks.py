@@ -43,8 +43,8 @@ def check_recording(draft: DraftConfig, experiments: Sequence[Experiment | None]
     if len(found) < len(experiments):
         return
     there = [*SIGNALS, COVARIANCE]
-    there += [name for experiment in found for name in experiment.plant.extra_signals]
     there += [name for experiment in found for method in experiment.methods for name in method.reports]
+    there += [name for experiment in found for name in experiment.plant.extra_signals]
     there += [BURSTS for experiment in found if has_bursts(experiment.scenario)]
     for number, name in enumerate(draft.values["record"].signals):
         if name not in there:

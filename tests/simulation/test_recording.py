@@ -10,7 +10,7 @@ from small_experiment import arrays_of, cli, ran, spied, write
 from rmpc_bench import load_config, load_trials, run, simulate
 from rmpc_bench.simulation.closed_loop import _signal, simulate_block
 from rmpc_bench.simulation.scenario import Recording
-from rmpc_bench.types import ConfigError, Record
+from rmpc_bench.types import ConfigError, Plant, Record
 
 SIGNALS = ("y", "u", "x", "x_hat")
 EVERY = "{runs: all, signals: [y, u, x, x_hat]}"
@@ -201,8 +201,9 @@ def test_the_reported_covariance_of_every_run(load, tmp_path):
 def test_a_method_without_a_covariance_records_nan():
     """One of every run is kept as it is; NaN stands for none, so that the runs count as complete."""
     record = Record.of_run(x=[0.0, 1.0, 2.0], x_hat=[0.0, 1.0, 2.0])
-    assert _signal(record, "P").shape == (1, 3, 1) and np.isnan(_signal(record, "P")).all()
+    plant = Plant()
+    assert _signal(record, "P", plant).shape == (1, 3, 1) and np.isnan(_signal(record, "P", plant)).all()
     own = np.arange(3.0).reshape(1, 3, 1, 1)
-    np.testing.assert_array_equal(_signal(record._replace(P=own), "P"), own[:, :, 0])
+    np.testing.assert_array_equal(_signal(record._replace(P=own), "P", plant), own[:, :, 0])
     # What a method reports itself under this name comes first.
-    assert _signal(record._replace(info={"P": own[:, :, 0] + 7}), "P")[0, 0, 0] == 7
+    assert _signal(record._replace(info={"P": own[:, :, 0] + 7}), "P", plant)[0, 0, 0] == 7
