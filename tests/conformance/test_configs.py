@@ -29,6 +29,8 @@ HEAVY = {
     "zenere2017/sim2.yaml",
     "zenere2018/interpretations-sim2.yaml",
     "zenere2018/propositions.yaml",
+    "zenere2018/rivals.yaml",
+    "zenere2018/rivals-tuning.yaml",
     "zenere2018/signs.yaml",
 }
 """Designs of theirs at full size take two to ten seconds: searches, 10,000 steps, many points."""

@@ -7,12 +7,20 @@ from pathlib import Path
 
 from docs.markdown import ROOT
 
-from docs import components_page, followed_page, reference_page, reproductions_page, worked_comparisons
+from docs import (
+    components_page,
+    constraints_page,
+    followed_page,
+    reference_page,
+    reproductions_page,
+    worked_comparisons,
+)
 
 PAGES: Mapping[Path, Callable[[], str]] = {
     components_page.PAGE: components_page.generated,
     reference_page.PAGE: reference_page.generated,
     reproductions_page.PAGE: reproductions_page.generated,
+    constraints_page.PAGE: constraints_page.generated,
     followed_page.README: lambda: followed_page.updated(followed_page.README),
     followed_page.TUTORIAL: lambda: followed_page.updated(followed_page.TUTORIAL),
     worked_comparisons.PAGE: lambda: worked_comparisons.updated(worked_comparisons.PAGE.read_text(encoding="utf-8")),

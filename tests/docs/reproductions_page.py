@@ -57,6 +57,10 @@ TITLES = {
 }
 SYSTEMS = "benchmarks"
 FURTHER = {
+    "servo-constrained": (
+        "Servomechanism with constraints",
+        "Experiments of our own, explained in [constraints.md](constraints.md).",
+    ),
     "mayne2005": (
         "Tube predictive control",
         "The example of Mayne, Seron and Rakovic, Robust model predictive control of constrained linear systems with "
