@@ -6,7 +6,9 @@ Problem  Minimise 1/2 x' H x + f' x + sum over soft rows of linear eps_i + 1/2 q
 Solver   DAQP, a dual active-set method (Arnstrom, Bemporad, Axehill 2022).  Every problem starts cold: a warm start
          gives other last digits if the same problems are solved in another order.  Its own soft rows need no variable
          for the slack.
-Scale    DAQP has absolute tolerances: unknowns, rows and slacks should be of size 1.
+Scale    DAQP has absolute tolerances: unknowns, rows and slacks should be of size 1.  The size of the cost does not
+         matter: the cost, slacks included, is divided by a power of 4 that gives H entries of size 1, because DAQP takes
+         the Hessian of a small cost (1e-12) for 0 and calls a wrong point optimal.  The root of H stays exact.
 Traps    DAQP reads the memory of an array that is not contiguous as if it were, and calls a problem optimal that has an
          entry that is not a number, or a lower bound above the upper one.  `solve` copies every array and seeks both.
 """
@@ -121,18 +123,19 @@ class QuadraticProgram:
         low, high : (rows,) bounds of the rows; infinite where there is none
         """
         f, low, high = (np.array(each, dtype=float) for each in (f, low, high))
+        size = self._cost_size
         if not np.isfinite(f).all() or np.isnan(low).any() or np.isnan(high).any():
             return self._failed(QpStatus.FAILED)
         # DAQP calls such a problem optimal, too.
         if ((low > high) & (self._marks != SOFT)).any():
             return self._failed(QpStatus.INFEASIBLE)
         # The marks are given again, which starts the solver cold.
-        self._solver.update(f=f, bupper=high, blower=low, sense=self._marks.copy())
+        self._solver.update(f=f / size, bupper=high, blower=low, sense=self._marks.copy())
         x, value, flag, info = self._solver.solve()
         status = FLAGS.get(int(flag), QpStatus.FAILED)
         if not status.solved:
             return self._failed(status)
-        return QpSolution(status, np.array(x), float(value), np.array(info["lam"]))
+        return QpSolution(status, np.array(x), float(value) * size, np.array(info["lam"]) * size)
 
     def solve_block(
         self, f: Float[Array, "problems n"], low: Float[Array, "problems rows"], high: Float[Array, "problems rows"]
@@ -151,6 +154,7 @@ class QuadraticProgram:
         # The solver may write into its marks: every problem has its own.
         marks = np.tile(self._marks, (len(f), 1))
         x, statuses = np.full(f.shape, np.nan), []
+        f /= self._cost_size
         update, solve = self._solver.update, self._solver.solve
         for i, wrong in enumerate((missing | empty).tolist()):
             if wrong:
@@ -174,10 +178,16 @@ class QuadraticProgram:
         return np.where(soft, SOFT, 0).astype(np.int32)
 
     @cached_property
+    def _cost_size(self) -> float:
+        """Power of 4 next to the largest entry of H."""
+        largest = np.abs(np.diag(self.H)).max(initial=0.0)
+        return float(4.0 ** np.round(np.log2(largest) / 2.0)) if 0.0 < largest < np.inf else 1.0
+
+    @cached_property
     def _matrices(self) -> tuple[Array, Array]:
-        """Contiguous copies, which live as long as the solver."""
+        """Contiguous copies of H, in the unit of the cost, and A, which live as long as the solver."""
         H, A = (np.array(each, dtype=float, order="C") for each in (self.H, self.A))
-        return H, A
+        return H / self._cost_size, A
 
     @cached_property
     def _solver(self) -> Any:
@@ -192,14 +202,15 @@ class QuadraticProgram:
         model.settings = {**model.settings, "primal_tol": PRIMAL_TOL, "iter_limit": self.iteration_limit}
         if self.soft is not None and self.soft.any():
             assert self.linear is not None and self.quadratic is not None
-            inverse = np.where(self.soft, 1.0 / np.where(self.soft, self.quadratic, 1.0), 1.0)
-            weights = np.where(self.soft, self.linear, 0.0)
+            size = self._cost_size
+            inverse = np.where(self.soft, size / np.where(self.soft, self.quadratic, 1.0), 1.0)
+            weights = np.where(self.soft, self.linear / size, 0.0)
             model.soft_weights(rho_l=inverse, rho_u=inverse.copy(), w_l=weights, w_u=weights.copy())
         return model
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the solver out, which cannot be copied to another process."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_solver", "_marks", "_matrices")}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_solver", "_marks", "_matrices", "_cost_size")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

@@ -195,3 +195,24 @@ def test_every_flag_has_a_status():
     limited = QuadraticProgram(np.eye(2), square.A, iteration_limit=1)
     assert limited.solve([-9.0, -9.0], low, high).status is QpStatus.ITERATION_LIMIT
     assert limited.solve_block(np.full((1, 2), -9.0), low[None], high[None])[1] == [QpStatus.ITERATION_LIMIT]
+
+
+@pytest.mark.parametrize("size", [1e-20, 1e-12, 1e-6, 1e9, 1e15])
+def test_the_size_of_the_cost_does_not_matter(size):
+    """Cost and weights of the slacks in another unit have the same minimum; DAQP takes a small H for 0."""
+    rng = np.random.default_rng(20260119)
+    for _ in range(20):
+        factor = rng.standard_normal((3, 3))
+        H, A, f = factor @ factor.T + 0.1 * np.eye(3), rng.standard_normal((6, 3)), 3.0 * rng.standard_normal(3)
+        high, soft = 0.3 * np.abs(rng.standard_normal(6)), np.arange(6) >= 3
+        linear, quadratic = np.full(6, 0.03), np.full(6, 1e-3)
+        expected = QuadraticProgram(H, A, soft, linear, quadratic).solve(f, -high, high)
+        other = QuadraticProgram(size * H, A, soft, size * linear, size * quadratic)
+        found = other.solve(size * f, -high, high)
+        assert found.status is expected.status
+        np.testing.assert_allclose(found.x, expected.x, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.multipliers, size * expected.multipliers, rtol=1e-6, atol=1e-9 * size)
+        np.testing.assert_allclose(found.value, size * expected.value, rtol=1e-9)
+        moves, statuses = other.solve_block(size * f[None], -high[None], high[None])
+        assert statuses == [found.status]
+        np.testing.assert_array_equal(moves[0], found.x)
