@@ -7,8 +7,8 @@ Solver   DAQP, a dual active-set method (Arnstrom, Bemporad, Axehill 2022).  Eve
          gives other last digits if the same problems are solved in another order.  Its own soft rows need no variable
          for the slack.
 Scale    DAQP has absolute tolerances: unknowns, rows and slacks should be of size 1.  The size of the cost does not
-         matter: the cost, slacks included, is divided by a power of 4 that gives H entries of size 1, because DAQP takes
-         the Hessian of a small cost (1e-12) for 0 and calls a wrong point optimal.  The root of H stays exact.
+         matter.  DAQP takes the matrix of a small cost (1e-12) for 0 and calls a wrong point optimal; therefore H, f and
+         the weights of the slacks are divided by a power of 4, so that H is of size 1.
 Traps    DAQP reads the memory of an array that is not contiguous as if it were, and calls a problem optimal that has an
          entry that is not a number, or a lower bound above the upper one.  `solve` copies every array and seeks both.
 """
@@ -210,7 +210,8 @@ class QuadraticProgram:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the solver out, which cannot be copied to another process."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_solver", "_marks", "_matrices", "_cost_size")}
+        made = ("_solver", "_marks", "_matrices", "_cost_size")
+        return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
