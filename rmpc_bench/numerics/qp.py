@@ -7,8 +7,8 @@ Solver   DAQP, a dual active-set method (Arnstrom, Bemporad, Axehill 2022).  Eve
          gives other last digits if the same problems are solved in another order.  Its own soft rows need no variable
          for the slack.
 Scale    DAQP has absolute tolerances: unknowns, rows and slacks should be of size 1.  The size of the cost does not
-         matter.  DAQP takes the matrix of a small cost (1e-12) for 0 and calls a wrong point optimal; therefore H, f and
-         the weights of the slacks are divided by a power of 4, so that H is of size 1.
+         matter.  DAQP takes the matrix of a small cost (1e-12) for 0 and calls a wrong point optimal: therefore H, f
+         and the weights of the slacks are divided by a power of 4, so that H is of size 1.
 Traps    DAQP reads the memory of an array that is not contiguous as if it were, and calls a problem optimal that has an
          entry that is not a number, or a lower bound above the upper one.  `solve` copies every array and seeks both.
 """
