@@ -16,6 +16,9 @@ from rmpc_bench.components.words import MEANINGS
 from rmpc_bench.config.tree import Items, Map, Mark, join, locate, locate_key
 from rmpc_bench.types import Problem, row_by_row
 
+BUILT_IN_KEYS = "rmpc_bench.built_in_keys"
+"""Module that the keys of a built-in component say they come from; a user cannot change their names."""
+
 
 def key_problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:
     """Return an error of pydantic as a problem at the value or key to blame.
@@ -42,15 +45,15 @@ def key_problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mar
     elif entry["type"] == "missing" and isinstance(tree, Map | Items):
         mark = locate(tree, steps)
         what = f"{entry['loc'][-1]!r} is missing" if isinstance(entry["loc"][-1], str) else "has too few entries"
-        return Problem(*mark, join([*path, *steps]), f"{what}{_meant(entry['loc'][-1])}")
+        return Problem(*mark, join([*path, *steps]), f"{what}{_meant(entry['loc'][-1], kind)}")
     elif isinstance(tree, Map | Items):
         mark = locate(tree, steps)
     return Problem(*(mark or Mark("", 1, 1)), join([*path, *steps]), _message(entry, kind, steps))
 
 
-def _meant(name: str | int) -> str:
+def _meant(name: str | int, kind: Any) -> str:
     """Say which value that the bench gives by name has nearly this name: an argument may be misspelt in the code."""
-    if isinstance(name, int) or name in MEANINGS:
+    if isinstance(name, int) or name in MEANINGS or getattr(kind, "__module__", "") == BUILT_IN_KEYS:
         return ""
     close = get_close_matches(name, MEANINGS, 1, 0.75)
     return f"; if it is an argument in your code, did you mean {close[0]!r}, which the bench gives?" if close else ""

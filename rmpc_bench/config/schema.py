@@ -28,7 +28,7 @@ from pydantic import (
 )
 
 from rmpc_bench.components.designs import is_built_in, registered_design
-from rmpc_bench.config.key_errors import key_problem
+from rmpc_bench.config.key_errors import BUILT_IN_KEYS, key_problem
 from rmpc_bench.config.tree import Mark
 from rmpc_bench.config.unions import union
 from rmpc_bench.config.user_files import names_files, read_data, read_function, read_function_or_text
@@ -186,7 +186,7 @@ def keys_of(group: str, kind: str, design: Callable[..., Any]) -> type[BaseModel
     """
     provided = PROVIDED[group]
     if is_built_in(group, kind):
-        return create_model(kind, __config__=_CONFIG, **_fields(design, provided))
+        return create_model(kind, __config__=_CONFIG, __module__=BUILT_IN_KEYS, **_fields(design, provided))
     fields = _fields(design, provided | PROVIDED_TO_OWN.get(group, frozenset()))
     with warnings.catch_warnings():
         # pydantic warns of a key with the name of one of its methods, such as `copy`, which is no mistake here.

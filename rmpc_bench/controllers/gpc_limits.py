@@ -14,9 +14,17 @@ from jaxtyping import Float, Int8
 from rmpc_bench.controllers.constrained import with_fallback
 from rmpc_bench.controllers.gpc_programs import ConstantProgram, VaryingProgram
 from rmpc_bench.controllers.gpc_rows import HardRows, LimitedHorizon
-from rmpc_bench.controllers.limits import Bounds, Fallback, Limits, SoftLimit, bounds_of
+from rmpc_bench.controllers.limits import (
+    Bounds,
+    Fallback,
+    Limits,
+    SoftLimit,
+    bounds_of,
+    increment_bounds,
+    refuse_unused,
+)
 from rmpc_bench.controllers.prediction import Frozen
-from rmpc_bench.types import Array, Command, DesignError, PlantInfo
+from rmpc_bench.types import Array, Command, PlantInfo
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,20 +163,15 @@ def limits_of(
     DesignError
         If the keys do not go together, a size or a bound does not fit, or a signal is unknown.
     """
-    optimised = limits is not None and limits.enforce == "qp"
-    if soft and not optimised:
-        raise DesignError("needs `limits: {enforce: qp}`: clipping limits inputs only", "soft")
-    if limits is None:
+    if limits is None and not soft:
         return None
-    if limits.fallback is not None and not optimised:
-        raise DesignError("has no effect with `enforce: clip`, which solves no program", "limits.fallback")
-    if limits.u is None and limits.du is None and not soft:
-        raise DesignError("has no limit to enforce: give u, du or `soft`", "limits")
+    limits = limits or Limits()
+    refuse_unused(limits, soft)
     u = bounds_of(limits.u, model.nu, "limits.u")
     # The inputs of the laws are deviations from the operating point.
-    u, du = Bounds(u.low - model.u_op, u.high - model.u_op), bounds_of(limits.du, model.nu, "limits.du")
+    u, du = Bounds(u.low - model.u_op, u.high - model.u_op), increment_bounds(limits.du, model.nu)
     inputs = InputLimits(u, du, limits.fallback)
-    if not optimised:
+    if limits.enforce == "clip":
         return GpcLimits(inputs)
     horizon = LimitedHorizon(model, nx, HardRows.of(u, du, N), soft or {}, N, plant_info)
     # Wrong names and sizes are reported now.

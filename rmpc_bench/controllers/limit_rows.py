@@ -8,18 +8,14 @@ Shared  By the design and the law of tube-mpc.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.limits import Bounds, bounds_of, signal_of
+from rmpc_bench.controllers.limits import Pairs, bounds_of, signal_of
 from rmpc_bench.types import Array, DesignError, Model, PlantInfo
 from rmpc_bench.types.issue import no_such_component
-
-OpenPair: TypeAlias = tuple[float | None, float | None]
-OpenPairs: TypeAlias = OpenPair | list[OpenPair]
-"""[low, high] for all, or one pair each; None where there is no bound."""
 
 
 class LimitRows(NamedTuple):
@@ -33,7 +29,7 @@ class LimitRows(NamedTuple):
     """Name of the limited signal of every row, for messages."""
 
 
-def limit_rows(model: Model, limits: Mapping[str, OpenPairs], plant_info: PlantInfo | None = None) -> LimitRows:
+def limit_rows(model: Model, limits: Mapping[str, Pairs], plant_info: PlantInfo | None = None) -> LimitRows:
     """Return the limits as rows of x - x_op and u - u_op.
 
     Parameters
@@ -51,12 +47,12 @@ def limit_rows(model: Model, limits: Mapping[str, OpenPairs], plant_info: PlantI
         raise DesignError("needs a limit, such as `u: [-1, 1]`", "limits")
     parts = []
     for name, pairs in limits.items():
-        key = f"limits.{name}"
+        key = f'limits."{name}"' if "." in name else f"limits.{name}"
         try:
             H_x, H_u, constant = _signal(name, model, plant_info)
         except DesignError as error:
             raise DesignError(str(error), key) from None
-        low, high = _bounds(pairs, len(H_x), key)
+        low, high = bounds_of(pairs, len(H_x), key)
         rest = constant + H_x @ model.x_op + H_u @ model.u_op
         inside = (low < rest) & (rest < high)
         if not inside.all():
@@ -66,17 +62,6 @@ def limit_rows(model: Model, limits: Mapping[str, OpenPairs], plant_info: PlantI
     H_x, H_u, low, high = (np.concatenate(each) for each in zip(*parts, strict=True))
     names = [name for name, part in zip(limits, parts, strict=True) for _ in part[0]]
     return LimitRows(H_x, H_u, low, high, tuple(names))
-
-
-def _bounds(pairs: OpenPairs, n: int, key: str) -> Bounds:
-    """Return bounds of n rows; infinite where there is none."""
-    ends = (-np.inf, np.inf)
-    given: list[Any] = list(pairs)
-    if not given:
-        raise DesignError("needs a pair [low, high]", key)
-    listed = given if isinstance(given[0], list | tuple) else [given]
-    filled = [tuple(end if each is None else each for each, end in zip(pair, ends, strict=True)) for pair in listed]
-    return bounds_of(filled[0] if listed is not given else filled, n, key)  # type: ignore[arg-type]
 
 
 def _signal(name: str, model: Model, plant_info: PlantInfo | None) -> tuple[Array, Array, Array]:

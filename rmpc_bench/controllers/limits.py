@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -19,8 +19,9 @@ from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.types import Array, Count, DesignError, Model, NonNegative, PlantInfo, Positive
 from rmpc_bench.types.issue import no_such_component, unknown
 
-Pairs = tuple[float, float] | list[tuple[float, float]]
-"""[low, high] for all, or one pair each."""
+Pair: TypeAlias = tuple[float | None, float | None]
+Pairs: TypeAlias = Pair | list[Pair]
+"""[low, high] for all, or one pair each; None where there is no bound."""
 Fallback = Literal["clip", "hold", "stop"]
 
 
@@ -30,8 +31,8 @@ class Limits:
 
     Parameters
     ----------
-    u : [low, high] for every input, or one pair per input, in the unit of the input
-    du : [low, high] of the increment u(k) - u(k-1), or one pair per input
+    u : [low, high] for every input, or one pair per input, in the unit of the input; null where there is no bound
+    du : [low, high] of the increment u(k) - u(k-1), or one pair per input; 0 must be inside
     enforce : `clip` clips the unconstrained minimiser, first its increment, then the input; `qp` makes the limits
         constraints of the optimisation, a quadratic program
     fallback : what is applied where the quadratic program has no solution or is not solved, `clip` by default: `clip`
@@ -50,7 +51,7 @@ class SoftLimit:
 
     Parameters
     ----------
-    limits : [low, high] of the signal, or one pair per row of it, in its unit
+    limits : [low, high] of the signal, or one pair per row of it, in its unit; null where there is no bound
     linear : cost of a slack of one `scale`; above the largest multiplier of the hard limit the limit is kept wherever
         that is possible
     scale : unit of the slack (default: high - low)
@@ -108,17 +109,42 @@ def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
     """
     if pairs is None:
         return Bounds(np.full(n, -np.inf), np.full(n, np.inf))
-    given = np.array(pairs, dtype=float)
-    if given.ndim == 1:
-        given = np.tile(given, (n, 1))
-    if given.shape != (n, 2):
-        raise DesignError(
-            f"has {len(given)} pairs; one pair [low, high] for all, or one each for {n}, is required", key
-        )
-    for low, high in given.tolist():
+    listed: list[Any] = [pairs] * n if pairs and not isinstance(pairs[0], list | tuple) else list(pairs)
+    if len(listed) != n:
+        raise DesignError(f"has {len(listed)} pairs, and {n} {'is' if n == 1 else 'are'} required, or one for all", key)
+    ends = (-np.inf, np.inf)
+    filled = [[end if each is None else each for each, end in zip(pair, ends, strict=True)] for pair in listed]
+    for low, high in filled:
         if not low < high:
             raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", key)
-    return Bounds(*np.ascontiguousarray(given.T))
+    return Bounds(*np.ascontiguousarray(np.array(filled, dtype=float).T))
+
+
+def increment_bounds(pairs: Pairs | None, n: int) -> Bounds:
+    """Return bounds of the increments of n inputs, which must contain 0: an input may stay as it is."""
+    bounds = bounds_of(pairs, n, "limits.du")
+    for low, high in zip(*bounds, strict=True):
+        if not low <= 0.0 <= high:
+            raise DesignError(
+                f"must contain 0, so that the input can stay as it is (got [{low:g}, {high:g}])", "limits.du"
+            )
+    return bounds
+
+
+def refuse_unused(limits: Limits, soft: Mapping[str, SoftLimit] | None) -> None:
+    """Refuse keys that have no effect without a quadratic program, and limits without a bound.
+
+    Raises
+    ------
+    DesignError
+        At the key that has no effect.
+    """
+    if soft and limits.enforce != "qp":
+        raise DesignError("needs `limits: {enforce: qp}`: clipping limits inputs only", "soft")
+    if limits.fallback is not None and limits.enforce != "qp":
+        raise DesignError("has no effect with `enforce: clip`, which solves no program", "limits.fallback")
+    if limits.u is None and limits.du is None and not soft:
+        raise DesignError("has no limit to enforce: give u, du or `soft`", "limits")
 
 
 def one_for_all(u: Bounds) -> tuple[float, float] | Bounds:

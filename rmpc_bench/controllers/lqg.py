@@ -252,7 +252,7 @@ def _weight_of_states(Q_x: Matrix | None, Q_y: Matrix | None, C: Float[Array, "n
         weighed: Array = C.T @ _weight(Q_y, len(C), "Q_y") @ C
         return weighed
     if Q_x is None:
-        raise DesignError("is missing; give `Q_x`, the weight of the state, or `Q_y`, that of the output", "Q_x")
+        raise DesignError("needs a weight: `Q_x` of the state or `Q_y` of the output", "Q_x")
     return _weight(Q_x, C.shape[1], "Q_x")
 
 

@@ -26,7 +26,7 @@ Fails   Design error if the moves are not determined (R = 0 and an input without
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -35,7 +35,17 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.constrained import ConstrainedMoves, with_fallback
 from rmpc_bench.controllers.increments import IncrementCost, increment_program
-from rmpc_bench.controllers.limits import Bounds, Fallback, Limits, SoftLimit, bounds_of, one_for_all, soft_rows
+from rmpc_bench.controllers.limits import (
+    Bounds,
+    Fallback,
+    Limits,
+    SoftLimit,
+    bounds_of,
+    increment_bounds,
+    one_for_all,
+    refuse_unused,
+    soft_rows,
+)
 from rmpc_bench.controllers.prediction import predict_disturbance, predict_inputs, predict_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
@@ -249,9 +259,12 @@ def design(
     if Hu > Hp:
         raise DesignError(f"must be at most Hp = {Hp} (got {Hu})", "Hu")
     model = _constant(model)
+    if limits is not None or soft:
+        refuse_unused(limits or Limits(), soft)
     limits = Limits() if limits is None else limits
-    u, du = bounds_of(limits.u, model.nu, "limits.u"), bounds_of(limits.du, model.nu, "limits.du")
-    _refuse_constraints(limits, soft, law)
+    if limits.enforce == "qp" and law == "printed":
+        raise DesignError("qp needs `law: increment`: the printed law does not depend on u(k-1)", "limits.enforce")
+    u, du = bounds_of(limits.u, model.nu, "limits.u"), increment_bounds(limits.du, model.nu)
     root_Q = _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y"))
     root_R = _scaled_root(R, scale.u, model.nu, ("R", "scale.u"))
     root_Q, root_R = np.kron(np.eye(Hp), root_Q), np.kron(np.eye(Hu), root_R)
@@ -279,17 +292,7 @@ def design(
     rows = soft_rows(soft or {}, model, Hp, plant_info)
     cost = IncrementCost(Hp, Hu, root_Q, root_R, moves @ root_Q, as_vector(scale.u, model.nu))
     program = increment_program(model, cost, u, du, rows, uses_mean=uses_mean)
-    if not len(program.rows.low):
-        raise DesignError("has no limit to enforce: give u, du or `soft`", "limits")
     return ConstrainedMpc(*gains, **law_of_u, program=program, fallback=limits.fallback)
-
-
-def _refuse_constraints(limits: Limits, soft: Mapping[str, SoftLimit] | None, law: str) -> None:
-    """Refuse keys that do not go together."""
-    if limits.enforce == "qp" and law == "printed":
-        raise DesignError("qp needs `law: increment`: the printed law does not depend on u(k-1)", "limits.enforce")
-    if soft and limits.enforce != "qp":
-        raise DesignError("needs `limits: {enforce: qp}`: a soft limit is a constraint of the optimisation", "soft")
 
 
 def _constant(model: Model) -> LinearModel:

@@ -34,8 +34,8 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.constrained import ConstrainedMoves, with_fallback
 from rmpc_bench.controllers.input_limits import common_limits
-from rmpc_bench.controllers.limit_rows import LimitRows, OpenPairs, limit_rows
-from rmpc_bench.controllers.limits import Bounds, Fallback
+from rmpc_bench.controllers.limit_rows import LimitRows, limit_rows
+from rmpc_bench.controllers.limits import Bounds, Fallback, Pairs
 from rmpc_bench.controllers.tube_design import Tightening, TubeDesign, feedback
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_vector, mv
@@ -159,7 +159,7 @@ def design(
     Q_x: Matrix,
     R_u: Matrix,
     horizon: Horizon,
-    limits: dict[str, OpenPairs],
+    limits: dict[str, Pairs],
     W: Positive | list[Positive] | None = None,
     tightening: Tightening = "tube",
     fallback: Fallback = "clip",

@@ -338,3 +338,32 @@ def test_only_the_plain_clipped_law_is_compiled(servo):
     assert not law(servo, Limits(u=U, du=DU)).has_compiled_form
     assert not law(servo, Limits(u=U, enforce="qp")).has_compiled_form
     assert law(servo, Limits(u=U, enforce="qp")).optimises and not law(servo, Limits(u=U)).optimises
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "message"),
+    [
+        ({"limits": Limits()}, "limits", "no limit to enforce"),
+        ({"limits": Limits(u=(-1.0, 1.0), fallback="hold")}, "limits.fallback", "no effect with `enforce: clip`"),
+        ({"limits": Limits(du=(0.5, 1.0))}, "limits.du", r"must contain 0.*\[0.5, 1\]"),
+        ({"limits": Limits(du=(0.5, 1.0), enforce="qp")}, "limits.du", "must contain 0"),
+    ],
+)
+def test_limits_without_an_effect_are_refused(keys, key, message):
+    """Oracle: the key to blame."""
+    model = LinearModel([[1.0]], [[1.0]], [[1.0]], 1.0, 1.0)
+    with pytest.raises(DesignError, match=message) as caught:
+        design(model, Hp=2, Hu=1, Q=1.0, R=1.0, **keys)
+    assert caught.value.parameter == key
+
+
+def test_a_soft_limit_may_have_one_bound():
+    """Oracle: the same with a bound that is never reached."""
+    model = LinearModel([[0.9]], [[1.0]], [[1.0]], 1.0, 1.0)
+    u = []
+    for low in (None, -1e6):
+        soft = {"y.0": SoftLimit(limits=(low, 0.5), linear=10.0, scale=1.0)}
+        law = design(model, Hp=3, Hu=2, Q=1.0, R=0.1, limits=Limits(u=(None, 2.0), enforce="qp"), soft=soft)
+        r, x_hat = np.full((4, 1), 1.0), np.zeros((1, 1))
+        u.append(law.control(0, law.init(1), x_hat, Estimate(x_hat), r)[1].u.item())
+    assert u[0] == u[1] and abs(u[0] - 0.5) < 1e-9

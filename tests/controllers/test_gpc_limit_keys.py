@@ -78,7 +78,7 @@ def test_limits_hold_to_the_last_bit(rng):
     ("changes", "parameter", "message"),
     [
         ({"limits": Limits(u=(1.0, -1.0))}, "limits.u", "must be below"),
-        ({"limits": Limits(u=[(0.0, 1.0)] * 3)}, "limits.u", "one each for 2"),
+        ({"limits": Limits(u=[(0.0, 1.0)] * 3)}, "limits.u", "has 3 pairs, and 2 are required"),
         ({"limits": Limits(du=(1.0, -1.0))}, "limits.du", "must be below"),
         ({"limits": Limits()}, "limits", "no limit to enforce"),
         ({"limits": Limits(u=(-1.0, 1.0), fallback="hold")}, "limits.fallback", "no effect"),

@@ -257,7 +257,7 @@ PLAIN = {"Q_x": 1.0, "Q_i": 1.0, "R_u": 1.0}
         (ZERO_AT_ONE, {}, "outputs", "is 2 and must be 3"),
         (UNREACHABLE, {}, "R_u", "no stabilising gain"),
         (None, {"Q_y": 1.0}, "Q_y", "beside `Q_x`"),
-        (None, {"Q_x": None}, "Q_x", "is missing"),
+        (None, {"Q_x": None}, "Q_x", "needs a weight"),
         (None, {"Q_i": -1.0}, "Q_i", "negative eigenvalue|semidefinite"),
         (None, {"R_u": 0.0}, "R_u", "positive definite"),
         (None, {"Tt": 1.0}, "Tt", "no effect"),
