@@ -81,7 +81,9 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
     # A name in the wrong case is nearest to the same name in the right one.
     near = [each for each in known if each.lower() == name.lower()]
     near = near or [each for each in known if each == OTHER_NAMES.get(name.lower())]
-    return next(iter(near or difflib.get_close_matches(name, known, n=1, cutoff=0.5)), None)
+    # One of two letters is enough in a short name, such as `Hp`; `corners` is not near to `none`.
+    cutoff = 0.5 if len(name) < 4 else 0.55
+    return next(iter(near or difflib.get_close_matches(name, known, n=1, cutoff=cutoff)), None)
 
 
 def row_by_row(values: Sequence[Any], meaning: Callable[[int, int], str] | None = None) -> str:
