@@ -255,7 +255,8 @@ def read_component(
         own.pop(key, None)
     before = len(problems)
     shared = _shared(group, own, model, path, problems)
-    checked = validate(model, placed(own, keys_with_files(group, kind, design), access), path, problems)
+    own = placed(own, keys_with_files(group, kind, design), access)
+    checked = validate(model, own, path, problems, further=[*SHARED_KEYS.get(group, {})])
     if checked is None or len(problems) > before:
         return None
     parameters = {name: getattr(checked, name) for name in type(checked).model_fields}

@@ -20,7 +20,9 @@ BUILT_IN_KEYS = "rmpc_bench.built_in_keys"
 """Module that the keys of a built-in component say they come from; a user cannot change their names."""
 
 
-def key_problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None) -> Problem:
+def key_problem(
+    entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mark: Mark | None, further: Sequence[str] = ()
+) -> Problem:
     """Return an error of pydantic as a problem at the value or key to blame.
 
     Parameters
@@ -30,6 +32,7 @@ def key_problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mar
     path : where it stands
     kind : pydantic model or annotation
     mark : place of the tree, for a scalar, which has none of its own
+    further : keys beside those of the model, which are validated elsewhere
     """
     steps, node = [], tree
     error = entry.get("ctx", {}).get("error")
@@ -48,7 +51,7 @@ def key_problem(entry: Any, tree: Any, path: Sequence[str | int], kind: Any, mar
         return Problem(*mark, join([*path, *steps]), f"{what}{_meant(entry['loc'][-1], kind)}")
     elif isinstance(tree, Map | Items):
         mark = locate(tree, steps)
-    return Problem(*(mark or Mark("", 1, 1)), join([*path, *steps]), _message(entry, kind, steps))
+    return Problem(*(mark or Mark("", 1, 1)), join([*path, *steps]), _message(entry, kind, steps, further))
 
 
 def _meant(name: str | int, kind: Any) -> str:
@@ -84,10 +87,10 @@ _WORDS: dict[str, str] = {
 }
 
 
-def _message(entry: Any, kind: Any, steps: Sequence[str | int]) -> str:
+def _message(entry: Any, kind: Any, steps: Sequence[str | int], further: Sequence[str]) -> str:
     context = {**entry.get("ctx", {}), "message": entry["msg"]}
     if entry["type"] == "extra_forbidden":
-        known = _keys_at(kind, entry["loc"][:-1])
+        known = [*_keys_at(kind, entry["loc"][:-1]), *(further if len(steps) == 1 else ())]
         return registry.unknown(str(steps[-1]), known, "key")
     text = _WORDS.get(entry["type"], entry["msg"]).format(**context)
     if entry["type"] == "shape" and _is_flat(entry["input"]) and text.endswith("a matrix"):

@@ -204,7 +204,13 @@ def keys_with_files(group: str, kind: str, design: Callable[..., Any]) -> frozen
 
 
 def validate(
-    kind: Any, tree: Any, path: Sequence[str | int], problems: list[Problem], *, mark: Mark | None = None
+    kind: Any,
+    tree: Any,
+    path: Sequence[str | int],
+    problems: list[Problem],
+    *,
+    mark: Mark | None = None,
+    further: Sequence[str] = (),
 ) -> Any:
     """Validate a tree against a pydantic model or any annotation.
 
@@ -215,6 +221,7 @@ def validate(
     path : where it stands, for the messages
     problems : gets one entry per error
     mark : place of the tree, for a scalar, which has none of its own
+    further : keys of the tree that are validated elsewhere, for the messages
 
     Returns
     -------
@@ -224,7 +231,7 @@ def validate(
     try:
         return adapter.validate_python(tree)
     except ValidationError as error:
-        problems += [key_problem(entry, tree, path, kind, mark) for entry in error.errors()]
+        problems += [key_problem(entry, tree, path, kind, mark, further) for entry in error.errors()]
         return None
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.limits import Pairs, bounds_of, signal_of
+from rmpc_bench.controllers.limits import Pairs, bounds_of, key_of, signal_of
 from rmpc_bench.types import Array, DesignError, Model, PlantInfo
 from rmpc_bench.types.issue import no_such_component
 
@@ -47,7 +47,7 @@ def limit_rows(model: Model, limits: Mapping[str, Pairs], plant_info: PlantInfo 
         raise DesignError("needs a limit, such as `u: [-1, 1]`", "limits")
     parts = []
     for name, pairs in limits.items():
-        key = f'limits."{name}"' if "." in name else f"limits.{name}"
+        key = key_of("limits", name)
         try:
             H_x, H_u, constant = _signal(name, model, plant_info)
         except DesignError as error:

@@ -153,6 +153,11 @@ def one_for_all(u: Bounds) -> tuple[float, float] | Bounds:
     return (float(low[0]), float(high[0])) if same else u
 
 
+def key_of(section: str, name: str) -> str:
+    """Return the key of a signal, for messages: a name with a dot is quoted."""
+    return f'{section}."{name}"' if "." in name else f"{section}.{name}"
+
+
 def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None) -> Signal:
     """Return the rows of a signal that the design model names.
 
@@ -203,7 +208,7 @@ def soft_rows(
     """
     found = {}
     for name, limit in soft.items():
-        key = f'soft."{name}"' if "." in name else f"soft.{name}"
+        key = key_of("soft", name)
         try:
             signal = signal_of(name, model, plant_info) if limit.of is None else _own(limit.of, model.nx, key)
         except DesignError as error:

@@ -196,7 +196,7 @@ def design(
     point = OperatingPoint(model.x_op, model.u_op, model.y_op)
     rows = limit_rows(model, limits, plant_info)
     if W is None and tightening != "none":
-        raise DesignError(f"is needed with tightening: {tightening}", "W")
+        raise DesignError(f"`W` is needed with tightening: {tightening}", "W")
     try:
         half_widths = as_vector(0.0 if tightening == "none" or W is None else W, at_zero.nx)
     except ValueError as error:

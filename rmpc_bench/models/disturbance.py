@@ -159,6 +159,8 @@ def _rows(name: str, value: Matrix | None, n: int, noun: str) -> Float[Array, "n
         raise DesignError(f"a flat list is ambiguous here: {meanings}", f"at.{name}")
     if len(given) != n:
         raise DesignError(does_not_fit(given.shape, (n, given.shape[1])), f"at.{name}")
+    if not given.shape[1]:
+        raise DesignError("has no column; one per disturbance is required", f"at.{name}")
     if not np.isfinite(given).all():
         raise DesignError("must be finite", f"at.{name}")
     return given

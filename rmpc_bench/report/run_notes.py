@@ -26,7 +26,7 @@ def held_cells(trials: Trials, methods: list[str]) -> list[str]:
         return []
     n_runs = len(trials.runs)
     shares = {method: 100.0 * notes.share_held(n_runs) for method, notes in trials.notes.items() if notes.holds}
-    return [f"{shares[method]:.2g} %" if method in shares else "-" for method in methods]
+    return [_percent(shares[method]) if method in shares else "-" for method in methods]
 
 
 def failed_cells(trials: Trials, methods: list[str]) -> list[str]:
@@ -38,7 +38,7 @@ def failed_cells(trials: Trials, methods: list[str]) -> list[str]:
     }
     if not any(shares.get(method) for method in methods):
         return []
-    return [f"{shares[method]:.2g} %" if method in shares else "-" for method in methods]
+    return [_percent(shares[method]) if method in shares else "-" for method in methods]
 
 
 def step_times(trials: Trials, methods: list[str]) -> list[str]:
@@ -248,3 +248,14 @@ def _values_of(trials: Trials, uncertainty: pd.DataFrame, run: int) -> dict[str,
 def _word(text: str) -> str:
     """Write a name so that it can be that of a file on every system."""
     return re.sub(r"[^\w.=,+-]+", "_", text)
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent: two digits, or three near 100, which two would round to 1e+02.
+
+    Examples
+    --------
+    >>> _percent(0.0234), _percent(2.5), _percent(87.5), _percent(100.0)
+    ('0.023 %', '2.5 %', '88 %', '100 %')
+    """
+    return f"{share:.3g} %" if share >= 99.5 else f"{share:.2g} %"

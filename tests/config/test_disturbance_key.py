@@ -49,6 +49,7 @@ def write(directory, methods=BOTH, model="", start="process", record=True):
         ("{at: input, drift: -1}", "drift", "must be >= 0 (got -1)"),
         ("{at: input}", "", "'drift' is missing"),
         ("{at: input, drift: 1, dirft: 2}", "dirft", "is not a known key; did you mean 'drift'?"),
+        ("{at: {B_d: [[], [], [], []]}, drift: 1}", "at.B_d", "has no column"),
         ("5", "", "must be a mapping (got 5)"),
     ],
 )
@@ -63,6 +64,11 @@ def test_mistakes_are_reported_at_their_key(tmp_path, keys, where, message):
         found = [problem for problem in error.value.problems if message in problem.message]
         assert [problem.path for problem in found] == [f"{path}.disturbance{'.' if where else ''}{where}"]
         assert found[0].line > 0
+
+
+def test_a_misspelt_key_gets_the_nearest(tmp_path):
+    with pytest.raises(ConfigError, match=r"'disturbence' is not a known key; did you mean 'disturbance'\?"):
+        load_config(write(tmp_path, "{S: {}}", ", disturbence: {at: input, drift: 1}"))
 
 
 def test_check_refuses_with_exit_code_2(tmp_path):

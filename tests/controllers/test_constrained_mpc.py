@@ -13,7 +13,8 @@ from rmpc_bench.controllers.limits import Limits, SoftLimit, signal_of, soft_row
 from rmpc_bench.controllers.mpc import MpcState, Scale, design
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.models.servo import TABLE_1, continuous
+from rmpc_bench.models.servo import TABLE_1, ServoNoise, continuous
+from rmpc_bench.models.servo import design as servo
 from rmpc_bench.types import DesignError, Estimate, Estimator, OptimisedStep, Status
 
 PI, LIMIT = np.pi, 25.0 * np.pi
@@ -367,3 +368,21 @@ def test_a_soft_limit_may_have_one_bound():
         r, x_hat = np.full((4, 1), 1.0), np.zeros((1, 1))
         u.append(law.control(0, law.init(1), x_hat, Estimate(x_hat), r)[1].u.item())
     assert u[0] == u[1] and abs(u[0] - 0.5) < 1e-9
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e9])
+def test_the_size_of_the_weights_does_not_matter(size):
+    """Oracle: weights of size 1 give the same inputs, with a soft limit whose penalty has the same factor."""
+    model = servo(0.1, noise=ServoNoise(1.0, 1.0))
+    found = []
+    for factor in (1.0, size):
+        soft = {"shaft_torque": SoftLimit((-25 * np.pi, 25 * np.pi), linear=0.03 * factor, quadratic=1e-3 * factor)}
+        weights = {"Q": 0.1 * factor, "R": 0.1 * factor, "scale": Scale(440.0, 2 * np.pi)}
+        law = design(
+            model, Hp=10, Hu=3, limits=Limits((-220.0, 220.0), du=(-50.0, 50.0), enforce="qp"), soft=soft, **weights
+        )
+        x_hat, before = np.array([[0.3, 1.0, 8.0, 40.0], [0.0] * 4]), np.array([[150.0], [0.0]])
+        command = law.control(0, MpcState(before), x_hat[:, :1], Estimate(x_hat), np.full((11, 1), np.pi / 2))[1]
+        assert set(command.info["qp"]) <= {OptimisedStep.SOLVED, OptimisedStep.SOFTENED}
+        found.append(command.u)
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9)

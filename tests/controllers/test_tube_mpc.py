@@ -344,7 +344,7 @@ INTEGRATOR = LinearModel(np.array([[1.0, 1.0], [0.0, 1.0]]), [[1.0], [0.0]], [[1
     ("model", "keys", "key", "message"),
     [
         (MODEL, {"W": 0.5}, "W", r"leaves no room at the limit -?1 of u: the noise takes 1.487 of it"),
-        (MODEL, {"W": None}, "W", "is needed with tightening: tube"),
+        (MODEL, {"W": None}, "W", "`W` is needed with tightening: tube"),
         (MODEL, {"W": [0.1, 0.1, 0.1]}, "W", "3"),
         (MODEL, {"limits": {}}, "limits", "needs a limit"),
         (MODEL, {"limits": {"u": []}}, "limits.u", "has 0 pairs"),
