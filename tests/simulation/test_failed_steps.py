@@ -94,13 +94,13 @@ def fig7_with(limits, soft=None):
 
 
 def test_skipping_changes_nothing_over_fig7():
-    """Oracle: every program solved, 1e-9 V over 20 plants and all samples."""
+    """Oracle: every program solved, 1e-9 V over all 200 plants and all samples."""
     soft = {"shaft_torque": SoftLimit((-25 * np.pi, 25 * np.pi), 0.001)}
     experiment, method = fig7_with(Limits(u=(-220.0, 220.0), enforce="qp"), soft)
     law = method.controller
     every = method._replace(controller=replace(law, program=replace(law.program, skips=False)))
-    n, preview = 100, law.preview
-    draws = experiment.scenario.draw(experiment.plant, range(20), n)
+    n, preview = experiment.n_steps, law.preview
+    draws = experiment.scenario.draw(experiment.plant, range(experiment.n_runs), n)
     r = experiment.scenario.reference.sample(n + 1 + preview)
     found, status = simulate(experiment.plant, method, draws, r, n, info={"qp"})
     other, _ = simulate(experiment.plant, every, draws, r, n, info={"qp"})
