@@ -169,7 +169,7 @@ def limits_of(
     refuse_unused(limits, soft)
     u = bounds_of(limits.u, model.nu, "limits.u")
     # The inputs of the laws are deviations from the operating point.
-    u, du = Bounds(u.low - model.u_op, u.high - model.u_op), increment_bounds(limits.du, model.nu)
+    u, du = Bounds(u.low - model.u_op, u.high - model.u_op), bounds_of(limits.du, model.nu, "limits.du")
     inputs = InputLimits(u, du, limits.fallback)
     if limits.enforce == "clip":
         return GpcLimits(inputs)

@@ -32,7 +32,8 @@ class Limits:
     Parameters
     ----------
     u : [low, high] for every input, or one pair per input, in the unit of the input; null where there is no bound
-    du : [low, high] of the increment u(k) - u(k-1), or one pair per input; 0 must be inside
+    du : [low, high] of the increment u(k) - u(k-1), or one pair per input; without 0 inside, the
+        input cannot stay as it is, and the program becomes infeasible at the limits of u
     enforce : `clip` clips the unconstrained minimiser, first its increment, then the input; `qp` makes the limits
         constraints of the optimisation, a quadratic program
     fallback : what is applied where the quadratic program has no solution or is not solved, `clip` by default: `clip`
@@ -118,17 +119,6 @@ def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
         if not low < high:
             raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", key)
     return Bounds(*np.ascontiguousarray(np.array(filled, dtype=float).T))
-
-
-def increment_bounds(pairs: Pairs | None, n: int) -> Bounds:
-    """Return bounds of the increments of n inputs, which must contain 0: an input may stay as it is."""
-    bounds = bounds_of(pairs, n, "limits.du")
-    for low, high in zip(*bounds, strict=True):
-        if not low <= 0.0 <= high:
-            raise DesignError(
-                f"must contain 0, so that the input can stay as it is (got [{low:g}, {high:g}])", "limits.du"
-            )
-    return bounds
 
 
 def refuse_unused(limits: Limits, soft: Mapping[str, SoftLimit] | None) -> None:

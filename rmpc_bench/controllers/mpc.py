@@ -264,7 +264,7 @@ def design(
     limits = Limits() if limits is None else limits
     if limits.enforce == "qp" and law == "printed":
         raise DesignError("qp needs `law: increment`: the printed law does not depend on u(k-1)", "limits.enforce")
-    u, du = bounds_of(limits.u, model.nu, "limits.u"), increment_bounds(limits.du, model.nu)
+    u, du = bounds_of(limits.u, model.nu, "limits.u"), bounds_of(limits.du, model.nu, "limits.du")
     root_Q = _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y"))
     root_R = _scaled_root(R, scale.u, model.nu, ("R", "scale.u"))
     root_Q, root_R = np.kron(np.eye(Hp), root_Q), np.kron(np.eye(Hu), root_R)

@@ -346,8 +346,6 @@ def test_only_the_plain_clipped_law_is_compiled(servo):
     [
         ({"limits": Limits()}, "limits", "no limit to enforce"),
         ({"limits": Limits(u=(-1.0, 1.0), fallback="hold")}, "limits.fallback", "no effect with `enforce: clip`"),
-        ({"limits": Limits(du=(0.5, 1.0))}, "limits.du", r"must contain 0.*\[0.5, 1\]"),
-        ({"limits": Limits(du=(0.5, 1.0), enforce="qp")}, "limits.du", "must contain 0"),
     ],
 )
 def test_limits_without_an_effect_are_refused(keys, key, message):
