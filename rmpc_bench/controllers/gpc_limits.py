@@ -20,7 +20,6 @@ from rmpc_bench.controllers.limits import (
     Limits,
     SoftLimit,
     bounds_of,
-    increment_bounds,
     refuse_unused,
 )
 from rmpc_bench.controllers.prediction import Frozen

@@ -41,7 +41,6 @@ from rmpc_bench.controllers.limits import (
     Limits,
     SoftLimit,
     bounds_of,
-    increment_bounds,
     one_for_all,
     refuse_unused,
     soft_rows,
