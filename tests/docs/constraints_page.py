@@ -146,6 +146,22 @@ def tuned_values() -> Mapping[str, Mapping[str, str]]:
     }
 
 
+def short(value: str) -> str:
+    """Return a number as short as possible; an expression as it is.
+
+    Examples
+    --------
+    >>> short("100000.0"), short("10000"), short("0.001"), short("sqrt(30)")
+    ('1e5', '1e4', '0.001', 'sqrt(30)')
+    """
+    try:
+        number = float(value)
+    except ValueError:
+        return value
+    exponent = f"{number:.0e}".replace("e+0", "e")
+    return exponent if number >= 1e4 and float(exponent) == number else f"{number:g}"
+
+
 def rivals_table() -> str:
     """All filters without noise."""
     frame, values = kept("zenere2018", "rivals"), tuned_values()["s=0"]
@@ -153,7 +169,7 @@ def rivals_table() -> str:
     rows = []
     for method, (title, path) in RIVALS.items():
         mine = frame[frame["method"] == method]
-        chosen = "" if path is None else f"`{path.rpartition('.')[2]}: {values[method]}`"
+        chosen = "" if path is None else f"`{path.rpartition('.')[2]}: {short(values[method])}`"
         mse = f"{number_of(mine, 'mse'):.4f}", f"{number_of(mine, 'mse', 'median'):.4f}"
         rows.append((title, chosen, *mse, f"{number_of(mine, 'input_roughness'):.2f}"))
     return table(["filter", "tuned value", "mean MSE", "median MSE", "mean roughness of the input [V]"], rows)
@@ -168,7 +184,7 @@ def rivals_noise_table() -> str:
         cells = []
         for method in RIVALS:
             mine = frame[(frame["name"] == noise) & (frame["method"] == method)]
-            value = f" ({chosen[method]})" if method in chosen else ""
+            value = f" ({short(chosen[method])})" if method in chosen else ""
             cells.append(f"{number_of(mine, 'mse'):.4f}{value}")
         rows.append((noise, *cells))
     return table(heads, rows)
@@ -182,7 +198,7 @@ def tuning_table() -> str:
             row = candidates("s=0", method)
             best = min(row, key=lambda value: row[value])
             cells = [f"{'**' if value == best else ''}{row[value]:.5f}{'**' if value == best else ''}" for value in row]
-            rows.append((f"{title}: {', '.join(row)}", *cells))
+            rows.append((f"{title}: {', '.join(map(short, row))}", *cells))
     return table(["filter: values", *(f"{number}." for number in range(1, 10))], rows)
 
 
