@@ -42,6 +42,16 @@ RIVALS = {
     "R-input": ("R1 + input disturbance", "model.disturbance.drift"),
 }
 """Method -> its name on the page, and the path of its tuned scalar."""
+BASELINES = {
+    "S-MPC": "S, untuned",
+    "R-MPC1": "R1, untuned",
+    "S-tuned": "S, weight of the input tuned",
+    "R1-tuned": "R1, weight of the input tuned",
+    "S-input": "S + input, weight of the input tuned",
+    "PID": "PID, time constant of the rule tuned",
+    "LQG": "LQG, weight of the integral tuned",
+}
+"""Method of servo-constrained/baselines -> its name on the page."""
 
 
 def kept(group: str, name: str) -> pd.DataFrame:
@@ -190,6 +200,21 @@ def rivals_noise_table() -> str:
     return table(heads, rows)
 
 
+def baselines_table() -> str:
+    """PID and LQG beside predictive control, without noise and with a tenth of it."""
+    frame = kept(SERVO, "baselines")
+    quiet, noisy = (frame[frame["name"] == point] for point in ("s=0", "s=0.1"))
+    rows = []
+    for method, title in BASELINES.items():
+        mine, other = quiet[quiet["method"] == method], noisy[noisy["method"] == method]
+        mse = f"{number_of(mine, 'mse'):.4f}", f"{number_of(mine, 'mse', 'median'):.4f}"
+        roughness = f"{number_of(mine, 'input_roughness'):.1f}", f"{number_of(other, 'input_roughness'):.1f}"
+        above, noisy_mse = percent(number_of(mine, "above")), f"{number_of(other, 'mse'):.4f}"
+        rows.append((title, *mse, roughness[0], above, noisy_mse, roughness[1]))
+    heads = ["controller", "mean MSE", "median MSE", "roughness [V]", "samples above"]
+    return table([*heads, "mean MSE, s = 0.1", "roughness, s = 0.1 [V]"], rows)
+
+
 def tuning_table() -> str:
     """The whole row of candidates without noise, with the chosen one in bold."""
     rows = []
@@ -220,6 +245,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "rivals": rivals_table,
     "rivals-noise": rivals_noise_table,
     "tuning": tuning_table,
+    "baselines": baselines_table,
 }
 
 
