@@ -18,8 +18,9 @@ $(STAMP): pyproject.toml
 run: setup  ## run the quickstart and print the path of its figure
 	$(BIN)/rmpc-bench run configs/quickstart.yaml
 
+# Where bytecode is not kept, each of the hundreds of processes that tests start would compile the package again.
 test: setup  ## run the default tests, on all cores
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal
 
 test-slow: setup  ## run the tests that take minutes
 	$(BIN)/python -m pytest -m slow

@@ -8,7 +8,8 @@ import signal
 import sys
 from pathlib import Path
 
-from jaxtyping import install_import_hook
+import jaxtyping
+import remembered_checks
 
 # First of all, before any test imports the package.  Compiled functions cannot be wrapped: their modules are left out
 # (jaxtyping matches whole dotted names; plants/test_servo.py asserts that `servo` does not cover `servo_kernel`).
@@ -28,7 +29,8 @@ FILES = [file for part in PARTS for file in sorted((PACKAGE / part).glob("*.py")
 CHECKED = [f"rmpc_bench.{file.parent.name}.{file.stem}" for file in FILES]
 CHECKED += [f"rmpc_bench.plants.{name}" for name in ("servo", "moving_slide", "moving_slide_plot")]
 if "RMPC_BENCH_UNCHECKED" not in os.environ:  # `make perf` measures the code as users run it
-    install_import_hook(CHECKED, "beartype.beartype")
+    jaxtyping.jaxtyped = remembered_checks.jaxtyped
+    jaxtyping.install_import_hook(CHECKED, "beartype.beartype")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell starts programs in the background with Ctrl-C ignored, and their children inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)

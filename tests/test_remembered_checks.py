@@ -1,0 +1,68 @@
+"""The memory of `remembered_checks` lets nothing through that jaxtyping alone would refuse."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from beartype import beartype
+from jaxtyping import Float, TypeCheckError
+from remembered_checks import jaxtyped
+
+X = Float[np.ndarray, "runs n"]
+
+
+class Pair(NamedTuple):
+    x: X
+    y: X
+
+
+@jaxtyped(typechecker=beartype)
+def step(A: Float[np.ndarray, "n n"], x: X) -> "X":
+    return x
+
+
+GIVEN = []
+
+
+@jaxtyped(typechecker=beartype)
+def given(x: X) -> "tuple[X, float] | None":
+    return GIVEN[-1]
+
+
+@jaxtyped(typechecker=beartype)
+def first(rows: list[X]) -> tuple[X, float]:
+    return rows[0], 0.0
+
+
+def test_a_combination_that_has_passed_lets_no_other_one_pass():
+    """Oracle: by hand; n is 2, then 3; every call is made twice, so that the second one meets the memory."""
+    for n in (2, 2, 3, 3):
+        x = np.zeros((5, n))
+        assert step(np.eye(n), x) is x
+        assert step(np.eye(n), x=x) is x
+        for wrong in (np.zeros((5, n + 1)), np.zeros(n), np.zeros((5, n), int), [0.0], None):
+            with pytest.raises(TypeCheckError):
+                step(np.eye(n), wrong)
+            with pytest.raises(TypeCheckError):
+                step(np.eye(n), x=wrong)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((5, 3)), np.zeros((4, 2)), np.zeros((5, 2), int), [0.0], 1.0, Pair(1, 2)])
+def test_a_result_is_checked_after_other_results_have_passed(wrong):
+    """The arguments are the same all the time, so that only the result differs from what has passed."""
+    x = np.zeros((5, 2))
+    for result in (None, (x, 0.0), None, (x + 1.0, 1.0)):
+        GIVEN.append(result)
+        assert given(x) is result
+    for result in (wrong, (wrong, 0.0), (x, x)) * 2:
+        GIVEN.append(result)
+        with pytest.raises(TypeCheckError, match="return value"):
+            given(x)
+
+
+def test_elements_of_a_list_are_checked_every_time():
+    good, bad = np.zeros((5, 2)), np.zeros(5)
+    for _ in range(2):
+        assert first([good])[0] is good
+        with pytest.raises(TypeCheckError):
+            first([bad])
