@@ -20,6 +20,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import forked_commands
+
 README = Path(__file__).parents[2] / "README.md"
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -64,15 +66,16 @@ def follow(page: Path, place: Path) -> Iterator[Step]:
         after = blocks[i + 1] if i + 1 < len(blocks) else ("", "", "")
         for line in lines:
             shown = after[2] if after[0] == "text" and line == lines[-1] else None
-            done = subprocess.run(_command(line), cwd=place, capture_output=True, text=True, check=False)
+            done = _run(line, place)
             yield Step(line, done.returncode, done.stdout, done.stderr, shown)
 
 
-def _command(line: str) -> list[str]:
+def _run(line: str, place: Path) -> subprocess.CompletedProcess[str]:
     program, *arguments = shlex.split(line)
     if program == "rmpc-bench":
-        return [sys.executable, "-m", "rmpc_bench", *arguments]
-    return [sys.executable if program == "python" else program, *arguments]
+        return forked_commands.run(arguments, place)
+    command = [sys.executable if program == "python" else program, *arguments]
+    return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
 
 
 def comparable(text: str) -> str:

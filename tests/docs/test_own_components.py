@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import forked_commands
 import pytest
 
 PAGE = Path(__file__).parents[2] / "docs" / "own-components.md"
@@ -22,8 +23,7 @@ def followed(tmp_path_factory):
             (place / name).write_text(text, encoding="utf-8")
         for line in text.splitlines() if language == "console" else ():
             arguments = shlex.split(line.removeprefix("$ rmpc-bench "))
-            command = [sys.executable, "-m", "rmpc_bench", *arguments]
-            done.append((line, subprocess.run(command, cwd=place, capture_output=True, text=True)))
+            done.append((line, forked_commands.run(arguments, place)))
     return place, done
 
 
