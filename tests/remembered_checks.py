@@ -6,7 +6,6 @@ What does not follow from classes (lists, dictionaries, literals, objects of oth
 """
 
 import functools
-import inspect
 import types
 from collections.abc import Callable, Hashable
 from typing import Any
@@ -55,11 +54,12 @@ def jaxtyped(function: Any = None, *, typechecker: Callable[..., Any]) -> Any:
     """Decorate as `jaxtyping.jaxtyped`, with a memory of the combinations that have passed."""
     if function is None:
         return functools.partial(jaxtyped, typechecker=typechecker)
-    checked = CHECK(function, typechecker=typechecker)
-    if not isinstance(function, types.FunctionType) or "Literal" in str(inspect.signature(function)):
-        return checked
+    if not isinstance(function, types.FunctionType) or "Literal" in str(function.__annotations__):
+        return CHECK(function, typechecker=typechecker)
     results: list[Any] = []
-    replayed = CHECK(_giving(results, function), typechecker=typechecker)
+    # Made at the first call: a process calls a small part of all functions that it imports.
+    check = functools.cache(lambda: CHECK(function, typechecker=typechecker))
+    check_result = functools.cache(lambda: CHECK(_giving(results, function), typechecker=typechecker))
     passed: dict[Hashable, set[Hashable]] = {}
 
     @functools.wraps(function)
@@ -67,10 +67,10 @@ def jaxtyped(function: Any = None, *, typechecker: Callable[..., Any]) -> Any:
         try:
             given = (tuple(map(mark, args)), *((name, mark(value)) for name, value in kwargs.items()))
         except UnknownError:
-            return checked(*args, **kwargs)
+            return check()(*args, **kwargs)
         known = passed.get(given)
         if known is None:
-            result = checked(*args, **kwargs)
+            result = check()(*args, **kwargs)
             passed[given] = set()
             return result
         result = function(*args, **kwargs)
@@ -82,7 +82,7 @@ def jaxtyped(function: Any = None, *, typechecker: Callable[..., Any]) -> Any:
             made = None
         results.append(result)
         try:
-            replayed(*args, **kwargs)
+            check_result()(*args, **kwargs)
         finally:
             results.pop()
         if made is not None:
