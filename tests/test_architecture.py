@@ -1,12 +1,19 @@
 """Who may import whom, and what no module may do; read from the sources, nothing is imported."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1] / "rmpc_bench"
 FILES = {path.relative_to(ROOT).as_posix(): path for path in sorted(ROOT.rglob("*.py"))}
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+
+@cache
+def trees():
+    """Syntax of every file of the package."""
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
 
 DESIGNS = {"models", "numerics", "types"}
 # A room may always import itself.  Arrows that need a reason have it above them.
@@ -191,7 +198,7 @@ def calls(tree):
 def test_imports_follow_the_arrows():
     """A room imports itself and what `MAY_IMPORT` allows it."""
     forbidden = {}
-    for file, tree in TREES.items():
+    for file, tree in trees().items():
         here = room(file)
         assert here in MAY_IMPORT, f"{file}: a new room; say in MAY_IMPORT what it may import"
         found = {there for there, _ in own_imports(tree)} - MAY_IMPORT[here] - {here}
@@ -201,7 +208,7 @@ def test_imports_follow_the_arrows():
 
 def test_no_import_leads_back():
     """Modules can be read one after the other: no cycle in any room, nor between rooms; lazy imports count too."""
-    modules = {"rmpc_bench." + file.removesuffix(".py").replace("/", "."): tree for file, tree in TREES.items()}
+    modules = {"rmpc_bench." + file.removesuffix(".py").replace("/", "."): tree for file, tree in trees().items()}
     graph = {}
     for module, tree in modules.items():
         named = {name if name in modules else name.rpartition(".")[0] for name in imports(tree)}
@@ -212,7 +219,7 @@ def test_no_import_leads_back():
 
 def test_a_method_does_not_import_its_siblings():
     """What two methods share lies in a shared file or in numerics."""
-    for file, tree in TREES.items():
+    for file, tree in trees().items():
         here = room(file)
         siblings = {module for there, module in own_imports(tree) if there == here}
         assert here not in ("estimators", "controllers") or siblings <= SHARED_SIBLINGS, file
@@ -220,7 +227,7 @@ def test_a_method_does_not_import_its_siblings():
 
 def test_packages_stay_in_their_rooms():
     """Matplotlib, joblib, click and the solvers are imported in one place only."""
-    imported = {file: {name.split(".")[0] for name in imports(tree)} for file, tree in TREES.items()}
+    imported = {file: {name.split(".")[0] for name in imports(tree)} for file, tree in trees().items()}
     strays = [
         (file, package)
         for file, packages in imported.items()
@@ -234,7 +241,7 @@ def test_below_config_nothing_touches_files_environment_or_clock():
     """No files, environment, clock or global random state below `config`."""
     found = {}
     for file in (file for file in FILES if file.startswith(BELOW_CONFIG)):
-        tree = TREES[file]
+        tree = trees()[file]
         named = {text for text, _ in calls(tree)}
         random = {text for text in named if text.startswith("np.random.")}
         wrong = {name.split(".")[0] for name in imports(tree)} & OUTSIDE_WORLD
@@ -257,7 +264,7 @@ def test_compiled_code_calls_nothing_from_another_file():
         "numerics/tracking_kernel.py",
         "plants/servo_kernel.py",
     }
-    strays = {file: {*own_imports(TREES[file])} - {("numerics", "compiled")} for file in compiled}
+    strays = {file: {*own_imports(trees()[file])} - {("numerics", "compiled")} for file in compiled}
     assert not {file: names for file, names in strays.items() if names}
 
 
@@ -265,7 +272,7 @@ def test_processes_import_no_file_of_the_current_directory():
     """With -P a file `random.py` of the current directory does not run in place of the standard module."""
     starts = [
         [ast.unparse(each) for each in node.elts]
-        for tree in TREES.values()
+        for tree in trees().values()
         for node in ast.walk(tree)
         if isinstance(node, ast.List) and node.elts and ast.unparse(node.elts[0]) == "sys.executable"
     ]
@@ -275,7 +282,7 @@ def test_processes_import_no_file_of_the_current_directory():
 
 def test_only_cli_and_progress_print():
     """Outside the command line, progress.py and notices.py alone print, and to stderr."""
-    for file, tree in TREES.items():
+    for file, tree in trees().items():
         prints = [node for text, node in calls(tree) if text == "print"]
         if file in ("execution/progress.py", "notices.py"):
             targets = [ast.unparse(key.value) for node in prints for key in node.keywords if key.arg == "file"]
@@ -302,4 +309,4 @@ def test_names_say_something():
 
 def test_the_check_sees_imports_inside_functions():
     """The reading itself works: the lazy imports of the command line are found."""
-    assert ("config", "load") in set(own_imports(TREES["cli/run.py"]))
+    assert ("config", "load") in set(own_imports(trees()["cli/run.py"]))
