@@ -3,6 +3,7 @@
 House rule: a tolerance is one of the four words below, or the line that holds it says why it is another.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -80,6 +81,12 @@ def servo_model():
     from rmpc_bench.models.servo import ServoNoise, design
 
     return design(0.1, noise=ServoNoise(process=1.0, measurement=1.0))
+
+
+def pytest_collection_finish():
+    """Modules and tests stay until the end, so that no collection of garbage need look through them again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

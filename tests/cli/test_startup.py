@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,12 +24,13 @@ print(*{name.split(".")[0] for name in sys.modules}, file=sys.stderr)
 HEAVY = {"numpy", "scipy", "pydantic", "numba", "pandas", "matplotlib", "joblib", "rich", "yaml"}
 
 
+@cache
 def imported(*arguments):
-    """Packages that a command imports in a process of its own."""
+    """Packages that a command imports in a process of its own; several tests look at the same ones."""
     command = [sys.executable, "-c", IMPORTED, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return set(done.stderr.split())
+    return frozenset(done.stderr.split())
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["list"]])
