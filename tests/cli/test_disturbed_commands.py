@@ -112,11 +112,12 @@ def test_kills_at_random_moments(tmp_path, n_kills):
     assert (path.parent / "out" / "trials.csv").read_bytes() == expected
 
 
-def test_hash_seeds(tmp_path):
+@pytest.mark.parametrize("n_seeds", [2, pytest.param(8, marks=pytest.mark.slow)])
+def test_hash_seeds(tmp_path, n_seeds):
     """No file of the results depends on the order of sets."""
     path = write_keys(tmp_path, runs=12, figures="[boxplot, paired]")
     found = []
-    for seed in range(4):
+    for seed in range(1, 1 + n_seeds):
         out = tmp_path / str(seed) / "out"
         process = start(path, "-j", "1", "-o", out, env={**os.environ, "PYTHONHASHSEED": str(seed)})
         assert ended(process)[0] == 0
