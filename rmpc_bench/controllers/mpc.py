@@ -26,18 +26,14 @@ Fails   Design error if the moves are not determined (R = 0 and an input without
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.constrained import ConstrainedMoves, with_fallback
 from rmpc_bench.controllers.increments import IncrementCost, increment_program
 from rmpc_bench.controllers.limits import (
-    Bounds,
-    Fallback,
     Limits,
     SoftLimit,
     bounds_of,
@@ -45,28 +41,20 @@ from rmpc_bench.controllers.limits import (
     refuse_unused,
     soft_rows,
 )
+from rmpc_bench.controllers.mpc_law import ConstrainedMpc, Mpc
 from rmpc_bench.controllers.prediction import predict_disturbance, predict_inputs, predict_moves
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.linalg import as_covariance, as_vector, mv, psd_sqrt
+from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.types import (
     Array,
-    Command,
-    CompiledLaw,
-    Controller,
     DesignError,
-    Estimate,
     Estimator,
     Horizon,
-    LinearLaw,
     Matrix,
     Model,
-    OptimisedStep,
     PlantInfo,
     Positive,
-    Status,
 )
-
-OK = np.int8(Status.OK)
 
 
 @dataclass(frozen=True)
@@ -81,139 +69,6 @@ class Scale:
 
     u: Positive | list[Positive] = 1.0
     y: Positive | list[Positive] = 1.0
-
-
-class MpcState(NamedTuple):
-    """State of the controller between steps."""
-
-    u_previous: Float[Array, "runs nu"]
-
-
-@dataclass(frozen=True, eq=False)
-class Mpc(Controller):
-    """The receding-horizon law; create it with `design`."""
-
-    K_x: Float[Array, "nu nx"]
-    K_u: Float[Array, "nu nu"]
-    K_r: Float[Array, "nu rows"]
-    low: float | Float[Array, " nu"]
-    """A number where it is the same for all inputs."""
-    high: float | Float[Array, " nu"]
-    preview: int
-    K_d: Float[Array, "nu nx"] | None = None
-    """Gain of the estimated mean of the process noise, None if the estimator does not estimate it."""
-    u_0: Float[Array, " nu"] | None = None
-    """Input that compensates the constant parts of the model, None if they are zero."""
-    u_op: Float[Array, " nu"] | None = None
-    """Input before k = 0; None for 0."""
-    du: Bounds | None = None
-    """Bounds of the increment; None without."""
-
-    @property
-    def input_limits(self) -> tuple[float | Float[Array, " nu"], float | Float[Array, " nu"]]:
-        """Lower and upper limit of all inputs, or of each."""
-        return self.low, self.high
-
-    @property
-    def has_compiled_form(self) -> bool:
-        """A law that uses an estimated mean, limits the increment or has different limits of its inputs has none."""
-        return self.K_d is None and self.du is None and isinstance(self.low, float)
-
-    def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
-        """Return the gains and what the reference adds at every k."""
-        ahead = np.array([r[k + 1 : k + self.preview].ravel() for k in range(n_steps)])
-        given = mv(self.K_r, ahead)[None]
-        u_0 = None if self.u_0 is None else self.u_0[None]
-        low, high = float(self.low), float(self.high)
-        return CompiledLaw(given, self.K_x[None], self.K_u, u_0, low, high, self.u_op)
-
-    def init(self, n_runs: int) -> MpcState:
-        """Start from the input of the operating point, or 0."""
-        nu = len(self.K_x)
-        return MpcState(np.tile(np.zeros(nu) if self.u_op is None else self.u_op, (n_runs, 1)))
-
-    def control(
-        self,
-        k: int,
-        state: MpcState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
-    ) -> tuple[MpcState, Command]:
-        """Apply the first input of the minimiser, clipped."""
-        u = self._clipped(self._minimiser(state.u_previous, estimate, r), state.u_previous)
-        return MpcState(u), Command(u, np.full(len(u), OK), {})
-
-    def _minimiser(
-        self, u_previous: Float[Array, "runs nu"], estimate: Estimate, r: Float[Array, "preview ny"]
-    ) -> Float[Array, "runs nu"]:
-        """Return the first input of the minimiser without limits."""
-        # The reference is the same for all runs.
-        ahead = mv(self.K_r, r[1:].reshape(1, -1))
-        # Exactly 0 if K_u = I.
-        kept = u_previous - mv(self.K_u, u_previous)
-        u = kept + ahead - mv(self.K_x, estimate.x_hat)
-        if self.u_0 is not None:
-            u = u - self.u_0
-        if self.K_d is not None:
-            u = u - mv(self.K_d, estimate.info["w_mean"])
-        return u
-
-    def _clipped(self, u: Float[Array, "runs nu"], u_previous: Float[Array, "runs nu"]) -> Float[Array, "runs nu"]:
-        """Clip the increment, then the input."""
-        if self.du is not None:
-            # An increment within its bounds keeps the bits of u.
-            u = np.clip(u, u_previous + self.du.low, u_previous + self.du.high)
-        return np.clip(u, self.low, self.high)
-
-    def linear_law(self) -> LinearLaw | None:
-        """Return the gains; the law is linear as long as no input is clipped, and affine with constant parts."""
-        if self.u_0 is not None or self.K_d is not None:
-            return None
-        return LinearLaw(self.K_x, self.K_u, self.K_r)
-
-
-@dataclass(frozen=True, eq=False)
-class ConstrainedMpc(Mpc):
-    """The law whose limits are constraints of the optimisation; create it with `design`."""
-
-    program: ConstrainedMoves = field(kw_only=True)
-    fallback: Fallback | None = field(kw_only=True)
-
-    @property
-    def has_compiled_form(self) -> bool:
-        """It is not linear."""
-        return False
-
-    @property
-    def reports(self) -> dict[str, tuple[int, ...]]:
-        """How the moves were found: values of `OptimisedStep`."""
-        return {"qp": ()}
-
-    @property
-    def cost_per_step(self) -> float:
-        """Time of a step for which a share of the programs is solved [s]."""
-        return 2e-6
-
-    def control(
-        self,
-        k: int,
-        state: MpcState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
-    ) -> tuple[MpcState, Command]:
-        """Apply the first input of the constrained minimiser."""
-        before, nu = state.u_previous, len(self.K_x)
-        mean = () if self.K_d is None else (estimate.info["w_mean"],)
-        found = self.program.moves(np.hstack([estimate.x_hat, before, *mean]), np.append(r[1:].ravel(), 1.0))
-        clipped = self._clipped(self._minimiser(before, estimate, r), before)
-        u, solved = clipped, found.steps != OptimisedStep.SKIPPED
-        if solved.any():
-            # The input of a skipped run has the bits of `enforce: clip`.
-            u = np.where(solved[:, None], self._clipped(before + found.V[:, :nu], before), clipped)
-        command = with_fallback(u, clipped, before, found.steps, self.fallback)
-        return MpcState(command.u), command
 
 
 def design(
@@ -264,34 +119,60 @@ def design(
     if limits.enforce == "qp" and law == "printed":
         raise DesignError("qp needs `law: increment`: the printed law does not depend on u(k-1)", "limits.enforce")
     u, du = bounds_of(limits.u, model.nu, "limits.u"), bounds_of(limits.du, model.nu, "limits.du")
-    root_Q = _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y"))
-    root_R = _scaled_root(R, scale.u, model.nu, ("R", "scale.u"))
-    root_Q, root_R = np.kron(np.eye(Hp), root_Q), np.kron(np.eye(Hu), root_R)
-    if law == "printed":
-        Psi, Theta = predict_inputs(model, Hp, Hu)
-        first = _moves(root_Q @ Theta, root_R)[: model.nu] @ root_Q  # u(k) = first (r - Psi x), (4)
-        K_u = np.eye(model.nu)
-        # The minimiser of |u - u_op|^2: what u_op held over the horizon adds to the outputs, and u_op itself.
-        weighed = first @ Theta @ np.tile(model.u_op, Hu) - model.u_op
-    else:
-        Psi, Upsilon, Theta = predict_moves(model, Hp, Hu)
-        moves = _moves(root_Q @ Theta, root_R)
-        first = moves[: model.nu] @ root_Q  # du(k) = first (r - Psi x - Upsilon u(k-1))
-        K_u, weighed = first @ Upsilon, np.zeros(model.nu)
+    root_Q = np.kron(np.eye(Hp), _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y")))
+    root_R = np.kron(np.eye(Hu), _scaled_root(R, scale.u, model.nu, ("R", "scale.u")))
+    first = (_first_printed if law == "printed" else _first_increment)(model, root_Q, root_R)
+    K_x, K_u, K_r = first.move @ first.Psi, first.K_u, first.move
     Phi, constant = predict_disturbance(model, Hp)
     uses_mean = estimator is not None and estimator.estimates_mean
-    K_d = first @ Phi if uses_mean else None
-    u_0 = first @ constant + weighed if constant.any() or weighed.any() else None
-    u_op = None if model.operating_point is None else model.u_op
-    law_of_u: dict[str, Any] = {"preview": Hp + 1, "K_d": K_d, "u_0": u_0, "u_op": u_op}
-    law_of_u["du"] = None if limits.du is None else du
-    gains = (first @ Psi, K_u, first, *one_for_all(u))
+    u_0 = first.move @ constant + first.u_0 if constant.any() or first.u_0.any() else None
+    law_of_u: dict[str, Any] = {
+        "preview": Hp + 1,
+        "K_d": first.move @ Phi if uses_mean else None,
+        "u_0": u_0,
+        "u_op": None if model.operating_point is None else model.u_op,
+        "du": None if limits.du is None else du,
+    }
     if limits.enforce == "clip":
-        return Mpc(*gains, **law_of_u)
+        return Mpc(K_x, K_u, K_r, *one_for_all(u), **law_of_u)
     rows = soft_rows(soft or {}, model, Hp, plant_info)
-    cost = IncrementCost(Hp, Hu, root_Q, root_R, moves @ root_Q, as_vector(scale.u, model.nu))
+    cost = IncrementCost(Hp, Hu, root_Q, root_R, first.moves, as_vector(scale.u, model.nu))
     program = increment_program(model, cost, u, du, rows, uses_mean=uses_mean)
-    return ConstrainedMpc(*gains, **law_of_u, program=program, fallback=limits.fallback)
+    return ConstrainedMpc(K_x, K_u, K_r, *one_for_all(u), **law_of_u, program=program, fallback=limits.fallback)
+
+
+class FirstMove(NamedTuple):
+    """How the first move follows from what the predictions lack: move (r - Psi x) - K_u u(k-1) - u_0."""
+
+    moves: Float[Array, "all_moves outputs"]
+    """All moves of the horizon, like `move`."""
+    move: Float[Array, "nu outputs"]
+    Psi: Float[Array, "outputs nx"]
+    K_u: Float[Array, "nu nu"]
+    u_0: Float[Array, " nu"]
+
+
+def _first_increment(
+    model: LinearModel, root_Q: Float[Array, "outputs outputs"], root_R: Float[Array, "all_moves all_moves"]
+) -> FirstMove:
+    """Return the first increment of the minimiser of (2)."""
+    Psi, Upsilon, Theta = predict_moves(model, len(root_Q) // model.ny, len(root_R) // model.nu)
+    moves = _moves(root_Q @ Theta, root_R)
+    move = moves[: model.nu] @ root_Q
+    return FirstMove(moves @ root_Q, move, Psi, move @ Upsilon, np.zeros(model.nu))
+
+
+def _first_printed(
+    model: LinearModel, root_Q: Float[Array, "outputs outputs"], root_R: Float[Array, "all_moves all_moves"]
+) -> FirstMove:
+    """Return the first input of the minimiser with |u - u_op|^2 in place of |du|^2, (4)."""
+    Hu = len(root_R) // model.nu
+    Psi, Theta = predict_inputs(model, len(root_Q) // model.ny, Hu)
+    moves = _moves(root_Q @ Theta, root_R)
+    move = moves[: model.nu] @ root_Q
+    # What u_op held over the horizon adds to the outputs, and u_op itself.
+    u_0 = move @ Theta @ np.tile(model.u_op, Hu) - model.u_op
+    return FirstMove(moves @ root_Q, move, Psi, np.eye(model.nu), u_0)
 
 
 def _constant(model: Model) -> LinearModel:

@@ -9,7 +9,7 @@ import pytest
 from small_experiment import KEYS, cli, text, write
 from uncertain_experiment import write_estimation
 
-from rmpc_bench.controllers.mpc import Mpc
+from rmpc_bench.controllers.mpc_law import Mpc
 from rmpc_bench.plants.servo import ServoLinear
 
 BOMB = "a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(

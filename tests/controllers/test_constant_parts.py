@@ -11,6 +11,7 @@ from controllers.gpc_twin import Varying, dense
 from rmpc_bench import registry
 from rmpc_bench.config.load import load_config
 from rmpc_bench.controllers import gpc, mpc
+from rmpc_bench.controllers.mpc_law import MpcState
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.controllers.state_feedback import lqr
 from rmpc_bench.models.linear import LinearModel
@@ -72,7 +73,7 @@ def test_mpc_predicts_with_the_means(nx, nu, ny, law, estimated, rng):
     )
     x_hat, w_mean, u_previous = (rng.standard_normal((3, n)) for n in (nx, nx, nu))
     r = rng.standard_normal((Hp + 1, ny))
-    state = mpc.MpcState(u_previous)
+    state = MpcState(u_previous)
     u = controller.control(0, state, np.zeros((3, ny)), estimate_of(x_hat, w_mean), r)[1].u
     roots = [np.linalg.cholesky(weight).T for weight in (Q, R)]
     rows = zip(x_hat, u_previous, w_mean if estimated else np.zeros((3, nx)), strict=True)

@@ -10,7 +10,8 @@ import pytest
 from conftest import random_model
 
 from rmpc_bench.controllers.limits import Limits, SoftLimit, signal_of, soft_rows
-from rmpc_bench.controllers.mpc import MpcState, Scale, design
+from rmpc_bench.controllers.mpc import Scale, design
+from rmpc_bench.controllers.mpc_law import MpcState
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.servo import TABLE_1, ServoNoise, continuous

@@ -10,6 +10,7 @@ from conftest import random_model
 from rmpc_bench import registry
 from rmpc_bench.controllers import mpc
 from rmpc_bench.controllers.mpc import Limits, Scale
+from rmpc_bench.controllers.mpc_law import MpcState
 from rmpc_bench.controllers.noise_tuning import LpNoise
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.models.linearised import LinearisedModel
@@ -230,7 +231,7 @@ class Clipped(Controller):
         """Clip."""
         _, command = self.inner.control(k, state, y, estimate, r)
         u = np.clip(command.u, self.low, self.high)
-        return mpc.MpcState(u), command._replace(u=u)
+        return MpcState(u), command._replace(u=u)
 
 
 def test_the_input_before_the_start_is_that_of_the_operating_point(model):

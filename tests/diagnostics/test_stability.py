@@ -5,8 +5,8 @@ import pytest
 from conftest import random_model
 from simulation.toy import Halfway, Proportional
 
-from rmpc_bench.controllers.mpc import MpcState
 from rmpc_bench.controllers.mpc import design as mpc
+from rmpc_bench.controllers.mpc_law import MpcState
 from rmpc_bench.diagnostics.stability import linear_pair, spectral_radius
 from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.types import Controller, LinearPlant

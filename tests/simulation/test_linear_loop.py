@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rmpc_bench.config.load import load_config
-from rmpc_bench.controllers.mpc import Mpc
+from rmpc_bench.controllers.mpc_law import Mpc
 from rmpc_bench.controllers.state_feedback import GameGain, Lqr
 from rmpc_bench.estimators.bridging import BridgingFilter
 from rmpc_bench.estimators.gain_schedule import GainScheduleFilter
