@@ -22,6 +22,8 @@ Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly, with eit
 Cost    Three small matrix-vector products per run and step; with `enforce: qp` about 1 us, and 10 us where limits act.
 Fails   Design error if the moves are not determined (R = 0 and an input without effect).  With `enforce: qp` a step for
         which no moves satisfy the hard limits, or for which the solver fails, applies `fallback` and is counted.
+Contents design, which checks the keys and computes the gains. The laws are in mpc_law.py, their limits in limits.py,
+        increments.py and constrained.py.
 """
 
 from __future__ import annotations
