@@ -1,8 +1,6 @@
 """Generalised predictive control: positional form, output weight constant or adapted to the noise.
 
-Contents
-    design, which checks the keys.  The laws are in gpc_law.py, their limits in gpc_limits.py, gpc_rows.py and
-    gpc_programs.py.
+This file checks the keys. The laws are in gpc_law.py, their limits in gpc_limits.py, gpc_rows.py and gpc_programs.py.
 
 Model   At every k minimise over u(k)..u(k+Np-1) the sum over j = 1..Np of
         |Q_yw (y(k+j) - r(k+j))|^2 + |Q_u u(k+j-1)|^2, predicted from x_hat(k) with one model over the horizon, and

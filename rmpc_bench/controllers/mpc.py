@@ -1,5 +1,8 @@
 """Model predictive control: a linear law computed once, and quadratic programs where limits are constraints.
 
+This file checks the keys and computes the gains. The laws are in mpc_law.py, their limits in limits.py, increments.py
+and constrained.py.
+
 Model   Minimise  sum_{j=1..Hp} |y(k+j) - r(k+j)|^2_Q + sum_{j=0..Hu-1} |du(k+j)|^2_R  over the input increments
         du(k+j) = u(k+j) - u(k+j-1), du = 0 after Hu.  Predictions start at x_hat(k); the reference is known in advance.
         Law: u(k) = u(k-1) - K_u u(k-1) + K_r [r(k+1); ..; r(k+Hp)] - K_x x_hat(k), u(k-1) the applied input.
@@ -22,8 +25,6 @@ Limit   R -> 0 with Hp = Hu = 1 and CB square: y(k+1) = r(k+1) exactly, with eit
 Cost    Three small matrix-vector products per run and step; with `enforce: qp` about 1 us, and 10 us where limits act.
 Fails   Design error if the moves are not determined (R = 0 and an input without effect).  With `enforce: qp` a step for
         which no moves satisfy the hard limits, or for which the solver fails, applies `fallback` and is counted.
-Contents design, which checks the keys and computes the gains. The laws are in mpc_law.py, their limits in limits.py,
-        increments.py and constrained.py.
 """
 
 from __future__ import annotations
