@@ -181,16 +181,17 @@ class LimitedHorizon:
         return Limited(self.hard, SignalRows.of(tuple(soft.values()), self.nx, self.N))
 
     def _soft(self, k: int) -> dict[str, SoftRows]:
-        model, info = self.model, self.plant_info
+        model, info, nd = self.model, self.plant_info, self.model.n_disturbances
         if not isinstance(model, StateDependentModel):
-            return soft_rows(self.soft, model.at(k), self.N, info)
+            return soft_rows(self.soft, model.at(k), self.N, info, nd)
         nx, ny = model.nx, model.ny
         C = np.zeros((ny, nx)) if model.has_offsets else model.C
         signals = model.extra_signals
-        found = soft_rows(self.soft, _readout(C, signals), self.N, info)
+        found = soft_rows(self.soft, _readout(C, signals), self.N, info, nd)
         if not model.has_offsets:
             return found
-        # The predictions have the outputs as states after those of the model.
+        # The predictions have the outputs as states after those of the model, and the names of the plant stay.
+        info = None if info is None or info.nx != nx - nd else info._replace(nx=nx + ny + 1)
         before, after = np.zeros((ny, nx)), np.zeros((ny, 1))
         wide = {name: np.pad(Z, ((0, 0), (0, ny + 1))) for name, Z in signals.items()}
         padded = {
@@ -199,7 +200,7 @@ class LimitedHorizon:
             else replace(limit, of=np.pad(found[name].signal.Z, ((0, 0), (0, ny + 1))).tolist())
             for name, limit in self.soft.items()
         }
-        return soft_rows(padded, _readout(np.hstack([before, np.eye(ny), after]), wide), self.N)
+        return soft_rows(padded, _readout(np.hstack([before, np.eye(ny), after]), wide), self.N, info)
 
 
 def _readout(C: Float[Array, "ny nx"], signals: Mapping[str, Array]) -> LinearModel:

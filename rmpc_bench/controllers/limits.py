@@ -58,7 +58,7 @@ class SoftLimit:
     scale : unit of the slack (default: high - low)
     quadratic : cost of half the square of a slack of one `scale`
     steps : number of predicted samples that are limited, k+1 to k+steps (default: all of the horizon)
-    of : row or rows Z of a signal z = Z x, where the design model does not name it
+    of : row or rows Z of a signal z = Z x, where the design model does not name it; Z has no columns for disturbances
     """
 
     limits: Pairs
@@ -148,7 +148,7 @@ def key_of(section: str, name: str) -> str:
     return f'{section}."{name}"' if "." in name else f"{section}.{name}"
 
 
-def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None) -> Signal:
+def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None, nd: int = 0) -> Signal:
     """Return the rows of a signal that the design model names.
 
     Parameters
@@ -156,6 +156,7 @@ def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None) -> S
     name : one of `model.extra_signals`, a place such as ``x.0`` or ``y.1``, or the name of a state or an output
     model : a model that is the same at all k
     plant_info : the names of the plant, where they may be used
+    nd : number of the last states that are disturbances, which have no names
 
     Raises
     ------
@@ -165,22 +166,26 @@ def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None) -> S
     if name in model.extra_signals:
         Z = np.array(model.extra_signals[name], dtype=float)
         return Signal(Z, np.zeros(len(Z)))
-    place = _places(model, plant_info).get(name, name)
-    letter, _, number = place.partition(".")
-    n = {"x": model.nx, "y": model.ny}.get(letter)
+    named = _places(model, plant_info, nd)
+    letter, _, number = named.get(name, name).partition(".")
+    n = {"x": model.nx - nd, "y": model.ny}.get(letter)
     if n is None or not number.isdecimal():
-        places = [f"x.{i}" for i in range(model.nx)] + [f"y.{i}" for i in range(model.ny)]
-        known = [*model.extra_signals, *_places(model, plant_info), *places]
+        places = [f"x.{i}" for i in range(model.nx - nd)] + [f"y.{i}" for i in range(model.ny)]
+        known = [*model.extra_signals, *named, *places]
         raise DesignError(unknown(name, known, "signal of the design model", "or give its rows with `of`"))
     i = int(number)
     if i >= n:
         raise DesignError(no_such_component({"x": "state", "y": "output"}[letter], i, n))
-    Z, constant = (np.eye(n), np.zeros(n)) if letter == "x" else (model.C, model.d0)
+    Z, constant = (np.eye(n, model.nx), np.zeros(n)) if letter == "x" else (model.C, model.d0)
     return Signal(np.array(Z[i : i + 1]), np.array(constant[i : i + 1]))
 
 
 def soft_rows(
-    soft: Mapping[str, SoftLimit], model: LinearModel, horizon: int, plant_info: PlantInfo | None = None
+    soft: Mapping[str, SoftLimit],
+    model: LinearModel,
+    horizon: int,
+    plant_info: PlantInfo | None = None,
+    nd: int | None = None,
 ) -> dict[str, SoftRows]:
     """Return the soft limits with the rows of their signals.
 
@@ -190,17 +195,19 @@ def soft_rows(
     model : the design model
     horizon : largest number of predicted samples
     plant_info : the names of the plant, where they may be used
+    nd : number of the last states that are disturbances; that of the model if not given
 
     Raises
     ------
     DesignError
         If a signal is unknown, or a size, a bound or a number of steps does not fit.
     """
+    nd = model.n_disturbances if nd is None else nd
     found = {}
     for name, limit in soft.items():
         key = key_of("soft", name)
         try:
-            signal = signal_of(name, model, plant_info) if limit.of is None else _own(limit.of, model.nx, key)
+            signal = signal_of(name, model, plant_info, nd) if limit.of is None else _own(limit.of, model.nx, nd, key)
         except DesignError as error:
             raise DesignError(str(error), error.parameter or key) from None
         bounds = bounds_of(limit.limits, len(signal.Z), f"{key}.limits")
@@ -213,18 +220,18 @@ def soft_rows(
     return found
 
 
-def _own(of: list[float] | list[list[float]], nx: int, key: str) -> Signal:
-    """Return the signal of given rows."""
+def _own(of: list[float] | list[list[float]], nx: int, nd: int, key: str) -> Signal:
+    """Return the signal of given rows, which have no numbers for the disturbances."""
     rows: list[Any] = [each for each in of if isinstance(each, list)] or [of]
     for row in rows:
-        if len(row) != nx:
-            raise DesignError(f"a row has {len(row)} numbers; states of the design model: {nx}", f"{key}.of")
-    return Signal(np.array(rows, dtype=float), np.zeros(len(rows)))
+        if len(row) != nx - nd:
+            raise DesignError(f"a row has {len(row)} numbers, and the design model has {nx - nd} states", f"{key}.of")
+    return Signal(np.pad(np.array(rows, dtype=float), ((0, 0), (0, nd))), np.zeros(len(rows)))
 
 
-def _places(model: Model, plant_info: PlantInfo | None) -> dict[str, str]:
+def _places(model: Model, plant_info: PlantInfo | None, nd: int) -> dict[str, str]:
     """Return the names of states and outputs that are no places -> their places."""
-    if plant_info is None or (plant_info.nx, plant_info.ny) != (model.nx, model.ny):
+    if plant_info is None or (plant_info.nx, plant_info.ny) != (model.nx - nd, model.ny):
         return {}
     names = [(name, f"x.{i}") for i, name in enumerate(plant_info.states)]
     # A state and an output with one name: the output is the measured state, and the state is meant.

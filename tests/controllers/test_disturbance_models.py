@@ -5,6 +5,7 @@ import pytest
 
 from rmpc_bench.adapters.control_gains import lqr as control_lqr
 from rmpc_bench.controllers.gpc import design as gpc
+from rmpc_bench.controllers.limits import Limits, SoftLimit
 from rmpc_bench.controllers.mpc import design as mpc
 from rmpc_bench.controllers.state_feedback import lqr
 from rmpc_bench.estimators.kalman import design as kalman
@@ -15,8 +16,9 @@ from rmpc_bench.models.disturbance import Disturbance
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.uncertain_linear import design as uncertain
 from rmpc_bench.models.with_disturbance import with_disturbance
+from rmpc_bench.plants.ode import design as ode_plant
 from rmpc_bench.plants.uncertain_linear import design as uncertain_plant
-from rmpc_bench.types import DesignError
+from rmpc_bench.types import DesignError, Estimate, OptimisedStep, PlantInfo
 
 STEPS = 20
 BASE = LinearModel([[0.9, 0.3], [-0.2, 0.7]], [[0.0], [1.0]], [[1.0, 0.0]], 0.01, 0.1)
@@ -113,3 +115,30 @@ def test_the_oracle_knows_the_matrices_and_estimates_the_disturbance(rng):
         np.testing.assert_allclose(one.x_hat, other.x_hat, rtol=1e-9, atol=1e-12)
         u = rng.standard_normal((3, 1))
         a, b = ours.predict(k, a, u), theirs.predict(k, b, u)
+
+
+@pytest.mark.parametrize("control", [mpc, gpc])
+@pytest.mark.parametrize("name", ["b", "x.1", "own"])
+def test_a_limited_signal_has_no_part_of_the_disturbance(control, name, rng):
+    """Oracle: the model whose states are x and d, with rows of its own; the keys are those of a method without d."""
+    horizon = {"Hp": 5, "Hu": 5, "Q": 1.0, "R": 0.1} if control is mpc else {"Np": 5, "Q_yw": 1.0, "Q_u": 0.1}
+    keys = {"states": ["a", "b"], "inputs": ["f"], "outputs": ["y1"], "output": lambda x, p: x[:1]}
+    info = PlantInfo.of(ode_plant(1.0, STEPS, ode=lambda x, u, p: [x[1], u[0]], **keys))
+    plain = LinearModel(BOTH.A, BOTH.B, BOTH.C, BOTH.Q_w, BOTH.R_v)
+    x, found = rng.standard_normal((9, 3)), []
+    for model, key, of in ((BOTH, name, [0.0, 1.0]), (plain, "own", [0.0, 1.0, 0.0])):
+        soft = {key: SoftLimit((-0.2, 0.3), 0.5, of=of if key == "own" else None)}
+        law = control(model, plant_info=info, **horizon, limits=Limits(enforce="qp"), soft=soft)
+        estimate = Estimate(x, None, None, np.zeros(9, dtype=np.int8), {})
+        found.append(law.control(0, law.init(9), np.zeros((9, 1)), estimate, np.ones((law.preview, 1)))[1])
+    np.testing.assert_array_equal(found[0].u, found[1].u)
+    assert {*found[0].info["qp"]} - {OptimisedStep.SKIPPED}
+
+
+def test_the_disturbance_is_no_signal():
+    """Rows have one number per state of the model without disturbances, as the names have."""
+    limits = Limits(enforce="qp")
+    for name, of in (("own", [0.0, 1.0, 0.0]), ("x.2", None)):
+        soft = {name: SoftLimit((-1.0, 1.0), 1.0, of=of)}
+        with pytest.raises(DesignError, match="2 states|0 to 1"):
+            mpc(BOTH, Hp=5, Hu=2, Q=1.0, R=0.1, limits=limits, soft=soft)

@@ -16,7 +16,7 @@ from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.operating_point import At
 from rmpc_bench.models.state_dependent import Pair, StateDependentModel
 from rmpc_bench.plants.ode import design as ode_plant
-from rmpc_bench.types import Estimate, Estimator, OperatingPoint, OptimisedStep
+from rmpc_bench.types import Estimate, Estimator, OperatingPoint, OptimisedStep, PlantInfo
 
 CLOSE = {"rtol": 0.0, "atol": 1e-9}
 STEPS = 8
@@ -93,7 +93,7 @@ def moved_output(x, p):
     return [x[0] + 0.5 * x[1] + 0.7]
 
 
-@pytest.mark.parametrize("signal", ["x.1", "y.0", "own"])
+@pytest.mark.parametrize("signal", ["x.1", "y.0", "b", "y1", "own"])
 def test_a_linear_equation_on_a_trajectory_is_the_linear_model(signal, rng):
     """Oracle: the constant model at 0; the predictions on a trajectory have the outputs as states."""
     plant = ode_plant(0.3, STEPS, ode=oscillator, output=moved_output, states=["a", "b"], inputs=["f"], outputs=["y1"])
@@ -104,7 +104,8 @@ def test_a_linear_equation_on_a_trajectory_is_the_linear_model(signal, rng):
         model = linearise(0.3, plant, noise=noise, at=at)
         soft = {signal: SoftLimit((-0.4, 0.6), 0.05, of=of, steps=4)}
         limits = Limits(u=(-1.0, 1.0), enforce="qp")
-        controller = design(model, STEPS, Np=5, Q_yw=1.0, Q_u=0.2, limits=limits, soft=soft)
+        info = PlantInfo.of(plant)
+        controller = design(model, STEPS, plant_info=info, Np=5, Q_yw=1.0, Q_u=0.2, limits=limits, soft=soft)
         found.append(commands(controller, x, np.zeros((7, STEPS, 1)), r))
     for ours, expected in zip(*found, strict=True):
         np.testing.assert_allclose(ours.u, expected.u, rtol=1e-6, atol=1e-8)  # of the differences of `linearise`
