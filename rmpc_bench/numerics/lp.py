@@ -10,6 +10,7 @@ Scale    HiGHS has absolute tolerances and drops very small entries: data and ma
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -131,7 +132,7 @@ def solve(c: Float[Array, " n"], bounds: Bounds, options: Mapping[str, Any] | No
 def _run(c: Array, bounds: Bounds, options: Mapping[str, Any]) -> LpResult:
     import highspy
 
-    highs: Any = highspy.Highs()  # type: ignore[no-untyped-call]
+    highs = _silent(highspy.Highs)()
     for name, value in {**OPTIONS, **options}.items():
         highs.setOptionValue(name, value)
     if highs.passModel(_model(c, bounds)) == highspy.HighsStatus.kError:
@@ -145,6 +146,18 @@ def _run(c: Array, bounds: Bounds, options: Mapping[str, Any]) -> LpResult:
     if not _violation(x, bounds) <= VIOLATED * max(1.0, float(np.abs(x).max())):
         return _no_result(bounds, LpStatus.FAILED)
     return LpResult(x, duals, costs, highs.getObjectiveValue(), status)
+
+
+@functools.cache
+def _silent(solver: Any) -> Any:
+    """Return a class of the solver that prints no version: HiGHS 1.16 does so before it takes an option."""
+
+    class Silent(solver):  # type: ignore[misc]
+        def enableCallbacks(self) -> None:  # noqa: N802 - the first call of its constructor
+            self.setOptionValue("output_flag", False)
+            super().enableCallbacks()
+
+    return Silent
 
 
 def _violation(x: Array, bounds: Bounds) -> float:

@@ -1,5 +1,8 @@
 """Linear programs: every status, the second objective, and SciPy as the other front end."""
 
+import subprocess
+import sys
+
 import highspy
 import numpy as np
 import pytest
@@ -148,3 +151,13 @@ def test_a_program_without_optimum_has_no_second_one(first, second):
     """Oracle: by hand; either the first objective falls without end, or the second one does on x = 0, y >= 1/2."""
     result = lexicographic(first, second, SMALL)
     assert result.status is LpStatus.UNBOUNDED and np.isnan(result.x).all()
+
+
+def test_nothing_is_printed():
+    """HiGHS 1.16 prints its version on the first use of a process, where the output of a command belongs."""
+    code = (
+        "import numpy as np; from rmpc_bench.numerics.lp import Bounds, solve; "
+        "one = np.ones(1); solve(one, Bounds(np.eye(1), one, one, one, one))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == done.stderr == ""
