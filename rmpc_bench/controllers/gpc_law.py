@@ -1,4 +1,4 @@
-"""Laws of generalised predictive control, whose cost, readings and keys gpc.py defines.
+"""Laws of generalised predictive control, whose cost, assumptions and keys gpc.py defines.
 
 Contents
     1  law with a constant output weight                       Gpc

@@ -1,4 +1,4 @@
-"""Limits of the input of laws without an optimisation, and what becomes of their integrals while a limit acts."""
+"""Limits of the input of laws without an optimisation, and the anti-windup of their integrals."""
 
 from __future__ import annotations
 

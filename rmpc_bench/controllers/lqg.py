@@ -9,15 +9,15 @@ Model   The design model without noise is augmented by the sums q of the control
         the mean of the process noise that an estimator reports (`w_mean`), and the disturbances of a model that
         estimates them: all of them change x_s and u_s only, since no input can control a disturbance.
         Of several steady states with y = r, the one with the least u' R_u u is taken.
-        `feedforward` chooses what a step of the reference does at once.  K_q q_s(r) does not change the final value.
+        `feedforward` selects what a step of the reference does at once.  K_q q_s(r) does not change the final value.
             optimal  q_s(r) = - S x_s(r), the q with the least remaining cost after a step of the reference at rest:
                      S = P_qq^-1 P_qx of the solution P of the Riccati equation.
             target   q_s = 0.  The sum of all errors then ends at 0 on an exact model, so every step overshoots.
             none     x_s and u_s do not depend on r: only the integrals bring y to r.
-        The input is clipped to `limits`.  Where that changes the input v of the law, `anti_windup` decides on q:
+        The input is clipped to `limits`.  Where that changes the input v of the law, `anti_windup` selects q(k+1):
             clamping          an error is not summed where it drives an input further beyond its limit,
             back-calculation  q is corrected by (Ts / Tt) K_q^+ (v - u), with the pseudo-inverse K_q^+,
-            none              q grows on.
+            none              q has no correction.
         An error of a missing measurement (NaN) is not summed.
 Source  Integral action: Kwakernaak and Sivan, Linear Optimal Control Systems (1972); textbook.
 Limit   Q_i -> 0, and Q_i: 0 exactly, is `lqr` with a long horizon, for the deviation from the steady state.
@@ -200,7 +200,9 @@ def design(
     if Tt is not None and Tt < Ts:
         raise DesignError(f"must be at least the sampling time {Ts:g} s (got {Tt:g})", "Tt")
     if feedforward == "none" and not len(sums):
-        raise DesignError("has no reference without integrals; choose Q_i > 0 or another feedforward", "feedforward")
+        raise DesignError(
+            "does not use the reference with Q_i = 0; choose Q_i > 0 or another feedforward", "feedforward"
+        )
     A, B, C = constant.A[:n, :n], constant.B[:n], rows @ constant.C[:, :n]
     _refuse_rank(A, B, C)
     gain = _gain(A, B, C if len(sums) else C[:0], Q, sums, R)
@@ -282,7 +284,7 @@ def _gain(A: Array, B: Array, C: Array, Q: Array, sums: Array, R: Array) -> Inte
     try:
         return integral_gain(A, B, C, Q, sums, R)
     except np.linalg.LinAlgError as error:
-        reason = "no stabilising gain: an unstable mode is not controllable, or the weights do not see a mode at 1"
+        reason = "no stabilising gain: an unstable mode is not controllable, or a mode at 1 has no weight"
         raise DesignError(f"{reason} ({error})", "R_u") from None
 
 

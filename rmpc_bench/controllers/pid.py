@@ -1,6 +1,6 @@
 """PID control in parallel form, one loop per input, with a filtered derivative and anti-windup.
 
-Model   u = u_op + P + I + D with three gains that act side by side (parallel form, not the ISA standard form):
+Model   u = u_op + P + I + D with three independent gains (parallel form, not the ISA standard form):
             P = Kp (b r - y),   I = Ki integral of (r - y),   D = Kd s / (1 + Tf s) (c r - y).
         The ISA standard form has Ki = Kp / Ti and Kd = Kp Td.  At an operating point r and y are deviations from y_op.
         Discretised by backward Euler with the sampling time Ts, for the integral and for the derivative:
@@ -8,10 +8,10 @@ Model   u = u_op + P + I + D with three gains that act side by side (parallel fo
             D(k) = (Tf D(k-1) + Kd (e_D(k) - e_D(k-1))) / (Tf + Ts),   e_D = c r - y,
         so that the pole Tf / (Tf + Ts) of the filter is in [0, 1) for every Tf >= 0, where Tustin's rule gives a pole
         near -1 for a small Tf.  D(0) = 0: the derivative starts without a jump.
-        The input is clipped to `limits`.  Where that changes the sum v of the parts, `anti_windup` decides on I:
+        The input is clipped to `limits`.  Where that changes the sum v of the parts, `anti_windup` selects I(k):
             back-calculation  I(k) is corrected by (Ts / Tt) (u(k) - v(k)),
             clamping          I(k) = I(k-1) where Ki (r(k) - y(k)) drives v(k) further beyond the limit,
-            none              I(k) grows on.
+            none              I(k) has no correction.
         A missing measurement (NaN) is replaced by the last one, or y_op before the first one.
 Source  Astrom and Hagglund, PID Controllers: Theory, Design, and Tuning (1995), with their rule for `Tt` as default.
 Limit   Ki = Kd = 0 is the proportional law u = u_op + Kp (b r - y).

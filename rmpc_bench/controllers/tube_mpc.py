@@ -93,7 +93,7 @@ class TubeMpc(Controller):
 
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:
-        """What became of the step, the minimum of the cost, and with a tube the start of the nominal predictions."""
+        """Result of the step, the minimum of the cost, and with a tube the start of the nominal predictions."""
         start = {"s_0": (len(self.point.x),)} if self.plan.free_start else {}
         return {"qp": (), "V": (), **start}
 

@@ -1,4 +1,4 @@
-"""Metric of what became of the quadratic programs of a constrained controller."""
+"""Metric of the results of the quadratic programs of a constrained controller."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ STEPS: Mapping[Result, tuple[OptimisedStep, ...]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class QpShare(WindowMetric):
-    """Share of the samples k = 0..N-1 at which the quadratic program of the controller had some result.
+    """Share of the samples k = 0..N-1 at which the quadratic program of the controller had the result `of`.
 
     The results are `skipped`: no limit acts, and the closed form was applied; `solved`: the program was solved without
     slack; `softened`: it was solved, and the slack of a soft limit is in use; `failed`: the fallback was applied, as no

@@ -137,7 +137,7 @@ def _placed(model: Model, place: str | DisturbanceGains) -> tuple[Array, Array, 
     named = model.disturbance_inputs
     if place not in named:
         known = [*([INPUT] if nu else []), OUTPUT, *named]
-        raise DesignError(f"{unknown(place, known, 'place of this model')}, or {{B_d: .., C_d: ..}}", "at")
+        raise DesignError(unknown(place, known, "place of this model", "or give {B_d: .., C_d: ..}"), "at")
     N = named[place]
     return np.zeros((nu, N.shape[1])), N, np.zeros((ny, N.shape[1]))
 

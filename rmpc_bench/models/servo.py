@@ -3,8 +3,8 @@
 Model   J_l th_l'' = rho T_s - beta_l th_l' - T_fl,   J_m th_m'' = K_t I - T_s - beta_m th_m' - T_fm,
         L I' = V - R I - K_t th_m',   T_s = (k_theta / rho) (th_m / rho - th_l).  The linear model neglects the dry
         frictions T_fl, T_fm and the inductance L.
-        The shaft is on the load side: shaft_torque = k_theta (th_m / rho - th_l) accelerates the load, and the motor
-        feels motor_torque = T_s, rho times smaller.
+        The shaft is on the load side: shaft_torque = k_theta (th_m / rho - th_l) accelerates the load, and
+        motor_torque = T_s, rho times smaller, acts on the motor.
         State x = [th_l, w_l, th_m, w_m] (load and motor angle [rad] and velocity [rad/s]), input V [V], output th_l.
 Source  zenere2018, sections 4.1 and 4.2, Tables 1 and 2 (SI units).
 Assumed Noise on all four states with intensity `process` each, as the paper does not state G-bar and D-bar; process
@@ -37,7 +37,7 @@ TABLE_1: Mapping[str, float] = {
 gear ratio, torsional rigidity [N m/rad]."""
 
 LOAD_TORQUE, MOTOR_TORQUE = "shaft_torque", "motor_torque"
-"""The torque of the elastic shaft as the load feels it, and as the motor does: rho times smaller."""
+"""The torque of the elastic shaft on the load and, rho times smaller, on the motor."""
 
 TORQUE_UNITS: Mapping[str, str] = {LOAD_TORQUE: "N m", MOTOR_TORQUE: "N m"}
 """Torques of the shaft -> unit."""

@@ -7,10 +7,11 @@ Solver   DAQP, a dual active-set method (Arnstrom, Bemporad, Axehill 2022).  Eve
          gives other last digits if the same problems are solved in another order.  Its own soft rows need no variable
          for the slack.
 Scale    DAQP has absolute tolerances: unknowns, rows and slacks should be of size 1.  The size of the cost does not
-         matter.  DAQP takes the matrix of a small cost (1e-12) for 0 and calls a wrong point optimal: therefore H, f
-         and the weights of the slacks are divided by a power of 4, so that H is of size 1.
-Traps    DAQP reads the memory of an array that is not contiguous as if it were, and calls a problem optimal that has an
-         entry that is not a number, or a lower bound above the upper one.  `solve` copies every array and seeks both.
+         matter.  DAQP treats the matrix of a small cost (1e-12) as 0 and reports a wrong point as optimal.  H, f and
+         the weights of the slacks are therefore divided by a power of 4, so that H is of size 1.
+Traps    DAQP reads the memory of an array that is not contiguous as if it were, and reports a problem as optimal
+         that has an entry that is not a number, or a lower bound above the upper one.  `solve` copies every array and
+         checks for both.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ class QuadraticProgram:
         size = self._cost_size
         if not np.isfinite(f).all() or np.isnan(low).any() or np.isnan(high).any():
             return self._failed(QpStatus.FAILED)
-        # DAQP calls such a problem optimal, too.
+        # DAQP reports such a problem as optimal, too.
         if ((low > high) & (self._marks != SOFT)).any():
             return self._failed(QpStatus.INFEASIBLE)
         # The marks are given again, which starts the solver cold.

@@ -1,4 +1,4 @@
-"""What became of the optimisation of a constrained controller at one sample of one run."""
+"""Result of the optimisation of a constrained controller at one sample of one run."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class Command(NamedTuple):
     """A run whose status is not OK ends here."""
     info: Mapping[str, Array] = _NO_INFO
     step_status: Statuses | None = None
-    """What became of the optimisation at k, where u comes from a fallback and the run goes on; None if all are OK."""
+    """Status of the optimisation at k, where u comes from a fallback and the run goes on; None if all are OK."""
 
 
 class OperatingPoint(NamedTuple):

@@ -262,7 +262,7 @@ PLAIN = {"Q_x": 1.0, "Q_i": 1.0, "R_u": 1.0}
         (None, {"R_u": 0.0}, "R_u", "positive definite"),
         (None, {"Tt": 1.0}, "Tt", "no effect"),
         (None, {"Tt": 0.01, "anti_windup": "back-calculation"}, "Tt", "at least the sampling time"),
-        (None, {"Q_i": 0.0, "feedforward": "none"}, "feedforward", "no reference"),
+        (None, {"Q_i": 0.0, "feedforward": "none"}, "feedforward", "does not use the reference"),
         (None, {"outputs": [0, 0]}, "outputs", "different numbers"),
     ],
 )
