@@ -18,7 +18,7 @@ Model   The design model without noise is augmented by the sums q of the control
             clamping          an error is not summed where it drives an input further beyond its limit,
             back-calculation  q is corrected by (Ts / Tt) K_q^+ (v - u), with the pseudo-inverse K_q^+,
             none              q has no correction.
-        An error of a missing measurement (NaN) is not summed.
+        The error of an output whose measurement is missing (NaN) is not summed.
 Source  Integral action: Kwakernaak and Sivan, Linear Optimal Control Systems (1972); textbook.
 Limit   Q_i -> 0, and Q_i: 0 exactly, is `lqr` with a long horizon, for the deviation from the steady state.
 Cost    Three small matrix-vector products per run and step.
@@ -119,7 +119,8 @@ class Lqg(Controller):
         v = v - mv(self.K_q, state.q)
         u = np.clip(v, *self.bounds)
         outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
-        error = mv(self.rows, outputs - r[0])
+        # Chosen, not multiplied by `rows`: 0 times a missing measurement of another output is NaN.
+        error = (outputs - r[0])[:, self.rows.argmax(axis=1)]
         error = np.where(np.isnan(error), 0.0, error)
         return LqgState(state.q + self._summed(error, v - u)), Command(u, np.full(len(u), OK), {})
 

@@ -12,7 +12,7 @@ Model   u = u_op + P + I + D with three independent gains (parallel form, not th
             back-calculation  I(k) is corrected by (Ts / Tt) (u(k) - v(k)),
             clamping          I(k) = I(k-1) where Ki (r(k) - y(k)) drives v(k) further beyond the limit,
             none              I(k) has no correction.
-        A missing measurement (NaN) is replaced by the last one, or y_op before the first one.
+        A missing measurement (NaN) of a loop is replaced by its last one, or y_op before the first one.
 Source  Astrom and Hagglund, PID Controllers: Theory, Design, and Tuning (1995), with their rule for `Tt` as default.
 Limit   Ki = Kd = 0 is the proportional law u = u_op + Kp (b r - y).
 Cost    About fifteen operations per run, step and loop.
@@ -136,7 +136,9 @@ class Pid(Controller):
 
     def _controlled(self, y: Float[Array, "runs ny"], estimate: Estimate) -> Float[Array, "runs nu"]:
         """Return the controlled output of every loop."""
-        return mv(self.rows, y if self.C is None else mv(self.C, estimate.x_hat) + self.d0)
+        outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
+        # Chosen, not multiplied by `rows`: 0 times a missing measurement of another loop is NaN.
+        return outputs[:, self.rows.argmax(axis=1)]
 
     def _without_windup(
         self, integral: Float[Array, "runs nu"], step: Float[Array, "runs nu"], cut: Float[Array, "runs nu"]

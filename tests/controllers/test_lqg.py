@@ -207,6 +207,15 @@ def test_a_missing_measurement_is_not_summed():
     assert np.isfinite(command.u).all()
 
 
+def test_a_missing_measurement_does_not_stop_the_sums_of_other_outputs(rng):
+    """Oracle: the error of the measured output; trap: 0 times NaN is NaN."""
+    m = random_model(rng, 3, 2, 3)
+    law = design(m, TS, Estimator(), Q_x=1.0, Q_i=0.1, R_u=1.0, outputs=[2, 0])
+    y = np.array([[0.4, np.nan, 0.3], [np.nan, 0.1, 0.3]])
+    state, _ = law.control(0, law.init(2), y, Estimate(np.zeros((2, 3))), np.ones((1, 3)))
+    np.testing.assert_allclose(state.q, [[0.3 - 1.0, 0.4 - 1.0], [0.3 - 1.0, 0.0]], rtol=1e-15)
+
+
 @pytest.mark.parametrize("Q_i", [0.0, 1e-2])
 def test_a_disturbance_of_the_model_changes_the_target(Q_i):
     """Its gain is 1 for an input disturbance; the loop has no offset, with sums or without them.

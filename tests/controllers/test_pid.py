@@ -181,6 +181,20 @@ def test_a_missing_measurement_is_held():
     np.testing.assert_array_equal(commanded(law, gaps, r)[0], commanded(law, held, r)[0])
 
 
+def test_a_missing_measurement_does_not_reach_other_loops():
+    """Oracle: the loops without gaps; an output of no loop may be missing at all samples.
+
+    Trap: 0 times NaN is NaN, in a product with the matrix that selects the outputs.
+    """
+    y, r = np.random.default_rng(5).standard_normal((2, 12, 3))
+    law = design(model(3, 2), TS, **PID, outputs=[2, 0])
+    gaps = y.copy()
+    gaps[:, 1] = gaps[4:7, 0] = np.nan
+    found, whole = commanded(law, gaps, r)[0], commanded(law, y, r)[0]
+    np.testing.assert_array_equal(found[:, 0], whole[:, 0])
+    assert (found[4:7, 1] != whole[4:7, 1]).all()
+
+
 def test_bumpless_start():
     """u(0) is the input before the start, whatever the reference; an integral of 0 jumps by Kp."""
     point = OperatingPoint(np.array([0.0]), np.array([5.0]), np.array([0.0]))
