@@ -5,6 +5,8 @@ import pytest
 from papers.constrained_twin import K_THETA, RHO, TORQUE_MAX, Law, model, simulate
 
 from rmpc_bench import load_config, run
+from rmpc_bench.simulation.closed_loop import simulate as simulate_closed_loop
+from rmpc_bench.types import OptimisedStep
 
 CONFIG = "configs/servo-constrained/clip-against-qp.yaml"
 N_RUNS, N_STEPS = 3, 200
@@ -89,3 +91,30 @@ def test_a_limit_in_the_torque_of_the_motor_would_never_act():
 
     simulate(step, np.zeros(4), m, Law(m), 100)
     assert max(map(abs, torque)) > 1.5 * TORQUE_MAX > TORQUE_MAX > 10 * max(map(abs, torque)) / RHO
+
+
+def test_multipliers_on_the_perturbed_plants():
+    """A few states need a larger penalty than 0.03; almost all programs with a slack are those that no input can meet.
+
+    Oracle: the program with a hard limit of the torque, which has no solution or has multipliers.
+    """
+    parts, n = load_config(CONFIG, runs=30).experiment, 60
+    draws, r = parts.scenario.draw(parts.plant, range(30), n), parts.scenario.reference.sample(n + 20)
+    record, _ = simulate_closed_loop(parts.plant, parts.method("S exact"), draws, r, n, info={"qp"})
+    law, largest, softened, without = Law(model(), np.inf), [], 0, 0
+    for run, k in np.argwhere(record.info["qp"][:, :, 0] > 0.0):
+        law.multiplier = 0.0
+        has_slack = record.info["qp"][run, k, 0] == OptimisedStep.SOFTENED
+        softened += has_slack
+        try:
+            law.first_move(record.x_hat[run, k], record.u[run, k - 1, 0] if k else 0.0)
+        except ValueError:
+            without += 1
+            assert has_slack
+        else:
+            largest.append(law.multiplier)
+            assert has_slack == (law.multiplier > 0.03)
+    # 543 programs with multipliers, 6 of them larger than 0.03, and 178 without a solution.
+    assert len(largest) > 500 and 0.0 < np.mean(np.array(largest) > 0.03) < 0.02
+    assert max(largest) == pytest.approx(0.153, abs=1e-3)
+    assert 0.95 * softened < without < softened
