@@ -102,12 +102,12 @@ def test_multipliers_on_the_perturbed_plants():
     draws, r = parts.scenario.draw(parts.plant, range(30), n), parts.scenario.reference.sample(n + 20)
     record, _ = simulate_closed_loop(parts.plant, parts.method("S exact"), draws, r, n, info={"qp"})
     law, largest, softened, without = Law(model(), np.inf), [], 0, 0
-    for run, k in np.argwhere(record.info["qp"][:, :, 0] > 0.0):
+    for i, k in np.argwhere(record.info["qp"][:, :, 0] > 0.0):
         law.multiplier = 0.0
-        has_slack = record.info["qp"][run, k, 0] == OptimisedStep.SOFTENED
+        has_slack = record.info["qp"][i, k, 0] == OptimisedStep.SOFTENED
         softened += has_slack
         try:
-            law.first_move(record.x_hat[run, k], record.u[run, k - 1, 0] if k else 0.0)
+            law.first_move(record.x_hat[i, k], record.u[i, k - 1, 0] if k else 0.0)
         except ValueError:
             without += 1
             assert has_slack
