@@ -65,7 +65,7 @@ class DriversTable:
                 parts += [f"# {trials.title}"] * bool(trials.title) + [markdown_table(_columns(trials, frame))]
                 parts.append("\n".join(f"- {text}" for text in _of_methods(trials, frame)))
         left = sum(len(frame) > 0 for _, frame in self.points[MOST_POINTS:])
-        parts += [f"{left} more points of the sweep: drivers.csv"] if left else []
+        parts += [f"{left} more point{'s' * (left > 1)} of the sweep: drivers.csv"] if left else []
         parts += [EXPLANATION] if parts else []
         parts += ["\n".join(f"- {text}" for text in self.turns)] if self.turns else []
         return "\n\n".join(parts) + "\n" if parts else ""

@@ -139,7 +139,7 @@ class Summary(NamedTuple):
             block = "\n\n".join([*parts, *filter(None, [ensemble_screen(point.trials)])])
             blocks.append(f"{point.trials.title}\n{block}" if point.trials.title else block)
         left = len(self.points) - len(blocks)
-        blocks += [f"and {left} more points of the sweep: tables/summary.md"] if left else []
+        blocks += [f"and {left} more point{'s' * (left > 1)} of the sweep: tables/summary.md"] if left else []
         return "\n\n".join(blocks)
 
 

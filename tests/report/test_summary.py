@@ -105,6 +105,8 @@ def test_shared_trials_are_not_pooled(sweep):
     assert summary.pooled is None and "/8" not in text
     assert [line for line in text.splitlines() if line.startswith("c=")] == [f"c={c}" for c in range(1, 7)]
     assert text.endswith("\n\nand 2 more points of the sweep: tables/summary.md")
+    seven = summarise(sweep(7, lambda c: {"A": "same", "B": f"B{c}"}, sizes=(2.0,)))
+    assert seven.to_screen("mse").endswith("\n\nand 1 more point of the sweep: tables/summary.md")
     assert len([line for line in summary.to_markdown().splitlines() if line.startswith("# ")]) == 8
 
 

@@ -183,7 +183,7 @@ def _driver_blocks(source: PageSource) -> list[Block]:
     turns = source.drivers.turns
     blocks += bullets([*turns]) if len(turns) <= MOST_TURNS else folded("Where the ranking turns", bullets([*turns]))
     rest = [block for point in points[1:] for block in point]
-    blocks += folded(f"{len(points) - 1} more points of the sweep", rest)
+    blocks += folded(f"{len(points) - 1} more point{'s' * (len(points) > 2)} of the sweep", rest)
     return [*blocks, paragraph(EXPLANATION, "note")] if points else blocks
 
 
