@@ -84,7 +84,7 @@ class Shares(SweepFigure):
         none = [_name(results, row) for row in known if not row.n_above]
         of_none = max((row.high for row in known if not row.n_above), default=0.0)
         return sentences(
-            f"Share of the runs with {content.words}. Marks are the shares, bars their "
+            f"Share of the runs: {content.words}. Marks are the shares, bars their "
             f"{100 * results.confidence:g} % Wilson intervals, and the numbers count runs",
             ""
             if largest is None or not largest.n_above
@@ -193,7 +193,7 @@ def _draw(keys: Shares, results: Trials, content: SharesContent) -> MplFigure:
         _counts(axes, content.rows, y)
         high = 100 * max((row.high for row in content.rows if row.n), default=1.0)
         axes.set_xlim(-ROOM * high, (1.0 + ROOM) * high)
-        label = typeset(keys.label) if keys.label is not None else f"runs with {typeset(content.words)}"
+        label = typeset(keys.label) if keys.label is not None else f"share of runs: {typeset(content.words)}"
         axes.set_xlabel("\n".join(wrapped(with_unit(label, "%"), 0.6 * size[0] * POINTS_PER_INCH)))
         handles: list[Handle] = []
         if len(titles) > 1:

@@ -76,5 +76,5 @@ def test_process_noise_and_drift():
         return number_of(frame[(frame["method"] == method) & (frame["model.disturbance"] == point)], "runaway")
 
     assert share("S", "input drift 100") == 0.0 < share("S-process", "input drift 100")
-    assert share("R-c3", "none") == 0.0 < share("S", "none") < share("R1", "none")
+    assert share("R-c3", "no disturbance") == 0.0 < share("S", "no disturbance") < share("R1", "no disturbance")
     assert share("S", "input drift 1") > 0.1

@@ -39,7 +39,7 @@ def test_rows_show_shares_with_wilson_intervals(table):
     """
     names, counts, axes = texts(Shares(metric="runaway").draw(table))
     assert names == ["A", "S + input"] and counts == ["2 of 10", "0 of 9"]
-    assert axes.get_xlabel() == "runs with runaway [%]"
+    assert axes.get_xlabel() == "share of runs: runaway [%]"
     np.testing.assert_allclose(bars(axes), [(5.668, 50.984), (0.0, 29.915)], atol=5e-3)
     assert [line.get_xdata()[0] for line in axes.lines if line.get_marker() not in ("", "None", None)] == [20.0, 0.0]
 
@@ -48,7 +48,7 @@ def test_runs_above_a_number(table):
     """Oracle: one run of A and all finished ones of B are above 50 N m; equal to the number is not above."""
     _, counts, axes = texts(Shares(metric="largest", above=50.0).draw(table))
     assert counts == ["1 of 10", "9 of 9"]
-    assert axes.get_xlabel().split() == "runs with largest torque above 50 N m [%]".split()
+    assert axes.get_xlabel().split() == "share of runs: largest torque above 50 N m [%]".split()
     _, counts, _ = texts(Shares(metric="largest", above=60.0, order=["A"]).draw(table))
     assert counts == ["0 of 10"]
 
@@ -56,7 +56,7 @@ def test_runs_above_a_number(table):
 def test_caption(table):
     """Oracle: the counts by hand, and the upper end of the interval of 0 of 9."""
     text = Shares(metric="runaway").caption(table)
-    assert text.startswith("Share of the runs with runaway. Marks are the shares, bars their 95 % Wilson intervals")
+    assert text.startswith("Share of the runs: runaway. Marks are the shares, bars their 95 % Wilson intervals")
     assert "Largest share: A, 2 of 10." in text
     assert "In no run: S + input (upper end of the interval at most 30 %)." in text
     assert wilson(0, 9, 0.95)[1] == pytest.approx(0.2991, abs=1e-4)
