@@ -30,7 +30,15 @@ FILTERS = {
     "S+input": "S + input",
 }
 """Method -> its name on the page."""
-TORQUE_HEADS = ("mean MSE [rad^2]", "median MSE [rad^2]", "samples above", "largest [N m]", "runaways", "skipped", "softened")
+TORQUE_HEADS = (
+    "mean MSE [rad^2]",
+    "median MSE [rad^2]",
+    "samples above",
+    "largest [N m]",
+    "runaways",
+    "skipped",
+    "softened",
+)
 RIVALS = {
     "S-MPC": ("S, as the paper has it (untuned)", None),
     "R-MPC1": ("R1, as the paper has it (untuned)", None),
@@ -182,7 +190,9 @@ def rivals_table() -> str:
         chosen = "" if path is None else f"`{path.rpartition('.')[2]}: {short(values[method])}`"
         mse = f"{number_of(mine, 'mse'):.4f}", f"{number_of(mine, 'mse', 'median'):.4f}"
         rows.append((title, chosen, *mse, f"{number_of(mine, 'input_roughness'):.2f}"))
-    return table(["filter", "tuned value", "mean MSE [rad^2]", "median MSE [rad^2]", "mean roughness of the input [V]"], rows)
+    return table(
+        ["filter", "tuned value", "mean MSE [rad^2]", "median MSE [rad^2]", "mean roughness of the input [V]"], rows
+    )
 
 
 def rivals_noise_table() -> str:

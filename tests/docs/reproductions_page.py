@@ -233,6 +233,6 @@ def _others() -> list[str]:
     about = "Small systems of the literature, which other configurations use with `plant: {from: ..}`."
     parts = [heading(2, "Systems of the literature", SYSTEMS), about, _overview(configurations(SYSTEMS))]
     for group, (title, introduction) in FURTHER.items():
-        parts += [heading(2, title, group), text(introduction), *_additional(group)]
+        parts += [heading(2, title, group), introduction, *_additional(group)]
     about = "Two experiments with own components, explained in [examples.md](examples.md)."
     return [*parts, "## Examples", about, _overview(configurations("examples"))]
