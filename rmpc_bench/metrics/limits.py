@@ -82,7 +82,7 @@ class SignalMetric(WindowMetric):
 class Violation(SignalMetric):
     """How often, how far or how long a signal of the true system exceeds its limit, k = 0..N-1; lower is better.
 
-    A sample counts if a component exceeds its limit by more than a millionth of the limit, of the larger one of two.
+    A sample counts if a component exceeds its limit by more than a millionth of the limit, or of the larger of two.
     The excess of a sample is that of the component with the largest one.  Between two samples a signal may be larger
     than at them; see `between`.
 

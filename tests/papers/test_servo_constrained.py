@@ -33,18 +33,14 @@ def trials(experiment, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plants(experiment):
-    return plants_of(experiment, N_RUNS)
-
-
-def plants_of(experiment, n_runs):
     """Function that moves the true plant of a run by one sample, and its draws."""
     parts = experiment.experiment
-    draws = parts.scenario.draw(parts.plant, range(n_runs), N_STEPS)
+    draws = parts.scenario.draw(parts.plant, range(N_RUNS), N_STEPS)
 
     def step(i, k):
         def of_run(x, u):
-            everyone = np.tile(x, (n_runs, 1))
-            return parts.plant.step(k, draws.delta, everyone, np.full((n_runs, 1), u), draws.w[:, k]).x[i]
+            everyone = np.tile(x, (N_RUNS, 1))
+            return parts.plant.step(k, draws.delta, everyone, np.full((N_RUNS, 1), u), draws.w[:, k]).x[i]
 
         return of_run
 
@@ -81,31 +77,6 @@ def test_the_largest_multiplier_of_the_hard_limit():
     assert largest[np.inf][1] == pytest.approx(0.02072, abs=5e-6)
     assert largest[0.0208][0] == pytest.approx(TORQUE_MAX, rel=1e-9)
     assert largest[0.0205][0] == pytest.approx(78.584, abs=5e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("at", "drift", "counts"), [(None, 0.0, (541, 19, 0.153)), ("input", 1e5, (160, 0, 0.0271))])
-def test_the_multipliers_on_other_plants(at, drift, counts):
-    """Hard limits at the estimates of closed loops with the penalty 0.03: the steps whose multiplier is larger."""
-    m, n_runs, found = model(at, drift), 40, []
-
-    class WithHardLimits(Law):
-        def first_move(self, x, u):
-            hard = Law(m, np.inf)
-            try:
-                hard.first_move(x, u)
-                found.append(hard.multiplier)
-            except ValueError:  # no input satisfies the hard limits
-                pass
-            return super().first_move(x, u)
-
-    draws, step = plants_of(load_config(CONFIG, runs=n_runs), n_runs)
-    for i in range(n_runs):
-        simulate(step(i, 0), draws.x0[i], m, WithHardLimits(m, 0.03), 100)
-    acting = np.array([each for each in found if each > 0])
-    n_acting, n_larger, largest = counts
-    assert abs(len(acting) - n_acting) <= 2 and abs((acting > 0.03).sum() - n_larger) <= (n_larger > 0)
-    assert acting.max() == pytest.approx(largest, rel=5e-3)
 
 
 def test_a_limit_in_the_torque_of_the_motor_would_never_act():
