@@ -190,9 +190,7 @@ def rivals_table() -> str:
         chosen = "" if path is None else f"`{path.rpartition('.')[2]}: {short(values[method])}`"
         mse = f"{number_of(mine, 'mse'):.4f}", f"{number_of(mine, 'mse', 'median'):.4f}"
         rows.append((title, chosen, *mse, f"{number_of(mine, 'input_roughness'):.2f}"))
-    return table(
-        ["filter", "tuned value", "mean MSE [rad^2]", "median MSE [rad^2]", "mean roughness of the input [V]"], rows
-    )
+    return table(["filter", "tuned value", *MSE_HEADS, "mean roughness of the input [V]"], rows)
 
 
 def rivals_noise_table() -> str:
@@ -221,7 +219,7 @@ def baselines_table() -> str:
         roughness = f"{number_of(mine, 'input_roughness'):.1f}", f"{number_of(other, 'input_roughness'):.1f}"
         above, noisy_mse = percent(number_of(mine, "above")), f"{number_of(other, 'mse'):.4f}"
         rows.append((title, *mse, roughness[0], above, noisy_mse, roughness[1]))
-    heads = ["controller", "mean MSE [rad^2]", "median MSE [rad^2]", "roughness [V]", "samples above"]
+    heads = ["controller", *MSE_HEADS, "roughness [V]", "samples above"]
     return table([*heads, "mean MSE, s = 0.1 [rad^2]", "roughness, s = 0.1 [V]"], rows)
 
 
