@@ -30,9 +30,9 @@ FILTERS = {
     "S+input": "S + input",
 }
 """Method -> its name on the page."""
+MSE_HEADS = ("mean MSE [rad^2]", "median MSE [rad^2]")
 TORQUE_HEADS = (
-    "mean MSE [rad^2]",
-    "median MSE [rad^2]",
+    *MSE_HEADS,
     "samples above",
     "largest [N m]",
     "runaways",
