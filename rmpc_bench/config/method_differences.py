@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rmpc_bench.config.tree import plain
-from rmpc_bench.config.writer import dump
+from rmpc_bench.config.writer import dump, one_line
 
 
 def method_differences(methods: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -33,9 +33,18 @@ def _leaves(tree: Any, path: str = "") -> list[tuple[str, Any]]:
 
 
 def short_value(value: Any) -> str:
-    """Write a value of a configuration on one line."""
+    """Write a value of a configuration on one line.
+
+    Examples
+    --------
+    >>> short_value([{"B_d": [[1.0], [0.0]]}, "input"])
+    '[{B_d: [[1.0], [0.0]]}, input]'
+    """
     if isinstance(value, str):
         return value
     if isinstance(value, list) and value and all(isinstance(entry, int | float) for entry in value):
         return f"[{', '.join(f'{entry:g}' for entry in value)}]"
-    return f"{value:g}" if isinstance(value, float) else " ".join(dump(plain(value)).split())
+    if isinstance(value, float):
+        return f"{value:g}"
+    # A mapping without the outer braces.
+    return one_line(plain(value)) if isinstance(value, list) else " ".join(dump(plain(value)).split())
