@@ -18,7 +18,8 @@ Assumed The design is made for W (1 + `margin`).  Without it the noise can bring
 Limit   Without an active limit lqr with an infinite horizon.  With W -> 0 all three laws are one.
 Cost    A matrix-vector product per run and step where no limit acts; otherwise a quadratic program, 20 to 30 us.
 Fails   Design error: W leaves no room inside the limits, no input reaches an unstable mode, or Z has too many facets.
-        Where no c satisfies the limits, `fallback` selects the input.
+        Where no c satisfies the limits, `fallback` selects the input.  If this happens at k = 0, a longer `horizon`
+        or a smaller W may make the problem feasible.
 """
 
 from __future__ import annotations
