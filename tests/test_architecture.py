@@ -124,6 +124,7 @@ SHARED_SIBLINGS = {
     "input_limits",
     "limit_rows",
     "limits",
+    "lqg_law",
     "mpc_law",
     "noise_tuning",
     "prediction",

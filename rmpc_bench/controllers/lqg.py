@@ -1,5 +1,7 @@
 """Linear-quadratic control of the estimate with integrals of the control error: follows a reference without offset.
 
+This file checks the keys and computes the gains. The law is in lqg_law.py.
+
 Model   The design model without noise is augmented by the sums q of the control errors,
             x(k+1) = A x(k) + B u(k) + f,   q(k+1) = q(k) + y(k) - r(k),
         and, with x_s and u_s the steady state of the model with y = r, the law is
@@ -28,122 +30,20 @@ Fails   Design error: not every reference has a steady state (more outputs than 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.input_limits import AntiWindup, InputLimits, common_limits
-from rmpc_bench.controllers.limits import Bounds, bounds_of
+from rmpc_bench.controllers.input_limits import AntiWindup, InputLimits
+from rmpc_bench.controllers.limits import bounds_of
+from rmpc_bench.controllers.lqg_law import Lqg
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.linalg import as_covariance, mv
+from rmpc_bench.numerics.linalg import as_covariance
 from rmpc_bench.numerics.lq_tracking import IntegralGain, integral_gain, steady_map, steady_rank
-from rmpc_bench.types import (
-    Array,
-    Command,
-    Controller,
-    DesignError,
-    Estimate,
-    Estimator,
-    LawState,
-    LinearLaw,
-    Matrix,
-    Model,
-    OperatingPoint,
-    Positive,
-    Status,
-)
+from rmpc_bench.types import Array, DesignError, Estimator, Matrix, Model, Positive
 
-OK = np.int8(Status.OK)
 Feedforward: TypeAlias = Literal["optimal", "target", "none"]
-
-
-class LqgState(NamedTuple):
-    """State of the controller between steps."""
-
-    q: Float[Array, "runs nq"]
-    """Sums of the control errors, without columns where Q_i is 0."""
-
-
-@dataclass(frozen=True, eq=False)
-class Lqg(Controller):
-    """u = u_op + u_0 + K_r (r - y_op) - K_x (x_hat - x_op) - K_d w_mean - K_q q; create it with `design`."""
-
-    K_x: Float[Array, "nu nx"]
-    K_q: Float[Array, "nu nq"]
-    K_r: Float[Array, "nu nz"]
-    """Of the tracked outputs."""
-    u_0: Float[Array, " nu"]
-    """Input that compensates the constant parts of the model."""
-    K_d: Float[Array, "nu nx"] | None
-    """Gain of the estimated mean of the process noise, None if the estimator does not estimate it."""
-    rows: Float[Array, "nz ny"]
-    """Selects the tracked outputs."""
-    bounds: Bounds
-    anti_windup: AntiWindup
-    correction: Float[Array, "nq nu"]
-    """(Ts / Tt) K_q^+."""
-    C: Float[Array, "ny nx"] | None
-    """Output matrix where the errors of the estimate are summed, None where those of y are."""
-    d0: Float[Array, " ny"] | None
-    point: OperatingPoint | None
-
-    @property
-    def input_limits(self) -> tuple[float, float] | None:
-        """Lower and upper limit of the inputs; None without limits."""
-        return common_limits(self.bounds)
-
-    def init(self, n_runs: int) -> LqgState:
-        """Start with sums of 0."""
-        return LqgState(np.zeros((n_runs, self.K_q.shape[1])))
-
-    def control(
-        self,
-        k: int,
-        state: LqgState,
-        y: Float[Array, "runs ny"],
-        estimate: Estimate,
-        r: Float[Array, "preview ny"],
-    ) -> tuple[LqgState, Command]:
-        """Apply the law, clip, and sum the error."""
-        x_hat, target, u_0 = estimate.x_hat, r[0], self.u_0
-        if self.point is not None:
-            x_hat, target, u_0 = x_hat - self.point.x, target - self.point.y, u_0 + self.point.u
-        v = u_0 + mv(self.K_r, (self.rows @ target)[None]) - mv(self.K_x, x_hat)
-        if self.K_d is not None:
-            v = v - mv(self.K_d, estimate.info["w_mean"])
-        if self.K_q.shape[1] == 0:
-            u = np.clip(v, *self.bounds)
-            return state, Command(u, np.full(len(u), OK), {})
-        v = v - mv(self.K_q, state.q)
-        u = np.clip(v, *self.bounds)
-        outputs = y if self.C is None else mv(self.C, estimate.x_hat) + self.d0
-        # Chosen, not multiplied by `rows`: 0 times a missing measurement of another output is NaN.
-        error = (outputs - r[0])[:, self.rows.argmax(axis=1)]
-        error = np.where(np.isnan(error), 0.0, error)
-        return LqgState(state.q + self._summed(error, v - u)), Command(u, np.full(len(u), OK), {})
-
-    def _summed(self, error: Float[Array, "runs nq"], excess: Float[Array, "runs nu"]) -> Float[Array, "runs nq"]:
-        """Return what is added to the sums where clipping took ``excess`` from the input."""
-        if self.anti_windup == "back-calculation":
-            return error + mv(self.correction, excess)
-        if self.anti_windup == "clamping":
-            driven = -self.K_q * error[:, None, :] * excess[:, :, None]
-            return np.where((driven > 0.0).any(axis=1), 0.0, error)
-        return error
-
-    def linear_law(self) -> LinearLaw | None:
-        """Return the gains without limits; None with an operating point or further terms, which make it affine."""
-        if self.point is not None or self.K_d is not None or self.u_0.any() or (self.d0 is not None and self.d0.any()):
-            return None
-        (nu, nx), nq = self.K_x.shape, self.K_q.shape[1]
-        law = LinearLaw(self.K_x, np.eye(nu), np.zeros((nu, 0)))
-        if nq == 0:
-            return law
-        of_y = self.rows if self.C is None else np.zeros(self.rows.shape)
-        of_x = np.zeros((nq, nx)) if self.C is None else self.rows @ self.C
-        return law._replace(state=LawState(-self.K_q, np.zeros((nu, of_y.shape[1])), np.eye(nq), of_x, of_y))
 
 
 def design(

@@ -36,28 +36,12 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.increments import IncrementCost, increment_program
-from rmpc_bench.controllers.limits import (
-    Limits,
-    SoftLimit,
-    bounds_of,
-    one_for_all,
-    refuse_unused,
-    soft_rows,
-)
+from rmpc_bench.controllers.limits import Limits, SoftLimit, bounds_of, one_for_all, refuse_unused, soft_rows
 from rmpc_bench.controllers.mpc_law import ConstrainedMpc, Mpc
 from rmpc_bench.controllers.prediction import predict_disturbance, predict_inputs, predict_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
-from rmpc_bench.types import (
-    Array,
-    DesignError,
-    Estimator,
-    Horizon,
-    Matrix,
-    Model,
-    PlantInfo,
-    Positive,
-)
+from rmpc_bench.types import Array, DesignError, Estimator, Horizon, Matrix, Model, PlantInfo, Positive
 
 
 @dataclass(frozen=True)
