@@ -107,6 +107,28 @@ def test_every_run_is_that_of_the_experiment(config, results, method):
     assert n_failed < 4
 
 
+def test_the_disturbance_of_a_design_model_is_observed(config, tmp_path):
+    """Oracle: the recorded runs of `run`; the observation is x_hat, d_hat, r and u(k-1), in this order."""
+    text = (
+        "d: {estimator: {kind: kalman}, controller: {file: tank.py:OfEstimate, K: 2.5},"
+        " model: {disturbance: {at: input, drift: 1e-3}}}"
+    )
+    disturbed = rmpc_bench.load_config(config.path, add_methods=[text])
+    stored = rmpc_bench.run(disturbed, directory=tmp_path, engine="serial").trials
+    made, trace, compared = env(disturbed, "d", limits=(-10.0, 10.0)), stored.traces["d"].signals, 0
+    for run in range(4):
+        observation, _ = made.reset(options={"run": run})
+        assert observation.shape == made.observation_space.shape == (4,)
+        if stored.frame.set_index(["method", "run"]).loc[("d", run), "status"] != "ok":
+            continue
+        seen = [observation] + [made.step(u)[0] for u in trace["u"][run]]
+        np.testing.assert_array_equal(np.array(seen)[:, 0], trace["x_hat"][run, :, 0])
+        np.testing.assert_array_equal(np.array(seen)[1:, 3], trace["u"][run, :, 0])
+        assert np.ptp(np.array(seen)[:, 1]) > 0.01  # d_hat moves
+        compared += 1
+    assert compared
+
+
 def test_it_passes_the_checker_of_gymnasium(config):
     """Only the advice on unlimited spaces is given as a warning."""
     with warnings.catch_warnings(record=True) as caught:

@@ -32,18 +32,31 @@ def some(seed, sizes, n_steps, *, varying=False, h=0.5):
     return given, design(0.1, n_steps, **given), filter_, laws
 
 
+def with_one_more_state(seed, filter_):
+    """The filter with a disturbance as its last state: it enters the first ones, and has gains of its own."""
+    rng, (nx, ny) = np.random.default_rng(seed + 100), filter_.K.shape[1:]
+    B_d, K_d = 0.3 * rng.standard_normal((nx, 1)), 0.3 * rng.standard_normal((1, ny))
+    wide = np.eye(nx + 1)
+    wide[:nx] = np.hstack([filter_.F[0], B_d])
+    return GainScheduleFilter(
+        x0=np.append(filter_.x0, 0.0), F=wide[None], B=np.zeros((1, nx + 1, 1)),
+        C=np.pad(filter_.C, ((0, 0), (0, 0), (0, 1))), K=np.vstack([filter_.K[0], K_d])[None],
+        L=np.zeros((1, nx + 1, ny)), P=np.zeros((1, nx + 1, nx + 1)),
+    )  # fmt: skip
+
+
 def reached(given, filter_, laws, F):
     """Trace of the covariance of x - x_pred at k = N under a sequence, by the plain recursion of (x, x_pred)."""
-    nx = len(laws.x)
-    S = np.zeros((2 * nx, 2 * nx))
+    nx, n_hat = len(laws.x), len(filter_.x0)
+    S = np.zeros((nx + n_hat, nx + n_hat))
     S[:nx, :nx] = laws.X
     for k in range(len(F[0]) - 1):
         T = true_matrices(at(given, k), {c: F[number][k] for number, c in enumerate(NAMES)})
         K, C, stays = pick(filter_.K, k), pick(filter_.C, k), pick(filter_.F, k)
-        A = np.block([[T[:nx, :nx], np.zeros((nx, nx))], [K @ T[nx:, :nx], stays - K @ C]])
+        A = np.block([[T[:nx, :nx], np.zeros((nx, n_hat))], [K @ T[nx:, :nx], stays - K @ C]])
         B = np.vstack([T[:nx, nx:], K @ T[nx:, nx:]])
         S = A @ S @ A.T + B @ laws.U @ B.T
-    E = np.hstack([np.eye(nx), -np.eye(nx)])
+    E = np.hstack([np.eye(nx), -np.eye(nx, n_hat)])
     return np.trace(E @ S @ E.T)
 
 
@@ -71,6 +84,24 @@ def test_one_scalar_F_is_as_bad_as_can_be():
             flipped[k] *= -1.0
             assert reached(given, filter_, laws, [flipped, *chosen[1:]]) <= found * SLACK
     assert hits >= 16  # it promises no more than a lower bound
+
+
+def test_a_disturbance_of_the_filter_is_no_part_of_the_error():
+    """Oracle: all 32 sequences of signs, where the last state of the filter is a disturbance; 5 random systems.
+
+    Naive: a filter with three states is refused, since the plant has two.
+    """
+    for seed in range(5):
+        given, _, filter_, laws = some(seed, SCALAR, 5)
+        given |= {name: np.zeros_like(given[name]) for name in ("G_w", "G_v")}
+        plant, schedule = design(0.1, 5, **given), with_one_more_state(seed, filter_).gain_schedule
+        with pytest.raises(DesignError, match="has 3 states, the plant 2"):
+            worst_sequence(plant, schedule, laws, 5)
+        chosen = worst_sequence(plant, schedule, laws, 5, n_disturbances=1)
+        found = reached(given, schedule, laws, chosen)
+        sequences = [np.array([*signs, 1.0])[:, None, None] for signs in corners(5)]
+        everything = [reached(given, schedule, laws, [F_x, *chosen[1:]]) for F_x in sequences]
+        assert max(everything) / SLACK <= found <= max(everything) * SLACK
 
 
 def test_three_scalar_F_leave_nothing_for_one_flip():
