@@ -106,7 +106,7 @@ def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
     Raises
     ------
     DesignError
-        If the number of pairs does not fit, a bound is not a number, or a lower bound is not below the upper one.
+        If the number of pairs does not fit, a lower bound is not below the upper one, or no bound is finite.
     """
     if pairs is None:
         return Bounds(np.full(n, -np.inf), np.full(n, np.inf))
@@ -118,6 +118,8 @@ def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
     for low, high in filled:
         if not low < high:
             raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", key)
+    if not np.isfinite(filled).any():
+        raise DesignError("has no bound; give a number in place of a null", key)
     return Bounds(*np.ascontiguousarray(np.array(filled, dtype=float).T))
 
 

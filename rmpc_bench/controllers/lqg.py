@@ -113,12 +113,11 @@ def design(
     # Disturbances d are the last states: f = A[:n, n:] d and z = r - C[:, n:] d.
     K_x = np.hstack([gain.K_x, -held @ np.vstack([constant.A[:n, n:], -rows @ constant.C[:, n:]])])
     free = model.deviation
-    z_0 = rows @ free.d0
     return Lqg(
         K_x,
         gain.K_q,
         _reference_gain(feedforward, held[:, n:], gain, T[:n, n:]),
-        held @ np.concatenate([free.f0[:n], -z_0]),
+        held @ np.concatenate([free.f0[:n], -(rows @ free.d0)]),
         -held[:, :n] @ np.eye(n, constant.nx) if estimator.estimates_mean else None,
         rows,
         bounds_of(None if limits is None else limits.u, model.nu, "limits.u"),

@@ -103,6 +103,9 @@ def entry_of(model: Model, disturbance: Disturbance) -> Entry:
     places = disturbance.at if isinstance(disturbance.at, list) else [disturbance.at]
     if not places:
         raise DesignError("names no place; leave out `disturbance` for none", "at")
+    for number, place in enumerate(places):
+        if place in places[:number] and isinstance(place, str):
+            raise DesignError(f"names {place!r} twice", "at")
     found = [_placed(model, place) for place in places]
     S, N, C_d = (np.hstack(parts) for parts in zip(*found, strict=True))
     nd = S.shape[1]

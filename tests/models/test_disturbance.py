@@ -93,6 +93,7 @@ def test_the_torque_on_the_load():
         ({"at": "laod"}, "at", "did you mean 'load'"),
         ({"at": "shaft"}, "at", "input, output, load"),
         ({"at": []}, "at", "names no place"),
+        ({"at": ["input", "load", "input"]}, "at", "names 'input' twice"),
         ({"at": DisturbanceGains()}, "at", "B_d, C_d or both"),
         ({"at": DisturbanceGains(B_d=[1.0, 0.0, 0.0, 0.0])}, "at.B_d", "ambiguous"),
         ({"at": DisturbanceGains(B_d=[[1.0], [0.0]])}, "at.B_d", r"\(2, 1\) does not fit: 4 x 1"),
