@@ -8,7 +8,7 @@ Shared  By the laws of gpc_law.py.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -184,23 +184,13 @@ class LimitedHorizon:
         model, info, nd = self.model, self.plant_info, self.model.n_disturbances
         if not isinstance(model, StateDependentModel):
             return soft_rows(self.soft, model.at(k), self.N, info, nd)
-        nx, ny = model.nx, model.ny
-        C = np.zeros((ny, nx)) if model.has_offsets else model.C
-        signals = model.extra_signals
-        found = soft_rows(self.soft, _readout(C, signals), self.N, info, nd)
         if not model.has_offsets:
-            return found
-        # The predictions have the outputs as states after those of the model, and the names of the plant stay.
-        info = None if info is None or info.nx != nx - nd else info._replace(nx=nx + ny + 1)
-        before, after = np.zeros((ny, nx)), np.zeros((ny, 1))
-        wide = {name: np.pad(Z, ((0, 0), (0, ny + 1))) for name, Z in signals.items()}
-        padded = {
-            name: limit
-            if limit.of is None
-            else replace(limit, of=np.pad(found[name].signal.Z, ((0, 0), (0, ny + 1))).tolist())
-            for name, limit in self.soft.items()
-        }
-        return soft_rows(padded, _readout(np.hstack([before, np.eye(ny), after]), wide), self.N, info)
+            return soft_rows(self.soft, _readout(model.C, model.extra_signals), self.N, info, nd)
+        # The predictions have the outputs and a 1 as states after those of the model.
+        nx, ny = model.nx, model.ny
+        C = np.eye(ny, nx + ny + 1, k=nx)
+        signals = {name: np.pad(Z, ((0, 0), (0, ny + 1))) for name, Z in model.extra_signals.items()}
+        return soft_rows(self.soft, _readout(C, signals), self.N, info, nd + ny + 1)
 
 
 def _readout(C: Float[Array, "ny nx"], signals: Mapping[str, Array]) -> LinearModel:

@@ -150,7 +150,7 @@ def key_of(section: str, name: str) -> str:
     return f'{section}."{name}"' if "." in name else f"{section}.{name}"
 
 
-def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None, nd: int = 0) -> Signal:
+def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None, unnamed: int = 0) -> Signal:
     """Return the rows of a signal that the design model names.
 
     Parameters
@@ -158,7 +158,7 @@ def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None, nd: 
     name : one of `model.extra_signals`, a place such as ``x.0`` or ``y.1``, or the name of a state or an output
     model : a model that is the same at all k
     plant_info : the names of the plant, where they may be used
-    nd : number of the last states that are disturbances, which have no names
+    unnamed : number of the last states that have no names, such as disturbances
 
     Raises
     ------
@@ -168,11 +168,11 @@ def signal_of(name: str, model: Model, plant_info: PlantInfo | None = None, nd: 
     if name in model.extra_signals:
         Z = np.array(model.extra_signals[name], dtype=float)
         return Signal(Z, np.zeros(len(Z)))
-    named = _places(model, plant_info, nd)
+    named = _places(model, plant_info, unnamed)
     letter, _, number = named.get(name, name).partition(".")
-    n = {"x": model.nx - nd, "y": model.ny}.get(letter)
+    n = {"x": model.nx - unnamed, "y": model.ny}.get(letter)
     if n is None or not number.isdecimal():
-        places = [f"x.{i}" for i in range(model.nx - nd)] + [f"y.{i}" for i in range(model.ny)]
+        places = [f"x.{i}" for i in range(model.nx - unnamed)] + [f"y.{i}" for i in range(model.ny)]
         known = [*model.extra_signals, *named, *places]
         raise DesignError(unknown(name, known, "signal of the design model", "or give its rows with `of`"))
     i = int(number)
@@ -187,7 +187,7 @@ def soft_rows(
     model: LinearModel,
     horizon: int,
     plant_info: PlantInfo | None = None,
-    nd: int | None = None,
+    unnamed: int | None = None,
 ) -> dict[str, SoftRows]:
     """Return the soft limits with the rows of their signals.
 
@@ -197,19 +197,22 @@ def soft_rows(
     model : the design model
     horizon : largest number of predicted samples
     plant_info : the names of the plant, where they may be used
-    nd : number of the last states that are disturbances; that of the model if not given
+    unnamed : number of the last states that have no names: the disturbances of the model if not given
 
     Raises
     ------
     DesignError
         If a signal is unknown, or a size, a bound or a number of steps does not fit.
     """
-    nd = model.n_disturbances if nd is None else nd
+    unnamed = model.n_disturbances if unnamed is None else unnamed
     found = {}
     for name, limit in soft.items():
         key = key_of("soft", name)
         try:
-            signal = signal_of(name, model, plant_info, nd) if limit.of is None else _own(limit.of, model.nx, nd, key)
+            if limit.of is None:
+                signal = signal_of(name, model, plant_info, unnamed)
+            else:
+                signal = _own(limit.of, model.nx - unnamed, unnamed, key)
         except DesignError as error:
             raise DesignError(str(error), error.parameter or key) from None
         bounds = bounds_of(limit.limits, len(signal.Z), f"{key}.limits")
@@ -222,18 +225,18 @@ def soft_rows(
     return found
 
 
-def _own(of: list[float] | list[list[float]], nx: int, nd: int, key: str) -> Signal:
-    """Return the signal of given rows, which have no numbers for the disturbances."""
+def _own(of: list[float] | list[list[float]], nx: int, unnamed: int, key: str) -> Signal:
+    """Return the signal of given rows, which have no numbers for the states without names."""
     rows: list[Any] = [each for each in of if isinstance(each, list)] or [of]
     for row in rows:
-        if len(row) != nx - nd:
-            raise DesignError(f"a row has {len(row)} numbers, and the design model has {nx - nd} states", f"{key}.of")
-    return Signal(np.pad(np.array(rows, dtype=float), ((0, 0), (0, nd))), np.zeros(len(rows)))
+        if len(row) != nx:
+            raise DesignError(f"a row has {len(row)} numbers, and the design model has {nx} states", f"{key}.of")
+    return Signal(np.pad(np.array(rows, dtype=float), ((0, 0), (0, unnamed))), np.zeros(len(rows)))
 
 
-def _places(model: Model, plant_info: PlantInfo | None, nd: int) -> dict[str, str]:
+def _places(model: Model, plant_info: PlantInfo | None, unnamed: int) -> dict[str, str]:
     """Return the names of states and outputs that are no places -> their places."""
-    if plant_info is None or (plant_info.nx, plant_info.ny) != (model.nx - nd, model.ny):
+    if plant_info is None or (plant_info.nx, plant_info.ny) != (model.nx - unnamed, model.ny):
         return {}
     names = [(name, f"x.{i}") for i, name in enumerate(plant_info.states)]
     # A state and an output with one name: the output is the measured state, and the state is meant.

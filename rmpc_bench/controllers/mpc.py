@@ -123,7 +123,7 @@ def design(
     if limits.enforce == "clip":
         return Mpc(K_x, K_u, K_r, *one_for_all(u), **law_of_u)
     rows = soft_rows(soft or {}, model, Hp, plant_info)
-    cost = IncrementCost(Hp, Hu, root_Q, root_R, first.moves, as_vector(scale.u, model.nu))
+    cost = IncrementCost(Hp, Hu, root_Q, root_R, first.moves @ root_Q, as_vector(scale.u, model.nu))
     program = increment_program(model, cost, u, du, rows, uses_mean=uses_mean)
     return ConstrainedMpc(K_x, K_u, K_r, *one_for_all(u), **law_of_u, program=program, fallback=limits.fallback)
 
@@ -132,7 +132,7 @@ class FirstMove(NamedTuple):
     """How the first move follows from what the predictions lack: move (r - Psi x) - K_u u(k-1) - u_0."""
 
     moves: Float[Array, "all_moves outputs"]
-    """All moves of the horizon, like `move`."""
+    """All moves of the horizon for errors times root_Q."""
     move: Float[Array, "nu outputs"]
     Psi: Float[Array, "outputs nx"]
     K_u: Float[Array, "nu nu"]
@@ -146,7 +146,7 @@ def _first_increment(
     Psi, Upsilon, Theta = predict_moves(model, len(root_Q) // model.ny, len(root_R) // model.nu)
     moves = _moves(root_Q @ Theta, root_R)
     move = moves[: model.nu] @ root_Q
-    return FirstMove(moves @ root_Q, move, Psi, move @ Upsilon, np.zeros(model.nu))
+    return FirstMove(moves, move, Psi, move @ Upsilon, np.zeros(model.nu))
 
 
 def _first_printed(
@@ -159,7 +159,7 @@ def _first_printed(
     move = moves[: model.nu] @ root_Q
     # What u_op held over the horizon adds to the outputs, and u_op itself.
     u_0 = move @ Theta @ np.tile(model.u_op, Hu) - model.u_op
-    return FirstMove(moves @ root_Q, move, Psi, np.eye(model.nu), u_0)
+    return FirstMove(moves, move, Psi, np.eye(model.nu), u_0)
 
 
 def _constant(model: Model) -> LinearModel:
