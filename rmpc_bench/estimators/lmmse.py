@@ -1,30 +1,34 @@
-"""Linear minimum mean-square error predictor for an uncertain system with white uncertainty of known moments.
+"""Linear minimum mean-square error estimator for an uncertain system with white uncertainty of known moments.
 
 Model   The system of uncertain_system.py.  Every F is zero except on its diagonal, whose entries are independent of
         each other, over time and of all other variables, with common mean and variance.
-        P is the exact covariance of x_pred - x over noises and uncertainty for u = 0; X is the second moment E x x'.
+        P is the exact covariance of x_hat - x over noises and uncertainty for u = 0; X is the second moment E x x'.
         An input increases X and, with H_A or H_C, the error.
+Forms   `predictor`: x_hat(k) uses y(0..k-1).  `filter`: x_hat(k) uses y(k) as well, with the gain
+        L = P_pred C' (C P_pred C' + R)^-1, where R is the covariance of y(k) given x(k) and x_hat of the predictor.
+        The predictions of both forms are equal: K = (A P_pred C' + S)(C P_pred C' + R)^-1, where S is the covariance of
+        the noises of x(k+1) and y(k) that a common F causes.
 Source  Linear least-squares estimation with multiplicative white noise: Nahi, IEEE Trans. Information Theory 15 (1969);
         De Koning, Automatica 20 (1984); derived for this system from the moments of [x(k+1); y(k)] given the past.
-Limit   Without uncertainty, or with variance 0, the Kalman predictor of the mean system.
+Limit   Without uncertainty, or with variance 0, the Kalman filter or predictor of the mean system.
 Cost    As every gain schedule.
 Fails   Design error if E x x' overflows: the system is not stable in the mean square.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, predictor_schedule
+from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, predictor_schedule
 from rmpc_bench.models.design_noise import DesignSystem, design_systems
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.kl_ball import LARGEST
 from rmpc_bench.numerics.linalg import symmetrise
-from rmpc_bench.numerics.riccati import predictor_step
+from rmpc_bench.numerics.riccati import error_covariance, predictor_gain, predictor_step
 from rmpc_bench.types import Array, DesignError, Model, NonNegative
 
 
@@ -80,8 +84,9 @@ def design(
     x0: Float[Array, " nx"],
     P0: Float[Array, "nx nx"],
     law: EntryLaw | None = None,
+    form: Form = "predictor",
 ) -> GainScheduleFilter:
-    """Linear minimum mean-square error predictor under white uncertainty.
+    """Linear minimum mean-square error estimator under white uncertainty.
 
     Parameters
     ----------
@@ -91,6 +96,7 @@ def design(
     P0 : (nx, nx) covariance of the initial state
     law : distribution of the diagonal entries of the F: `{low: -1, high: 1}` is uniform (default), or
         `{mean: 0, variance: 1/3}`
+    form : `filter` uses y(k) for x_hat(k), `predictor` does not
 
     Raises
     ------
@@ -100,7 +106,7 @@ def design(
     mean, variance = (law or EntryLaw(low=-1.0, high=1.0)).moments
     systems = design_systems(model, n_steps)
     mean_system = None
-    models, P, K, X = [], [P0], [], []
+    models, P, K, X, corrections = [], [P0], [], [], list[Correction]()
     mu, cov = x0, P0
     for k, now in enumerate(systems):
         if mean_system is None or now is not mean_system.system:
@@ -108,6 +114,8 @@ def design(
         second = cov + np.outer(mu, mu)
         J = mean_system.noise(second)
         step = predictor_step(mean_system.M, J, P[-1])
+        if form == "filter":
+            corrections.append(correction(mean_system.M, J, P[-1]))
         models.append(mean_system.model)
         X.append(second)
         K.append(step.K)
@@ -121,7 +129,44 @@ def design(
                 f"the second moment of the state grows beyond {LARGEST:g} at k = {k + 1}: the system is not stable in "
                 "the mean square; choose a smaller variance or fewer steps"
             )
-    return predictor_schedule(models, x0, K, P[:-1], extra={"X": np.array(X)})
+    predictor = predictor_schedule(models, x0, K, P[:-1], extra={"X": np.array(X)})
+    if form == "predictor":
+        return predictor
+    extra = {**predictor.extra, "P_pred": np.array(P[:-1])}
+    gains, covariances = np.array([each.L for each in corrections]), np.array([each.P for each in corrections])
+    return replace(predictor, L=gains, P=covariances, extra=extra)
+
+
+class Correction(NamedTuple):
+    """Gain of x_hat = x_pred + L e, and the covariance of x_hat - x."""
+
+    L: Float[Array, "nx ny"]
+    P: Float[Array, "nx nx"]
+
+
+def correction(M: Float[Array, "nz nx"], J: Float[Array, "nz nz"], P_pred: Float[Array, "nx nx"]) -> Correction:
+    """Return the best correction by y(k); P in Joseph form.
+
+    Parameters
+    ----------
+    M : A over C of the mean system
+    J : covariance of the total noise in [x(k+1); y(k)]
+    P_pred : covariance of x_pred - x
+
+    Notes
+    -----
+    The noise of y(k) contains the deviation of F(k) from its mean times x(k).  It is uncorrelated with the error
+    x_pred(k) - x(k), because F(k) is independent of x(k) and x_pred(k) and its deviation has mean 0.
+    """
+    nx = len(P_pred)
+    C, R = M[nx:], J[nx:, nx:]
+    cross = P_pred.dot(C.T)
+    L = predictor_gain(cross, symmetrise(C.dot(cross) + R))
+    identity = np.eye(nx)
+    T = np.hstack([identity, -L])
+    noise = np.zeros_like(J)
+    noise[nx:, nx:] = R
+    return Correction(L, error_covariance(T, np.vstack([identity, C]), noise, P_pred))
 
 
 class MeanSystem:

@@ -31,7 +31,7 @@ PARAMETERS = {
     "enhanced-robust": [{}, {"eps": Margins(x=0.1, w=0.2, v=0.3), "tuned": True}, {"rule": "state"}],
     "sayed-bdu": [{}, {"alpha": 0.1, "form": "predictor"}, {"lam": "search"}],
     "robust-h-infinity": [{"alpha": 0.1}, {"alpha": 0.1, "theta": 1e-3, "weight": 2.0, "eps": 1e-8}],
-    "lmmse": [{}, {"law": EntryLaw(mean=0.2, variance=0.1)}],
+    "lmmse": [{}, {"law": EntryLaw(mean=0.2, variance=0.1)}, {"form": "filter"}],
     "lp-window": [{}, {"Ne": 2, "start": "anchored"}],
     "mixed": [{}, {"q": "lag", "use_y0": False}, {"q": "one-pass"}],
     "set-membership": [

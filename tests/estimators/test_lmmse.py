@@ -1,12 +1,13 @@
-"""The best linear predictor against one big joint covariance, exact moments and published numbers."""
+"""The best linear estimators against one big joint covariance, exact moments and published numbers."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import random_model, random_psd
+from conftest import STAT, random_model, random_psd
 from estimators.uncertain_oracles import P0, X0, benchmark, ensemble, random_uncertain
 
+from rmpc_bench.estimators.kalman import design as kalman
 from rmpc_bench.estimators.kalman_predictor import design as kalman_predictor
 from rmpc_bench.estimators.lmmse import EntryLaw, design
 from rmpc_bench.models.uncertain_linear import design as uncertain_model
@@ -22,8 +23,11 @@ def correlated(model, n_steps, S):
     return uncertain_model(n_steps, **given, **noises, S=S)
 
 
-def best_by_joint_moments(model, x0, start, n, low, high):
-    """Covariance of x(n) less its best linear estimate from y(0..n-1) and 1, from their joint second moment."""
+def best_by_joint_moments(model, x0, start, n, low, high, with_last=False):
+    """Covariance of x(n) less its best linear estimate from y(0..n-1) and 1, from their joint second moment.
+
+    ``with_last`` adds y(n): a further period in which x stays as it is.
+    """
     mean, variance = 0.5 * (low + high), (high - low) ** 2 / 12
     nx, ny, nw = len(x0), model.ny, len(model.W)
     noise = np.concatenate([model.wbar, model.vbar])
@@ -31,8 +35,11 @@ def best_by_joint_moments(model, x0, start, n, low, high):
     z = np.concatenate([x0, [1.0]])  # [x; 1; all y so far]
     Z = np.outer(z, z)
     Z[:nx, :nx] += start
-    for k in range(n):
+    for k in range(n + with_last):
         m, size = model.system.at(k), len(z)
+        if k == n:
+            still = {name: np.zeros_like(getattr(m, name)) for name in ("Bw", "Bv", "H_A", "H_Bw", "H_Bv")}
+            m = m._replace(A=np.eye(nx), **still)
 
         def map_of(F, m=m, size=size):
             L = np.zeros((size + ny, size + len(noise)))
@@ -71,6 +78,41 @@ def test_it_is_the_best_linear_predictor(low, high, varying, rng):
     for n in (1, 4, 6):
         expected = best_by_joint_moments(model, np.ones(3), start, n, low, high)
         np.testing.assert_allclose(filter_.P[n], expected, rtol=1e-9, atol=1e-9 * np.trace(expected))
+
+
+@LAWS
+@pytest.mark.parametrize("varying", [False, True])
+def test_the_filter_form_is_the_best_linear_filter(low, high, varying, rng):
+    """Oracle: the joint second moment of x(n) and y(0..n); the predictions are those of the predictor."""
+    model = correlated(random_uncertain(rng, 6, size=0.5, varying=varying), 6, [[0.1, 0.0], [0.05, -0.1]])
+    keys = {"x0": np.ones(3), "P0": random_psd(rng, 3), "law": EntryLaw(low=low, high=high)}
+    filter_, predictor = design(model, 6, form="filter", **keys), design(model, 6, **keys)
+    for n in (0, 1, 4, 6):
+        expected = best_by_joint_moments(model, keys["x0"], keys["P0"], n, low, high, with_last=True)
+        # Two orders of the same sums, with one large linear solve in the oracle.
+        np.testing.assert_allclose(filter_.P[n], expected, rtol=1e-9, atol=1e-9 * np.trace(expected))
+        assert np.trace(filter_.P[n]) < np.trace(predictor.P[n])
+    for name in ("F", "B", "C", "K", "f", "d"):
+        np.testing.assert_array_equal(getattr(filter_, name), getattr(predictor, name))
+    np.testing.assert_array_equal(filter_.extra["P_pred"], predictor.P)
+    assert (filter_.form, predictor.form) == ("filter", "predictor")
+
+
+def test_without_variance_the_filter_form_is_the_kalman_filter(rng):
+    """Oracle: kalman, on a model without uncertainty."""
+    plain, start = random_model(rng, 3, 1, 2), random_psd(rng, 3)
+    ours = design(plain, 10, x0=np.ones(3), P0=start, form="filter")
+    theirs = kalman(plain, 10, x0=np.ones(3), P0=start)
+    for name in ("L", "K", "P"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-11, atol=1e-14)  # conditioning
+
+
+def test_the_filter_form_reaches_the_known_floor_of_wkf2018():
+    """Oracle: the error of the filter form in the reference study, 47.9 per state with standard error 1.2."""
+    given = {"A": [[0.9802, 0.0196], [0, 0.9802]], "C": [[1, -1]], "H_A": [[0.99], [0]], "G_x": [[0, 1]],
+             "Bw": np.eye(2), "Dv": [[1.0]], "W": [[1.9608, 0.0195], [0.0195, 1.9605]], "V": 1.0}  # fmt: skip
+    filter_ = design(uncertain_model(500, **given), 500, x0=np.zeros(2), P0=np.eye(2), form="filter")
+    assert abs(np.trace(filter_.P[500]) / 2 - 47.9) < STAT * 1.2
 
 
 @LAWS
