@@ -22,6 +22,7 @@ COMPILED = {
     "linear_loop_kernel",
     "minimax_kernel",
     "moving_slide_kernel",
+    "servo_kernel",
     "tracking_kernel",
 }
 PACKAGE = Path(__file__).parents[1] / "rmpc_bench"

@@ -258,13 +258,13 @@ def test_compiled_code_calls_nothing_from_another_file():
     compiled = {file for file, path in FILES.items() if "\n@compiled(" in path.read_text(encoding="utf-8")}
     assert compiled == {
         "models/moving_slide_kernel.py",
+        "models/servo_kernel.py",
         "numerics/bounded_window_kernel.py",
         "numerics/game_kernel.py",
         "numerics/game_lookup.py",
         "numerics/linear_loop_kernel.py",
         "numerics/minimax_kernel.py",
         "numerics/tracking_kernel.py",
-        "plants/servo_kernel.py",
     }
     strays = {file: {*own_imports(trees()[file])} - {("numerics", "compiled")} for file in compiled}
     assert not {file: names for file, names in strays.items() if names}

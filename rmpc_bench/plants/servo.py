@@ -7,7 +7,7 @@ Model   As in models/servo.py with L > 0 and T_f(w) = (alpha_0 + alpha_1 exp(-al
 Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
 Assumed Process noise is added to the first four states at the end of a sample.  The mode of each body (stick or slip)
         is determined from the state alone at the start of a sample.  Integration by Taylor series between friction
-        events (servo_kernel.py) leaves only rounding errors: 1e-14 rad in the load angle of the loops of Fig. 7.
+        events (models/servo_kernel.py) leaves only rounding errors: 1e-14 rad in the load angle of the loops of Fig. 7.
 Cost    1.0 us per run and sample of 0.1 s in Fig. 7 (0.16 s for its 160,000, `pytest -m perf
         tests/perf/test_servo_cost.py`).  Below 0.1 H the time is inversely proportional to L: 0.27 ms at 1e-3 H.
 Fails   Status `out-of-range`: a drawn inertia, resistance, inductance or gear ratio is not positive, another parameter
@@ -21,12 +21,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from rmpc_bench.models.servo import TABLE_1, TORQUE_UNITS, continuous, shaft_torque
+from rmpc_bench.models.servo_equations import (
+    FRICTION,
+    INDUCTANCE,
+    MOST_RATE,
+    TOLERANCE,
+    coefficients,
+    slow_enough,
+    surely_slow_enough,
+    with_current,
+)
 from rmpc_bench.numerics.linalg import discretise, mv
 from rmpc_bench.plants.servo_friction import friction_profiles
 from rmpc_bench.plants.servo_linear_part import admissible, linear_between, linear_part
@@ -43,12 +53,6 @@ from rmpc_bench.types import (
     Status,
     Statuses,
 )
-
-TOLERANCE = 1e-15
-"""Last terms of a Taylor series relative to its largest term: rounding, for a third more time than with 1e-9."""
-MOST_RATE = 20_000.0
-"""Largest |eigenvalue| Ts of the linear part: about 5000 Taylor series, 10 ms per run and sample."""
-FRICTION = ("alpha_l0", "alpha_l1", "alpha_l2", "alpha_m0", "alpha_m1", "alpha_m2")
 
 
 class LinearDelta(NamedTuple):
@@ -73,33 +77,6 @@ class ServoDelta(NamedTuple):
     """Gear ratio."""
 
 
-def coefficients(p: Mapping[str, Any]) -> tuple[Float[Array, "*runs 9"], Float[Array, "*runs 2 3"]]:
-    """Coefficients of the equations of motion in the order of the kernel, torques divided by inertias.
-
-    The parameters are numbers, or arrays with one number per run.
-
-    First array: twist th_m / rho - th_l, load (twist, w_l), motor (twist, w_m, I), current (I, w_m, V).  Second array:
-    friction, rows load and motor, columns alpha_0 to alpha_2.
-    """
-    load, motor, current = p["J_l"], p["J_m"], p["L"]
-    linear = [1.0 / p["rho"], p["k_theta"] / load, p["beta_l"] / load]
-    linear += [p["k_theta"] / p["rho"] / motor, p["beta_m"] / motor, p["K_t"] / motor]
-    linear += [p["R"] / current, p["K_t"] / current, 1.0 / current]
-    friction = [[p[f"alpha_{b}0"] / J, p[f"alpha_{b}1"] / J, p[f"alpha_{b}2"]] for b, J in (("l", load), ("m", motor))]
-    return np.stack(linear, axis=-1), np.stack([np.stack(row, axis=-1) for row in friction], axis=-2)
-
-
-def with_current(p: Mapping[str, float]) -> tuple[Float[Array, "5 5"], Float[Array, "5 3"]]:
-    """Continuous-time matrices of the linear part with inductance; inputs [V, T_fl, T_fm]."""
-    A, B = np.zeros((5, 5)), np.zeros((5, 3))
-    A[:4, :4] = continuous(p)[0]
-    A[3, 3] = -p["beta_m"] / p["J_m"]
-    A[3, 4] = p["K_t"] / p["J_m"]
-    A[4, 3], A[4, 4] = -p["K_t"] / p["L"], -p["R"] / p["L"]
-    B[4, 0], B[1, 1], B[3, 2] = 1.0 / p["L"], -1.0 / p["J_l"], -1.0 / p["J_m"]
-    return A, B
-
-
 def _rows(
     parameters: Mapping[str, Float[Array, " runs"]], nominal: Mapping[str, float]
 ) -> tuple[list[dict[str, float]], Statuses]:
@@ -110,24 +87,6 @@ def _rows(
         for i in range(len(good))
     ]
     return rows, np.where(good, Status.OK, Status.OUT_OF_RANGE).astype(np.int8)
-
-
-def _surely_slow_enough(linear: Float[Array, "runs 9"], Ts: float) -> Bool[Array, " runs"]:
-    """Whether a bound of the fastest mode, the largest sum of a row of the matrix, is half the limit or less."""
-    l_0, l_1, l_2, m_3, m_4, m_5, i_6, i_7, _ = linear.T
-    sums = [np.ones_like(l_0), l_1 * (1.0 + l_0) + l_2, m_3 * (1.0 + l_0) + m_4 + m_5, i_6 + i_7]
-    # False for NaN.
-    return np.asarray(np.max(sums, axis=0) * Ts <= 0.5 * MOST_RATE)
-
-
-def _slow_enough(rows: Sequence[Mapping[str, float]], Ts: float) -> Bool[Array, " runs"]:
-    """Whether the fastest mode of the linear part of each run is within the range of the kernel."""
-    if not rows:
-        return np.ones(0, dtype=bool)
-    A = np.stack([with_current(p)[0] for p in rows])
-    finite = np.isfinite(A).all(axis=(1, 2))
-    rates = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], A, 0.0))).max(axis=1)
-    return np.asarray(finite & (rates * Ts <= MOST_RATE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,10 +112,10 @@ class Servo(Plant):
         # Extreme parameters may overflow; such a run is out of range.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             linear, friction = coefficients(p)
-            slow = _surely_slow_enough(linear, self.Ts)
+            slow = surely_slow_enough(linear, self.Ts)
         # Eigenvalues of the few runs that are close to the limit or beyond it.
         doubtful = np.flatnonzero(~slow)
-        slow[doubtful] = _slow_enough([{name: float(p[name][i]) for name in p} for i in doubtful], self.Ts)
+        slow[doubtful] = slow_enough([{name: float(p[name][i]) for name in p} for i in doubtful], self.Ts)
         usual = coefficients(self.nominal)
         return ServoDelta(
             linear=np.where(slow[:, None], linear, usual[0]),
@@ -175,7 +134,7 @@ class Servo(Plant):
         w: Float[Array, "runs 4"],
     ) -> Motion:
         """Advance one sample with constant voltage, then add the process noise."""
-        from rmpc_bench.plants.servo_compiled import servo_step
+        from rmpc_bench.models.servo_compiled import servo_step
 
         x_next, status = servo_step(self.compiled_form(delta, 1), x, u, w)
         return Motion(x_next, np.where(delta.status != Status.OK, delta.status, status))
@@ -199,7 +158,7 @@ class Servo(Plant):
         first: int = 0,
     ) -> Float[Array, "runs steps parts 5"]:
         """Advance every period in equal parts, each as exactly as a whole period."""
-        from rmpc_bench.plants.servo_compiled import compiled_servo, servo_between
+        from rmpc_bench.models.servo_compiled import compiled_servo, servo_between
 
         shorter = compiled_servo(delta.linear, delta.friction, self.Ts / parts, TOLERANCE, delta.status)
         return servo_between(shorter, x, u, parts)
@@ -208,7 +167,7 @@ class Servo(Plant):
 
     def compiled_form(self, delta: ServoDelta, n_steps: int) -> CompiledPlant:
         """Return the compiled step with the coefficients of every run."""
-        from rmpc_bench.plants.servo_compiled import compiled_servo
+        from rmpc_bench.models.servo_compiled import compiled_servo
 
         return compiled_servo(delta.linear, delta.friction, self.Ts, TOLERANCE, delta.status)
 
@@ -314,7 +273,7 @@ class ServoLinear(Plant):
 def design(
     Ts: float,
     *,
-    L: Positive = 0.8,
+    L: Positive = INDUCTANCE,
     J_m: Positive = TABLE_1["J_m"],
     beta_m: NonNegative = TABLE_1["beta_m"],
     R: Positive = TABLE_1["R"],
@@ -323,12 +282,12 @@ def design(
     k_theta: Positive = TABLE_1["k_theta"],
     J_l: Positive = TABLE_1["J_l"],
     beta_l: NonNegative = TABLE_1["beta_l"],
-    alpha_l0: NonNegative = 0.5,
-    alpha_l1: NonNegative = 10.0,
-    alpha_l2: NonNegative = 0.5,
-    alpha_m0: NonNegative = 0.1,
-    alpha_m1: NonNegative = 2.0,
-    alpha_m2: NonNegative = 0.5,
+    alpha_l0: NonNegative = FRICTION["alpha_l0"],
+    alpha_l1: NonNegative = FRICTION["alpha_l1"],
+    alpha_l2: NonNegative = FRICTION["alpha_l2"],
+    alpha_m0: NonNegative = FRICTION["alpha_m0"],
+    alpha_m1: NonNegative = FRICTION["alpha_m1"],
+    alpha_m2: NonNegative = FRICTION["alpha_m2"],
 ) -> Servo:
     """Nonlinear servomechanism; `perturb` and `set` accept all parameters listed here.
 
@@ -358,7 +317,7 @@ def design(
     """
     given = locals()
     nominal = {name: float(given[name]) for name in ("L", *TABLE_1, *FRICTION)}
-    if not _slow_enough([nominal], Ts)[0]:
+    if not slow_enough([nominal], Ts)[0]:
         raise DesignError(f"|eigenvalue| Ts of the linear part exceeds {MOST_RATE:,.0f}: increase L or an inertia", "L")
     return Servo(Ts, nominal)
 

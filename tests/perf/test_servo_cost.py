@@ -24,7 +24,7 @@ METHODS, BLOCK, RUNS, ROUNDS, JUDGED = ("S-MPC", "R-MPC1", "R-MPC2", "R-MPC3"), 
 
 def taylor(rows, Ts, tolerance):
     """Return (x, u) -> x after a sample by the plant's kernel with a tolerance."""
-    from rmpc_bench.plants.servo_compiled import compiled_servo, servo_step
+    from rmpc_bench.models.servo_compiled import compiled_servo, servo_step
 
     made = [servo.coefficients(p) for p in rows]
     linear, friction = (np.stack(part) for part in zip(*made, strict=True))

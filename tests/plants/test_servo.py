@@ -13,7 +13,8 @@ from scipy.linalg import expm
 
 from rmpc_bench.controllers import mpc
 from rmpc_bench.estimators import kalman, robust_kalman
-from rmpc_bench.plants import servo, servo_kernel
+from rmpc_bench.models import servo_kernel
+from rmpc_bench.plants import servo
 
 NO_NOISE = np.zeros((1, 4))
 FRICTIONLESS = {name: 0.0 if name.startswith("alpha") else value for name, value in TABLE_2.items()}
@@ -22,7 +23,7 @@ ANGLE = 1e-11
 
 
 def test_the_kernel_is_compiled_and_the_shape_checks_do_not_wrap_it():
-    """Oracle: the import hook of conftest.py covers plants/servo.py and not plants/servo_kernel.py."""
+    """Oracle: the import hook of conftest.py covers plants/servo.py and not models/servo_kernel.py."""
     assert isinstance(servo_kernel.servo_advance, numba.core.registry.CPUDispatcher)
     assert hasattr(servo.design, "__wrapped__")
 

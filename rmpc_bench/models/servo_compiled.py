@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.servo_kernel import WORK, servo_advance
 from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.numerics.linear_loop_kernel import ROWS, first_state, ready, rows_kernel
-from rmpc_bench.plants.servo_kernel import WORK, servo_advance
 from rmpc_bench.types import Array, CompiledPlant, Statuses
 
 NO_SIZES = np.zeros(1, dtype=np.int64)
@@ -23,7 +23,7 @@ def compiled_servo(
 
     Parameters
     ----------
-    linear, friction : coefficients of every run, see `plants.servo.coefficients`
+    linear, friction : coefficients of every run, see `models.servo_equations.coefficients`
     Ts : sampling time [s]
     tolerance : bound of the last terms of a Taylor series relative to its largest term
     status : of every run, from its parameters
