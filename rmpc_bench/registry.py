@@ -47,6 +47,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
     "estimators": {
         "oracle": "rmpc_bench.estimators.oracle:design",
         "kalman": "rmpc_bench.estimators.kalman:design",
+        "directional-kalman": "rmpc_bench.estimators.directional_kalman:design",
         "robust-kalman": "rmpc_bench.estimators.robust_kalman:design",
         "risk-sensitive": "rmpc_bench.estimators.risk_sensitive:design",
         "kalman-predictor": "rmpc_bench.estimators.kalman_predictor:design",
@@ -83,9 +84,15 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "steps": "rmpc_bench.simulation.input_signals:steps",
     },
     "noises": {
+        "coloured": "rmpc_bench.noise.correlated:coloured",
         "corners": "rmpc_bench.noise.bounded:corners",
+        "drift": "rmpc_bench.noise.correlated:drift",
         "ellipsoid": "rmpc_bench.noise.bounded:ellipsoid",
         "gaussian": "rmpc_bench.noise.gaussian:gaussian",
+        "missing": "rmpc_bench.noise.measurement:missing",
+        "outliers": "rmpc_bench.noise.heavy_tailed:outliers",
+        "quantised": "rmpc_bench.noise.measurement:quantised",
+        "student-t": "rmpc_bench.noise.heavy_tailed:student_t",
         "uniform": "rmpc_bench.noise.bounded:uniform",
     },
     "metrics": {
