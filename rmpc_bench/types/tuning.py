@@ -165,7 +165,7 @@ class TuningSearch:
         return self.protocol.objective(self.tuning)
 
     @cached_property
-    def test_objectives(self) -> Float[Array, "n+1"] | None:
+    def test_objectives(self) -> Float[Array, " rows"] | None:
         """Objective of each candidate and, last, of the default, on the runs of the experiment; None without them."""
         return None if self.test is None else self.protocol.objective(self.test)
 
