@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.matrix_sizes import expanded, sizes_of
+from rmpc_bench.models.noise_covariances import SAME_SCALE, NoiseScale
 from rmpc_bench.models.uncertain_system import depends_on_k, entries_of, values_at
 from rmpc_bench.numerics.linalg import as_covariance, as_vector
 from rmpc_bench.types import Array, DesignError, Model, SystemMatrix
@@ -69,11 +70,13 @@ class MixedModel(Model):
     ----------
     matrices : matrices by the names of `TABLE`
     w_mean, v_mean : (nx,), (ny,) known means of the noises
+    scale : factors on the standard deviations of the stochastic noises
     """
 
     matrices: Mapping[str, MatrixOverTime]
     w_mean: Float[Array, " nx"]
     v_mean: Float[Array, " ny"]
+    scale: NoiseScale = SAME_SCALE
     _made: dict[tuple[str, int], Any] = field(default_factory=dict, init=False, repr=False)
     """Cache of evaluated matrices by name and k; a constant one is stored at k = 0."""
 
@@ -130,10 +133,14 @@ class MixedModel(Model):
         """Pickle without the cache; a worker fills its own."""
         return {**vars(self), "_made": {}}
 
+    @property
+    def _factors(self) -> Mapping[str, float]:
+        return {"P_w": self.scale.process**2, "P_v": self.scale.measurement**2}
+
     def _at(self, name: str, k: int) -> Array:
         k = k if self.matrices[name].varies else 0
         if (name, k) not in self._made:
-            self._made[name, k] = self.matrices[name].at(k)
+            self._made[name, k] = self._factors.get(name, 1.0) * self.matrices[name].at(k)
         made: Array = self._made[name, k]
         return made
 
@@ -150,6 +157,7 @@ def design(
     M_v: SystemMatrix = 0.0,
     w_mean: float | list[float] = 0.0,
     v_mean: float | list[float] = 0.0,
+    scale: NoiseScale | None = None,
 ) -> MixedModel:
     """Linear model with stochastic and bounded noises; `from: plant` uses the plant's A, B and C.
 
@@ -168,6 +176,7 @@ def design(
     M_v : (ny, ny) shape matrix of the ellipsoid E(0, M_v) that contains the bounded measurement noise
     w_mean : (nx,) known mean of the process noise
     v_mean : (ny,) known mean of the measurement noise
+    scale : factors on the standard deviations of the stochastic noises, such as {measurement: 0.1}; the sets stay
 
     Raises
     ------
@@ -186,7 +195,7 @@ def design(
     for each in matrices.values():
         for k in range(n_steps + 1 if each.varies else 1):
             each.at(k)
-    return MixedModel(matrices, means["w_mean"], means["v_mean"])
+    return MixedModel(matrices, means["w_mean"], means["v_mean"], scale or SAME_SCALE)
 
 
 def _read(values: Mapping[str, Any]) -> dict[str, MatrixOverTime]:

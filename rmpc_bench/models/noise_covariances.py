@@ -1,4 +1,4 @@
-"""Covariances of the noises of a design model that is made from a plant."""
+"""Covariances of the noises of a design model: of one that is made from a plant, and factors on given ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from jaxtyping import Float
 
 from rmpc_bench.numerics.linalg import as_covariance
-from rmpc_bench.types import Array, DesignError, Matrix
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative
 
 
 @dataclass(frozen=True)
@@ -38,3 +38,20 @@ class DesignNoise:
             except ValueError as error:
                 raise DesignError(str(error), f"noise.{name}") from None
         return found[0], found[1]
+
+
+@dataclass(frozen=True)
+class NoiseScale:
+    """Factors on the standard deviations of the noises of a design model; the noise of the plant does not change.
+
+    Parameters
+    ----------
+    process : factor on the standard deviation of the process noise; its covariance is multiplied by the square
+    measurement : factor on the standard deviation of the measurement noise
+    """
+
+    process: NonNegative = 1.0
+    measurement: NonNegative = 1.0
+
+
+SAME_SCALE = NoiseScale()

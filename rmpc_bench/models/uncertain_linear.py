@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.noise_covariances import SAME_SCALE, NoiseScale
 from rmpc_bench.models.uncertain_system import Matrices, UncertainSystem, takes_matrices, uncertain_system
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, symmetrise
 from rmpc_bench.types import Array, DesignError, Matrix, Model, SystemMatrix, does_not_fit
@@ -94,6 +95,7 @@ def design(
     S: float | list[list[float]] = 0.0,
     wbar: float | list[float] = 0.0,
     vbar: float | list[float] = 0.0,
+    scale: NoiseScale | None = None,
     **matrices: SystemMatrix,
 ) -> UncertainModel:
     """Uncertain linear model; `from: plant` uses the plant's matrices where none are given.
@@ -110,6 +112,7 @@ def design(
     S : (nw, nv) cross-covariance of w and v
     wbar : (nw,) mean of w
     vbar : (nv,) mean of v
+    scale : factors on the standard deviations of w (`process`) and v (`measurement`), such as {measurement: 0.1}
 
     Raises
     ------
@@ -120,7 +123,9 @@ def design(
     nw, nv = system.size("nw"), system.size("nv")
     cov_w, cov_v = _sized("W", as_covariance, W, nw), _sized("V", as_covariance, V, nv)
     mean_w, mean_v = _sized("wbar", as_vector, wbar, nw), _sized("vbar", as_vector, vbar, nv)
-    return UncertainModel(system, cov_w, cov_v, _cross(S, cov_w, cov_v), mean_w, mean_v)
+    cross, factor = _cross(S, cov_w, cov_v), scale or SAME_SCALE
+    cov_w, cov_v = factor.process**2 * cov_w, factor.measurement**2 * cov_v
+    return UncertainModel(system, cov_w, cov_v, factor.process * factor.measurement * cross, mean_w, mean_v)
 
 
 def _sized(name: str, expand: Callable[[Any, int], Array], value: Any, n: int) -> Array:

@@ -8,6 +8,7 @@ from conftest import ROUND, random_model, random_psd, within_stat
 from estimators.mixed_systems import in_ellipsoid
 
 from rmpc_bench.models.mixed_noise import design
+from rmpc_bench.models.noise_covariances import NoiseScale
 from rmpc_bench.models.noise_sets import NoiseSets, uniform_covariance, with_noise_kind
 from rmpc_bench.numerics.ellipsoid import sum_shape
 from rmpc_bench.types import DesignError, Model
@@ -145,3 +146,15 @@ def test_a_matched_model_keeps_the_rest():
         (now.d0, [2.0]), (now.A, model.at(1).A),
     ):  # fmt: skip
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_scale_multiplies_standard_deviations():
+    """Oracle: by hand; the sets and the matrices of the system stay."""
+    given = {"A": 0.5, "C": 1.0, "P_w": 0.25, "P_v": 4.0, "M_w": 5.0, "M_v": 2.0}
+    scaled, model = design(2, **given, scale=NoiseScale(process=3.0, measurement=0.1)), design(2, **given)
+    np.testing.assert_array_equal(scaled.at(1).Q_w, [[2.25]])
+    np.testing.assert_allclose(scaled.at(1).R_v, [[0.04]], **ROUND)
+    for name in ("A", "C", "f0", "d0"):
+        np.testing.assert_array_equal(getattr(scaled.at(1), name), getattr(model.at(1), name))
+    assert scaled.M_w(1) == model.M_w(1) and scaled.M_v(1) == model.M_v(1)
+    assert scaled.at(0) is scaled.at(2)

@@ -7,6 +7,7 @@ import pytest
 from conftest import ROUND, random_psd
 from plants.uncertain_twin import SIZES, at, random_given
 
+from rmpc_bench.models.noise_covariances import NoiseScale
 from rmpc_bench.models.uncertain_linear import design
 from rmpc_bench.types import DesignError
 
@@ -130,3 +131,14 @@ def test_scalars_are_enough():
     """Oracle: x+ = a x + w, y = x + v with covariances 2 and 3."""
     now = design(0, A=0.5, C=1.0, Bw=1.0, Dv=1.0, W=2.0, V=3.0, S=1.0).at(0)
     np.testing.assert_allclose([now.Q_w[0, 0], now.R_v[0, 0], now.S_wv[0, 0]], [2.0, 3.0, 1.0], **ROUND)
+
+
+@SYSTEMS
+def test_scale_multiplies_standard_deviations(sizes, rng):
+    """Oracle: the design with the covariances multiplied by hand; means and matrices stay."""
+    given, noises = random_given(rng, sizes, 0), random_noises(rng, sizes["nw"], sizes["nv"])
+    squares = {"W": 9.0, "V": 0.25, "S": 1.5}
+    by_hand = {name: (squares.get(name, 1.0) * np.array(value)).tolist() for name, value in noises.items()}
+    scaled, wanted = design(0, **given, **noises, scale=NoiseScale(3.0, 0.5)), design(0, **given, **by_hand)
+    for name in ("A", "C", "Q_w", "R_v", "S_wv", "f0", "d0"):
+        np.testing.assert_allclose(getattr(scaled.at(0), name), getattr(wanted.at(0), name), **ROUND)
