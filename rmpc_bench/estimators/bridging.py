@@ -50,26 +50,30 @@ class BridgingFilter(GainScheduleFilter):
     ----------
     Q_w, R_v : (1 or samples, ...) covariances of the noises
     use_y0 : whether to use y(0)
+    growth : factor of A P A' in the covariance of the prediction
     """
 
     Q_w: Float[Array, "kQ nx nx"] = field(default_factory=lambda: np.zeros((1, 0, 0)))
     R_v: Float[Array, "kR ny ny"] = field(default_factory=lambda: np.zeros((1, 0, 0)))
     use_y0: bool = True
+    growth: float = 1.0
     bridges_missing = True
 
     @classmethod
-    def of(cls, schedule: GainScheduleFilter, models: Sequence[LinearModel], *, use_y0: bool) -> BridgingFilter:
+    def of(
+        cls, schedule: GainScheduleFilter, models: Sequence[LinearModel], *, use_y0: bool, growth: float = 1.0
+    ) -> BridgingFilter:
         """Return a schedule as a filter that bridges missing measurements.
 
         Parameters
         ----------
         schedule : with the series `P_pred` of the recursion without an inflated covariance
         models : the model at k = 0..N
-        use_y0 : as in the design of the schedule
+        use_y0, growth : as in the design of the schedule
         """
         given = {each.name: getattr(schedule, each.name) for each in fields(schedule)}
         Q_w, R_v = over_time([each.Q_w for each in models]), over_time([each.R_v for each in models])
-        return cls(**given, Q_w=Q_w, R_v=R_v, use_y0=use_y0)
+        return cls(**given, Q_w=Q_w, R_v=R_v, use_y0=use_y0, growth=growth)
 
     def init(self, n_runs: int) -> Any:
         """Start every run at ``x0``."""
@@ -95,7 +99,7 @@ class BridgingFilter(GainScheduleFilter):
         S = _with_rows(self.S, k, rows, step.S, len(y))
         F = at_sample(self.F, k)
         P_next, shift = state.P.copy(), state.shift.copy()
-        P_next[rows] = symmetrise(congruence(F, step.P) + at_sample(self.Q_w, k))
+        P_next[rows] = symmetrise(self.growth * congruence(F, step.P) + at_sample(self.Q_w, k))
         shift[rows] = mv(F, mv(step.L, e))
         info = {**estimate.info, "S": S}
         return (

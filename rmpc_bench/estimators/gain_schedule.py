@@ -196,6 +196,7 @@ def riccati_schedule(
     inflate: Callable[[int, Array], Inflation],
     form: Form = "filter",
     use_y0: bool = True,
+    growth: float = 1.0,
 ) -> GainScheduleFilter:
     """Run a Riccati recursion whose prediction covariance is replaced by ``inflate(k, P_pred)`` before it is used.
 
@@ -208,6 +209,7 @@ def riccati_schedule(
     inflate : maps (k, P_pred) to the covariance V that replaces P_pred, and its multiplier theta
     form : `filter` uses y(k) for x_hat(k); `predictor` does not, and its P is V
     use_y0 : whether to use y(0)
+    growth : factor of A P A' in the covariance of the prediction
 
     Raises
     ------
@@ -221,7 +223,8 @@ def riccati_schedule(
         try:
             inflation = inflate(k, P_pred[-1])
             counts = k > 0 or use_y0
-            step = (filter_step if counts else unmeasured_step)(now.A, now.C, now.Q_w, now.R_v, inflation.V)
+            take = filter_step if counts else unmeasured_step
+            step = take(now.A, now.C, now.Q_w, now.R_v, inflation.V, growth)
         except np.linalg.LinAlgError:
             refuse_overflow(P_pred)
             raise singular_innovation(k) from None
