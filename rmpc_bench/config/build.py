@@ -18,6 +18,7 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.first_calls import FirstCalls
 from rmpc_bench.config.identity import sweep_point
+from rmpc_bench.config.missing_measurements import refuse_unbridged
 from rmpc_bench.config.model_facts import model_facts
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plant_range import build_range, given_bounds, mean_start, refuse_start
@@ -126,7 +127,7 @@ class _ExperimentBuilder:
         laws = NoiseLaws(draft, lambda: self.methods.undisturbed(draft.model))
         x0_noise = laws.terms(draft.initial["laws"], plant.nx, "initial")
         process = laws.terms(draft.noise.get("process", ()), plant.nw, "process")
-        measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement")
+        measurement = laws.terms(draft.noise.get("measurement", ()), plant.nv, "measurement", plant.ny)
         if x0 is None or draft.values["seed"] is None or not set(draft.parameter_changes) <= set(plant.nominal):
             return None
         scenario = Scenario(
@@ -266,6 +267,8 @@ def _experiment(
     builder.refuse_reference(reference, methods)
     builder.refuse_unreachable(reference, plant, scenario)
     state_range = build_range(draft, plant, None if scenario is None else scenario.x0)
+    if scenario is not None:
+        refuse_unbridged(draft, scenario, methods)
     opposed = builder.opposed(plant, methods, scenario) if scenario is not None else None
     if scenario is None or opposed is None or draft.problems or any(method is None for method in methods):
         return None

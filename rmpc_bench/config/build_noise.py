@@ -26,7 +26,7 @@ class NoiseLaws:
     def __init__(self, draft: DraftConfig, model: Callable[[], Any]) -> None:
         self.draft, self.model = draft, model
 
-    def terms(self, laws: tuple[NoiseTerm, ...], n: int, channel: str) -> tuple[Noise, ...]:
+    def terms(self, laws: tuple[NoiseTerm, ...], n: int, channel: str, ny: int | None = None) -> tuple[Noise, ...]:
         """Build the terms of a sum.
 
         Parameters
@@ -34,15 +34,19 @@ class NoiseLaws:
         laws : as configured
         n : length of the vector
         channel : ``process``, ``measurement`` or ``initial``, the deviation of the true initial state
+        ny : number of outputs, for laws that alter a measurement (default: n)
         """
-        return tuple(term for law in laws for term in self._terms(law, n, channel))
+        return tuple(term for law in laws for term in self._terms(law, n, channel, n if ny is None else ny))
 
-    def _terms(self, law: NoiseTerm, n: int, channel: str) -> tuple[Noise, ...]:
+    def _terms(self, law: NoiseTerm, n: int, channel: str, ny: int) -> tuple[Noise, ...]:
         if law.law is not None:
-            made = law.law.build(self.draft.problems, n=n, Ts=self.draft.values["time"].step)
-            if channel == "initial" and made is not None and made.has_bursts:
-                self.draft.problems.append(law.law.problem("an initial state has no bursts", "bursts"))
-            return (made,) if made is not None else ()
+            made = law.law.build(self.draft.problems, n=n, ny=ny, Ts=self.draft.values["time"].step)
+            if made is None:
+                return ()
+            reason, key = _unfit(made, law.law.kind, channel)
+            if reason:
+                self.draft.problems.append(law.law.problem(reason, key))
+            return () if reason else (made,)
         model = self.model()
         if model is None:
             return ()
@@ -88,6 +92,17 @@ class NoiseLaws:
                 ["noise", "cross"] if isinstance(given, Mapping) and "cross" in given else ["noise"], str(error)
             )
             return scenario
+
+
+def _unfit(law: Noise, kind: str, channel: str) -> tuple[str, str]:
+    """Return why a law cannot be one of a channel, and the key to blame; empty where it can."""
+    if law.alters_output and channel != "measurement":
+        return f"{kind!r} alters a measurement; it is a law of noise.measurement", ""
+    if channel == "initial" and law.has_bursts:
+        return "an initial state has no bursts", "bursts"
+    if channel == "initial" and not law.is_white:
+        return f"an initial state is a single sample, and {kind!r} describes a correlation over time; use gaussian", ""
+    return "", ""
 
 
 def _model_law(model: Any, n: int, channel: str) -> tuple[Array, Array, Any]:

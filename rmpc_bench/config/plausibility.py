@@ -161,8 +161,9 @@ def _noise(kind: str, model: Model, experiment: Experiment) -> Iterator[str]:
 
 
 def _silent(terms: tuple[Noise, ...]) -> bool:
-    """Whether a noise is known to be always 0."""
-    return all(moment is not None and not moment.any() for term in terms for moment in (term.mean, term.cov))
+    """Whether a noise is known to be always 0; a missing measurement is no noise."""
+    added = [term for term in terms if not term.omits_measurements]
+    return all(moment is not None and not moment.any() for term in added for moment in (term.mean, term.cov))
 
 
 def _disconnected(A: Array, B: Array) -> float | None:

@@ -42,7 +42,7 @@ PROVIDED: dict[str, frozenset[str]] = {
     "controllers": frozenset({"model", "n_steps", "estimator", "Ts", "plant_info"}),
     "references": frozenset({"ny", "Ts"}),
     "inputs": frozenset({"nu", "Ts", "n_steps"}),
-    "noises": frozenset({"n", "Ts"}),
+    "noises": frozenset({"n", "ny", "Ts"}),
     "metrics": frozenset(),
     "figures": frozenset(),
 }

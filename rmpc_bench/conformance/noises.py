@@ -1,4 +1,4 @@
-"""Checks of noise laws: draws depend on the generator only and have the stated moments."""
+"""Checks of noise laws: draws depend on the generator only and have the stated moments; measurements as altered."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ class NoiseExample:
     ----------
     n : dimension of the noise
     n_samples : samples of a short draw
-    n_many : samples of the draw whose mean and covariance are compared with the law's
+    n_many : samples whose mean and covariance are compared with the law's: those of one draw, or of a law that is
+        correlated over time the last samples of short draws
     seed : of the generators
     """
 
@@ -37,6 +38,13 @@ class NoiseExample:
     def draw(self, law: Noise, n_samples: int | None = None) -> Float[Array, "samples n"]:
         """Noise of one run from a fresh generator."""
         return law.draw(np.random.default_rng(self.seed), self.n_samples if n_samples is None else n_samples)
+
+    def many(self, law: Noise) -> Float[Array, "many n"]:
+        """Independent samples of the noise."""
+        if law.is_white:
+            return self.draw(law, self.n_many)
+        seeds = np.random.SeedSequence(self.seed).spawn(self.n_many)
+        return np.array([law.draw(np.random.default_rng(seed), self.n_samples)[-1] for seed in seeds])
 
 
 def _base_class(law: Any, _: NoiseExample) -> None:
@@ -72,15 +80,36 @@ def _bursts(law: Noise, example: NoiseExample) -> None:
 
 
 def _moments(law: Noise, example: NoiseExample) -> None:
-    if law.mean is None or law.cov is None:
+    # Without a covariance the error of a mean is not known.
+    if law.mean is None or (law.cov is None and law.is_white):
         return
-    noise = example.draw(law, example.n_many)
+    noise = example.many(law)
     error = noise.std(axis=0) / np.sqrt(example.n_many) + 1e-300
     require(bool((np.abs(noise.mean(axis=0) - law.mean) <= MOST_ERRORS * error).all()), "the draws have another mean")
+    if law.cov is None:
+        return
     products = np.einsum("ki,kj->kij", noise - law.mean, noise - law.mean)
     error = products.std(axis=0) / np.sqrt(example.n_many) + 1e-12 * np.abs(law.cov).max(initial=0.0)
     away = np.abs(products.mean(axis=0) - law.cov)
     require(bool((away <= MOST_ERRORS * error).all()), "the draws have another covariance")
+
+
+def _altered(law: Noise, example: NoiseExample) -> None:
+    if not law.alters_output:
+        require(not law.omits_measurements, "a law that omits measurements declares `alters_output`")
+        return
+    require(law.mean is None and law.cov is None, "a law that alters measurements has no mean and no cov")
+    drawn = example.draw(law)
+    y = np.random.default_rng(example.seed + 1).standard_normal(drawn.shape)
+    kept = y.copy(), drawn.copy()
+    found = law.altered(y, drawn)
+    require(found.shape == y.shape, f"altered returns shape {found.shape} instead of {y.shape}")
+    require_same("the measurements and the numbers of a draw", (y, drawn), kept)
+    require(law.omits_measurements or bool(np.isfinite(found).all()), "a measurement is not finite")
+    rows = [law.altered(y[row : row + 1], drawn[row : row + 1])[0] for row in range(len(y))]
+    require_same("a measurement altered by itself", np.array(rows), found)
+    y[0] = np.nan
+    require(bool(np.isnan(law.altered(y, drawn)[0]).all()), "a missing measurement has a value")
 
 
 NoiseExample.checks = (
@@ -91,4 +120,5 @@ NoiseExample.checks = (
     Check("prefix", "a longer draw begins with the shorter one", _prefix),
     Check("bursts", "bursts have the declared names and depend on the generator alone", _bursts),
     Check("moments", "draws have the mean and the covariance that the law states", _moments),
+    Check("altered", "a law that alters measurements does so run by run, and a missing one stays missing", _altered),
 )

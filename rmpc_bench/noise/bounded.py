@@ -7,25 +7,24 @@ Source  ma2025, (1), (74), (75); Section V for the skewed cube.  A point of this
         key `outside` selects how it is treated.
 Limit   `ellipsoid` with skew 1/2 and outside `reject` is uniform in the ellipsoid.
 Sums    {sum: [{gaussian: {cov: 0.25}}, {ellipsoid: {shape: 5}}]} adds noises; each one has its own random stream.
-Bursts  are time intervals in which the box is larger.  The law then depends on k and has no moments `mean` and `cov`.
+Bursts  are time intervals in which the noise is larger.  The law then depends on k and has no moments `mean` and `cov`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
-from annotated_types import Ge, Le
 from jaxtyping import Float
 
-from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, placed
+from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
+from rmpc_bench.noise.parameters import Share, matrix, vector
 from rmpc_bench.noise.points import Ball, Box, Corners, KnownPoints, Points, ProjectedCube, RejectedCube, SkewedCube
 from rmpc_bench.numerics.burst_times import Burst
-from rmpc_bench.numerics.linalg import as_covariance, as_matrix, as_vector, psd_sqrt, symmetrise
+from rmpc_bench.numerics.linalg import as_covariance, psd_sqrt, symmetrise
 from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
-Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
 SKEW = 0.9
 """Share of positive coordinates in ma2025."""
 SINGULAR = 1e-12
@@ -40,10 +39,10 @@ class BoundedNoise(CenteredNoise):
     factor: Float[Array, "n n"]
     points: Points
 
-    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
-        """Noise of one run."""
-        noise: Array = self.center + self.deviation(rng, n_samples)
-        return noise
+    @property
+    def n_children(self) -> int:
+        """Number of children of the generator that the points use."""
+        return self.points.n_children
 
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its center."""
@@ -100,14 +99,20 @@ def uniform(
     DesignError
         If a size does not fit, or a burst does not fit into its window.
     """
-    factor = np.diag(_vector("radius", radius, n))
+    factor = np.diag(vector("radius", radius, n))
     if mix is not None:
-        factor = _matrix("mix", mix, n) @ factor
-    steady = KnownBoundedNoise(_vector("center", center, n), factor, Box())
-    return BurstyNoise(steady, placed(bursts, Ts)) if bursts else steady
+        factor = matrix("mix", mix, n) @ factor
+    return with_bursts(KnownBoundedNoise(vector("center", center, n), factor, Box()), bursts, Ts)
 
 
-def corners(n: int, *, radius: NonNegative | list[NonNegative], center: float | list[float] = 0.0) -> KnownBoundedNoise:
+def corners(
+    n: int,
+    Ts: Positive = 1.0,
+    *,
+    radius: NonNegative | list[NonNegative],
+    center: float | list[float] = 0.0,
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> KnownBoundedNoise | BurstyNoise:
     """Noise at a corner of a box, center - radius or center + radius in every coordinate, all equally likely.
 
     The largest noises of a box are those at its corners: they test a law that is designed for all noises in it.
@@ -115,19 +120,23 @@ def corners(n: int, *, radius: NonNegative | list[NonNegative], center: float | 
     Parameters
     ----------
     n : dimension
+    Ts : sampling time [s], for bursts
     radius : half-width of the box: a number (for every coordinate) or one per coordinate
     center : centre of the box: a number (for every coordinate) or one per coordinate
+    bursts : time intervals in which the deviation from the centre is larger, as in `uniform`
 
     Raises
     ------
     DesignError
-        If a size does not fit.
+        If a size does not fit, or a burst does not fit into its window.
     """
-    return KnownBoundedNoise(_vector("center", center, n), np.diag(_vector("radius", radius, n)), Corners())
+    factor = np.diag(vector("radius", radius, n))
+    return with_bursts(KnownBoundedNoise(vector("center", center, n), factor, Corners()), bursts, Ts)
 
 
 def ellipsoid(
     n: int,
+    Ts: Positive = 1.0,
     *,
     shape: Matrix | Array,
     law: Literal["uniform", "skewed-cube"] = "uniform",
@@ -136,7 +145,8 @@ def ellipsoid(
     center: float | list[float] = 0.0,
     skew: Share = SKEW,
     scale: NonNegative = 1.0,
-) -> BoundedNoise:
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> BoundedNoise | BurstyNoise:
     """Noise center + scale L u for an ellipsoid with the shape matrix M, where L is a root of M.
 
     `uniform`: u is uniform in the unit ball, so that the noise is uniform in the ellipsoid.  `skewed-cube` (ma2025,
@@ -146,6 +156,7 @@ def ellipsoid(
     Parameters
     ----------
     n : dimension
+    Ts : sampling time [s], for bursts
     shape : M, positive semidefinite: a number (times the identity), a diagonal or a matrix
     law : how u is distributed, `uniform` or `skewed-cube`
     root : root L: `symmetric` (L L = M), `lower` (Cholesky, L L' = M), or `upper`, the factor R with R' R = M that
@@ -156,29 +167,35 @@ def ellipsoid(
     center : centre of the ellipsoid: a number (for every coordinate) or one per coordinate
     skew : probability of a positive coordinate of the skewed cube
     scale : factor on L
+    bursts : time intervals in which the deviation from the centre is larger, as in `uniform`
 
     Raises
     ------
     DesignError
         If a size does not fit, the shape is not positive semidefinite, a Cholesky factor of a singular shape is
-        required, or `outside` or `skew` is given for the uniform law.
+        required, `outside` or `skew` is given for the uniform law, or a burst does not fit into its window.
     """
     try:
         M = as_covariance(shape, n)
     except ValueError as error:
         raise DesignError(str(error), "shape") from None
-    factor, middle = scale * _root(M, root), _vector("center", center, n)
+    factor, middle, points = scale * _root(M, root), vector("center", center, n), _points(n, law, outside, skew)
+    if isinstance(points, KnownPoints):
+        return with_bursts(KnownBoundedNoise(middle, factor, points), bursts, Ts)
+    return with_bursts(BoundedNoise(middle, factor, points), bursts, Ts)
+
+
+def _points(n: int, law: str, outside: str, skew: float) -> Points:
+    """Return the law of u."""
     if law == "uniform":
         for name, given in (("outside", outside != "keep"), ("skew", skew != SKEW)):
             if given:
                 raise DesignError("can only be given with law: skewed-cube", name)
-        return KnownBoundedNoise(middle, factor, Ball())
+        return Ball()
     cube = SkewedCube(skew)
     if outside == "keep" or n == 1:  # in one dimension the cube is the ball
-        return KnownBoundedNoise(middle, factor, cube)
-    if outside == "reject":
-        return KnownBoundedNoise(middle, factor, RejectedCube(cube))
-    return BoundedNoise(middle, factor, ProjectedCube(cube))
+        return cube
+    return RejectedCube(cube) if outside == "reject" else ProjectedCube(cube)
 
 
 def _root(M: Float[Array, "n n"], kind: str) -> Float[Array, "n n"]:
@@ -189,17 +206,3 @@ def _root(M: Float[Array, "n n"], kind: str) -> Float[Array, "n n"]:
         raise DesignError(f"the shape is singular and has a symmetric root only (got {kind!r})", "root")
     lower: Array = np.linalg.cholesky(M)
     return lower if kind == "lower" else lower.T
-
-
-def _matrix(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
-    try:
-        return as_matrix(value, n)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
-
-
-def _vector(name: str, value: float | list[float], n: int) -> Float[Array, " n"]:
-    try:
-        return as_vector(value, n)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None

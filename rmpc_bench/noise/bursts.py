@@ -2,11 +2,12 @@
 
 Model   noise(k) = center + g(k) z(k), where z is the noise without bursts and g(k) the product of the factors of all
         bursts that contain sample k, or 1 outside bursts.  A burst contains the samples k with from <= k Ts <= to.
+        In a drift g(k) multiplies the increment that leads to sample k.
 Source  belda2017, Section VI: twice the width in <3.4 s, 4 s> and <6.2 s, 6.6 s>.  Random bursts are an addition.
 Limit   Bursts with factor 1 do not change the noise.
 Streams z is drawn from the generator of the law, random bursts from a child of this generator: z does not depend on the
-        bursts.  The child draws the factor first, then duration and start of each burst, so that an additional window
-        does not change the earlier bursts.
+        bursts.  A law whose z needs children itself takes the first ones.  The child of the bursts draws the factor
+        first, then duration and start of each burst, so that an additional window does not change the earlier bursts.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,6 +23,7 @@ from jaxtyping import Bool, Float
 from rmpc_bench.noise.distributions import Uniform
 from rmpc_bench.numerics.burst_times import Burst, Span, samples_of, spans_of
 from rmpc_bench.types import Array, DesignError, Noise, NonNegative
+from rmpc_bench.types.attribute import attribute
 
 Range: TypeAlias = NonNegative | tuple[NonNegative, NonNegative]
 """A number, or the ends of the range in which it is uniform."""
@@ -116,11 +118,33 @@ class DrawnBursts(Bursts):
 class CenteredNoise(Noise, ABC):
     """Noise with a center."""
 
-    center: Float[Array, " n"]
+    @attribute
+    def center(self) -> Float[Array, " n"]:
+        """Value from which bursts enlarge the deviation."""
+        raise NotImplementedError("center")
+
+    @attribute
+    def n_children(self) -> int:
+        """Number of children of the generator that `deviation` uses."""
+        return 0
 
     @abstractmethod
     def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run without its center."""
+
+    def enlarged(self, rng: np.random.Generator, gain: Float[Array, " samples"]) -> Float[Array, "samples n"]:
+        """Deviation of one run, with a factor for every sample."""
+        deviation: Array = gain[:, None] * self.deviation(rng, len(gain))
+        return deviation
+
+    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run."""
+        noise: Array = self.center + self.deviation(rng, n_samples)
+        return noise
+
+
+Steady = TypeVar("Steady", bound=CenteredNoise)
+"""A noise without bursts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +156,17 @@ class BurstyNoise(Noise):
 
     has_bursts = True
 
+    @property
+    def is_white(self) -> bool:
+        """Whether samples at different k are independent."""
+        return self.steady.is_white
+
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
         """Noise of one run."""
         gain = np.ones(n_samples)
         for first, last, factor in self._spans(rng):
             gain[first : last + 1] *= factor
-        noise: Array = self.steady.center + gain[:, None] * self.steady.deviation(rng, n_samples)
+        noise: Array = self.steady.center + self.steady.enlarged(rng, gain)
         return noise
 
     @property
@@ -157,8 +186,37 @@ class BurstyNoise(Noise):
         return inside
 
     def _spans(self, rng: np.random.Generator) -> Sequence[Span]:
-        # Spawning a child does not change the state of the generator.
-        return self.bursts.spans(rng.spawn(1)[0])
+        return self.bursts.spans(child_of(rng, self.steady.n_children))
+
+
+def child_of(rng: np.random.Generator, number: int) -> np.random.Generator:
+    """Return a child of a fresh generator, counted from 0: that of `Generator.spawn`, without counting it.
+
+    Parameters
+    ----------
+    rng : generator whose seed is a SeedSequence
+    number : of the child; another number is an independent stream
+    """
+    seed: Any = rng.bit_generator.seed_seq
+    child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number), pool_size=seed.pool_size)
+    return np.random.Generator(type(rng.bit_generator)(child))
+
+
+def with_bursts(steady: Steady, bursts: list[Burst] | RandomBursts | None, Ts: float) -> Steady | BurstyNoise:
+    """Return a noise with bursts; without any it is the noise itself, with its moments.
+
+    Parameters
+    ----------
+    steady : the noise without bursts
+    bursts : as configured, in seconds
+    Ts : sampling time [s]
+
+    Raises
+    ------
+    DesignError
+        As `placed`.
+    """
+    return BurstyNoise(steady, placed(bursts, Ts)) if bursts else steady
 
 
 def placed(bursts: Sequence[Burst] | RandomBursts, Ts: float) -> Bursts:

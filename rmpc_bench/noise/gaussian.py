@@ -7,51 +7,62 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
+from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
-from rmpc_bench.types import Array, DesignError, Matrix, Noise, NonNegative
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
 
 
 @dataclass(frozen=True, eq=False)
-class Gaussian(Noise):
+class Gaussian(CenteredNoise):
     """Normal noise mean + root z with z ~ N(0, I)."""
 
     mean: Float[Array, " n"]
     root: Float[Array, "n n"]
 
     @property
+    def center(self) -> Float[Array, " n"]:
+        """The mean."""
+        return self.mean
+
+    @property
     def cov(self) -> Float[Array, "n n"]:
         """Covariance of the noise."""
         return self.root @ self.root.T
 
-    def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
-        """Noise of one run."""
+    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run without its mean."""
         z = rng.standard_normal((n_samples, len(self.mean)))
-        noise: Array = self.mean + np.einsum("ij,kj->ki", self.root, z)
-        return noise
+        deviation: Array = np.einsum("ij,kj->ki", self.root, z)
+        return deviation
 
 
 def gaussian(
     n: int,
+    Ts: Positive = 1.0,
     *,
     mean: float | list[float] = 0.0,
     std: NonNegative | list[NonNegative] | None = None,
     cov: Matrix | Array | None = None,
     scale: NonNegative = 1.0,
-) -> Gaussian:
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> Gaussian | BurstyNoise:
     """Normal noise; give either std or cov.
 
     Parameters
     ----------
     n : dimension
+    Ts : sampling time [s], for bursts
     mean : a number (in every coordinate) or one per coordinate
     std : standard deviation, a number or one per coordinate
     cov : covariance: a number (times the identity), a diagonal or a matrix
     scale : factor on the standard deviation
+    bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
 
     Raises
     ------
     DesignError
-        If both or none of std and cov are given, or a size does not fit.
+        If both or none of std and cov are given, a size does not fit, or a burst does not fit into its window.
     """
     if (std is None) == (cov is None):
         raise DesignError("give either std or cov")
@@ -59,6 +70,7 @@ def gaussian(
         root = (
             np.diag(as_vector(std, n)) if std is not None else psd_sqrt(as_covariance(0.0 if cov is None else cov, n))
         )
-        return Gaussian(as_vector(mean, n), scale * root)
+        steady = Gaussian(as_vector(mean, n), scale * root)
     except ValueError as error:
         raise DesignError(str(error)) from None
+    return with_bursts(steady, bursts, Ts)

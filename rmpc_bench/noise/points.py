@@ -23,6 +23,9 @@ class PointMoments(NamedTuple):
 class Points(ABC):
     """A law of points in n dimensions."""
 
+    n_children = 0
+    """Number of children of the generator that `draw` uses."""
+
     @abstractmethod
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Draw points; a longer draw begins with the points of a shorter one."""
@@ -116,6 +119,7 @@ class RejectedCube(KnownPoints):
     """The skewed cube, drawn again until the point is inside the unit ball: uniform there, except for the signs."""
 
     cube: SkewedCube
+    n_children = 1
 
     def draw(self, rng: np.random.Generator, n_samples: int, n: int) -> Float[Array, "samples n"]:
         """Points one by one, those of the cube where they are inside.

@@ -120,6 +120,7 @@ def simulate(
     """Simulate all runs of ``draws`` over samples k = 0..n_steps and return their trajectories.
 
     A run whose status leaves `Status.OK` is frozen: it keeps its last state.  The other runs are not affected.
+    Estimator and controller get y as it is measured, with NaN where it is missing; y of the record has no noise.
     Every array that a component returns is copied at once, so that it may use the same memory again.
 
     Parameters
@@ -158,6 +159,7 @@ def simulate(
             y_true = np.array(moving.output(k, draws.delta, x, no_noise))
             outputs.at(k, x=x, y=y_true)
             y = y_true + v[:, k] if mixes else np.array(moving.output(k, draws.delta, x, v[:, k]))
+            y = draws.altered(k, y)
             status = runs.with_reported(status)
             e, answer = timed.correct(k, e, y)
             estimate = as_estimate(answer)

@@ -25,7 +25,7 @@ class Sample(NamedTuple):
 
     k: int
     y: Float[Array, " ny"]
-    """Measurement."""
+    """Measurement; NaN where it is missing."""
     y_true: Float[Array, " ny"]
     """Output without measurement noise."""
     x: Float[Array, " nx"]
@@ -71,6 +71,7 @@ class Episode:
         self._delta = start.plant(self.plant, draws.delta, draws.x0, self._runs)
         self._x = np.array(self.plant.first_state(self._delta, draws.x0))
         mixes = self.plant.mixes_noise
+        self._draws = draws
         self._w, self._v = self.plant.mix(self._delta, draws.w, draws.v) if mixes else (draws.w, draws.v)
         if estimator is not None:
             self._e = start.estimator(estimator, 1, self._delta, self._runs)
@@ -117,6 +118,7 @@ class Episode:
         y = y_true + self._v[:, k]
         if not plant.mixes_noise:
             y = np.array(plant.output(k, self._delta, self._x, self._v[:, k]))
+        y = self._draws.altered(k, y)
         self._status = self._runs.with_reported(self._status)
         x_hat = None
         if self.estimator is not None:

@@ -99,8 +99,11 @@ def compiled_loop(
 
     Returns
     -------
-    trajectories and statuses; None where measurements are missing that the filter bridges
+    trajectories and statuses; None where a law alters the measurements, or where some are missing that the filter
+    bridges
     """
+    if draws.alterations:
+        return None
     runs = start.runs if start is not None else tuple(range(len(draws.x0)))
     compiled, law = plant.compiled_form(draws.delta, n_steps), method.controller.compiled_form(r, n_steps, runs)
     filter_ = method.estimator.compiled_form()

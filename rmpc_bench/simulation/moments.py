@@ -54,6 +54,11 @@ def exact_laws(plant: Plant, method: Method, scenario: Scenario) -> Laws | str:
     if not isinstance(method.controller, Rest):
         return "there is an input"
     start, noises = scenario.initial_law(), scenario.noise_laws(plant.nw, plant.nv)
+    laws = (*scenario.process, *scenario.measurement)
+    if any(law.alters_output for law in laws):
+        return "a law alters the measurements, and does not add to them"
+    if not all(law.is_white for law in laws):
+        return "a law of noise is correlated over time, so it is not white"
     if start is None or noises is None:
         return f"the moments of a law of {'the initial state' if start is None else 'noise'} are not known"
     return Laws(*start, *noises)

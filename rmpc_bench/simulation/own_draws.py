@@ -26,7 +26,8 @@ def own_draws(scenario: Scenario, plant: Plant, runs: range, n_steps: int, draws
 
     Returns
     -------
-    Copies of the arrays; a record of the plant that consists of anything but arrays and numbers is drawn again.
+    Copies of the arrays; a record of the plant that consists of anything but arrays and numbers is drawn again.  What
+    alters the measurements is not handed to any component, and is not copied.
     """
     try:
         delta = _copied(draws.delta)

@@ -33,6 +33,13 @@ from rmpc_bench.types import (
 )
 
 
+class Alteration(NamedTuple):
+    """A law that alters the measurements, with its random numbers."""
+
+    law: Noise
+    drawn: Float[Array, "runs samples ny"]
+
+
 class Draws(NamedTuple):
     """Everything that is random or given from outside, for a block of runs."""
 
@@ -42,6 +49,20 @@ class Draws(NamedTuple):
     v: Float[Array, "runs samples nv"]
     bursts: Bool[Array, "runs samples"] | None = None
     """Whether a term of v is in a burst; None where none has bursts."""
+    alterations: tuple[Alteration, ...] = ()
+    """What alters the measurements after v was added, in order."""
+
+    def altered(self, k: int, y: Float[Array, "runs ny"]) -> Float[Array, "runs ny"]:
+        """Return what is measured at k, as the laws that alter measurements leave it.
+
+        Parameters
+        ----------
+        k : sample
+        y : outputs with all noise that adds to them
+        """
+        for law, drawn in self.alterations:
+            y = np.array(law.altered(y, drawn[:, k]))
+        return y
 
 
 class RunParameter:
@@ -109,7 +130,7 @@ class Scenario:
     parameters : plant parameters that depend on them, each a function of the named values of a run
     x0 : the true initial state (nx,) but for its deviation
     x0_noise : the terms of its deviation from that; their sum acts
-    process, measurement : the terms of w and v; their sum acts
+    process, measurement : the terms of w and v; their sum acts, and after it those that alter a measurement, in order
     reference : what the output is meant to follow
     cross : (nv, nw) matrix T; T (w - mean of w) is added to v, for a cross-covariance; None for independent noises
     """
@@ -164,6 +185,7 @@ class Scenario:
             w=w,
             v=v,
             bursts=self._in_burst(runs, n_samples),
+            alterations=self._alterations(runs, n_samples),
         )
 
     def draw_delta(self, plant: Plant, runs: range, n_steps: int) -> Any:
@@ -202,14 +224,14 @@ class Scenario:
         }
 
     def noise_laws(self, nw: int, nv: int) -> tuple[Array, Array] | None:
-        """Mean and covariance of [w; v]; None where those of a law are not known.
+        """Mean and covariance of [w; v]; None where those of a law are not known, or where a law is not white.
 
         Parameters
         ----------
         nw, nv : lengths of w and v
         """
         w, v = _moments(self.process, nw), _moments(self.measurement, nv)
-        if w is None or v is None:
+        if w is None or v is None or not all(law.is_white for law in (*self.process, *self.measurement)):
             return None
         (w_bar, W), (v_bar, V) = w, v
         T = np.zeros((nv, nw)) if self.cross is None else self.cross
@@ -233,8 +255,16 @@ class Scenario:
         total = np.zeros((len(runs), n_samples, n))
         for row, run in enumerate(runs):
             for number, term in enumerate(terms):
-                total[row] += term.draw(stream(self.seed, run, f"{name}/{number}"), n_samples)
+                if not term.alters_output:
+                    total[row] += term.draw(stream(self.seed, run, f"{name}/{number}"), n_samples)
         return total
+
+    def _alterations(self, runs: range, n_samples: int) -> tuple[Alteration, ...]:
+        laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if law.alters_output]
+        return tuple(
+            Alteration(law, np.array([law.draw(stream(self.seed, run, name), n_samples) for run in runs]))
+            for name, law in laws
+        )
 
     def _in_burst(self, runs: range, n_samples: int) -> Bool[Array, "runs samples"] | None:
         laws = [(f"v/{number}", law) for number, law in enumerate(self.measurement) if law.has_bursts]
@@ -258,10 +288,10 @@ class Scenario:
 
 
 def _moments(terms: tuple[Noise, ...], n: int) -> tuple[Array, Array] | None:
-    """Mean and covariance of a sum of independent laws; None where those of one are not known."""
+    """Mean and covariance of a sample of a sum of independent laws; None where those of one are not known."""
     mean, cov = np.zeros(n), np.zeros((n, n))
     for term in terms:
-        if term.mean is None or term.cov is None:
+        if term.mean is None or term.cov is None or term.alters_output:
             return None
         mean, cov = mean + term.mean, cov + term.cov
     return mean, cov

@@ -12,7 +12,7 @@ from rmpc_bench.types.basics import Array
 
 
 class Noise:
-    """A law of n-dimensional noise, independent over time.
+    """A law of n-dimensional noise; most add to a signal, and some alter a measurement.
 
     A subclass gives the method `draw`.  Everything else has a default.
     """
@@ -28,6 +28,21 @@ class Noise:
         return None
 
     @attribute
+    def is_white(self) -> bool:
+        """Whether samples at different k are independent; otherwise `mean` and `cov` are those of one sample."""
+        return True
+
+    @attribute
+    def alters_output(self) -> bool:
+        """Whether the law alters a measurement, by `altered`, and adds nothing to it."""
+        return False
+
+    @attribute
+    def omits_measurements(self) -> bool:
+        """Whether `altered` may return NaN, which is a missing measurement."""
+        return False
+
+    @attribute
     def has_bursts(self) -> bool:
         """Whether the noise is larger in some intervals of time."""
         return False
@@ -38,8 +53,21 @@ class Noise:
         return ()
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
-        """Noise of one run; a longer draw begins with the shorter one."""
+        """Noise of one run; a longer draw begins with the shorter one.
+
+        A law that alters measurements returns here the random numbers that `altered` takes.
+        """
         raise NotImplementedError("draw")
+
+    def altered(self, y: Float[Array, "runs n"], drawn: Float[Array, "runs n"]) -> Float[Array, "runs n"]:
+        """Return the measurements of one sample as the law alters them, run by run; see `alters_output`.
+
+        Parameters
+        ----------
+        y : measurements with all noise that adds to them; NaN where one is missing already
+        drawn : numbers of `draw` for this sample
+        """
+        return y
 
     def burst_values(self, rng: np.random.Generator) -> Mapping[str, float]:
         """Values of `burst_names` in one run, from the fresh generator that `draw` takes."""

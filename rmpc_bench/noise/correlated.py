@@ -1,0 +1,150 @@
+"""Noise that is correlated over time: a random walk, and first-order coloured noise.
+
+Model   `drift`: w(0) = start, w(k) = w(k-1) + d(k), d(k) ~ N(0, D).  E (w(j) - start)(w(k) - start)' = min(j, k) D.
+        `coloured` (first-order Gauss-Markov): w(k) = mean + c(k), c(k+1) = a c(k) + sqrt(1 - a^2) d(k+1), c(0) = d(0),
+        d(k) ~ N(0, cov).  It is stationary: E c(j) c(k)' = a^|j - k| cov.  With a correlation time a = exp(-Ts/time).
+Moments of one sample: `drift` has the mean `start` and no constant covariance; `coloured` has `mean` and `cov`.
+        Neither is white, so that the exact moments of an experiment (`evaluate: moments`) are refused.
+Limit   a = 0 is `gaussian`.
+Source  Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 8.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+from math import exp, sqrt
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Gt, Lt
+from jaxtyping import Float
+
+from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
+from rmpc_bench.noise.parameters import spread_root, vector
+from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
+
+
+@dataclass(frozen=True, eq=False)
+class Drift(CenteredNoise):
+    """Random walk whose increments are root z with z ~ N(0, I)."""
+
+    mean: Float[Array, " n"]
+    """Value at k = 0."""
+    root: Float[Array, "n n"]
+    is_white = False
+
+    @property
+    def center(self) -> Float[Array, " n"]:
+        """The value at k = 0."""
+        return self.mean
+
+    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run without its start."""
+        return self.enlarged(rng, np.ones(n_samples))
+
+    def enlarged(self, rng: np.random.Generator, gain: Float[Array, " samples"]) -> Float[Array, "samples n"]:
+        """Noise of one run without its start, with a factor on every increment: a burst leaves no jump at its end."""
+        z = rng.standard_normal((len(gain), len(self.mean)))
+        increments = gain[:, None] * np.einsum("ij,kj->ki", self.root, z)
+        increments[:1] = 0.0
+        deviation: Array = np.cumsum(increments, axis=0)
+        return deviation
+
+
+@dataclass(frozen=True, eq=False)
+class Coloured(CenteredNoise):
+    """Stationary first-order noise with one pole."""
+
+    mean: Float[Array, " n"]
+    root: Float[Array, "n n"]
+    pole: float
+    is_white = False
+
+    @property
+    def center(self) -> Float[Array, " n"]:
+        """The mean."""
+        return self.mean
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of one sample."""
+        return self.root @ self.root.T
+
+    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run without its mean."""
+        n, a = len(self.mean), self.pole
+        d = np.einsum("ij,kj->ki", self.root, rng.standard_normal((n_samples, n)))
+        d[1:] *= sqrt(1.0 - a * a)
+        # Numbers of Python: a loop over rows of NumPy takes ten times as long.
+        columns = [list(accumulate(column, lambda last, new: a * last + new)) for column in d.T.tolist()]
+        return np.ascontiguousarray(np.array(columns).reshape(n, n_samples).T)
+
+
+def drift(
+    n: int,
+    Ts: Positive = 1.0,
+    *,
+    std: NonNegative | list[NonNegative] | None = None,
+    cov: Matrix | Array | None = None,
+    start: float | list[float] = 0.0,
+    scale: NonNegative = 1.0,
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> Drift | BurstyNoise:
+    """Random walk: a sum of normal increments; give either std or cov.
+
+    Parameters
+    ----------
+    n : dimension
+    Ts : sampling time [s], for bursts
+    std : standard deviation of the increment from one sample to the next, a number or one per coordinate
+    cov : covariance of an increment: a number (times the identity), a diagonal or a matrix
+    start : value at k = 0, a number (in every coordinate) or one per coordinate
+    scale : factor on the standard deviation
+    bursts : time intervals in which the increments are larger, as in `uniform`
+
+    Raises
+    ------
+    DesignError
+        If both or none of std and cov are given, a size does not fit, or a burst does not fit into its window.
+    """
+    return with_bursts(Drift(vector("start", start, n), scale * spread_root(n, std, cov)), bursts, Ts)
+
+
+def coloured(
+    n: int,
+    Ts: Positive = 1.0,
+    *,
+    std: NonNegative | list[NonNegative] | None = None,
+    cov: Matrix | Array | None = None,
+    time: Positive | None = None,
+    pole: Annotated[float, Gt(-1), Lt(1)] | None = None,
+    mean: float | list[float] = 0.0,
+    scale: NonNegative = 1.0,
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> Coloured | BurstyNoise:
+    """First-order coloured noise (Gauss-Markov), stationary from k = 0 on; give std or cov, and time or pole.
+
+    Parameters
+    ----------
+    n : dimension
+    Ts : sampling time [s]
+    std : standard deviation of a sample, a number or one per coordinate
+    cov : covariance of a sample: a number (times the identity), a diagonal or a matrix
+    time : correlation time [s], in which the correlation decays to 1/e
+    pole : correlation of a sample with the next one
+    mean : a number (in every coordinate) or one per coordinate
+    scale : factor on the standard deviation
+    bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
+
+    Raises
+    ------
+    DesignError
+        If both or none of std and cov, or of time and pole, are given, a size does not fit, or a burst does not fit
+        into its window.
+    """
+    if (time is None) == (pole is None):
+        raise DesignError("give either time or pole")
+    a = exp(-Ts / time) if time is not None else pole or 0.0
+    return with_bursts(Coloured(vector("mean", mean, n), scale * spread_root(n, std, cov), a), bursts, Ts)

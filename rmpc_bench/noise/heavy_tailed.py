@@ -1,0 +1,158 @@
+"""Heavy-tailed noise: Student's t, and normal noise with outliers.
+
+Model   `student-t`: w = mean + S t, where S is a root of the scale matrix and t = z / sqrt(c / dof) with z ~ N(0, I)
+        and c ~ chi-squared(dof), one c per coordinate or one for the whole vector.
+        `outliers`: w = mean + d, d ~ N(0, cov) with probability 1 - p, factor d with probability p (contaminated
+        normal).  A sample is an outlier in all coordinates or in none.
+Moments `student-t`: mean for dof > 1, covariance dof / (dof - 2) S S' for dof > 2; otherwise they do not exist.
+        `outliers`: covariance (1 - p + p factor^2) cov.
+Limit   dof -> infinity, p = 0 or factor = 1 is `gaussian`.
+Streams z is that of `gaussian` with the same stream.  c and the outliers come from a child of the generator, and the
+        outliers of a smaller p are among those of a larger one.
+Source  Lange, Little and Taylor, JASA 84 (1989); Tukey, A survey of sampling from contaminated distributions (1960).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge
+from jaxtyping import Float
+
+from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, child_of, with_bursts
+from rmpc_bench.noise.parameters import Share, spread_root, vector
+from rmpc_bench.numerics.burst_times import Burst
+from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.types import Array, Matrix, NonNegative, Positive
+
+
+@dataclass(frozen=True, eq=False)
+class StudentT(CenteredNoise):
+    """Student's t noise center + root t."""
+
+    center: Float[Array, " n"]
+    root: Float[Array, "n n"]
+    dof: float
+    joint: bool
+    """Whether all coordinates of a sample share one chi-squared number."""
+    n_children = 1
+
+    @property
+    def mean(self) -> Float[Array, " n"] | None:
+        """Mean of the noise; None for dof = 1, where it does not exist."""
+        return self.center if self.dof > 1.0 else None
+
+    @property
+    def cov(self) -> Float[Array, "n n"] | None:
+        """Covariance of the noise; None for dof <= 2, where it is infinite."""
+        return symmetrise(self.dof / (self.dof - 2.0) * self.root @ self.root.T) if self.dof > 2.0 else None
+
+    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run without its center."""
+        z = rng.standard_normal((n_samples, len(self.center)))
+        c = child_of(rng, 0).chisquare(self.dof, (n_samples, 1 if self.joint else len(self.center)))
+        deviation: Array = np.einsum("ij,kj->ki", self.root, z / np.sqrt(c / self.dof))
+        return deviation
+
+
+@dataclass(frozen=True, eq=False)
+class ContaminatedNormal(CenteredNoise):
+    """Normal noise whose deviation from the mean is multiplied by a factor at random samples."""
+
+    mean: Float[Array, " n"]
+    root: Float[Array, "n n"]
+    probability: float
+    factor: float
+    n_children = 1
+
+    @property
+    def center(self) -> Float[Array, " n"]:
+        """The mean."""
+        return self.mean
+
+    @property
+    def cov(self) -> Float[Array, "n n"]:
+        """Covariance of the noise."""
+        power = 1.0 - self.probability + self.probability * self.factor**2
+        return symmetrise(power * self.root @ self.root.T)
+
+    def deviation(self, rng: np.random.Generator, n_samples: int) -> Float[Array, "samples n"]:
+        """Noise of one run without its mean."""
+        z = rng.standard_normal((n_samples, len(self.mean)))
+        gain = np.where(child_of(rng, 0).random(n_samples) < self.probability, self.factor, 1.0)
+        deviation: Array = gain[:, None] * np.einsum("ij,kj->ki", self.root, z)
+        return deviation
+
+
+def student_t(
+    n: int,
+    Ts: Positive = 1.0,
+    *,
+    dof: Annotated[float, Ge(1)],
+    scale: NonNegative | list[NonNegative] | None = None,
+    scale_matrix: Matrix | Array | None = None,
+    mean: float | list[float] = 0.0,
+    joint: bool = False,
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> StudentT | BurstyNoise:
+    """Student's t noise; give either scale or scale_matrix.
+
+    Its standard deviation is sqrt(dof / (dof - 2)) times the scale, and infinite for dof <= 2.
+
+    Parameters
+    ----------
+    n : dimension
+    Ts : sampling time [s], for bursts
+    dof : degrees of freedom; 1 is the Cauchy law, which has no mean
+    scale : scale of a coordinate, a number or one per coordinate; the standard deviation is larger
+    scale_matrix : scale matrix, of which `scale` is the root: a number (times the identity), a diagonal or a matrix
+    mean : centre, a number (in every coordinate) or one per coordinate
+    joint : whether all coordinates of a sample are large together (multivariate t); otherwise they are independent
+        before the scale matrix is applied
+    bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
+
+    Raises
+    ------
+    DesignError
+        If both or none of scale and scale_matrix are given, a size does not fit, or a burst does not fit into its
+        window.
+    """
+    root = spread_root(n, scale, scale_matrix, ("scale", "scale_matrix"))
+    return with_bursts(StudentT(vector("mean", mean, n), root, dof, joint), bursts, Ts)
+
+
+def outliers(
+    n: int,
+    Ts: Positive = 1.0,
+    *,
+    probability: Share,
+    factor: NonNegative,
+    std: NonNegative | list[NonNegative] | None = None,
+    cov: Matrix | Array | None = None,
+    mean: float | list[float] = 0.0,
+    scale: NonNegative = 1.0,
+    bursts: list[Burst] | RandomBursts | None = None,
+) -> ContaminatedNormal | BurstyNoise:
+    """Normal noise with outliers (contaminated normal); give either std or cov.
+
+    Parameters
+    ----------
+    n : dimension
+    Ts : sampling time [s], for bursts
+    probability : probability that a sample is an outlier, in all coordinates together
+    factor : factor on the deviation of an outlier from the mean
+    std : standard deviation of the other samples, a number or one per coordinate
+    cov : covariance of the other samples: a number (times the identity), a diagonal or a matrix
+    mean : a number (in every coordinate) or one per coordinate
+    scale : factor on the standard deviation
+    bursts : time intervals in which the deviation from the mean is larger, as in `uniform`
+
+    Raises
+    ------
+    DesignError
+        If both or none of std and cov are given, a size does not fit, or a burst does not fit into its window.
+    """
+    root = scale * spread_root(n, std, cov)
+    return with_bursts(ContaminatedNormal(vector("mean", mean, n), root, probability, factor), bursts, Ts)
