@@ -59,6 +59,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "lp-window": "rmpc_bench.estimators.lp_window:design",
         "mixed": "rmpc_bench.estimators.mixed:design",
         "set-membership": "rmpc_bench.estimators.set_membership:design",
+        "moving-horizon": "rmpc_bench.estimators.moving_horizon:design",
         "kalman-disturbance": "rmpc_bench.estimators.kalman_disturbance:design",
         "control-lqe": "rmpc_bench.adapters.control_gains:lqe",
     },

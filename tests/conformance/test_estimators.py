@@ -42,6 +42,11 @@ PARAMETERS = {
         {"update": "maksarov-norton", "level": 0.9999},
         {"update": "maksarov-norton", "level": 0.9999, "criterion": "volume", "use_y0": False},
     ],
+    "moving-horizon": [
+        {"window": 3},
+        {"window": 4, "w": (-0.5, 0.8), "x": (-40.0, None), "use_y0": False},
+        {"window": 2, "w": (0.0, None), "v": (-30.0, 30.0)},
+    ],
     "kalman-disturbance": [{}, {"drift": 0.1, "D0": 2.0, "noise": "matched"}],
 }
 """Parameters beyond the start that make a design of each kind; a new kind gets a line here."""

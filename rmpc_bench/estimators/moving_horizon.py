@@ -1,0 +1,303 @@
+"""Moving-horizon estimator: a least-squares fit to a window of samples under bounds of noises and states.
+
+Model   x(k+1) = A x(k) + B u(k) + f0 + G w(k),  y(k) = C x(k) + v(k),  w ~ N(w_mean, W), v ~ N(v_mean, R_v), white.
+        x_hat(k) is the last state of the window x(k-N)..x(k) that minimises
+        |x(k-N) - x_bar|^2 in P_bar^-1 + sum |w - w_mean|^2 in W^-1 + sum |v - v_mean|^2 in R_v^-1
+        with low <= w <= high, low <= v <= high, low <= x <= high at all samples of the window.  x_bar is the prediction
+        A x_hat(k-N-1) + B u from the estimate of that time, P_bar the covariance P_pred of the Kalman filter at k-N.
+        While k < N the window begins at k = 0 with x0 and P0 and has all data.
+Bounds  Those of w are bounds of the process noise of the design model itself, with its sign, its unit and its mean.
+        With `linear` and most other models G = I, and w has a coordinate for every state; with `uncertain-linear` G is
+        Bw.  If a linear model has noise in one direction g only, w = g w_1, bounds of w_1 are given as bounds of the
+        coordinates g_i w_1.  W is used as a root, never inverted: directions without noise stay without noise.
+        Bounds of v are those of y - C x, and have a coordinate for every output; bounds of x one for every state.
+Source  Rao, Rawlings, Lee, Automatica 37 (2001); Rawlings, Mayne, Diehl, Model Predictive Control, chapter 4.
+Limit   Without bounds, or as long as none is active, it is `kalman` for every window.  Where the estimate without
+        bounds satisfies all of them, it is the minimum, and no quadratic program is solved.
+        P is that of the Kalman filter: the covariance without bounds, and a design matrix where bounds are active.
+        A missing measurement (NaN) is left out; from then on the run has matrices of its own.
+Cost    Per run and step a quadratic program by DAQP with nx + N nw unknowns or fewer, if a bound is active.
+Fails   Design error: a covariance of an innovation is singular, or bounds that no noise satisfies.  Status
+        `infeasible`: no window satisfies the bounds (those of w alone can always be satisfied); `not-converged`: the
+        solver fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rmpc_bench.estimators.gain_schedule import GainScheduleFilter, riccati_schedule, singular_innovation
+from rmpc_bench.models.design_noise import DesignSystem, design_systems
+from rmpc_bench.models.model_series import ModelSeries, model_series
+from rmpc_bench.models.state_dependent import StateDependentModel
+from rmpc_bench.models.uncertain_linear import UncertainModel
+from rmpc_bench.numerics.intervals import Interval, Pairs, interval_of
+from rmpc_bench.numerics.kl_ball import Inflation
+from rmpc_bench.numerics.linalg import at_sample, mv
+from rmpc_bench.numerics.qp import QpStatus
+from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
+from rmpc_bench.numerics.window_bounds import WindowBounds, WindowFit, WindowProgram
+from rmpc_bench.numerics.window_posterior import range_root, window_posterior
+from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
+
+STATUS = {each: Status.OK if each.solved else Status.NOT_CONVERGED for each in QpStatus}
+STATUS |= {QpStatus.INFEASIBLE: Status.INFEASIBLE}
+"""What a run becomes by the result of its quadratic program."""
+SETTLED = 1e-13
+"""Windows whose P_bar differ by less, relative to the largest entry, share their matrices."""
+
+
+class HorizonState(NamedTuple):
+    """State between steps: the window, whose newest sample is the last one."""
+
+    x_hat: Float[Array, "runs nx"]
+    x_pred: Float[Array, "runs points nx"]
+    """Predictions of the states at the samples of the window, each from the estimate before it."""
+    c: Float[Array, "runs moves nx"]
+    """B u + f0 between these samples."""
+    y: Float[Array, "runs measured ny"]
+    """Measurements without the constant part; NaN where one is missing."""
+    P_pred: Float[Array, "runs points nx nx"]
+    """Covariances of the predictions without bounds."""
+    P_next: Float[Array, "runs nx nx"]
+    """The next of them, of a run with matrices of its own."""
+    own: Bool[Array, " runs"]
+    """Whether a measurement of the run has been missing, so that it has matrices of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingHorizon(Estimator):
+    """Moving-horizon estimator of a linear model.
+
+    Parameters
+    ----------
+    model : the design model over k
+    kalman : gains and covariances of the Kalman filter
+    window : number N of steps of the window
+    bounds : bounds of the noises and states
+    use_y0 : whether to use y(0)
+    """
+
+    model: ModelSeries
+    kalman: GainScheduleFilter
+    window: int
+    bounds: WindowBounds
+    use_y0: bool = True
+    programs: tuple[WindowProgram, ...] = field(init=False)
+    """The problem at every k; the same object where the matrices are the same."""
+
+    bridges_missing = True
+    form = "filter"
+    cost_per_step = 2e-5
+
+    def __post_init__(self) -> None:
+        """Prepare the problems of all k."""
+        object.__setattr__(self, "programs", tuple(self._programs()))
+
+    @property
+    def x0(self) -> Float[Array, " nx"]:
+        """Prediction of x(0)."""
+        return self.kalman.x0
+
+    @property
+    def P(self) -> Float[Array, "k nx nx"] | None:
+        """Covariance of x_hat - x without bounds."""
+        return self.kalman.P
+
+    @property
+    def reports(self) -> Mapping[str, tuple[int, ...]]:
+        """The innovation, and whether a quadratic program was solved (1) or the closed form is the minimum (0)."""
+        return {"e": (self.model.C.shape[1],), "solved": ()}
+
+    def series(self) -> dict[str, Array]:
+        """Gains and covariances of the Kalman filter over k."""
+        return self.kalman.series()
+
+    def init(self, n_runs: int) -> HorizonState:
+        """Start every run at ``x0``."""
+        ny, nx = self.model.C.shape[1:]
+        x0, P0 = np.tile(self.x0, (n_runs, 1)), np.tile(self._covariances[0], (n_runs, 1, 1))
+        none = np.zeros((n_runs, 0, nx)), np.zeros((n_runs, 0, ny))
+        return HorizonState(x0, x0[:, None].copy(), *none, P0[:, None].copy(), P0, np.zeros(n_runs, dtype=bool))
+
+    def correct(self, k: int, state: HorizonState, y: Float[Array, "runs ny"]) -> tuple[HorizonState, Estimate]:
+        """Use y(k): fit the window."""
+        y = y - at_sample(self.model.d0, k)
+        own = state.own | np.isnan(y).any(axis=1)
+        state = state._replace(y=np.concatenate([state.y, y[:, None]], axis=1), own=own)
+        x_bar, r = self._without_noise(k, state)
+        fit = self._fit(self.programs[k], x_bar, r)
+        P: Array = at_sample(self._P, k)
+        if own.any():
+            fit, P, P_next = self._of_own_runs(k, state, x_bar, r, fit)
+            state = state._replace(P_next=P_next)
+        status = np.array([STATUS[each] for each in fit.status], dtype=np.int8)
+        e = y - mv(at_sample(self.model.C, k), state.x_pred[:, -1])
+        info = {"e": e, "solved": fit.solved.astype(float)}
+        return state._replace(x_hat=fit.x), Estimate(fit.x, P, None, status, info)
+
+    def predict(self, k: int, state: HorizonState, u: Float[Array, "runs nu"]) -> HorizonState:
+        """Predict k+1 from x_hat(k), which is not estimated again."""
+        c = mv(at_sample(self.model.B, k), u) + at_sample(self.model.f0, k)
+        x_pred = mv(at_sample(self.model.A, k), state.x_hat) + c
+        # After the last sample of the experiment no covariance is known or needed.
+        common = self._covariances[min(k + 1, len(self._covariances) - 1)]
+        P_pred = np.where(state.own[:, None, None], state.P_next, common)
+        begin = max(state.c.shape[1] + 1 - self.window, 0)
+        return state._replace(
+            x_pred=_appended(state.x_pred, x_pred, begin),
+            c=_appended(state.c, c, begin),
+            y=state.y[:, begin:],
+            P_pred=_appended(state.P_pred, P_pred, begin),
+        )
+
+    @property
+    def _P(self) -> Float[Array, "k nx nx"]:
+        """P of the Kalman filter."""
+        assert self.kalman.P is not None
+        return self.kalman.P
+
+    @property
+    def _covariances(self) -> Float[Array, "k nx nx"]:
+        """P_pred of the Kalman filter."""
+        P_pred: Array = self.kalman.extra["P_pred"]
+        return P_pred
+
+    def _without_noise(self, k: int, state: HorizonState) -> tuple[Array, Array]:
+        """Return the states of the window without noise, from its first prediction, and the residuals of y."""
+        first, x = k - state.c.shape[1], state.x_pred[:, 0]
+        states = [x]
+        for j in range(first, k):
+            x = mv(at_sample(self.model.A, j), x) + state.c[:, j - first]
+            states.append(x)
+        outputs = [mv(at_sample(self.model.C, first + j), x) for j, x in enumerate(states)]
+        residuals = state.y - np.stack(outputs, axis=1)
+        return np.stack(states, axis=1), np.where(np.isnan(state.y), 0.0, residuals)
+
+    def _fit(self, program: WindowProgram, x_bar: Array, r: Array) -> WindowFit:
+        return program.fit(x_bar[:, -1], r.reshape(len(r), -1), self.bounds.base(x_bar, r))
+
+    def _of_own_runs(
+        self, k: int, state: HorizonState, x_bar: Array, r: Array, fit: WindowFit
+    ) -> tuple[WindowFit, Array, Array]:
+        """Fit the windows of runs with missing measurements; return all fits, P and the next P_pred."""
+        P, P_next = np.tile(at_sample(self._P, k), (len(r), 1, 1)), state.P_next.copy()
+        x, solved, status = fit.x.copy(), fit.solved.copy(), list(fit.status)
+        A, C, Q_w, R_v = (at_sample(getattr(self.model, name), k) for name in ("A", "C", "Q_w", "R_v"))
+        for i in np.flatnonzero(state.own):
+            measured = ~np.isnan(state.y[i])
+            one = self._fit(self._program(k, state.P_pred[i, 0], measured), x_bar[i : i + 1], r[i : i + 1])
+            x[i], solved[i], status[i] = one.x[0], one.solved[0], one.status[0]
+            there = measured[-1]
+            counts = k > 0 or self.use_y0
+            both = there[:, None] & there
+            R_run = np.where(both, R_v, np.eye(len(R_v)))
+            step = (filter_step if counts else unmeasured_step)(
+                A, np.where(there[:, None], C, 0.0), Q_w, R_run, state.P_pred[i, -1]
+            )
+            P[i], P_next[i] = step.P, step.P_next
+        return WindowFit(x, solved, status), P, P_next
+
+    def _program(self, k: int, P_bar: Array, measured: Bool[Array, "points ny"]) -> WindowProgram:
+        """Prepare the problem of the window that ends at k."""
+        first = k + 1 - len(measured)
+        measured = measured & (self.use_y0 | (np.arange(first, k + 1) > 0))[:, None]
+        posterior = window_posterior(self.model.stages(first, k), range_root(P_bar), measured)
+        return WindowProgram.of(
+            posterior, self.bounds.values(posterior, self.model.between("W_root", first, k), measured)
+        )
+
+    def _programs(self) -> Iterator[WindowProgram]:
+        ny, N = self.model.C.shape[1], self.window
+        program, made_for = None, 0
+        for k in range(len(self._covariances)):
+            first = max(k - N, 0)
+            P_bar, before = self._covariances[first], self._covariances[made_for]
+            close = np.abs(P_bar - before).max() <= SETTLED * np.abs(before).max()
+            shared = k > N and close and len(self.model.A) == 1 and (made_for > 0 or self.use_y0)
+            if program is None or not shared:
+                try:
+                    program, made_for = self._program(k, P_bar, np.ones((k - first + 1, ny), dtype=bool)), first
+                except np.linalg.LinAlgError:
+                    raise singular_innovation(k) from None
+            yield program
+
+
+def _appended(window: Array, newest: Array, begin: int) -> Array:
+    """Return the window (runs, places, ..) from a place on with the newest entry appended."""
+    return np.concatenate([window[:, begin:], newest[:, None]], axis=1)
+
+
+def _refuse_other_noise(systems: Sequence[DesignSystem]) -> None:
+    """Refuse process noise that is not Bw w alone."""
+    for each in systems:
+        if (each.m.Bv.dot(each.V).dot(each.m.Bv.T) != 0.0).any():
+            raise DesignError(
+                "the process noise of this model also has the part Bv v; only noise Bw w can be bounded", "w"
+            )
+
+
+def _checked(interval: Interval, mean: Float[Array, " n"], spread: Float[Array, "k n"], key: str) -> Interval:
+    """Return bounds of a noise without its mean; refuse those that a coordinate without spread violates."""
+    for i in np.flatnonzero(~spread.any(axis=0)):
+        if not interval.low[i] <= mean[i] <= interval.high[i]:
+            ends = f"[{interval.low[i]:g}, {interval.high[i]:g}]"
+            text = f"coordinate {i} of the noise is always {mean[i]:g} in the design model, outside its bounds {ends}"
+            raise DesignError(text, key)
+    return interval.shifted(-mean)
+
+
+def design(
+    model: Model,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    window: Count = 10,
+    w: Pairs | None = None,
+    v: Pairs | None = None,
+    x: Pairs | None = None,
+    use_y0: bool = True,
+) -> MovingHorizon:
+    """Moving-horizon estimator: least squares over a window, with bounds of noises and states.
+
+    Parameters
+    ----------
+    model : design model
+    n_steps : number of control periods N; gains are computed for k = 0..N
+    x0 : (nx,) mean of the initial state
+    P0 : (nx, nx) covariance of the initial state
+    window : number of steps of the window, which has the samples k - window to k
+    w : [low, high] of the process noise of the design model, mean included, or one pair per coordinate; null where
+        there is no bound
+    v : [low, high] of the measurement noise y - C x, mean included, or one pair per output; null where there is no
+        bound
+    x : [low, high] of the state, or one pair per state; null where there is no bound
+    use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
+
+    Raises
+    ------
+    DesignError
+        If an innovation covariance is singular, bounds do not fit, or noises of the model are correlated.
+    """
+    if isinstance(model, StateDependentModel):
+        raise DesignError("does not support a model that depends on the state; use kalman", "kind")
+    kalman = riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: Inflation(P_pred, 0.0), use_y0=use_y0)
+    by_input = isinstance(model, UncertainModel)
+    if by_input and w is not None:
+        _refuse_other_noise(design_systems(model, n_steps))
+    series = model_series(model, n_steps, in_states=not by_input or w is None)
+    v_mean = series.d0[0] if by_input else model.v_law[0]
+    w_mean = model.w_law[0] if w is not None else np.zeros(series.W_root.shape[1])
+    nw, ny, nx = series.W_root.shape[1], *series.C.shape[1:]
+    bounds = WindowBounds(
+        _checked(interval_of(w, nw, "w"), w_mean, np.abs(series.W_root).max(axis=2, initial=0.0), "w"),
+        interval_of(x, nx, "x"),
+        _checked(interval_of(v, ny, "v"), v_mean, series.R_v.diagonal(axis1=1, axis2=2), "v"),
+    )
+    return MovingHorizon(series, kalman, window, bounds, use_y0)

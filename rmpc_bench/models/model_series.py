@@ -1,0 +1,70 @@
+"""A design model over k as arrays, with the input and the root of its process noise.
+
+Model   x(k+1) = A_k x(k) + B_k u(k) + f0_k + G_k w(k),  y(k) = C_k x(k) + d0_k + v(k);  w without its mean, with the
+        covariance W_k = W_root W_root'.
+Noise   An `UncertainModel` has G = Bw and its own w; any other model has G = I, and w has a coordinate for every state.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.design_noise import design_systems
+from rmpc_bench.numerics.window_posterior import WindowStages, range_root
+from rmpc_bench.types import Array, Model
+
+
+class ModelSeries(NamedTuple):
+    """The design model over k; axis 0 has length 1 if nothing varies."""
+
+    A: Float[Array, "k nx nx"]
+    B: Float[Array, "k nx nu"]
+    C: Float[Array, "k ny nx"]
+    f0: Float[Array, "k nx"]
+    d0: Float[Array, "k ny"]
+    Q_w: Float[Array, "k nx nx"]
+    R_v: Float[Array, "k ny ny"]
+    G: Float[Array, "k nx nw"]
+    """Input of the process noise."""
+    W_root: Float[Array, "k nw nr"]
+    """Root of its covariance."""
+
+    def between(self, name: str, first: int, stop: int) -> Array:
+        """Return a matrix at the samples first..stop-1."""
+        series: Array = getattr(self, name)
+        if len(series) > 1:
+            return series[first:stop]
+        return np.broadcast_to(series[0], (stop - first, *series.shape[1:]))
+
+    def stages(self, first: int, last: int) -> WindowStages:
+        """Return the matrices of the window first..last."""
+        A, G, W_root = (self.between(name, first, last) for name in ("A", "G", "W_root"))
+        C, R_v = (self.between(name, first, last + 1) for name in ("C", "R_v"))
+        return WindowStages(A, G @ W_root, C, R_v)
+
+
+def model_series(model: Model, n_steps: int, *, in_states: bool) -> ModelSeries:
+    """Return the design model at k = 0..N with the input and the root of its process noise.
+
+    Parameters
+    ----------
+    model : design model
+    n_steps : number of control periods N
+    in_states : whether the coordinates of the noise are those of the state, also for an `UncertainModel`
+    """
+    systems = design_systems(model, n_steps)
+    systems = systems[:1] if all(each is systems[0] for each in systems) else systems
+    now = [each.nominal for each in systems]
+    names = ("A", "B", "C", "f0", "d0", "Q_w", "R_v")
+    given = {name: np.array([getattr(each, name) for each in now]) for name in names}
+    if in_states:
+        inputs, covs = [np.eye(each.nx) for each in now], [each.Q_w for each in now]
+    else:
+        inputs, covs = [each.m.Bw for each in systems], [each.W for each in systems]
+    roots = [range_root(each) for each in covs]
+    rank = max(each.shape[1] for each in roots)
+    padded = [np.pad(each, ((0, 0), (0, rank - each.shape[1]))) for each in roots]
+    return ModelSeries(**given, G=np.array(inputs), W_root=np.array(padded))
