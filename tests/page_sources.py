@@ -1,6 +1,7 @@
 """A page of a small table of trials, with hostile texts wherever a user writes them."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,6 +38,7 @@ def make_source(make_trials):
             "power": {"A": power.tolist(), "B": (power + 0.01).tolist()},
         }
         trials = make_trials(columns, infos=INFOS, labels=labels)
+        trials = replace(trials, parameters=dict.fromkeys(trials.methods, "as published"))
         claims = (
             Claim(
                 says=f"B is better {HOSTILE}",

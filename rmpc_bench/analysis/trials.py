@@ -43,6 +43,7 @@ class Trials:
     primary : name of the metric that has a verdict; the first one if empty
     average : averages that are asked for: ``geometric``, ``mean`` or ``both``
     headline : the average that the verdict rests on where both are asked for
+    ranked : paths of every axis of the sweep where methods are ranked over all points; None without ranks
     look : how often a verdict was published with other numbers of runs, this one included
     planned : look of a stopping rule that the table rests on; `confidence` is then the level of each interval
     with_verdicts : whether comparisons have a verdict; those of a smoke run have none
@@ -66,6 +67,7 @@ class Trials:
     limitations : what a comparison with this plant cannot show, as sentences
     groups : method -> moments over the runs by groups of runs, where they are not exact
     expected_failures : method -> check of its components that is meant to fail -> reason
+    parameters : method -> where its parameters come from, such as ``default``; nothing is said of methods without one
     """
 
     name: str
@@ -93,6 +95,7 @@ class Trials:
     primary: str = ""
     average: str = "both"
     headline: str = "geometric"
+    ranked: tuple[tuple[str, ...], ...] | None = None
     look: int = 1
     planned: PlannedLook | None = None
     with_verdicts: bool = True
@@ -104,6 +107,7 @@ class Trials:
     limitations: tuple[str, ...] = ()
     requirements: tuple[Requirement, ...] = ()
     declared: tuple[str, ...] = ()
+    parameters: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def all_methods(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from rmpc_bench.claims.claim import Claim
+from rmpc_bench.claims.papers import usual_parameters
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.sweep_point import key_of_trials
@@ -144,9 +145,12 @@ class StoredExperiment:
     points : points of the sweep
     expected_failures : method -> check of `rmpc_bench.conformance` that its own components are meant to fail -> reason
     report : what tables and figures show, and how figures are written
+    ranks : whether methods are ranked over all points
     requirements : what the metric of a run must keep
     added : method that the command line has added -> its text; it stays in the directory when the option is left out
     stop : the stopping rule with its looks; None where the number of runs is given
+    parameters : method -> where its parameters come from: ``default``, ``as published`` or ``tuned (..)``; empty where
+        a version without tuning has written the record
     """
 
     name: str
@@ -172,9 +176,16 @@ class StoredExperiment:
     points: tuple[StoredPoint, ...]
     expected_failures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     report: ReportKeys = field(default_factory=ReportKeys)
+    ranks: bool = False
     requirements: tuple[Requirement, ...] = ()
     added: Mapping[str, str] = field(default_factory=dict)
     stop: StoredStop | None = None
+    parameters: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def origins(self) -> dict[str, str]:
+        """Where the parameters of every method come from; an earlier version has tuned none."""
+        return {name: self.parameters.get(name) or usual_parameters(self.paper) for name in self.methods}
 
     @property
     def level(self) -> float:

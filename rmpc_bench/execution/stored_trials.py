@@ -97,6 +97,7 @@ def _table(
         primary=experiment.primary,
         average=experiment.average,
         headline=experiment.headline,
+        ranked=experiment.axes if experiment.ranks else None,
         seed=point.seed,
         Ts=point.Ts,
         units=with_estimates(point, point.units, traces.values()),
@@ -115,6 +116,7 @@ def _table(
         random_besides=point.random_besides,
         limitations=point.limitations,
         requirements=experiment.requirements,
+        parameters=experiment.origins,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
 from rmpc_bench.analysis.intervals import quantiles
 from rmpc_bench.analysis.number_text import median_text
+from rmpc_bench.analysis.parameter_text import untuned_name
 from rmpc_bench.figures.compared_rows import compared_rows
 from rmpc_bench.figures.labels import DID_NOT_OCCUR
 from rmpc_bench.figures.sweep_points import short_title
@@ -139,4 +140,5 @@ def changes_sentence(
         counts = f"{row['won']} won, {row['lost']} lost, {row['tied']} tied"
         found.append(f"{label_of(point, name)} {text or counts}")
     where = f" at {title}" if title else ""
-    return f"Change in paired runs against {label_of(point, point.baseline)}{where}: {'; '.join(found)}"
+    baseline = untuned_name(point, point.baseline, label_of(point, point.baseline))
+    return f"Change in paired runs against {baseline}{where}: {'; '.join(found)}"

@@ -11,6 +11,7 @@ from typing import Any
 
 from rmpc_bench.analysis.comparison_text import margin_text
 from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.parameter_text import parameter_groups
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.sweep_points import printed
 from rmpc_bench.report import cells
@@ -135,6 +136,17 @@ def _of_comparison(table: MetricTable, shown: Sequence[Column]) -> Iterable[str]
         yield "$p$: p value of the Wilcoxon signed-rank test, adjusted by Holm's method."
     if "verdict" in shown:
         yield _verdict(margin)
+    yield from _parameters(trials)
+
+
+def _parameters(trials: Trials) -> Iterable[str]:
+    """Say where the parameters of the methods come from; nothing where it is not known."""
+    groups = parameter_groups(trials, trials.methods)
+    if len(groups) == 1:
+        yield f"Parameters of all methods: {next(iter(groups))}."
+    elif groups:
+        parts = [f"{', '.join(_name(trials, name) for name in names)}: {word}" for word, names in groups.items()]
+        yield f"Parameters: {'; '.join(parts)}."
 
 
 def _is_simultaneous(trials: Trials, info: MetricInfo, rows: Sequence[Mapping[str, Any]]) -> bool:

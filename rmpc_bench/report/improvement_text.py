@@ -12,6 +12,7 @@ from rmpc_bench.analysis.comparison_text import about, margin_of
 from rmpc_bench.analysis.improvement_difference import AverageDifference, Estimate, ImprovementDifference
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.analysis.verdict import Verdict
 from rmpc_bench.report.results_text import Setting
@@ -194,6 +195,8 @@ def _basis(row: ImprovementDifference, table: Trials) -> str:
     """Say what the numbers rest on: runs, pairing and level."""
     simultaneous = "simultaneous " if row.level > table.confidence else ""
     level = f"{simultaneous}{100 * table.confidence:g} % intervals"
+    origin = pair_text(table, row.method, row.baseline)
+    level += f"; {origin}" if origin else ""
     if row.paired:
         return f"{row.n_a} paired runs, {level}"
     return f"unpaired: {row.n_a} and {row.n_b} runs with different seeds, {level}"

@@ -8,6 +8,7 @@ from typing import Any
 from rmpc_bench.analysis.comparison_text import AVERAGE_WORDS, contradicting, margin_text, size_text, verdict_text
 from rmpc_bench.analysis.number_text import interval_text
 from rmpc_bench.analysis.pairs import name_of_distance
+from rmpc_bench.analysis.parameter_text import pair_text
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.types import MetricInfo
 
@@ -27,11 +28,13 @@ def sentence(row: Mapping[str, Any], info: MetricInfo, trials: Trials) -> str:
     Returns
     -------
     such as "R-MPC1 lowers mse by 10.9 % [9.7, 12.1] against S-MPC (geometric mean of the ratios, 200 paired
-    runs, 95 % interval; won 162, lost 0, tied 38): better."
+    runs, 95 % interval; won 162, lost 0, tied 38; both as published, not tuned): better."
     """
     method, baseline, name = row["method"], row["baseline"], name_of_distance(info)
     word = verdict_text(row, margin_text(trials, info, row))
     counts = f"won {row['won']}, lost {row['lost']}, tied {row['tied']}"
+    origin = pair_text(trials, method, baseline)
+    counts += f"; {origin}" if origin else ""
     n = int(row["n_pairs"])
     pairs = f"{n} paired {'run' if n == 1 else 'runs'}"
     changed = _changed(row, info)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from rmpc_bench.analysis.comparison_text import margin_text
+from rmpc_bench.analysis.parameter_text import parameter_cells, parameter_legend
 from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
@@ -43,6 +44,7 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
     after a smoke run, it has sizes and statuses only
     """
     table = metric_table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
+    names = [line.method for line in table.lines]
     columns = {"name": [quantity(table.info), *(line.shown for line in table.lines)]}
     if not trials.with_verdicts:
         return "\n".join([*_laid_out({**columns, "n": ["n/n_failed", *cells.sizes(table)]}), *status_lines(trials)])
@@ -57,14 +59,15 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
         columns["won"] = ["won/lost/tied", *cells.counts(table)]
     if table.with_failed:
         columns["n"] = ["n/n_failed", *cells.sizes(table)]
-    if held := held_cells(trials, [line.method for line in table.lines]):
+    if held := held_cells(trials, names):
         columns["held"] = ["held", *held]
-    if failed := failed_cells(trials, [line.method for line in table.lines]):
+    if failed := failed_cells(trials, names):
         columns["failed"] = ["failed steps", *failed]
     if table.with_failed and table.with_comparisons:
         columns["pairs"] = ["pairs", *cells.pairs(table)]
-    times = step_times(trials, [line.method for line in table.lines])
-    if times:
+    if words := parameter_cells(trials, names):
+        columns["parameters"] = ["parameters", *words]
+    if times := step_times(trials, names):
         columns["time"] = ["time per step", *times]
     if table.with_comparisons:
         columns["verdict"] = ["", *cells.verdicts(table)]
@@ -130,6 +133,8 @@ def metric_columns(table: MetricTable) -> dict[str, list[str]]:
     labels = [trials.labels.get(line.method, line.method) for line in lines]
     if labels != columns["method"]:
         columns["label"] = labels
+    if words := parameter_cells(trials, [line.method for line in lines]):
+        columns["parameters"] = words
     columns["did not occur" if table.may_not_occur else "mean"] = cells.means(table)
     columns["median [quartiles]"] = cells.medians(table)
     if table.with_comparisons and trials.with_verdicts:
@@ -140,8 +145,8 @@ def metric_columns(table: MetricTable) -> dict[str, list[str]]:
         columns["won/lost/tied"] = cells.counts(table)
         columns["superiority"] = cells.superiorities(table)
         columns["p"] = cells.p_values(table)
-        words = cells.verdicts(table)
-        columns |= {"verdict": [word or "-" for word in words]} if any(words) else {}
+        found = cells.verdicts(table)
+        columns |= {"verdict": [word or "-" for word in found]} if any(found) else {}
     columns["n/n_failed"] = cells.sizes(table)
     if held := held_cells(trials, [line.method for line in table.lines]):
         columns["held steps"] = held
@@ -171,6 +176,7 @@ def legend(table: MetricTable, *, on_screen: bool) -> list[str]:
     bracket = next((text[text.index("(") : text.index(")") + 1] for text in cells.means(table) if "(" in text), "")
     if bracket and not table.may_not_occur:
         parts.append(f"{bracket} = standard error of the last digits")
+    parts += parameter_legend(trials) if compared and trials.with_verdicts else []
     if any(line.shown != line.method for line in table.lines):
         parts.append("an oracle knows the true parameters")
     return ["; ".join(parts)] if parts else []

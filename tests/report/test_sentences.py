@@ -1,6 +1,7 @@
 """Comparisons in words."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -83,6 +84,22 @@ def trials(make_trials):
 def test_a_sentence_can_be_quoted(trials, changes, text):
     """Every verdict, a row without one, and rows without a change in per cent."""
     assert sentence(ROW | changes, MSE, trials) == text
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("default", "default"), "tied 38; both default, not tuned): better."),
+        (("tuned (budget 16, 40 runs)",) * 2, "tied 38; both tuned (budget 16, 40 runs)): better."),
+        (
+            ("tuned (budget 16, 40 runs)", "as published"),
+            "tied 38; R-MPC1: tuned (budget 16, 40 runs), S-MPC: as published, not tuned): better.",
+        ),
+    ],
+)
+def test_a_sentence_says_where_the_parameters_come_from(trials, words, text):
+    trials = replace(trials, parameters=dict(zip(("R-MPC1", "S-MPC"), words, strict=True)))
+    assert sentence(ROW, MSE, trials).endswith(text)
 
 
 def test_runs_that_would_decide_have_two_digits_and_a_limit():

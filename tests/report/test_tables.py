@@ -51,6 +51,24 @@ def test_screen_looks_like_the_specification(make_trials):
     ]
 
 
+@pytest.mark.parametrize("word", ["as published", "default"])
+def test_the_legend_names_a_baseline_that_is_not_tuned(make_trials, word):
+    """One text where no method is tuned; a column, the protocol and the word of the baseline where one is."""
+    trials = make_trials({"mse": {"A": [1.0, 2.0, 4.0], "B": [2.0, 3.0, 8.0]}})
+    alike = on_screen(replace(trials, parameters={"A": word, "B": word}))
+    assert alike.endswith(f"; parameters: {word}, not tuned") and "parameters " not in alike.splitlines()[0]
+    words = {"A": word, "B": "tuned (budget 16, 40 runs)"}
+    mixed = replace(trials, parameters=words)
+    head, first, second, legend = on_screen(mixed).splitlines()
+    place = head.index("parameters")
+    assert first[place:].startswith(f"{word} ") or first[place:] == word
+    assert second[place:].startswith("tuned ")
+    assert legend.endswith(f"; tuned = budget 16, 40 runs; A: {word}, not tuned")
+    assert cells(page(mixed), "A")[1] == word and cells(page(mixed), "B")[1] == "tuned"
+    tuned = on_screen(replace(trials, parameters=dict.fromkeys("AB", words["B"])))
+    assert tuned.endswith("; parameters: tuned (budget 16, 40 runs)")
+
+
 def test_screen_with_failed_runs_and_long_names(make_trials):
     """The pair is lost, both counts are shown, columns stay below each other."""
     trials = make_trials({"mse": {"a baseline with a name": [1.0, 2.0, 4.0], "B": [2.0, "diverged", 8.0]}})

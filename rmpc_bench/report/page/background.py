@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
+from rmpc_bench.analysis.parameter_text import is_tuned, parameter_groups, parameter_text
+from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.claim import Finding
 from rmpc_bench.report.page.blocks import Block, Text, bullets, code, facts, heading, paragraph, table
 from rmpc_bench.report.page.result_tables import inconclusive
@@ -29,9 +31,13 @@ def method_blocks(source: PageSource) -> list[Block]:
     keys = [*dict.fromkeys(key for row in differences.values() for key in row)]
     if keys and len(differences) > 1:
         columns: dict[str, list[Text]] = {"method": [*differences]}
+        origins: list[Text] = [parameter_text(source.trials, name) or "-" for name in differences]
+        columns |= {"parameters": origins} if source.trials.parameters else {}
         columns |= {key: [row.get(key, "-") for row in differences.values()] for key in keys}
         numbers = [_number(source, name) for name in differences]
         blocks.append(table("Keys of the configuration in which the methods differ", {**columns}, methods=numbers))
+    elif groups := parameter_groups(source.trials, source.trials.methods):
+        blocks += facts([("Parameters", f"{', '.join(names)}: {word}") for word, names in groups.items()])
     if source.shared:
         blocks += [heading("The same for every method"), *facts([*source.shared.items()])]
     if source.trials.paths:
@@ -79,7 +85,7 @@ def _comparison_limits(source: PageSource) -> list[Text]:
     """Say what the comparison cannot show."""
     trials, found = source.trials, list[Text]()
     if len(trials.methods) > 1:
-        found.append("No search for good parameters was made: each method has those of the configuration.")
+        found += _untuned(trials)
     found += dict.fromkeys(text for table in trials.each for text in table.limitations)
     for name in sorted(trials.oracles):
         found.append(f"{name} knows the true parameters; no real estimator can do that.")
@@ -105,6 +111,16 @@ def _comparison_limits(source: PageSource) -> list[Text]:
     if trials.with_verdicts and len(trials.frame):
         found.append("All numbers hold for this plant and these laws of its uncertain quantities and noises only.")
     return found
+
+
+def _untuned(trials: Trials) -> list[Text]:
+    """Name the methods that are not tuned, by where their parameters come from."""
+    groups = parameter_groups(trials, trials.methods)
+    left = {word: names for word, names in groups.items() if not is_tuned(trials, names[0])}
+    if len(left) == len(groups) == 1:
+        word = next(iter(left)).removesuffix(", not tuned")
+        return [f"No method is tuned: all parameters are {word}. Other parameters may change a verdict."]
+    return [f"{', '.join(names)}: {word}; other parameters may change a verdict." for word, names in left.items()]
 
 
 def _machine_limits(source: PageSource) -> list[Text]:

@@ -31,6 +31,7 @@ from rmpc_bench.report.page.blocks import (
 )
 from rmpc_bench.report.page.claim_items import claim_blocks
 from rmpc_bench.report.page.headline import headline, shown_metric
+from rmpc_bench.report.page.rank_table import rank_blocks
 from rmpc_bench.report.page.result_tables import result_blocks
 from rmpc_bench.report.page.source import PageFigure, PageSource
 from rmpc_bench.report.page.tail_tables import requirement_blocks, tail_blocks
@@ -63,6 +64,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
     parts = [
         section("summary", "Summary", [paragraph(headline(source.tables), "lead")]),
         section("result", "Result", _result_figures(source)),
+        section("ranks", "Ranks over all points", rank_blocks(source.ranks, trials.all_methods), "Ranks"),
         section("table", "Table", _table_blocks(source)),
         section("drivers", "What drives the differences", _driver_blocks(source)),
         section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),

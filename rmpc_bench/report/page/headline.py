@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
+from rmpc_bench.analysis.parameter_text import untuned_name
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.point_summary import PointSummary
 from rmpc_bench.report.sentences import AVERAGES
@@ -73,7 +74,9 @@ def _one_point(trials: Trials, info: MetricInfo, quantity: str, rows: Sequence[M
     parts = [_compared(trials, info, row) for row in rows[:MOST_NAMED]]
     if len(rows) > MOST_NAMED:
         parts.append(f"{len(rows) - MOST_NAMED} more methods are in the table")
-    text = f"Compared with {rows[0]['baseline']} in {quantity} over {pairs} paired runs, {_joined(parts)}."
+    baseline = str(rows[0]["baseline"])
+    compared = f"Compared with {untuned_name(trials, baseline, baseline)} in {quantity} over {pairs} paired runs"
+    text = f"{compared}, {_joined(parts)}."
     averages = {str(row["average"]) for row in rows} - {""}
     if len(averages) != 1:
         return text
@@ -105,7 +108,8 @@ def _several_points(trials: Trials, quantity: str, rows: Sequence[Sequence[Mappi
     if len(parts) > len(shown):
         left = sum(len(methods) for methods in [*alike.values()][MOST_NAMED:])
         shown.append(f"{left} more method{'' if left == 1 else 's'}: see the table")
-    return f"Compared with {trials.baseline} in {quantity} at {len(rows)} points of a sweep. {'; '.join(shown)}."
+    baseline = untuned_name(trials, trials.baseline, trials.baseline)
+    return f"Compared with {baseline} in {quantity} at {len(rows)} points of a sweep. {'; '.join(shown)}."
 
 
 def _counted(words: Counter[str]) -> str:

@@ -12,6 +12,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.report.drivers_table import DriversTable
+from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.summary import Summary
 
@@ -58,6 +59,7 @@ class PageSource:
     configuration : the configuration with every default, as YAML; empty where it is not known
     drivers : what drives the differences; None where it is not known
     requirements : how many runs meet the requirements; None where it is not known
+    ranks : the methods in the order of their ranks; None where it is not known
     timings : durations of the calls of own components
     files : files of the directory, relative to the page
     index : index of several experiments, relative to the page; empty without one
@@ -79,6 +81,7 @@ class PageSource:
     configuration: str = ""
     drivers: DriversTable | None = None
     requirements: RequirementsTable | None = None
+    ranks: RanksTable | None = None
     timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     files: Sequence[str] = ()
     index: str = ""

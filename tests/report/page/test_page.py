@@ -12,6 +12,7 @@ from page_sources import HOSTILE, headings
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import TEMPLATES, render_html, render_markdown
 from rmpc_bench.report.requirements_table import requirements_table
+from rmpc_bench.report.summary import summarise
 from rmpc_bench.types.requirement import Limit, Requirement
 
 SECTIONS = [
@@ -53,7 +54,8 @@ def test_sections_stand_in_their_order_and_headings_have_no_gap(html):
 def test_a_section_without_content_is_left_out(make_source):
     source = make_source(verdicts=[], figures=[], differences={}, shared={})
     found = re.findall(r'<section id="(\w+)"', render_html("page.html", page_context(source)))
-    assert found == [name for name in SECTIONS if name not in ("result", "claims", "methods")]
+    # Without differences the section of the methods still says where their parameters come from.
+    assert found == [name for name in SECTIONS if name not in ("result", "claims")]
 
 
 def test_markdown_has_the_same_sections(html, markdown):
@@ -143,8 +145,28 @@ def test_limits_of_a_clean_experiment(make_source):
     """Failed runs, tuning, assumptions and the machine are named even where nothing went wrong."""
     text = render_markdown("page.md", page_context(make_source()))
     limits = text[text.index("## Known limitations") : text.index("## Failures")]
-    for words in ("No run failed", "No search for good parameters", "2 assumptions", "one machine"):
+    for words in (
+        "No run failed",
+        "No method is tuned: all parameters are as published",
+        "2 assumptions",
+        "one machine",
+    ):
         assert words in limits
+
+
+def test_every_method_says_where_its_parameters_come_from(make_source):
+    """In the summary for a baseline that is not tuned, in the table of the methods and among the limitations."""
+    plain = make_source()
+    words = {"A": "default", "B": "tuned (budget 16, 40 runs)"}
+    trials = replace(plain.trials, parameters=words)
+    source = replace(plain, trials=trials, tables=summarise(trials), verdicts=[])
+    text = render_markdown("page.md", page_context(source))
+    parts = dict(re.findall(r"^## (.*)\n((?:(?!## ).*\n)*)", text, re.MULTILINE))
+    assert "Compared with A (default, not tuned) in MSE" in parts["Summary"]
+    methods = parts["What differs between the methods, and what was assumed"]
+    assert "| A | default, not tuned |" in methods and "| B | tuned (budget 16, 40 runs) |" in methods
+    limits = parts["Known limitations of this comparison"]
+    assert "- A: default, not tuned; other parameters may change a verdict." in limits and "- B: " not in limits
 
 
 def test_worst_runs_and_requirements_stand_beside_the_means(make_source):
@@ -167,8 +189,6 @@ def test_failed_runs_have_a_command(make_trials, make_source):
     """Counted with the meaning of the status, the first ones with the command that replays them."""
     values = [1.0] * 25
     trials = make_trials({"mse": {"A": values, "B": [*values[:-1], "diverged"]}})
-    from rmpc_bench.report.summary import summarise
-
     source = replace(make_source(), trials=trials, tables=summarise(trials), verdicts=[])
     text = render_markdown("page.md", page_context(source))
     failures = text[text.index("## Failures") :]

@@ -1,0 +1,53 @@
+"""Where parameters come from, in words: no method without its word, and none that is called tuned without being so."""
+
+from dataclasses import replace
+
+import pytest
+
+from rmpc_bench.analysis.parameter_text import pair_text, parameter_cells, parameter_legend, parameter_text
+from rmpc_bench.claims.papers import usual_parameters
+
+TUNED = "tuned (budget 16, 40 runs)"
+
+
+@pytest.fixture
+def trials(make_trials):
+    """Return a table with a tuned method, a default one and a published one."""
+    table = make_trials({"mse": {"A": [1.0], "B": [1.0], "C": [1.0]}})
+    return replace(table, baseline="A", parameters={"A": TUNED, "B": "default", "C": "as published"})
+
+
+def test_only_a_tuned_method_is_called_tuned(trials):
+    assert [parameter_text(trials, name) for name in "ABCD"] == [
+        TUNED,
+        "default, not tuned",
+        "as published, not tuned",
+        "",
+    ]
+
+
+def test_pairs_name_both_methods_unless_they_are_alike(trials):
+    assert pair_text(trials, "A", "B") == f"A: {TUNED}, B: default, not tuned"
+    assert pair_text(trials, "B", "A") == f"B: default, not tuned, A: {TUNED}"
+    assert pair_text(replace(trials, parameters=dict.fromkeys("ABC", "default")), "A", "B") == "both default, not tuned"
+    assert pair_text(replace(trials, parameters={}), "A", "B") == ""
+
+
+def test_the_column_and_the_legend_of_methods_that_differ(trials):
+    assert parameter_cells(trials, ["A", "B", "C"]) == ["tuned", "default", "as published"]
+    assert parameter_legend(trials) == ["tuned = budget 16, 40 runs"]
+    assert parameter_legend(replace(trials, baseline="C"))[1:] == ["C: as published, not tuned"]
+    assert parameter_cells(replace(trials, parameters={}), ["A", "B"]) == []
+
+
+@pytest.mark.parametrize(
+    ("paper", "word"),
+    [
+        (None, "default"),
+        ("zenere2018", "as published"),
+        ("smith2020b", "as published"),
+        ("servo-constrained", "default"),
+    ],
+)
+def test_a_collection_of_configurations_is_no_publication(paper, word):
+    assert usual_parameters(paper) == word
