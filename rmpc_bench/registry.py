@@ -91,6 +91,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "drift": "rmpc_bench.noise.correlated:drift",
         "ellipsoid": "rmpc_bench.noise.bounded:ellipsoid",
         "gaussian": "rmpc_bench.noise.gaussian:gaussian",
+        "half-normal": "rmpc_bench.noise.half_normal:half_normal",
         "missing": "rmpc_bench.noise.measurement:missing",
         "outliers": "rmpc_bench.noise.heavy_tailed:outliers",
         "quantised": "rmpc_bench.noise.measurement:quantised",

@@ -18,6 +18,7 @@ PARAMETERS = {
         {"std": 1.0, "pole": 0.9, "bursts": FIXED},
     ],
     "drift": [{"std": 0.1, "start": [1.0, -1.0]}, {"cov": [[2.0, 0.5], [0.5, 1.0]]}, {"std": 1.0, "bursts": RANDOM}],
+    "half-normal": [{"std": [0.5, 2.0], "center": [1.0, -1.0]}, {"std": 1.0, "scale": 0.1, "bursts": RANDOM}],
     "missing": [
         {"probability": 0.2},
         {"probability": 0.3, "gap": 4.0},

@@ -21,6 +21,7 @@ KEYS = {
     "ellipsoid": {"shape": 1.0},
     "coloured": {"std": 1.0, "pole": 0.9},
     "drift": {"std": 1.0},
+    "half-normal": {"std": 1.0},
     "missing": {"probability": 0.4, "gap": 3.0},
     "outliers": {"std": 1.0, "probability": 0.1, "factor": 10.0},
     "quantised": {"step": 1.0},
