@@ -1,0 +1,159 @@
+"""What tuning has gained: objectives of the default, the tuned and the best value, regret, and shares of lost runs.
+
+Regret  How much worse the tuned value is on the runs of the experiment than the best value that was tried, the default
+        included.  It is what a search with only these values loses because it sees other runs.
+Equal   Objectives are compared with `DIGITS` digits, so that equal ones are equal on every CPU.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.types import Array
+from rmpc_bench.types.tuning import Tuning, TuningProtocol, TuningSearch, level_of
+
+DIGITS = 9
+"""Significant digits with which objectives are compared."""
+COLUMNS = (
+    *("point", "method", "parameter", "low", "high", "default", "tuned", "best_on_test", "end_of_range"),
+    *("n_values", "n_runs", "objective", "lost_pct", "test_default", "test_tuned", "test_best"),
+    *("test_lost_default_pct", "test_lost_pct", "regret_pct"),
+)
+"""Columns of the table of tuned parameters."""
+
+
+class Outcome(NamedTuple):
+    """What a search has found.
+
+    Objectives are infinite where all runs are lost, and NaN without runs on the experiment's own random numbers.
+    """
+
+    search: TuningSearch
+    objective: float
+    """Of the tuned value on the tuning runs."""
+    lost: float
+    """Share of the tuning runs that the tuned value has lost."""
+    test_default: float
+    test_tuned: float
+    test_best: float
+    """Objectives on the runs of the experiment: of the default, the tuned value, and the best one of all."""
+    best: int
+    """Index of the best candidate; the number of candidates for the default, -1 where it is not known."""
+    test_lost_default: float
+    test_lost: float
+    """Shares of the runs of the experiment that the default and the tuned value have lost."""
+
+    @property
+    def regret(self) -> float:
+        """Regret in per cent of the best objective; NaN where it is not known, infinite if all runs are lost."""
+        if not math.isfinite(self.test_best):
+            return math.nan
+        gap = self.test_tuned - self.test_best
+        if gap == 0:
+            return 0.0
+        return 100 * gap / abs(self.test_best) if self.test_best else math.inf
+
+    @property
+    def best_values(self) -> tuple[float | None, ...]:
+        """Value of every parameter at the best candidate; None where it is not known."""
+        if self.best < 0:
+            return (None,) * len(self.search.parameters)
+        if self.best == len(self.search.candidates):
+            return self.search.default
+        return tuple(float(value) for value in self.search.candidates[self.best])
+
+
+def objectives(protocol: TuningProtocol, values: Array) -> Array:
+    """Return `TuningProtocol.objective` with `DIGITS` digits, quickly where no run is lost.
+
+    Parameters
+    ----------
+    protocol : statistic and penalty
+    values : (..., runs) metric of every run; NaN or infinite where the run is lost
+
+    Returns
+    -------
+    (...) objectives
+    """
+    kept = np.isfinite(values).all(axis=-1)
+    found = np.empty(values.shape[:-1])
+    if kept.any():
+        level = level_of(protocol.statistic)
+        whole = values[kept]
+        found[kept] = whole.mean(axis=-1) if level is None else np.quantile(whole, level, axis=-1)
+    if not kept.all():
+        found[~kept] = protocol.objective(values[~kept])
+    return rounded(found, digits=DIGITS)
+
+
+def outcome(search: TuningSearch) -> Outcome:
+    """Summarise a search.
+
+    Parameters
+    ----------
+    search : the record of the search of a method at a point
+    """
+    tuned = search.tuning[search.chosen]
+    known = float(objectives(search.protocol, tuned)), _lost(tuned)
+    if search.test is None:
+        return Outcome(search, *known, *[math.nan] * 3, -1, *[math.nan] * 2)
+    found, default = objectives(search.protocol, search.test), search.test[-1]
+    best = int(np.argmin(found))
+    # The tuned value is named where several are equally good.
+    best = search.chosen if found[search.chosen] == found[best] else best
+    tests = (float(found[-1]), float(found[search.chosen]), float(found[best]))
+    return Outcome(search, *known, *tests, best, _lost(default), _lost(search.test[search.chosen]))
+
+
+def tuning_frame(tuning: Tuning) -> pd.DataFrame:
+    """Return the tuned parameters as a table, one row per point, method and parameter.
+
+    Parameters
+    ----------
+    tuning : how the parameters were chosen
+
+    Returns
+    -------
+    columns `COLUMNS`; numbers in full precision
+    """
+    rows = [row for search in tuning.searches for row in _rows(outcome(search))]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _rows(found: Outcome) -> list[dict[str, object]]:
+    search = found.search
+    shared: dict[str, object] = {
+        "n_values": len(search.candidates),
+        "n_runs": search.tuning.shape[1],
+        "objective": found.objective,
+        "lost_pct": 100 * found.lost,
+        "test_default": found.test_default,
+        "test_tuned": found.test_tuned,
+        "test_best": found.test_best,
+        "test_lost_default_pct": 100 * found.test_lost_default,
+        "test_lost_pct": 100 * found.test_lost,
+        "regret_pct": found.regret,
+    }
+    return [
+        {
+            **{"point": search.point, "method": search.method, "parameter": each.path},
+            **{"low": each.ends[0], "high": each.ends[1]},
+            **{"default": _number(search.default[place]), "tuned": float(search.candidates[search.chosen, place])},
+            **{"best_on_test": _number(found.best_values[place]), "end_of_range": search.at_end[place]},
+            **shared,
+        }
+        for place, each in enumerate(search.parameters)
+    ]
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _lost(values: Array) -> float:
+    return float(1.0 - np.isfinite(values).mean()) if values.size else math.nan
