@@ -100,7 +100,7 @@ def losses(trials: Trials, info: MetricInfo) -> Losses | None:
     the logarithms of the distances from the best value; None where a finished run has a value without a logarithm: 0,
     a negative one, or inf where an event did not occur
     """
-    methods = trials.each[0].methods
+    methods = trials.methods
     runs = np.unique(np.concatenate([point.runs for point in trials.each]))
     shape = (len(trials.each), len(methods), len(runs))
     values, failed = np.full(shape, np.nan), np.zeros(shape, dtype=bool)

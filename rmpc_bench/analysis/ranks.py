@@ -3,14 +3,14 @@
 Score   The mean over the points of the logarithm of the primary metric; the difference of two methods is the logarithm
         of the geometric mean of their ratios.  The unit is the run: a run has the same random numbers for all methods
         and, where the points have one seed, at all points, so the points of a run are averaged first.
-Rank    The interval of the rank of a method ends at 1 + the number of methods that are better, and at the number of
-        methods minus those that are worse.  `better` and `worse` are decided by intervals of all pairs of methods, which
-        hold simultaneously (`rmpc_bench.analysis.simultaneous`).  All ranks then lie in their intervals simultaneously
-        with at least the level of the experiment.
+Rank    The interval of the rank of a method begins at 1 + the number of better methods, and ends at the number of all
+        methods minus that of the worse ones.  Intervals of all pairs of methods decide which is better.  They hold
+        simultaneously (`rmpc_bench.analysis.simultaneous`).  All ranks then lie in their intervals simultaneously with
+        at least the level of the experiment.
 Failed  Failed runs come first.  A method that fails more often than another is worse, whatever its accuracy, where the
-        interval of the difference of the shares excludes 0.  Otherwise accuracy decides, on the runs that both finished.
-        A method with more failed runs than the other is better only if that stays so with every failed run as the worst
-        finished one of its point.
+        interval of the difference of the shares excludes 0.  Otherwise accuracy decides, on the runs that both
+        finished.  A method with more failed runs than the other is better only if that stays so with every failed run
+        as the worst finished one of its point.
 Source  Mogstad, Romano, Shaikh and Wilhelm, Inference for ranks, Review of Economic Studies 91, 2024, 476-518.
 Limit   Two methods: the paired comparison.  No run failed: accuracy alone.
 """

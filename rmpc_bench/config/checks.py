@@ -60,6 +60,7 @@ def check(
     # Points of a sweep repeat most warnings.
     first.warnings = sorted({warning for draft in drafts for warning in draft.warnings})
     _check_statistics(first, inherited)
+    _check_ranks(first, points[0])
     check_recording(first, [None if point is None else point.experiment for point in points])
     _check_columns(first, sweep)
     return claims
@@ -92,6 +93,18 @@ def _check_statistics(draft: DraftConfig, inherited: Inherited) -> None:
     for name in margins if isinstance(margins, Map) else ():
         if name not in names and not gone("relevant", name):
             draft.note(["statistics", "relevant", name], unknown(name, names, "metric of this configuration"))
+
+
+def _check_ranks(draft: DraftConfig, point: SweepPoint | None) -> None:
+    """Refuse ranks by a metric whose ratios have no mean."""
+    statistics = draft.values["statistics"]
+    if statistics is None or not statistics.ranks or point is None:
+        return
+    infos = point.experiment.metric_infos
+    info = next((each for each in infos if each.name == (statistics.primary or infos[0].name)), None)
+    if info is not None and (info.may_not_occur or info.direction == "zero"):
+        why = "may not occur in a run" if info.may_not_occur else "is best at 0, so that ratios mean nothing"
+        draft.note(["statistics", "ranks"], f"{info.name} {why}; choose another metric with statistics.primary")
 
 
 def _check_report(draft: DraftConfig) -> None:

@@ -81,6 +81,7 @@ class Statistics:
     average : averages of the paired runs, the geometric mean of their ratios or the ratio of the means
     requirement : condition on a metric of a run, such as settling_time < 20, or a list of conditions; the share of runs
         that meet it is computed
+    ranks : whether the methods are ranked over all points of the sweep by the primary metric, each rank as an interval
     """
 
     primary: Text | None = None
@@ -89,6 +90,7 @@ class Statistics:
     relevant: Relevant = DEFAULT_RELEVANT
     average: Literal["geometric", "mean", "both"] = "both"
     requirement: Text | list[Text] = field(default_factory=list)
+    ranks: bool = False
 
     @property
     def requirements(self) -> list[str]:

@@ -20,6 +20,7 @@ from rmpc_bench.figures.style import rendered
 from rmpc_bench.report import summary
 from rmpc_bench.report.comparison_table import ComparisonTable, comparison_table
 from rmpc_bench.report.drivers_table import DriversTable, drivers_table
+from rmpc_bench.report.ranks_table import RanksTable, ranks_table
 from rmpc_bench.report.requirements_table import RequirementsTable, requirements_table
 from rmpc_bench.types import DesignError, Figure, Problem
 
@@ -136,6 +137,29 @@ def requirements(results: Results | Trials) -> RequirementsTable:
     [4, 4]
     """
     return requirements_table(results if isinstance(results, Trials) else results.trials)
+
+
+def ranks(results: Results | Trials) -> RanksTable:
+    """Rank the methods over all points of the sweep, each rank as an interval, where `statistics.ranks` asks for it.
+
+    Parameters
+    ----------
+    results : from `run` or `load_results`, or their table of trials
+
+    Returns
+    -------
+    the table, with `frame`, `sentences`, `to_markdown()` and `to_screen()`; empty where ranks are not asked for
+
+    Examples
+    --------
+    >>> import rmpc_bench, tempfile
+    >>> directory = tempfile.mkdtemp()
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4, overrides=["statistics.ranks=true"])
+    >>> results = rmpc_bench.run(config, directory=directory, jobs=1)
+    >>> sorted(ranks(results).columns["method"])
+    ['R-MPC', 'RS-MPC', 'S-MPC']
+    """
+    return ranks_table(results if isinstance(results, Trials) else results.trials)
 
 
 def judge(results: Results) -> tuple[ClaimVerdict, ...]:

@@ -93,6 +93,7 @@ class _Layout:
             points=tuple(self._point(point) for point in config.points),
             expected_failures=_declared(config),
             report=config.report,
+            ranks=statistics.ranks,
             requirements=_requirements(config),
             added=self._added,
             stop=stop_of(config, None),

@@ -34,7 +34,7 @@ NEEDED = (CONFIG, RESOLVED, manifest.FILE, "trials.csv", "summary.csv", "compari
 """Files without which a directory is not packed."""
 FILES = (
     *NEEDED,
-    *("uncertainty.csv", "series.csv", "traces.npz", "timings.csv", "drivers.csv", "requirements.csv"),
+    *("uncertainty.csv", "series.csv", "traces.npz", "timings.csv", "drivers.csv", "requirements.csv", "ranks.csv"),
     *("claims.json", "claims.md", "report.md"),
 )
 """Files of a directory that are packed where they exist; nothing else at its top is."""

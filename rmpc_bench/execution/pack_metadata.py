@@ -29,6 +29,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "comparisons.csv": "Every method against the baseline, paired by run",
     "drivers.csv": "Share of the variance of the comparison that each uncertain quantity explains",
     "requirements.csv": "Runs that meet a requirement",
+    "ranks.csv": "Rank of every method over all points of the sweep, as an interval, and ratios to the baseline",
     "claims.json": "Statements with findings, numbers and assumptions, for programs",
     "claims.md": "Statements with findings, numbers and assumptions, for readers",
     "report.html": "The report: comparison, claims, figures, assumptions, limitations",

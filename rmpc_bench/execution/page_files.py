@@ -23,6 +23,7 @@ from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import render_html, render_markdown
 from rmpc_bench.report.page.source import PageFigure, PageSource
+from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.summary import Summary
 from rmpc_bench.types import ConfigError
@@ -62,6 +63,7 @@ class Evaluated(NamedTuple):
     verdicts: Sequence[ClaimVerdict]
     drivers: DriversTable
     requirements: RequirementsTable
+    ranks: RanksTable
 
 
 def write_page(

@@ -16,7 +16,7 @@ from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.claims.record import ExperimentRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.claims.verdict import ClaimVerdict
-from rmpc_bench.execution.evaluation import drivers, judge, requirements, summarise
+from rmpc_bench.execution.evaluation import drivers, judge, ranks, requirements, summarise
 from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.latex_files import write_latex
 from rmpc_bench.execution.manifest import note_look, read
@@ -30,6 +30,7 @@ from rmpc_bench.report.csv_file import write_csv
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
+from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.summary import Summary, trials_csv
@@ -49,6 +50,7 @@ class Publication:
     verdicts : the finding of every claim
     drivers : what drives the primary metric
     requirements : runs that meet the requirements
+    ranks : the methods in the order of their ranks over all points
     figures : the figures with their captions and files
     left_out : figures that could not be drawn, each as ``kind: reason``
     remarks : what a reader of the files should know, such as a font that is not installed
@@ -61,6 +63,7 @@ class Publication:
     verdicts: tuple[ClaimVerdict, ...]
     drivers: DriversTable
     requirements: RequirementsTable
+    ranks: RanksTable
     figures: tuple[WrittenFigure, ...] = ()
     left_out: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
@@ -80,7 +83,7 @@ class Publication:
         experiment, trials = self.results.experiment, self.results.trials
         return end_screen(
             trials,
-            self.tables.to_screen((experiment.report.metrics or [experiment.primary])[0]),
+            self.ranks.to_screen() or self.tables.to_screen((experiment.report.metrics or [experiment.primary])[0]),
             directory=self.directory,
             n_complete=min(self.results.n_complete[name] for name in trials.methods),
             n_runs=experiment.n_wanted,
@@ -141,11 +144,12 @@ def publish(
     report = results.experiment.report
     tables = summarise(results).shown(report.order, report.metrics)
     verdicts = judge(results)
-    driven, demanded = drivers(results), requirements(results)
+    driven, demanded, ranked = drivers(results), requirements(results), ranks(results)
     paths = [
         *_write_tables(results, tables, directory),
         *_write_table(driven, directory, "drivers"),
         *_write_table(demanded, directory, "requirements"),
+        *_write_table(ranked, directory, "ranks"),
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory, rendering.formats),
         *_write_timings(results, directory / "timings.csv"),
@@ -159,9 +163,11 @@ def publish(
     figures, left_out = write_figures(results, pictures, rendering)
     paths += [path for figure in figures for path in figure.paths]
     drawn = Drawn(figures, left_out, rendering)
-    paths += write_page(results, Evaluated(record, tables, verdicts, driven, demanded), drawn, paths, directory, index)
+    evaluated = Evaluated(record, tables, verdicts, driven, demanded, ranked)
+    paths += write_page(results, evaluated, drawn, paths, directory, index)
     remarks = tuple(filter(None, [remark_on(rendering.font)]))
-    return Publication(results, directory, tuple(paths), tables, verdicts, driven, demanded, figures, left_out, remarks)
+    found = (tables, verdicts, driven, demanded, ranked)
+    return Publication(results, directory, tuple(paths), *found, figures, left_out, remarks)
 
 
 def _is_same(one: Path, other: Path) -> bool:

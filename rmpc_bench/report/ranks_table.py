@@ -1,0 +1,222 @@
+"""Ranks of methods over all points of a sweep: the table for files, page and screen, and sentences to quote."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import median
+from typing import Any
+
+import pandas as pd
+
+from rmpc_bench.analysis.number_text import interval_text
+from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio, ranking
+from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.figures.labels import marked
+from rmpc_bench.report.run_notes import short_time
+from rmpc_bench.report.tables import markdown_table
+
+_NUMBERS = ["ratio", "ratio_low", "ratio_high", "smallest", "largest"]
+COLUMNS = [
+    *("axis", "value", "method", "rank_low", "rank_high", "n", "n_failed", "n_points", "n_pairs"),
+    *("ratio", "ratio_low", "ratio_high", "smallest", "smallest_at", "largest", "largest_at", "better", "worse"),
+]
+"""Columns of ranks.csv; those of ranks are empty in the rows of a part of the sweep."""
+_WHOLE = ["rank_low", "rank_high", "n", "n_failed", "better", "worse"]
+
+
+@dataclass(frozen=True, eq=False)
+class RanksTable:
+    """The methods in the order of their ranks.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    found : the ranks; None where there are none
+    """
+
+    trials: Trials
+    found: Ranking | None
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """Content of ranks.csv: a row per method, then a row per part of the sweep and method."""
+        rows = [] if self.found is None else [*map(_whole_row, self.found.rows), *map(_part_row, self.found.ratios)]
+        table = pd.DataFrame(rows, columns=COLUMNS)
+        table[_NUMBERS] = rounded(table[_NUMBERS].to_numpy(dtype=float), 1.0)
+        for name in _WHOLE:
+            table[name] = table[name].astype("Int64")
+        return table
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Names in the order of the ranks."""
+        return () if self.found is None else tuple(row.method for row in self.found.rows)
+
+    @property
+    def columns(self) -> dict[str, list[str]]:
+        """Head -> cells, a line per method; nothing without ranks."""
+        if self.found is None:
+            return {}
+        rows, baseline = self.found.rows, self.trials.baseline
+        columns = {"method": [marked(self.trials, row.method) for row in rows], "rank": [_rank(row) for row in rows]}
+        # Failures come before accuracy.
+        columns["n/n_failed"] = [f"{row.n}/{row.n_failed}" for row in rows]
+        columns[f"ratio to {baseline}"] = [_interval(row.ratio, row.method == baseline) for row in rows]
+        for head, value in self._values():
+            here = [each for row in rows for each in row.by_value if (each.axis, each.value) == (head, value)]
+            cells = {each.method: _short(each) for each in here}
+            columns[value] = [cells.get(row.method, "1") for row in rows]
+        if self.found.n_values > 1:
+            columns["smallest"] = [_extreme(row.smallest) for row in rows]
+            columns["largest"] = [_extreme(row.largest) for row in rows]
+            columns["better/worse"] = [_counts(row, baseline) for row in rows]
+        times = [self._time(row.method) for row in rows]
+        return columns | ({"time per step": times} if any(time != "-" for time in times) else {})
+
+    @property
+    def rest(self) -> str:
+        """Say on how many points and runs the ratios rest where a run failed; empty where none did."""
+        if self.found is None or not any(row.n_failed for row in self.found.rows):
+            return ""
+        parts = [
+            f"{row.method} {row.ratio.n_pairs} of {row.n} runs at {row.ratio.n_points} points"
+            for row in self.found.rows
+            if row.method != self.trials.baseline
+        ]
+        return f"The ratios rest on the runs that both finished: {', '.join(parts)}."
+
+    @property
+    def legend(self) -> list[str]:
+        """What the columns mean, as sentences."""
+        if self.found is None:
+            return []
+        info, baseline = self.trials.primary_info, self.trials.baseline
+        level = f"{100 * self.trials.confidence:g} %"
+        points = f" over {len(self.trials.points)} points" * bool(self.trials.points)
+        texts = [
+            f"rank: interval from all pairs of methods, simultaneous at {level}; smaller is better",
+            f"ratio: geometric mean of {info.words if info else 'the metric'} relative to {baseline}{points}, with the "
+            "same simultaneous interval",
+        ]
+        if any(each.ratio for row in self.found.rows for each in row.by_value):
+            texts.append("?: the simultaneous interval of the ratio contains 1")
+        if self.found.n_values > 1:
+            texts.append(
+                f"smallest, largest, better/worse: of the {self.found.n_values} values of {self.found.longest}; better "
+                f"and worse by simultaneous intervals at {level}"
+            )
+        return [*texts, *filter(None, [self.rest])]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One sentence per method that can be quoted as it stands."""
+        if self.found is None:
+            return ()
+        n = len(self.found.rows)
+        return tuple(self._sentence(row, n) for row in self.found.rows)
+
+    def _sentence(self, row: RankRow, n: int) -> str:
+        failed = f"{row.n_failed} of {row.n} runs failed; " if row.n_failed else ""
+        text = f"{row.method}: {failed}rank {_rank(row)} of {n}"
+        if row.method == self.trials.baseline or math.isnan(row.ratio.ratio):
+            return f"{text}."
+        level = f"{100 * self.trials.confidence:g} % simultaneous"
+        return f"{text}, ratio to {self.trials.baseline} {_interval(row.ratio, False)} ({level})."
+
+    def to_markdown(self) -> str:
+        """Return the table with its legend; empty without ranks."""
+        if not self.columns:
+            return ""
+        lines = [f"- {text}" for text in self.legend]
+        return "\n\n".join([f"# {self.trials.name}: ranks", markdown_table(self.columns), "\n".join(lines)]) + "\n"
+
+    def to_screen(self) -> str:
+        """Return the table as plain text; empty without ranks."""
+        if not self.columns:
+            return ""
+        widths = {head: max(map(len, [head, *cells])) for head, cells in self.columns.items()}
+        heads = "   ".join(head.ljust(widths[head]) for head in self.columns).rstrip()
+        rows = [
+            "   ".join(cell.ljust(width) for cell, width in zip(cells, widths.values(), strict=True)).rstrip()
+            for cells in zip(*self.columns.values(), strict=True)
+        ]
+        return "\n".join([heads, *rows, "", *self.legend])
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)
+
+    def _values(self) -> list[tuple[str, str]]:
+        """Axis and value of the columns of ratios."""
+        found = self.found.rows if self.found is not None else ()
+        return [*dict.fromkeys((each.axis, each.value) for row in found for each in row.by_value)]
+
+    def _time(self, method: str) -> str:
+        """Median over the points of the time per run and step."""
+        notes = [point.notes.get(method) for point in self.trials.each]
+        seconds = [each.seconds_per_step for each in notes if each is not None and each.seconds_per_step is not None]
+        return short_time(median(seconds)) if seconds else "-"
+
+
+def ranks_table(trials: Trials) -> RanksTable:
+    """Rank the methods of an experiment whose configuration asks for it.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    """
+    return RanksTable(trials, ranking(trials) if trials.with_verdicts else None)
+
+
+def _rank(row: RankRow) -> str:
+    """Write a rank, which is an interval; one that has a single value is that value, repeated."""
+    return f"{row.rank_low} to {row.rank_high}"
+
+
+def _interval(ratio: Ratio, is_baseline: bool) -> str:
+    if is_baseline:
+        return "1"
+    if math.isnan(ratio.ratio):
+        return "-"
+    return interval_text(ratio.ratio, ratio.low, ratio.high, sign=False)
+
+
+def _short(ratio: Ratio) -> str:
+    """Write a ratio of a part of the sweep, with a mark where its interval contains 1."""
+    if math.isnan(ratio.ratio):
+        return "-"
+    return f"{ratio.ratio:.3g}{'' if ratio.high < 1 or ratio.low > 1 else ' ?'}"
+
+
+def _extreme(ratio: Ratio | None) -> str:
+    return "-" if ratio is None else f"{ratio.ratio:.3g} ({ratio.value})"
+
+
+def _counts(row: RankRow, baseline: str) -> str:
+    return "-" if row.method == baseline else f"{row.better}/{row.worse}"
+
+
+def _whole_row(row: RankRow) -> Mapping[str, Any]:
+    return {
+        **{
+            name: getattr(row, name) for name in ("method", "rank_low", "rank_high", "n", "n_failed", "better", "worse")
+        },
+        **_part_row(row.ratio),
+        **_extremes(row),
+    }
+
+
+def _extremes(row: RankRow) -> Mapping[str, Any]:
+    named: Sequence[tuple[str, Ratio | None]] = (("smallest", row.smallest), ("largest", row.largest))
+    return {
+        key: value
+        for name, each in named
+        for key, value in ((name, each.ratio if each else math.nan), (f"{name}_at", each.value if each else ""))
+    }
+
+
+def _part_row(ratio: Ratio) -> Mapping[str, Any]:
+    found = asdict(ratio)
+    return found | {"ratio_low": found.pop("low"), "ratio_high": found.pop("high")}

@@ -1,0 +1,126 @@
+"""The table of ranks: numbers against plain loops over the trials, words, files and the page."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import pytest
+from claim_tables import make_trials as make_trials
+from small_experiment import cli, write
+
+from rmpc_bench import load_config
+from rmpc_bench.report.page.rank_table import LIMITATIONS, rank_blocks
+from rmpc_bench.report.ranks_table import ranks_table
+from rmpc_bench.types import ConfigError
+
+SYSTEMS = [f"s{number}" for number in range(8)]
+WORLDS = ["believed", "biased"]
+SHIFTS = {"good": -0.5, "same": 0.0, "KF": 0.0, "bad": 0.7}
+
+
+@pytest.fixture
+def sweep(make_trials):
+    """Return a function that makes a sweep over systems and worlds; ``lost`` runs of the bad method fail."""
+
+    def make(lost=0, ranked=(("name",), ("noise",))):
+        rng, tables = np.random.default_rng(3), []
+        for system, world in product(SYSTEMS, WORLDS):
+            common = rng.normal(size=30)
+            values = {
+                name: np.exp(common + shift * (1 + (world == "biased")) + 0.05 * rng.normal(size=30)).tolist()
+                for name, shift in SHIFTS.items()
+            }
+            values["bad"][:lost] = [None] * lost
+            point = {"name": system, "noise": world}
+            table = replace(make_trials({"mse": values}), point=point, title=f"{system}, {world}", baseline="KF")
+            tables.append(replace(table, ranked=ranked))
+        frame = pd.concat([table.frame for table in tables], ignore_index=True)
+        return replace(tables[0], frame=frame, paths=("name", "noise"), points=tuple(tables), point={}, title="")
+
+    return make
+
+
+def test_numbers(sweep):
+    """Oracle: plain loops over the values of the points."""
+    trials = sweep()
+    table = ranks_table(trials).frame.set_index(["axis", "value", "method"])
+
+    def ratio(method, **where):
+        points = [each for each in trials.points if all(each.point[key] == value for key, value in where.items())]
+        logs = [np.log(each.column("mse", method) / each.column("mse", "KF")).mean() for each in points]
+        return np.exp(np.mean(logs))
+
+    for method in ("good", "same", "bad"):
+        # ranks.csv has six digits.
+        np.testing.assert_allclose(table.loc["", "", method]["ratio"], ratio(method), rtol=1e-5)
+        for world in WORLDS:
+            found = table.loc["noise", world, method]
+            np.testing.assert_allclose(found["ratio"], ratio(method, noise=world), rtol=1e-5)
+            assert found["ratio_low"] <= found["ratio"] <= found["ratio_high"] and found["n_points"] == len(SYSTEMS)
+        parts = {system: ratio(method, name=system) for system in SYSTEMS}
+        whole = table.loc["", "", method]
+        assert whole["smallest_at"] == min(parts, key=parts.get) and whole["largest_at"] == max(parts, key=parts.get)
+        np.testing.assert_allclose(
+            [whole["smallest"], whole["largest"]], [*sorted(parts.values())][:: len(parts) - 1], rtol=1e-5
+        )
+    rows = table.loc["", ""]
+    assert rows[["rank_low", "rank_high"]].to_numpy().tolist() == [[1, 1], [2, 3], [2, 3], [4, 4]]
+    assert rows[["better", "worse"]].loc[["good", "bad"]].to_numpy().tolist() == [[8, 0], [0, 8]]
+    assert (rows["n"] == 30 * 16).all() and not rows["n_failed"].any()
+
+
+def test_a_rank_is_never_a_number_alone(sweep):
+    """In the table, on the screen and in sentences."""
+    table = ranks_table(sweep())
+    assert table.columns["rank"] == ["1 to 1", "2 to 3", "2 to 3", "4 to 4"]
+    assert table.sentences[0].startswith("good: rank 1 to 1 of 4, ratio to KF 0.4")
+    lines = table.to_screen().splitlines()
+    assert lines[0].split()[:3] == ["method", "rank", "n/n_failed"] and lines[1].startswith("good")
+    assert [*table.columns][3:6] == ["ratio to KF", "believed", "biased"]
+    assert "| method" in table.to_markdown() and str(table) == "\n".join(table.sentences)
+
+
+def test_failures_stand_first_and_the_rest_is_said(sweep):
+    """The worst method keeps its place, and the numbers of runs behind the ratios are named."""
+    table = ranks_table(sweep(lost=12))
+    assert table.columns["n/n_failed"][-1] == f"{30 * 16}/{12 * 16}"
+    assert f"bad {18 * 16} of {30 * 16} runs at 16 points" in table.legend[-1]
+    assert table.sentences[-1].startswith(f"bad: {12 * 16} of {30 * 16} runs failed; rank 4 to 4 of 4")
+    assert ranks_table(sweep()).rest == ""
+
+
+def test_only_where_it_is_asked_for(sweep):
+    """Without the key there are no columns, no file and no section of the page."""
+    table = ranks_table(sweep(ranked=None))
+    assert table.columns == {} and table.to_screen() == table.to_markdown() == "" and table.sentences == ()
+    assert not len(table.frame) and rank_blocks(table, ()) == [] and rank_blocks(None, ()) == []
+    smoke = replace(sweep(), with_verdicts=False)
+    assert ranks_table(smoke).columns == {}
+
+
+def test_values_without_a_logarithm_give_no_ranks(make_trials):
+    """An MSE of 0 has no ratio."""
+    trials = replace(make_trials({"mse": {"A": [1.0, 0.0], "B": [1.0, 2.0]}}), ranked=())
+    assert ranks_table(trials).columns == {}
+
+
+def test_files_and_page(tmp_path):
+    """An experiment without a sweep: ranks.csv, tables/ranks.md, the section of the page with its limitations."""
+    file = write(tmp_path, statistics="{ranks: true}")
+    out = tmp_path / "out"
+    result = cli("run", file, "-o", out, "-j", 1, "--progress", "none")
+    assert result.exit_code == 0 and result.stdout.splitlines()[2].split()[:2] == ["method", "rank"]
+    assert pd.read_csv(out / "ranks.csv")["rank_low"].min() == 1
+    assert (out / "tables" / "ranks.md").read_text().startswith("# ")
+    page = (out / "report.md").read_text()
+    assert "## Ranks over all points" in page
+    for text in LIMITATIONS:
+        assert text.replace("-", "\\-") in page or text in page
+
+
+def test_a_metric_without_ratios_is_refused(tmp_path):
+    """A message at the key, with a way out."""
+    file = write(tmp_path, statistics="{ranks: true, primary: settling_time}", metrics="[mse, settling_time]")
+    with pytest.raises(ConfigError, match=r"statistics.ranks: settling_time may not occur.*statistics.primary"):
+        load_config(file)
