@@ -185,7 +185,7 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
     return [directory / name for name in names]
 
 
-def _write_table(table: DriversTable | RequirementsTable, directory: Path, name: str) -> list[Path]:
+def _write_table(table: DriversTable | RequirementsTable | RanksTable, directory: Path, name: str) -> list[Path]:
     """Write NAME.csv and tables/NAME.md; what has no content is not written, and an earlier file is removed."""
     files, frame = [directory / f"{name}.csv", directory / "tables" / f"{name}.md"], table.frame
     text = table.to_markdown()
