@@ -111,7 +111,7 @@ def tuning_ranks(
         return None
     budgets, drawn = budgets_of(searches), _sets(searches)
     names = [*(search.method for search in searches), *others]
-    places = [names.index(name) for name in order if name in names] if order else [*range(len(names))]
+    places = [names.index(name) for name in dict.fromkeys([*order, *names]) if name in names]
     on_test = [objectives(protocol, test[:-1]) for test in tests]
     fixed = [float(objectives(protocol, values)) for values in others.values()]
     whole, of_sets = [], []

@@ -1,0 +1,125 @@
+"""Cells and columns of the tables of tuned parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rmpc_bench.analysis.parameter_text import parameter_text
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.tuning import Outcome
+from rmpc_bench.analysis.tuning_ranks import TuningRanks
+from rmpc_bench.types.tuning import TunedParameter, TuningProtocol
+
+
+def number(value: float | None) -> str:
+    """Write a parameter or an objective with four digits; ``-`` where it is not known."""
+    return "-" if value is None or math.isnan(value) else f"{value:.4g}"
+
+
+def percent(value: float) -> str:
+    """Write a number in per cent with two digits, from 100 on without decimals; ``-`` where it is not known.
+
+    Examples
+    --------
+    >>> percent(2.345), percent(0.0), percent(1234.5), percent(float("nan"))
+    ('2.3 %', '0 %', '1234 %', '-')
+    """
+    if math.isnan(value):
+        return "-"
+    return f"{value:.2g} %" if abs(value) < 99.5 else f"{value:.0f} %"
+
+
+def objective_text(protocol: TuningProtocol) -> str:
+    """Say what the search makes small."""
+    penalty = f" x (1 + {protocol.penalty:g} x share of lost runs)" if protocol.penalty else ""
+    return f"{protocol.statistic} of {protocol.metric} over the finished runs{penalty}"
+
+
+def range_text(parameter: TunedParameter) -> str:
+    """Write the range of a parameter."""
+    low, high = parameter.ends
+    whole = ", whole numbers" if parameter.integer else ""
+    return f"{low:.4g} to {high:.4g}{whole}"
+
+
+def value_text(found: Outcome) -> str:
+    """Write every parameter of a method with its default and its tuned value."""
+    search, texts = found.search, []
+    for place, parameter in enumerate(search.parameters):
+        before = "" if search.default[place] is None else f" {number(search.default[place])}"
+        end = " (end of range)" if search.at_end[place] else ""
+        texts.append(f"{parameter.path}{before} -> {number(float(search.candidates[search.chosen, place]))}{end}")
+    return ", ".join(texts)
+
+
+def value_columns(found: Sequence[Outcome]) -> dict[str, list[str]]:
+    """Return head -> cells of the table of values, a line per method and parameter.
+
+    Parameters
+    ----------
+    found : of the methods at one point of the sweep
+    """
+    columns: dict[str, list[str]] = {}
+    for each in found:
+        for place in range(len(each.search.parameters)):
+            for head, cell in _cells(each, place).items():
+                columns.setdefault(head, []).append(cell)
+    if all(each.search.test is None for each in found):
+        # Without runs of the experiment there is nothing to say about them.
+        columns = {head: cells for head, cells in columns.items() if not head.startswith(("test", "best", "regret"))}
+    return columns
+
+
+def _cells(found: Outcome, place: int) -> dict[str, str]:
+    search, parameter = found.search, found.search.parameters[place]
+    end = " (end of range)" if search.at_end[place] else ""
+    return {
+        "method": search.method,
+        "parameter": parameter.path,
+        "range": range_text(parameter),
+        "default": number(search.default[place]),
+        "tuned": number(float(search.candidates[search.chosen, place])) + end,
+        "best on test": number(found.best_values[place]),
+        "tuning runs": number(found.objective),
+        "test, default": number(found.test_default),
+        "test, tuned": number(found.test_tuned),
+        "test, best": number(found.test_best),
+        "regret": percent(found.regret),
+        "lost in tuning": percent(100 * found.lost),
+        "test, lost": percent(100 * found.test_lost),
+    }
+
+
+def rank_text(ranks: TuningRanks, method: str, budget: int = -1) -> str:
+    """Write the rank of a method with its smallest and largest rank over the bootstrap sets.
+
+    Parameters
+    ----------
+    ranks : at one point of the sweep
+    method : name of the method
+    budget : index among the budgets; the last one unless given
+
+    Returns
+    -------
+    such as "2 (1 to 3)"
+    """
+    place = ranks.methods.index(method)
+    ends = ranks.smallest[budget, place], ranks.largest[budget, place]
+    return f"{ranks.ranks[budget, place]} ({ends[0]} to {ends[1]})"
+
+
+def rank_columns(ranks: TuningRanks, trials: Trials) -> dict[str, list[str]]:
+    """Return head -> cells of the table of ranks: every method after each budget.
+
+    Parameters
+    ----------
+    ranks : at one point of the sweep
+    trials : the table of trials, which says where parameters come from
+    """
+    columns = {"method": [*ranks.methods]}
+    words = [parameter_text(trials, name) for name in ranks.methods]
+    columns |= {"parameters": [word or "-" for word in words]} if any(words) else {}
+    for index, n in enumerate(ranks.budgets):
+        columns[f"rank after {n} values"] = [rank_text(ranks, name, index) for name in ranks.methods]
+    return columns

@@ -1,0 +1,71 @@
+"""Sentences on tuning: what was chosen, ends of ranges, and how far ranks can be relied on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from rmpc_bench.analysis.tuning import Outcome
+from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks
+from rmpc_bench.report.tuning_cells import number, percent, rank_text, value_text
+
+EXPLANATION = (
+    "Tuning runs: objective of the tuned value on the runs of the search. Test runs are those of the experiment. "
+    "A run is lost if it fails or its metric is not finite. Best: the smallest objective on the test runs among all "
+    "values that were tried and the default. Regret: by how much the tuned value is worse than the best one. "
+    "Rank: order of the objectives on the test runs; equal methods share a rank. In brackets: smallest and largest "
+    f"rank over {SETS} bootstrap sets of the tuning runs, in each of which every method chooses again among the values "
+    "that it has tried."
+)
+
+
+def search_sentence(found: Outcome) -> str:
+    """Say what a search has chosen, what that changes on the runs of the experiment, and the regret."""
+    search = found.search
+    text = f"{search.method}: {value_text(found)}, of {len(search.candidates)} values"
+    if search.test is None:
+        return f"{text}."
+    parts = [f"{number(found.test_tuned)} on the test runs, {number(found.test_default)} with the default"]
+    parts += [] if math.isnan(found.regret) else [f"regret {percent(found.regret)}"]
+    lost = max(found.lost, found.test_lost)
+    shares = f"lost runs: {percent(100 * found.lost)} in tuning, {percent(100 * found.test_lost)} in the test"
+    return f"{text}: {', '.join(parts)}{f'; {shares}' if lost > 0 else ''}."
+
+
+def end_sentences(found: Outcome) -> Iterator[str]:
+    """Name the parameters whose tuned value is an end of the range."""
+    search = found.search
+    for place, parameter in enumerate(search.parameters):
+        if search.at_end[place]:
+            value = float(search.candidates[search.chosen, place])
+            end = "lower" if value == parameter.ends[0] else "upper"
+            text = f"{search.method}: {parameter.path} = {number(value)} is the {end} end of its range"
+            yield f"{text}; a better value may lie outside."
+
+
+def rank_sentences(ranks: TuningRanks) -> list[str]:
+    """Say how far the ranks depend on the tuning runs and on the budget.
+
+    Parameters
+    ----------
+    ranks : at one point of the sweep
+    """
+    order, winner = (f"{100 * share:.3g} %" for share in (ranks.same_order, ranks.same_winner))
+    text = f"Other tuning runs: the order is the same in {order} of {SETS} bootstrap sets"
+    texts = [f"{text}, the first rank in {winner}."]
+    if ranks.can_change:
+        names = [f"{name} {rank_text(ranks, name)}" for name in ranks.can_change]
+        texts.append(f"With other tuning runs ranks can change: {', '.join(names)}.")
+    return texts + _budget(ranks)
+
+
+def _budget(ranks: TuningRanks) -> list[str]:
+    budgets = [str(n) for n in ranks.budgets]
+    if len(budgets) == 1:
+        return []
+    if not ranks.changing:
+        text = f"No rank changes between {', '.join(budgets[:-1])} and {budgets[-1]} values"
+        return [f"{text}; a larger budget can change ranks."]
+    names = [f"{name} {', '.join(map(str, found))}" for name, found in ranks.changing.items()]
+    text = f"Ranks change with the budget ({', '.join(budgets)} values): {'; '.join(names)}"
+    return [f"{text}. A larger one can change them again."]

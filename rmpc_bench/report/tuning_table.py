@@ -1,0 +1,200 @@
+"""How the parameters were chosen, as tables, sentences and the lines at the end of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.analysis.rounding import rounded
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.tuning import Outcome, outcome, tuning_frame
+from rmpc_bench.analysis.tuning_ranks import TuningRanks, tuning_ranks
+from rmpc_bench.report.tables import markdown_table
+from rmpc_bench.report.tuning_cells import objective_text, percent, rank_columns, rank_text, value_columns, value_text
+from rmpc_bench.report.tuning_sentences import EXPLANATION, end_sentences, rank_sentences, search_sentence
+from rmpc_bench.types.tuning import Tuning
+
+MOST_POINTS = 6
+"""Points of a sweep that tables/tuning.md and the page show; tuning.csv has all."""
+MOST_NAMED = 8
+"""Methods that the screen shows one by one."""
+_SHARES = ["lost_pct", "test_lost_default_pct", "test_lost_pct", "regret_pct", "same_order_pct", "same_winner_pct"]
+_NUMBERS = ["default", "best_on_test", "objective", "test_default", "test_tuned", "test_best"]
+_RANKS = ["rank", "rank_smallest", "rank_largest"]
+
+
+@dataclass(frozen=True, eq=False)
+class TuningTable:
+    """What tuning has chosen and gained, at every point of a sweep.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    tuning : how the parameters were chosen; None where no method is tuned
+    """
+
+    trials: Trials
+    tuning: Tuning | None
+
+    @cached_property
+    def outcomes(self) -> dict[str, list[Outcome]]:
+        """Title of a point -> what the searches there have found."""
+        found: dict[str, list[Outcome]] = {}
+        for search in () if self.tuning is None else self.tuning.searches:
+            found.setdefault(search.point, []).append(outcome(search))
+        return found
+
+    @cached_property
+    def ranks(self) -> dict[str, TuningRanks]:
+        """Title of a point -> ranks there; without the points that have none."""
+        tables = {table.title: table for table in self.trials.each}
+        found = {title: self._ranks_at(title, tables.get(title), each) for title, each in self.outcomes.items()}
+        return {title: ranks for title, ranks in found.items() if ranks is not None}
+
+    def _ranks_at(self, title: str, table: Trials | None, found: Sequence[Outcome]) -> TuningRanks | None:
+        if self.tuning is None:
+            return None
+        searches, metric, others = [each.search for each in found], self.tuning.protocol.metric, {}
+        sizes = {0 if search.test is None else search.test.shape[1] for search in searches}
+        # A method that is not tuned can be ranked where its own runs are those of the test.
+        if table is not None and sizes == {len(table.runs)} and metric in [info.name for info in table.metrics]:
+            tuned = {search.method for search in searches}
+            others = {name: table.column(metric, name) for name in table.methods if name not in tuned}
+        return tuning_ranks(self.tuning.protocol, searches, others, self.trials.all_methods)
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """Content of tuning.csv: one row per point, method and parameter; empty where no method is tuned."""
+        if self.tuning is None:
+            return pd.DataFrame()
+        table = tuning_frame(self.tuning)
+        table = table.join(
+            pd.DataFrame([self._rank_row(*pair) for pair in zip(table["point"], table["method"], strict=True)])
+        )
+        table[_NUMBERS] = rounded(table[_NUMBERS].to_numpy(dtype=float))
+        table[_SHARES] = rounded(table[_SHARES].to_numpy(dtype=float), 100.0)
+        for name in _RANKS:
+            table[name] = table[name].astype("Int64")
+        return table if (table["point"] != "").any() else table.drop(columns="point")
+
+    def _rank_row(self, point: str, method: str) -> dict[str, object]:
+        ranks = self.ranks.get(point)
+        if ranks is None:
+            return {**dict.fromkeys(_RANKS), "ranks": "", "same_order_pct": np.nan, "same_winner_pct": np.nan}
+        place = ranks.methods.index(method)
+        texts = [f"{n}: {rank}" for n, rank in zip(ranks.budgets, ranks.ranks[:, place], strict=True)]
+        return {
+            "rank": int(ranks.ranks[-1, place]),
+            "rank_smallest": int(ranks.smallest[-1, place]),
+            "rank_largest": int(ranks.largest[-1, place]),
+            "ranks": ", ".join(texts),
+            "same_order_pct": 100 * ranks.same_order,
+            "same_winner_pct": 100 * ranks.same_winner,
+        }
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Sentences that can be quoted: what was chosen, ends of ranges, and how far ranks can be relied on."""
+        found: list[str] = []
+        for title in self.outcomes:
+            start = f"{title}: " if title else ""
+            found += [start + text for text in self.sentences_at(title)]
+        return tuple(found)
+
+    def sentences_at(self, title: str) -> list[str]:
+        """Return the sentences on one point of the sweep."""
+        found = self.outcomes[title]
+        texts = [search_sentence(each) for each in found] + [text for each in found for text in end_sentences(each)]
+        return texts + (rank_sentences(self.ranks[title]) if title in self.ranks else [])
+
+    @property
+    def protocol(self) -> str:
+        """The protocol in one sentence; empty where no method is tuned."""
+        if self.tuning is None:
+            return ""
+        protocol = self.tuning.protocol
+        return (
+            f"Budget {protocol.budget}: so many values are tried for each method, each on {protocol.runs} runs whose "
+            f"random numbers the experiment does not use. Objective: {objective_text(protocol)}."
+        )
+
+    @property
+    def tables(self) -> list[tuple[str, dict[str, list[str]], dict[str, list[str]], list[str]]]:
+        """Title, table of values, table of ranks (empty without) and sentences of each point, `MOST_POINTS` at most."""
+        found = []
+        for title in [*self.outcomes][:MOST_POINTS]:
+            ranks = self.ranks.get(title)
+            of_ranks = {} if ranks is None else rank_columns(ranks, self.trials)
+            found.append((title, value_columns(self.outcomes[title]), of_ranks, self.sentences_at(title)))
+        return found
+
+    @property
+    def n_left(self) -> int:
+        """Number of points that `tables` leaves out."""
+        return max(0, len(self.outcomes) - MOST_POINTS)
+
+    def to_markdown(self) -> str:
+        """Return the tables and sentences of the points; empty where no method is tuned."""
+        if not self.outcomes:
+            return ""
+        parts = [f"# {self.trials.name}: tuning", self.protocol]
+        for title, values, ranks, sentences in self.tables:
+            parts += [f"## {title}"] * bool(title) + [markdown_table(values)]
+            parts += [markdown_table(ranks)] if ranks else []
+            parts.append("\n".join(f"- {text}" for text in sentences))
+        parts += [f"{self.n_left} more point{'s' * (self.n_left > 1)} of the sweep: tuning.csv"] if self.n_left else []
+        return "\n\n".join([*parts, EXPLANATION]) + "\n"
+
+    def to_screen(self) -> list[str]:
+        """Return the lines at the end of a run, the first one beginning with ``tuning``; none without tuning."""
+        lines = [*self._screen()] if self.outcomes else []
+        return [f"{'tuning' if number == 0 else '':12}{line}".rstrip() for number, line in enumerate(lines)]
+
+    def _screen(self) -> Iterator[str]:
+        assert self.tuning is not None
+        every = [each for found in self.outcomes.values() for each in found]
+        protocol, n = self.tuning.protocol, len({each.search.method for each in every})
+        points = f" at {len(self.outcomes)} points" if len(self.outcomes) > 1 else ""
+        head = f"{n} method{'s' * (n > 1)}{points}, budget {protocol.budget}, {protocol.runs} runs"
+        yield f"{head}, {protocol.statistic} of {protocol.metric}"
+        if len(self.outcomes) == 1:
+            (found,) = self.outcomes.values()
+            yield from self._screen_of_point(found)
+        elif known := [each for each in every if each.regret == each.regret]:
+            worst = max(known, key=lambda each: each.regret)
+            yield f"largest regret {percent(worst.regret)} ({worst.search.method}, {worst.search.point})"
+        ends = [each for each in every if any(each.search.at_end)]
+        if ends:
+            names = dict.fromkeys(each.search.method for each in ends)
+            yield f"at the end of the range: {', '.join(names)}; a better value may lie outside"
+        if len(self.outcomes) == 1:
+            yield from (text for ranks in self.ranks.values() for text in rank_sentences(ranks))
+            return
+        changing = sum(bool(ranks.can_change or ranks.changing) for ranks in self.ranks.values())
+        if self.ranks:
+            where = f"at {changing} of {len(self.ranks)} points" if changing else "at no point"
+            yield f"ranks change with the tuning runs or the budget {where}"
+        yield "tables/tuning.md and tuning.csv have each point"
+
+    def _screen_of_point(self, found: Sequence[Outcome]) -> Iterator[str]:
+        ranks = self.ranks.get(found[0].search.point)
+        shown = found[:MOST_NAMED]
+        columns = [
+            [each.search.method for each in shown],
+            [value_text(each) for each in shown],
+            ["" if each.regret != each.regret else f"regret {percent(each.regret)}" for each in shown],
+            ["" if ranks is None else f"rank {rank_text(ranks, each.search.method)}" for each in shown],
+        ]
+        widths = [max(map(len, column)) for column in columns]
+        for cells in zip(*columns, strict=True):
+            yield "   ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True) if width).rstrip()
+        left = len(found) - len(shown)
+        if left:
+            yield f"and {left} more method{'s' * (left > 1)}: tables/tuning.md"
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)

@@ -1,0 +1,144 @@
+"""Tables, sentences and lines on tuning, from searches whose numbers are known by hand."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from tuned_searches import constant, search, tuning
+
+from rmpc_bench.report.csv_file import csv_lines
+from rmpc_bench.report.tuning_cells import percent
+from rmpc_bench.report.tuning_table import MOST_NAMED, MOST_POINTS, TuningTable
+
+STAGES = ["grid", "grid", "golden"]
+
+
+@pytest.fixture
+def trials(make_trials):
+    """Return a table of two tuned methods and one that is not tuned, with three runs."""
+    made = make_trials({"mse": {"C": [7.0] * 3, "A": [1.0] * 3, "B": [2.0] * 3}})
+    return replace(made, parameters={"C": "as published"})
+
+
+@pytest.fixture
+def made(trials):
+    """A is second after two values and first after three, at the end of its range; B has a regret of 25 %."""
+    first = search("A", constant([4, 3, 1]), constant([4, 3, 1, 9]), stages=STAGES, values=[0.1, 1.0, 10.0])
+    second = search("B", constant([2, 5, 5]), constant([2.5, 5, 2, 9]), stages=STAGES, values=[0.02, 0.3, 5.0])
+    found = tuning(first, second)
+    return TuningTable(replace(trials, parameters={**trials.parameters, **found.parameters}), found)
+
+
+def test_the_file_has_a_row_per_method_and_its_numbers(made):
+    frame = pd.read_csv(io.StringIO("".join(csv_lines(made.frame))))
+    assert "point" not in frame and frame["method"].tolist() == ["A", "B"]
+    assert frame["tuned"].tolist() == [10.0, 0.02] and frame["end_of_range"].tolist() == [True, False]
+    assert frame["regret_pct"].tolist() == [0.0, 25.0] and frame["best_on_test"].tolist() == [10.0, 5.0]
+    assert frame["rank"].tolist() == [1, 2] and frame["ranks"].tolist() == ["2: 2, 3: 1", "2: 1, 3: 2"]
+    assert frame["same_order_pct"].tolist() == [100.0, 100.0]
+
+
+def test_sentences_name_what_was_chosen_ends_of_ranges_and_changing_ranks(made):
+    assert made.sentences == (
+        "A: estimator.radius 0.1 -> 10 (end of range), of 3 values: 1 on the test runs, 9 with the default, "
+        "regret 0 %.",
+        "B: estimator.radius 0.1 -> 0.02, of 3 values: 2.5 on the test runs, 9 with the default, regret 25 %.",
+        "A: estimator.radius = 10 is the upper end of its range; a better value may lie outside.",
+        "Other tuning runs: the order is the same in 100 % of 200 bootstrap sets, the first rank in 100 %.",
+        "Ranks change with the budget (2, 3 values): A 2, 1; B 1, 2. A larger one can change them again.",
+    )
+
+
+def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
+    """Also of the method that is not tuned, with the word."""
+    text = made.to_markdown()
+    assert "| method | parameter | range | default | tuned | best on test | tuning runs |" in text
+    assert (
+        "| A | estimator.radius | 0.01 to 10 | 0.1 | 10 (end of range) | 10 | 1 | 9 | 1 | 1 | 0 % | 0 % | 0 % |" in text
+    )
+    assert "| C | as published, not tuned | 3 (3 to 3) | 3 (3 to 3) |" in text
+    assert "| A | tuned (budget 4, 3 runs) | 2 (2 to 2) | 1 (1 to 1) |" in text
+    assert "mean of mse over the finished runs x (1 + 10 x share of lost runs)" in text
+    for block in text.split("\n\n"):
+        rows = [line for line in block.splitlines() if line.startswith("|")]
+        assert len({row.count("|") for row in rows}) <= 1
+
+
+def test_the_screen_has_a_line_per_method(made):
+    assert made.to_screen() == [
+        "tuning      2 methods, budget 4, 3 runs, mean of mse",
+        "            A   estimator.radius 0.1 -> 10 (end of range)   regret 0 %    rank 1 (1 to 1)",
+        "            B   estimator.radius 0.1 -> 0.02                regret 25 %   rank 2 (2 to 2)",
+        "            at the end of the range: A; a better value may lie outside",
+        *(f"            {text}" for text in made.sentences[-2:]),
+    ]
+
+
+def test_without_test_runs_there_is_no_regret_and_no_rank(trials):
+    made = TuningTable(trials, tuning(search("A", constant([2, 1]), default=None)))
+    assert made.sentences == ("A: estimator.radius -> 5, of 2 values.",)
+    assert made.to_screen()[1:] == ["            A   estimator.radius -> 5"]
+    text = made.to_markdown()
+    assert "| method | parameter | range | default | tuned | tuning runs | lost in tuning |" in text
+    assert "| A | estimator.radius | 0.01 to 10 | - | 5 | 1 | 0 % |" in text
+    assert made.frame["rank"].isna().all() and made.frame["ranks"].tolist() == [""]
+
+
+def test_lost_runs_are_named(trials):
+    lost = [[1.0, 1.0, np.nan], [9.0, 9.0, 9.0]]
+    made = TuningTable(trials, tuning(search("A", lost, [[1.0] * 3, [9.0] * 3, [1.0] * 3])))
+    assert made.sentences[0].endswith("; lost runs: 33 % in tuning, 0 % in the test.")
+
+
+def test_two_parameters_have_two_rows(trials):
+    base = search("A", constant([2, 1]), constant([2, 1, 3]))
+    both = (base.parameters[0], replace(base.parameters[0], path="model.scale", low=1.0, high=4.0, integer=True))
+    two = replace(base, parameters=both, default=(0.1, 2.0), candidates=np.array([[0.1, 2.0], [0.5, 3.0]]))
+    made = TuningTable(trials, tuning(two))
+    assert made.frame["parameter"].tolist() == ["estimator.radius", "model.scale"]
+    assert made.sentences[0].startswith("A: estimator.radius 0.1 -> 0.5, model.scale 2 -> 3, of 2 values")
+    assert "| A | model.scale | 1 to 4, whole numbers | 2 | 3 |" in made.to_markdown()
+
+
+def test_a_sweep_has_a_table_per_point_and_a_short_screen(trials, make_sweep):
+    """Each point ranks with its own table, and the file has all points."""
+    n = MOST_POINTS + 2
+    sweep = make_sweep(*[({"s": str(i)}, replace(trials, title=f"s={i}")) for i in range(n)])
+    searches = [
+        search("A", constant([2, 1]), constant([1 + i / 100, 1.0 + i / 10, 9]), point=f"s={i}") for i in range(n)
+    ]
+    made = TuningTable(sweep, tuning(*searches))
+    assert made.frame["point"].tolist() == [f"s={i}" for i in range(n)]
+    text = made.to_markdown()
+    assert text.count("## s=") == MOST_POINTS and "2 more points of the sweep: tuning.csv" in text
+    lines = made.to_screen()
+    assert lines[0] == f"tuning      1 method at {n} points, budget 4, 3 runs, mean of mse"
+    assert lines[1].strip() == "largest regret 59 % (A, s=7)"  # 1.7 / 1.07
+    assert made.sentences[0].startswith("s=0: A: ") and len(made.ranks) == n
+
+
+def test_a_method_that_is_not_tuned_is_ranked_with_as_many_runs_only(made, make_trials):
+    """A table of other runs would compare different random numbers."""
+    other = make_trials({"mse": {"C": [0.1] * 5, "A": [1.0] * 5, "B": [2.0] * 5}})
+    assert TuningTable(other, made.tuning).ranks[""].methods == ("A", "B")
+    assert made.ranks[""].methods == ("C", "A", "B")
+
+
+def test_many_methods_are_counted_on_the_screen(trials):
+    names = [f"M{i}" for i in range(MOST_NAMED + 2)]
+    made = TuningTable(trials, tuning(*(search(name, constant([2, 1]), constant([2, 1, 3])) for name in names)))
+    assert sum("estimator.radius" in line for line in made.to_screen()) == MOST_NAMED
+    assert any("and 2 more methods: tables/tuning.md" in line for line in made.to_screen())
+
+
+def test_no_tuning_no_table(trials):
+    made = TuningTable(trials, None)
+    assert made.to_screen() == [] and made.to_markdown() == "" and made.sentences == () and made.frame.empty
+
+
+def test_percent_has_two_digits():
+    assert [percent(value) for value in (0.0, 0.034, 2.35, 99.4, 99.5, 1234.0)] == [
+        *("0 %", "0.034 %", "2.4 %", "99 %", "100 %", "1234 %"),
+    ]
