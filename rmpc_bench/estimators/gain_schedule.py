@@ -5,6 +5,9 @@ Designs `predictor_schedule` from given gains, `riccati_schedule` by a Riccati r
 
 Model   x_pred(k+1) = F_k x_pred(k) + B_k u(k) + f_k + K_k e(k),  x_hat(k) = x_pred(k) + L_k e(k),
         e(k) = y(k) - C_k x_pred(k) - d_k;  K_k = F_k L_k for a filter, L_k = 0 for a one-step predictor.
+Missing An output that is missing (NaN) has e = 0 in these sums: the filter predicts, with the gains of the schedule.  P
+        and S stay those of the schedule, so that P is too small after a missing measurement; `bridging` computes them
+        again.  A filter with a set M does not bridge: the set would no longer contain the error.
 Cost    Five small matrix-vector products per run and step.
 """
 
@@ -37,7 +40,7 @@ class FilterState(NamedTuple):
 
     x_pred: Float[Array, "runs nx"]
     e: Float[Array, "runs ny"]
-    """Innovation of the last correction."""
+    """Innovation of the last correction, 0 where the measurement was missing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +81,11 @@ class GainScheduleFilter(Estimator):
     has_compiled_form = True
 
     @property
+    def bridges_missing(self) -> bool:
+        """Whether a missing measurement is replaced by its prediction."""
+        return self.M is None
+
+    @property
     def reports(self) -> dict[str, tuple[int, ...]]:
         """The innovation, and its covariance where the design has one."""
         ny = self.C.shape[1]
@@ -92,14 +100,17 @@ class GainScheduleFilter(Estimator):
         e = y - mv(at_sample(self.C, k), state.x_pred)
         if self.d is not None:
             e = e - at_sample(self.d, k)
-        x_hat = state.x_pred + mv(at_sample(self.L, k), e) if self._corrects else state.x_pred
+        used, missing = e, np.isnan(y)
+        if self.bridges_missing and missing.any():
+            used = np.where(missing, 0.0, e)
+        x_hat = state.x_pred + mv(at_sample(self.L, k), used) if self._corrects else state.x_pred
         P = None if self.P is None else at_sample(self.P, k)
         M = None if self.M is None else at_sample(self.M, k)
         info = {"e": e}
         if self.S is not None:
             S = at_sample(self.S, k)
             info["S"] = np.broadcast_to(S, (len(y), *S.shape))
-        return FilterState(state.x_pred, e), Estimate(x_hat, P, M, np.full(len(y), OK), info)
+        return FilterState(state.x_pred, used), Estimate(x_hat, P, M, np.full(len(y), OK), info)
 
     def predict(self, k: int, state: FilterState, u: Float[Array, "runs nu"]) -> FilterState:
         """Predict k+1: x_pred+ = F x_pred + B u + K e."""

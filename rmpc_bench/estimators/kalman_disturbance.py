@@ -14,11 +14,13 @@ Fails   Design error if the covariance of the innovation is singular.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.estimators.gain_schedule import FilterState, GainScheduleFilter, riccati_schedule
+from rmpc_bench.estimators.bridging import BridgingFilter
+from rmpc_bench.estimators.gain_schedule import riccati_schedule
 from rmpc_bench.models.disturbance import Entry
 from rmpc_bench.models.disturbed import DisturbedModel
 from rmpc_bench.models.noise_sets import NoiseKind, NoiseSets, stochastic_sets, with_noise_kind
@@ -31,10 +33,11 @@ from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Matrix, Mo
 class DisturbanceFilter(Estimator):
     """A filter for [x; d] whose estimate is x; the entry `w_mean` of the estimate is d."""
 
-    full: GainScheduleFilter
+    full: BridgingFilter
     sets: NoiseSets
 
     estimates_mean = True
+    bridges_missing = True
 
     @property
     def expected_failures(self) -> dict[str, str]:
@@ -52,18 +55,18 @@ class DisturbanceFilter(Estimator):
         covariance: Array = _of(self.full.P)[:, : self.nx, : self.nx]
         return covariance
 
-    def init(self, n_runs: int) -> FilterState:
+    def init(self, n_runs: int) -> Any:
         """Start every run at ``x0`` with d = 0."""
         return self.full.init(n_runs)
 
-    def correct(self, k: int, state: FilterState, y: Float[Array, "runs ny"]) -> tuple[FilterState, Estimate]:
+    def correct(self, k: int, state: Any, y: Float[Array, "runs ny"]) -> tuple[Any, Estimate]:
         """Use y(k)."""
         state, full = self.full.correct(k, state, y)
         nx = self.nx
         x_hat, w_mean = (np.ascontiguousarray(part) for part in (full.x_hat[:, :nx], full.x_hat[:, nx:]))
-        return state, Estimate(x_hat, _of(full.P)[:nx, :nx], None, full.status, {**full.info, "w_mean": w_mean})
+        return state, Estimate(x_hat, _of(full.P)[..., :nx, :nx], None, full.status, {**full.info, "w_mean": w_mean})
 
-    def predict(self, k: int, state: FilterState, u: Float[Array, "runs nu"]) -> FilterState:
+    def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
         """Predict k+1."""
         return self.full.predict(k, state, u)
 
@@ -122,14 +125,8 @@ def design(
     entry = Entry(np.zeros((model.nu, nx)), np.eye(nx), np.zeros((model.ny, nx)), drift * np.eye(nx), D)
     with_mean = DisturbedModel(design_model, entry)
     start = with_mean.start(x0, P0, np.zeros_like(P0))
-    return DisturbanceFilter(
-        riccati_schedule(
-            with_mean,
-            n_steps,
-            start["x0"],
-            start["P0"],
-            lambda k, P_pred: Inflation(P_pred, 0.0),
-            use_y0=use_y0,
-        ),
-        stochastic_sets(design_model),
+    schedule = riccati_schedule(
+        with_mean, n_steps, start["x0"], start["P0"], lambda k, P_pred: Inflation(P_pred, 0.0), use_y0=use_y0
     )
+    full = BridgingFilter.of(schedule, [with_mean.at(k) for k in range(n_steps + 1)], use_y0=use_y0)
+    return DisturbanceFilter(full, stochastic_sets(design_model))

@@ -6,6 +6,7 @@ Bound   A lower bound of the error for estimators without this knowledge: with G
 Model   The matrices of the plant with the F of the run, A + H_A F_x G_x and so on, and the covariances of w and v of
         the design model.  F(k) is known at k.  P is the covariance of x_pred - x given the F of the run.
 Source  Kalman filter with correlated noises; a lower bound in addition to souto2011.
+Missing An output that is missing (NaN) is left out of the gain and of P of its run.
 Limit   Without uncertainty the Kalman predictor.
 Cost    One Riccati step per run and step.
 Fails   Design error if plant and model are not of a kind with uncertain matrices.
@@ -61,6 +62,7 @@ class Oracle(Estimator):
     form: Form = "predictor"
 
     knows_uncertainty = True
+    bridges_missing = True
 
     def init(self, n_runs: int, delta: Any = ()) -> OracleState:
         """Start every run at ``x0``; ``delta`` contains the F of all runs."""
@@ -84,20 +86,24 @@ class Oracle(Estimator):
             [_sum(m.Dw, m.H_Dw, state.F_w[:, k], m.G_w), _sum(m.Dv, m.H_Dv, state.F_v[:, k], m.G_v)], axis=2
         )
         mean, joint = self.model.noise
+        missing = np.isnan(y)
+        # An output that is missing becomes one that depends on nothing.
+        C, D = (np.where(missing[:, :, None], 0.0, each) for each in (C, D))
         R = _abc(D, joint, D)
-        Y = _abc(C, P, C) + R
+        Y = _abc(C, P, C) + R + np.einsum("ri,ij->rij", missing.astype(float), np.eye(y.shape[1]))
         K = _gain(_abc(A, P, C) + _abc(B, joint, D), Y)
         rest, noise = A - _ab(K, C), B - _ab(K, D)
         # Joseph form, which keeps P positive semidefinite under rounding.
         P_next = _abc(rest, P, rest) + _abc(noise, joint, noise)
         e = y - mv(C, x_pred) - np.einsum("rij,j->ri", D, mean)
         moved = mv(A, x_pred) + np.einsum("rij,j->ri", B, mean)
-        after = state._replace(x_pred=moved, P=symmetrise(P_next), e=e, K=K)
+        used = np.where(missing, 0.0, e)
+        after = state._replace(x_pred=moved, P=symmetrise(P_next), e=used, K=K)
         x_hat, P_hat = x_pred, P
         if self.form == "filter":
             L = _gain(np.einsum("rij,rkj->rik", P, C), Y)
             kept = np.eye(len(m.A)) - _ab(L, C)
-            x_hat, P_hat = x_pred + mv(L, e), _abc(kept, P, kept) + _abc(L, R, L)
+            x_hat, P_hat = x_pred + mv(L, used), _abc(kept, P, kept) + _abc(L, R, L)
         return after, Estimate(x_hat, P_hat, None, np.full(len(y), OK), {"e": e})
 
     def predict(self, k: int, state: OracleState, u: Float[Array, "runs nu"]) -> OracleState:

@@ -8,6 +8,7 @@ Source  ma2025, section V (ESM, from its [25]): (16)-(24) without the stochastic
 Update  linear           corrects the centre with a gain that minimises tr M and does not depend on the data.
         maksarov-norton  computes the smallest fusion of the predicted set with the set of states that are consistent
                          with y.  It depends on the data: M shrinks more for a less likely y.
+Missing maksarov-norton: a sample of which an output is missing (NaN) leaves the predicted set.  linear: not bridged.
 Limit   A measurement without information (M_v -> infinity) leaves the prediction.  Without stochastic noises and with q
         at its fixed point the linear update is the filter `mixed`.
 Cost    linear: as every gain schedule.  maksarov-norton: two scalar searches, about 30 us per run and step.
@@ -70,6 +71,7 @@ class IntersectionFilter(Estimator):
     use_y0: bool = True
 
     estimates_set = True
+    bridges_missing = True
 
     def init(self, n_runs: int) -> SetState:
         """Start every run with the same set."""
@@ -82,8 +84,13 @@ class IntersectionFilter(Estimator):
         if k == 0 and not self.use_y0:
             lam, met = np.zeros(len(y)), np.ones(len(y), dtype=bool)
         else:
-            found = intersection(state.M, now.C, at_sample(self.M_v, k), e, self.criterion)
-            state, lam, met = SetState(state.x + found.centre, found.M), found.lam, found.met
+            # The predicted set contains the state whether or not something is measured.
+            missing = np.isnan(y).any(axis=1)
+            used = np.where(missing[:, None], 0.0, e)
+            found = intersection(state.M, now.C, at_sample(self.M_v, k), used, self.criterion)
+            x, M = np.where(missing[:, None], state.x, state.x + found.centre), found.M
+            state = SetState(x, np.where(missing[:, None, None], state.M, M))
+            lam, met = np.where(missing, 0.0, found.lam), found.met | missing
         return state, Estimate(state.x, None, state.M, np.where(met, OK, EMPTY_SET), {"e": e, "lam": lam})
 
     def predict(self, k: int, state: SetState, u: Float[Array, "runs nu"]) -> SetState:

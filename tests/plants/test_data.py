@@ -117,11 +117,11 @@ def test_check_names_estimators_that_do_not_bridge_gaps(copy):
     y = original["y"][1].copy()
     y[4] = np.nan
     write_run(directory / "runs" / "run-1.csv", original["u"][1], y, original["x"][1])
-    methods = "{KF: {estimator: {kind: kalman}}, RKF: {estimator: {kind: robust-kalman, c: 0.1}}}"
-    config = load_config(write(directory, methods=methods))
+    methods = "{KF: {estimator: {kind: kalman}}, SM: {estimator: {kind: set-membership}}}"
+    config = load_config(write(directory, methods=methods, metrics="[innovation_mse]"))
     texts = [str(each) for each in config.warnings]
     texts = [text for text in texts if "the first at sample 4 of run-1.csv" in text]
-    assert len(texts) == 1 and "'RKF'" in texts[0] and "'KF'" not in texts[0]
+    assert len(texts) == 1 and "'SM'" in texts[0] and "'KF'" not in texts[0]
 
 
 @pytest.mark.parametrize(
