@@ -41,6 +41,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "ode": "rmpc_bench.models.ode:design",
         "moving-slide": "rmpc_bench.models.moving_slide:design",
         "scipy": "rmpc_bench.adapters.scipy_signal:model",
+        "servo": "rmpc_bench.models.servo_nonlinear:design",
         "servo-linear": "rmpc_bench.models.servo:design",
         "uncertain-linear": "rmpc_bench.models.uncertain_linear:design",
     },
@@ -61,6 +62,8 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "set-membership": "rmpc_bench.estimators.set_membership:design",
         "moving-horizon": "rmpc_bench.estimators.moving_horizon:design",
         "kalman-disturbance": "rmpc_bench.estimators.kalman_disturbance:design",
+        "extended-kalman": "rmpc_bench.estimators.extended_kalman:design",
+        "unscented-kalman": "rmpc_bench.estimators.unscented_kalman:design",
         "control-lqe": "rmpc_bench.adapters.control_gains:lqe",
     },
     "controllers": {

@@ -116,6 +116,7 @@ SHARED_SIBLINGS = {
     "bridging",
     "constrained",
     "gain_schedule",
+    "gaussian_filter",
     "gpc_law",
     "gpc_limits",
     "gpc_programs",

@@ -26,6 +26,7 @@ from rmpc_bench.estimators.bridging import BridgingFilter
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter, riccati_schedule
 from rmpc_bench.models.noise_sets import NoiseKind, with_noise_kind
 from rmpc_bench.models.state_dependent import StateDependentModel
+from rmpc_bench.numerics.correction import joseph_correction
 from rmpc_bench.numerics.kl_ball import Inflation
 from rmpc_bench.numerics.linalg import congruence, mv, symmetrise
 from rmpc_bench.types import Array, DesignError, Estimate, Estimator, Model, Status
@@ -120,11 +121,7 @@ class TrajectoryFilter(RelinearisedFilter):
         e, after = y - self.model.measure(state.x_hat), state
         if k > 0 or self.use_y0:
             C = self.model.around(k, state.x_hat, state.u).C
-            PC = np.einsum("rij,rkj->rik", state.P, C)
-            L = _solved(congruence(C, state.P) + R_v, PC.swapaxes(1, 2)).swapaxes(1, 2)
-            rest = np.eye(self.model.nx) - np.einsum("rij,rjk->rik", L, C)
-            P = symmetrise(congruence(rest, state.P) + congruence(L, R_v))
-            after = TrajectoryState(state.x_hat + mv(L, e), P, state.u)
+            after = TrajectoryState(*joseph_correction(state.x_hat, state.P, e, C, R_v), state.u)
         return after, Estimate(after.x_hat, after.P, None, np.full(len(y), OK), {"e": e})
 
     def predict(self, k: int, state: Any, u: Float[Array, "runs nu"]) -> Any:
@@ -132,14 +129,6 @@ class TrajectoryFilter(RelinearisedFilter):
         A = self.model.around(k, state.x_hat, u).A
         P = symmetrise(congruence(A, state.P) + self.model.Q_w)
         return TrajectoryState(self.model.advance(k, state.x_hat, u), P, u)
-
-
-def _solved(S: Float[Array, "runs ny ny"], N: Float[Array, "runs ny nx"]) -> Float[Array, "runs ny nx"]:
-    """Return S^-1 N of every run; NaN where S is not finite, as in a failed run."""
-    good = np.isfinite(S).all(axis=(1, 2))
-    found = np.full_like(N, np.nan)
-    found[good] = np.linalg.solve(S[good], N[good])
-    return found
 
 
 def design(

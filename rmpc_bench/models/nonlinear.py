@@ -1,4 +1,4 @@
-"""Nonlinear design model: the nominal plant as functions, for user-defined estimators and controllers.
+"""Nonlinear design model: the nominal plant as functions, for nonlinear filters and user-defined components.
 
 Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v ~ N(0, R_v).  f integrates the nominal
         plant over a sample with the input held, by the Runge-Kutta method of order 4, or is the map of a discrete
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from rmpc_bench.models.compiled_step import Step, compiled_step
 from rmpc_bench.models.dynamics import Dynamics, OdeDynamics, OfPlant, dynamics_of, steps_of
+from rmpc_bench.models.flow import PlantFlow
 from rmpc_bench.models.linearised import LinearisedModel, linearised
 from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.operating_point import At, find_point
@@ -72,6 +73,12 @@ class NonlinearModel(OfPlant, Model):
     def limits(self) -> tuple[Float[Array, " nx"], Float[Array, " nx"]]:
         """Lower and upper bounds of the states, infinite where there are none."""
         return self.dynamics.limits(self.dynamics.names.states)
+
+    @property
+    def flow(self) -> PlantFlow:
+        """The model as maps of many states at once, for extended-kalman and unscented-kalman."""
+        compiled = self if self.compiled else None
+        return PlantFlow(self.dynamics, self.Ts, self.substeps, self.Q_w, self.R_v, compiled)
 
     def f(self, x: ArrayLike, u: ArrayLike, k: int = 0) -> Float[Array, "*n nx"]:
         """Return x(k+1) without noise.
@@ -203,8 +210,9 @@ def design(
     """Nonlinear model of the nominal plant.
 
     User-defined estimators and controllers use its functions f(x, u) and h(x), the Jacobians F(x, u) and H(x), Q_w,
-    R_v, Ts, the user's own rhs and output, and the nominal parameters p.  Built-in linear methods refuse it; with an
-    operating point `at` they use the linear model around it.
+    R_v, Ts, the user's own rhs and output, and the nominal parameters p.  The estimators extended-kalman and
+    unscented-kalman use f and h.  Built-in linear methods refuse the model; with an operating point `at` they use the
+    linear model around it.
 
     Parameters
     ----------

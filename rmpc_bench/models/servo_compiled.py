@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.models.servo_kernel import WORK, servo_advance
+from rmpc_bench.models.servo_kernel import WORK, servo_advance, servo_points
 from rmpc_bench.numerics.linalg import as_compiled
 from rmpc_bench.numerics.linear_loop_kernel import ROWS, first_state, ready, rows_kernel
 from rmpc_bench.types import Array, CompiledPlant, Statuses
@@ -48,6 +48,31 @@ def servo_step(
     arrays = (as_compiled(each) for each in (x, u, w, plant.own, plant.shared))
     x, u, w, own, shared = arrays
     rows(plant.advance, 0, x, u, w, own, shared, plant.sizes, np.zeros(plant.work), x_next, status)
+    return x_next, status
+
+
+def servo_flow(
+    linear: Float[Array, " 9"],
+    friction: Float[Array, "2 3"],
+    Ts: float,
+    tolerance: float,
+    x: Float[Array, "points 5"],
+    u: Float[Array, "points 1"],
+) -> tuple[Float[Array, "points 5"], Statuses]:
+    """Return the states of one plant one sample later without noise, and the statuses of the kernel.
+
+    Parameters
+    ----------
+    linear, friction : coefficients of the plant, see `models.servo_equations.coefficients`
+    Ts : sampling time [s]
+    tolerance : bound of the last terms of a Taylor series relative to its largest term
+    x, u : states and voltages [V]
+    """
+    # No compiled function is passed to the kernel: finding its pointer costs as much as a hundred points.
+    own, x_next, status = np.zeros((3, 9)), np.empty(x.shape), np.zeros(len(x), np.int8)
+    own[0], own[1:, :3] = linear, friction
+    x, u, shared = as_compiled(x), as_compiled(u), np.array([[Ts, tolerance]])
+    servo_points(x, u, np.zeros(4), own, shared, NO_SIZES, np.zeros(WORK), x_next, status)
     return x_next, status
 
 

@@ -1,7 +1,7 @@
 """Compiled simulation of the servomechanism: Taylor series between friction events, for all rows of a block.
 
 Phases
-    1  one sample: loop over the pieces between events        servo_advance, _sample
+    1  one sample: loop over the pieces between events        servo_points, servo_advance, _sample
     2  mode of each body from the state (stick or slip)       _begin, _mode
     3  Taylor series of one piece, shortened until accurate   _series, _expand, _converge, _brake, _shrink
     4  recursion of the coefficients                          _prepare, _accelerations, _slip
@@ -9,11 +9,10 @@ Phases
     6  state at the end of the piece                          _evaluate
 
 Model
-    Each body slips forwards (mode 1), slips backwards (-1) or sticks (0).  As long as the modes are constant the
-    equations are smooth, and the state is a power series in the time tau in [0, 1], scaled to the rest of the sample.
-    The coefficients follow from a recursion and serve as dense output: an event is the first zero of a polynomial in
-    tau.  A slipping body stops when its velocity reaches zero.  A sticking body starts to slip when the torque on it
-    exceeds the largest friction torque.
+    Each body slips forwards (mode 1), slips backwards (-1) or sticks (0).  While the modes are constant the equations
+    are smooth, and the state is a power series in the time tau in [0, 1], scaled to the rest of the sample.  Its
+    coefficients, from a recursion, serve as dense output: an event is the first zero of a polynomial in tau.  A body
+    that slips stops at velocity zero; one that sticks starts when the torque on it exceeds the largest friction torque.
 
 Arrays
     ``c`` contains
@@ -24,12 +23,10 @@ Arrays
                    coefficient is in column ORDER, so that rows 7 + b and 9 + b, shifted, multiply element by element
         row 11     modes of load and motor
         row 12     1 for a body that has just started to slip, else 0
-    ``p`` (3, 9) contains the coefficients of `models.servo_equations.coefficients`: linear ones, friction of load and of
-    motor.  Torques are divided by inertias.
+    ``p`` (3, 9) contains `servo_equations.coefficients`: linear ones, friction of load, of motor; torques by inertias.
 
-The module is imported at the first step only, as it loads numba.  Functions of the inner loop are inlined, because a
-call takes as much time as the work.  All functions are in one file, because numba's cache does not detect a change of a
-function in another file.
+The module is imported at the first step only, as it loads numba.  Functions of the inner loop are inlined: a call takes
+as much time as the work.  All are in one file: numba's cache does not detect a change of a function in another file.
 """
 
 from __future__ import annotations
@@ -41,8 +38,7 @@ import numpy as np
 
 from rmpc_bench.numerics.compiled import compiled
 
-# Shape of the memory of `servo_advance`.
-WORK = (13, 57)
+WORK = (13, 57)  # shape of the memory of `servo_advance`
 # Values of types.Status, which compiled code cannot read.
 OK, TOO_MANY_EVENTS = 0, 3
 # The kernel writes NaN with status OK for such a run; the closed loop detects NaN and sets the status `diverged`.
@@ -50,18 +46,15 @@ NO_NUMBERS = -1
 # Largest order of a series, a multiple of 4.  A sample of 0.1 s needs order 20 with the parameters of the paper.
 ORDER = 28
 INVERSE = 1.0 / np.maximum(1.0, np.arange(ORDER + 1.0))
-# Two small terms at a lower order may be a coincidence.
-LEAST_ORDER = 8
+LEAST_ORDER = 8  # two small terms at a lower order may be a coincidence
 MOST_EVENTS = 1000  # per sample
 MOST_PIECES = 20_000  # per sample; about 20 ms
 # Relative tolerance, a few hundred roundings: a torque this close to the friction limit does not exceed it.
 TIE = 1e-13
 # Values of alpha_2 |w|: exp(-38) = 3e-17 is below the rounding of the friction at rest.
 FAST, STILL_FAST = 45.0, 38.0
-# Zero in the search for events: far below any rounding and far above underflow.
-NOTHING = 1e-250
-# Steps of the root search: one to ten are usual; sixty occur only close to a double zero.
-MOST_STRIDES = 60
+NOTHING = 1e-250  # zero in the search for events: far below any rounding and far above underflow
+MOST_STRIDES = 60  # of the root search: one to ten are usual, sixty occur only close to a double zero
 # The closed loop stops such a run as `diverged`; larger values overflow here when squared.
 LARGEST = 1e100
 
@@ -396,3 +389,12 @@ def servo_advance(
     for i in range(4):
         out[i] += w[i]
     return max(end, OK)
+
+
+@compiled()
+def servo_points(
+    x: Any, u: Any, w: Any, own: Any, shared: Any, sizes: Any, work: Any, x_next: Any, status: Any
+) -> None:  # fmt: skip  # pragma: no cover
+    """Advance every row of ``x`` by one sample, all with the same coefficients; see `servo_advance`."""
+    for row in range(len(x)):
+        status[row] = servo_advance(0, x[row], u[row], w, own, shared, sizes, work, x_next[row])

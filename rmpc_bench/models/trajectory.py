@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.dynamics import Dynamics, OfPlant, sampled, steps_of
+from rmpc_bench.models.flow import PlantFlow
 from rmpc_bench.models.noise_covariances import DesignNoise
 from rmpc_bench.models.state_dependent import Affine, Pair, StateDependentModel
 from rmpc_bench.types import Array
@@ -39,6 +40,11 @@ class TrajectoryModel(OfPlant, StateDependentModel):
     R_v: Float[Array, "ny ny"]
 
     has_offsets = True
+
+    @property
+    def flow(self) -> PlantFlow:
+        """The model without linearisation, as maps of many states at once."""
+        return PlantFlow(self.dynamics, self.Ts, self.substeps, self.Q_w, self.R_v)
 
     def at_state(self, x: Float[Array, "runs nx"]) -> Pair:
         """Linearise at a state of every run, at the input nearest to 0."""

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.ode_blocks import padded, rows
 from rmpc_bench.models.ode_names import Names
 from rmpc_bench.plants.ode_design import equation, stepping_of
 from rmpc_bench.plants.ode_facts import facts
@@ -40,8 +41,6 @@ from rmpc_bench.plants.ode_stepping import (
     advance_block,
     advance_run,
     left_bounds,
-    padded,
-    rows,
     state_bounds,
 )
 from rmpc_bench.types import (

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.ode_blocks import padded, rows
 from rmpc_bench.models.ode_names import function_name
-from rmpc_bench.plants.ode_stepping import padded, rows
 from rmpc_bench.types import Array, DesignError, Ode, Parameters
 
 ALONE, BLOCKS = 7, (7, 13, 50)

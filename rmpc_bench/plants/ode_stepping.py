@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from rmpc_bench.models.ode_blocks import padded, rows
 from rmpc_bench.numerics.adaptive import Tolerances, solve
 from rmpc_bench.numerics.integration import Advance, Bounds, Slope, apply_map, rk4, sample_times
 from rmpc_bench.plants.ode_events import UserEvent
 from rmpc_bench.types import Array, Count, Ode, Parameters, Positive, SolverError, Status
-
-WIDTH = 8
-"""A block is filled up to a multiple of this many runs.  Sums and products of matrices take another path for a single
-run, with other last bits than within a block."""
 
 
 @dataclass(frozen=True)
@@ -123,17 +119,6 @@ def left_bounds(ode: Ode, state: int, t: float) -> str:
 def state_bounds(ode: Ode) -> Bounds | None:
     """Bounds of the states; None where no state has any."""
     return Bounds(*ode.limits(ode.states)) if any(name in ode.bounds for name in ode.states) else None
-
-
-def padded(each: Float[Array, "runs n"]) -> Float[Array, "n width"]:
-    """Return runs as columns, and the last one again until there is a multiple of `WIDTH`."""
-    return np.ascontiguousarray(np.pad(each, ((0, -len(each) % WIDTH), (0, 0)), mode="edge").T)
-
-
-def rows(names: Mapping[str, float], columns: Float[Array, "n_parameters width"]) -> Parameters:
-    """Parameters by name, a row over the runs each, which a user's function cannot write into."""
-    columns.flags.writeable = False
-    return Parameters(dict(zip(names, columns, strict=True)))
 
 
 def _one_column(ode: Ode, u: Float[Array, " nu"], p: Parameters, bounds: Bounds | None) -> Slope:

@@ -161,6 +161,11 @@ class Model:
         """The model of x - x_op, u - u_op and y - y_op; the model itself without an operating point."""
         return self
 
+    @attribute
+    def flow(self) -> Any:
+        """The model as maps of many states at once (`models.flow.Flow`); None for a model that is linear at every k."""
+        return None
+
     def start(self, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"], M0: Float[Array, "nx nx"]) -> dict[str, Array]:
         """Return x0, P0 and M0 of estimators: the disturbances have mean 0, covariance D0 and no bounded part.
 

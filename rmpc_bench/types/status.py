@@ -30,7 +30,11 @@ class Status(IntEnum):
     )
     TOO_MANY_EVENTS = 3, "friction stopped and released a body more often in one sample than can be followed"
     EMPTY_SET = 4, "the measurement and the predicted set have no state in common"
-    SINGULAR = 5, "the mechanism came to a pose in which its drives cannot move it every way"
+    SINGULAR = (
+        5,
+        "the mechanism came to a pose in which its drives cannot move it every way, or the covariance of a nonlinear "
+        "filter was indefinite twice",
+    )
     INFEASIBLE = 6, "an optimiser reported that its constraints have no solution"
     NOT_CONVERGED = 7, "a solver did not converge (`SolverError`)"
     TIMEOUT = 8, "a step or the run took longer than `execution.timeout`"

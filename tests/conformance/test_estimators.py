@@ -48,6 +48,8 @@ PARAMETERS = {
         {"window": 2, "w": (0.0, None), "v": (-30.0, 30.0)},
     ],
     "kalman-disturbance": [{}, {"drift": 0.1, "D0": 2.0, "noise": "matched"}],
+    "extended-kalman": [{}, {"spread": 1e-3, "use_y0": False}],
+    "unscented-kalman": [{}, {"alpha": 0.5, "beta": 2.0, "kappa": 1.0, "use_y0": False}],
 }
 """Parameters beyond the start that make a design of each kind; a new kind gets a line here."""
 BOUNDED = ("kalman", "mixed", "set-membership", "kalman-disturbance")

@@ -42,6 +42,9 @@ x_{k+1} = A x_k + B u_k + f_0 + w_k, \quad y_k = C x_k + d_0 + v_k""",
     ("models", "moving-slide"): r"\ddot y = -M(y)^{-1} N(y, \dot y) \dot y + M(y)^{-1} J(y)^\top \tau",
     ("models", "nonlinear"): r"x_{k+1} = f(x_k, u_k) + w_k, \quad y_k = h(x_k) + v_k",
     ("models", "ode"): r"\dot x = f(x, u, p), \quad y = h(x, p)",
+    ("models", "servo"): _SERVO
+    + r""", \quad L \dot I = V - R I - K_t \dot\theta_m, \quad
+T_f(\omega) = (\alpha_0 + \alpha_1 e^{-\alpha_2 |\omega|}) \mathrm{sgn}(\omega)""",
     ("models", "servo-linear"): _SERVO + r", \quad T_{fl} = T_{fm} = 0, \quad R I = V - K_t \dot\theta_m",
     ("models", "uncertain-linear"): _UNCERTAIN,
     (
@@ -56,6 +59,13 @@ A_k^F = A + H_A F_x(k) G_x""",
     ("estimators", "control-lqe"): r"\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1}), \quad"
     + "\n"
     + r"P = A (I - L C) P A^\top + Q_w, \quad L = P C^\top (C P C^\top + R_v)^{-1}",
+    ("estimators", "extended-kalman"): r"""\hat x_{k+1|k} = f(\hat x_{k|k}, u_k), \quad
+P_{k+1|k} = J P_{k|k} J^\top + Q_w, \quad J_i = \frac{f(\hat x + h_i) - f(\hat x - h_i)}{2 h_i}, \quad
+h_i = \mathrm{spread} \sqrt{P_{ii}}""",
+    ("estimators", "unscented-kalman"): r"""\chi_i = \hat x \pm \sqrt{(n + \lambda) P}_i, \quad
+\hat x_{k+1|k} = \sum_i W_i f(\chi_i, u_k), \quad
+P_{k+1|k} = \sum_i W_i^c (f(\chi_i, u_k) - \hat x_{k+1|k}) (\cdot)^\top + Q_w, \quad
+L_k = P_{xy} (P_{yy} + R_v)^{-1}""",
     ("estimators", "robust-kalman"): _ROBUST_GAIN
     + r""", \quad
 \log \det (I - \theta_k P_{k|k-1}) + \mathrm{tr} \left[ (I - \theta_k P_{k|k-1})^{-1} - I \right] = c""",

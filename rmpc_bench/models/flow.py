@@ -1,0 +1,249 @@
+"""Design models as maps of many states at once, for filters that evaluate the nonlinear model at points.
+
+Model   x(k+1) = f_k(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h_k(x(k)) + v(k), v ~ N(0, R_v);  white, independent.
+        A flow may have more states than the design model (the servomechanism: the current).  Those of the design model
+        come first, and controllers get those only.
+Limit   The flow of a linear model is f(x, u) = A x + B u + f0, h(x) = C x + d0.
+Cost    A right-hand side that takes blocks is called once per stage for all points; otherwise once per stage and point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models.dynamics import OUTSIDE_DOMAIN, Dynamics, LinearDynamics, OdeDynamics
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.ode_blocks import padded, rows
+from rmpc_bench.models.state_dependent import StateDependentModel
+from rmpc_bench.numerics.integration import apply_map, rk4, sample_times
+from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.types import Array, DesignError, Model
+
+
+class Flow:
+    """Base class of the maps of a design model.
+
+    A subclass gives the methods `advance`, `measure`, `Q_w_at` and `R_v_at`; it may give the others.
+    """
+
+    cost_per_point: float = 0.0
+    """Time of `advance` per state in a large block [s]."""
+
+    def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
+        """Return x(k+1) without noise; NaN where it is not defined."""
+        raise NotImplementedError("advance")
+
+    def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
+        """Return y(k) without noise; NaN where it is not defined."""
+        raise NotImplementedError("measure")
+
+    def Q_w_at(self, k: int) -> Float[Array, "n n"]:
+        """Covariance of the process noise from k to k+1."""
+        raise NotImplementedError("Q_w_at")
+
+    def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
+        """Covariance of the measurement noise at k."""
+        raise NotImplementedError("R_v_at")
+
+    def C_at(self, k: int) -> Float[Array, "ny n"] | None:
+        """Output matrix at k of a linear output; None for a nonlinear one."""
+        return None
+
+    def start(
+        self, x0: Float[Array, " nx"], P0: Float[Array, "nx nx"]
+    ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+        """Return mean and covariance of the state of the flow at k = 0.
+
+        Parameters
+        ----------
+        x0, P0 : mean and covariance of the state of the design model
+        """
+        return x0, P0
+
+    def warm_up(self) -> None:
+        """Compile."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFlow(Flow):
+    """A linear model, which may depend on k."""
+
+    model: Model
+
+    def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
+        """Return A x + B u + f0."""
+        now: LinearModel = self.model.at(k)
+        return mv(now.A, x) + mv(now.B, u) + now.f0
+
+    def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
+        """Return C x + d0."""
+        now: LinearModel = self.model.at(k)
+        return mv(now.C, x) + now.d0
+
+    def Q_w_at(self, k: int) -> Float[Array, "n n"]:
+        """Covariance of the process noise from k to k+1."""
+        covariance: Array = self.model.at(k).Q_w
+        return covariance
+
+    def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
+        """Covariance of the measurement noise at k."""
+        covariance: Array = self.model.at(k).R_v
+        return covariance
+
+    def C_at(self, k: int) -> Float[Array, "ny n"] | None:
+        """Output matrix at k."""
+        C: Array = self.model.at(k).C
+        return C
+
+
+@dataclass(frozen=True, eq=False)
+class PlantFlow(Flow):
+    """The nominal plant, integrated over a sample by the Runge-Kutta method of order 4, or its map.
+
+    Parameters
+    ----------
+    dynamics : the nominal plant
+    Ts : sampling time [s]
+    substeps : steps of the integration per sample
+    Q_w, R_v : covariances of the noises
+    compiled : model whose method ``f(x, u, k)`` is compiled; None where there is none
+    """
+
+    dynamics: Dynamics
+    Ts: float
+    substeps: int
+    Q_w: Float[Array, "n n"]
+    R_v: Float[Array, "ny ny"]
+    compiled: Any = None
+
+    @property
+    def cost_per_point(self) -> float:  # type: ignore[override]
+        """Time of `advance` per state in a large block [s], roughly."""
+        if self.compiled is not None or isinstance(self.dynamics, LinearDynamics):
+            return 3e-6
+        in_blocks = isinstance(self.dynamics, OdeDynamics) and self.dynamics.ode.rhs_takes_blocks
+        return self.substeps * (1e-6 if in_blocks else 3e-5)
+
+    def advance(self, k: int, x: Float[Array, "points n"], u: Float[Array, "points nu"]) -> Float[Array, "points n"]:
+        """Return x(k+1) without noise; NaN where the plant is not defined."""
+        dynamics = self.dynamics
+        if isinstance(dynamics, LinearDynamics):
+            return mv(dynamics.A, x) + mv(dynamics.B, u)
+        if isinstance(dynamics, OdeDynamics) and dynamics.ode.rhs_takes_blocks and self.compiled is None:
+            try:
+                with np.errstate(all="ignore"):
+                    return self._block(dynamics, k, x, u)
+            except OUTSIDE_DOMAIN:
+                # The function is not defined at one of the points: the others are computed alone.
+                pass
+        return _each(lambda i: self._one(k, x[i], u[i]), x.shape)
+
+    def measure(self, k: int, x: Float[Array, "points n"]) -> Float[Array, "points ny"]:
+        """Return y(k) without noise; NaN where it is not defined."""
+        C, dynamics, shape = self.C_at(k), self.dynamics, (len(x), len(self.R_v))
+        if C is not None:
+            return mv(C, x)
+        if isinstance(dynamics, OdeDynamics) and dynamics.ode.output_takes_blocks:
+            ode, columns = dynamics.ode, padded(x)
+            try:
+                with np.errstate(all="ignore"):
+                    return np.ascontiguousarray(ode.measure(columns, _nominal(dynamics, columns))[:, : len(x)].T)
+            except OUTSIDE_DOMAIN:
+                pass
+        return _each(lambda i: dynamics.output(x[i]), shape)
+
+    def Q_w_at(self, k: int) -> Float[Array, "n n"]:
+        """Covariance of the process noise."""
+        return self.Q_w
+
+    def R_v_at(self, k: int) -> Float[Array, "ny ny"]:
+        """Covariance of the measurement noise."""
+        return self.R_v
+
+    def C_at(self, k: int) -> Float[Array, "ny n"] | None:
+        """Output matrix of a plant with matrices, and of one whose states are all measured."""
+        if isinstance(self.dynamics, LinearDynamics):
+            return self.dynamics.C
+        if isinstance(self.dynamics, OdeDynamics) and self.dynamics.ode.output is None:
+            return np.eye(len(self.Q_w))
+        return None
+
+    def warm_up(self) -> None:
+        """Compile."""
+        if self.compiled is not None:
+            self.compiled.warm_up()
+
+    def _block(self, dynamics: OdeDynamics, k: int, x: Array, u: Array) -> Array:
+        """Advance all points in one call per stage."""
+        ode, columns, inputs, times = dynamics.ode, padded(x), padded(u), sample_times(k, self.substeps, self.Ts)
+        p = _nominal(dynamics, columns)
+
+        def slope(t: float, z: Array) -> Array:
+            return ode.slope(t, z, inputs, p)
+
+        moved = apply_map(slope, times[0], times[-1], columns) if ode.discrete else rk4(slope, times, columns, self._h)
+        return np.ascontiguousarray(moved.x[:, : len(x)].T)
+
+    @property
+    def _h(self) -> float:
+        return self.Ts / self.substeps
+
+    def _one(self, k: int, x: Float[Array, " n"], u: Float[Array, " nu"]) -> Float[Array, " n"]:
+        if self.compiled is not None:
+            moved: Array = self.compiled.f(x, u, k)
+            return moved
+        return self.dynamics.advance(k, x, u, self.Ts, self.substeps)
+
+
+def _nominal(dynamics: OdeDynamics, columns: Float[Array, "n width"]) -> Any:
+    """Return the nominal parameters as rows over the points, the form for which functions have been tested."""
+    numbers = np.array(list(dynamics.ode.nominal.values()), dtype=float)
+    return rows(dynamics.ode.nominal, np.repeat(numbers[:, None], columns.shape[1], axis=1))
+
+
+def _each(make: Callable[[int], Array], shape: tuple[int, ...]) -> Array:
+    """Fill an array row by row; a row where the function is not defined is NaN."""
+    found = np.full(shape, np.nan)
+    with np.errstate(all="ignore"):
+        for i in range(len(found)):
+            try:
+                found[i] = make(i)
+            except OUTSIDE_DOMAIN:
+                pass
+    return found
+
+
+def flow_of(model: Model) -> Flow:
+    """Return a design model as maps of many states.
+
+    Parameters
+    ----------
+    model : linear or nonlinear design model
+
+    Raises
+    ------
+    DesignError
+        If the model has no such maps, or disturbances beside a nonlinear one, or correlated noises.
+    """
+    found: Flow | None = model.flow
+    if found is not None:
+        return found
+    if model.undisturbed is not model and model.undisturbed.flow is not None:
+        raise DesignError(
+            "a filter of the nonlinear model has no disturbance states: leave out `disturbance`, or choose kalman",
+            "disturbance",
+        )
+    if isinstance(model, StateDependentModel):
+        raise DesignError(
+            "this model gives matrices at a state and no map f(x, u): choose kalman, or a model `nonlinear: plant`, "
+            "`linearise: plant` or servo",
+            "kind",
+        )
+    if model.at(0).S_wv.any():
+        raise DesignError("the noises w and v of this model are correlated (S_wv): choose kalman", "kind")
+    return LinearFlow(model)

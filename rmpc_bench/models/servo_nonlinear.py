@@ -1,0 +1,190 @@
+"""Design model of the servomechanism with inductance and dry friction: the plant `servo` at nominal parameters.
+
+Model   x(k+1) = f(x(k), u(k)) + w(k), f the flow of plants/servo.py over a sample, integrated from event to event;
+        y = th_l + v.  The filters extended-kalman and unscented-kalman estimate [th_l, w_l, th_m, w_m, I].  The current
+        I [A] is no state of the design model: its estimate is in the info `x_all`, and controllers get the others.
+        Controllers and linear filters use the linear model of models/servo.py with the same parameters and noise.
+Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
+Assumed Covariance of the process noise: that of the linear model for its four states, and CURRENT_VARIANCE for the
+        current, on which the process noise of the paper does not act.  I(0) has this variance and the mean 0.
+Limit   Without friction and with a small L the flow is that of the linear model.
+Cost    1.0 us per point and sample of 0.1 s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.models import servo
+from rmpc_bench.models.flow import Flow
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.models.servo import TABLE_1, ServoNoise
+from rmpc_bench.models.servo_equations import (
+    FRICTION,
+    INDUCTANCE,
+    MOST_RATE,
+    TOLERANCE,
+    coefficients,
+    slow_enough,
+)
+from rmpc_bench.types import Array, DesignError, Model, NonNegative, Positive, Status
+
+CURRENT_VARIANCE = 1e-6
+"""Variance of the current, at the start and added per sample [A^2]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ServoFlow(Flow):
+    """The flow of the servomechanism.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    linear, friction : coefficients of the equations of motion, see `servo_equations.coefficients`
+    Q_w, R_v : covariances of the noises
+    """
+
+    Ts: float
+    linear: Float[Array, " 9"]
+    friction: Float[Array, "2 3"]
+    Q_w: Float[Array, "5 5"]
+    R_v: Float[Array, "1 1"]
+    cost_per_point: float = field(default=1e-6, init=False)
+
+    def advance(self, k: int, x: Float[Array, "points 5"], u: Float[Array, "points 1"]) -> Float[Array, "points 5"]:
+        """Advance one sample with constant voltage; NaN where friction events are too many."""
+        from rmpc_bench.models.servo_compiled import servo_flow
+
+        moved, status = servo_flow(self.linear, self.friction, self.Ts, TOLERANCE, x, u)
+        moved[status != Status.OK] = np.nan
+        return moved
+
+    def measure(self, k: int, x: Float[Array, "points 5"]) -> Float[Array, "points 1"]:
+        """Return the load angle."""
+        return x[:, :1]
+
+    def Q_w_at(self, k: int) -> Float[Array, "5 5"]:
+        """Covariance of the process noise."""
+        return self.Q_w
+
+    def R_v_at(self, k: int) -> Float[Array, "1 1"]:
+        """Covariance of the measurement noise."""
+        return self.R_v
+
+    def C_at(self, k: int) -> Float[Array, "1 5"]:
+        """Output matrix."""
+        return np.eye(1, 5)
+
+    def start(self, x0: Float[Array, " 4"], P0: Float[Array, "4 4"]) -> tuple[Float[Array, " 5"], Float[Array, "5 5"]]:
+        """Return mean and covariance at k = 0, with a current of 0."""
+        return np.pad(x0, (0, 1)), with_current_variance(P0)
+
+    def warm_up(self) -> None:
+        """Compile the kernel."""
+        self.advance(0, np.zeros((1, 5)), np.zeros((1, 1)))
+
+
+def with_current_variance(P: Float[Array, "4 4"]) -> Float[Array, "5 5"]:
+    """Return a covariance with the variance of the current as its last entry."""
+    padded = np.pad(P, (0, 1))
+    padded[4, 4] = CURRENT_VARIANCE
+    return padded
+
+
+@dataclass(frozen=True, eq=False)
+class ServoModel(Model):
+    """The servomechanism as a design model: linear for controllers, nonlinear for filters that use `flow`.
+
+    Parameters
+    ----------
+    linear : model of the four states without inductance and dry friction
+    flow : flow of the five states
+    """
+
+    linear: LinearModel
+    flow: ServoFlow
+
+    def at(self, k: int) -> LinearModel:
+        """Return the linear model."""
+        return self.linear
+
+    @property
+    def extra_signals(self) -> Mapping[str, Float[Array, "nz 4"]]:
+        """Torques of the shaft."""
+        return self.linear.extra_signals
+
+    @property
+    def disturbance_inputs(self) -> Mapping[str, Float[Array, "4 nd"]]:
+        """Torque on the load."""
+        return self.linear.disturbance_inputs
+
+    def facts(self) -> list[tuple[str, str]]:
+        """What uses which part of the model."""
+        return [
+            ("f(x, u)", "with dry friction and inductance, for extended-kalman and unscented-kalman"),
+            ("linear model", "servo-linear, for controllers and all other estimators"),
+        ]
+
+    def warm_up(self) -> None:
+        """Compile the kernel."""
+        self.flow.warm_up()
+
+
+def design(
+    Ts: float,
+    *,
+    noise: ServoNoise,
+    L: Positive = INDUCTANCE,
+    J_m: Positive = TABLE_1["J_m"],
+    beta_m: NonNegative = TABLE_1["beta_m"],
+    R: Positive = TABLE_1["R"],
+    K_t: Positive = TABLE_1["K_t"],
+    rho: Positive = TABLE_1["rho"],
+    k_theta: Positive = TABLE_1["k_theta"],
+    J_l: Positive = TABLE_1["J_l"],
+    beta_l: NonNegative = TABLE_1["beta_l"],
+    alpha_l0: NonNegative = FRICTION["alpha_l0"],
+    alpha_l1: NonNegative = FRICTION["alpha_l1"],
+    alpha_l2: NonNegative = FRICTION["alpha_l2"],
+    alpha_m0: NonNegative = FRICTION["alpha_m0"],
+    alpha_m1: NonNegative = FRICTION["alpha_m1"],
+    alpha_m2: NonNegative = FRICTION["alpha_m2"],
+) -> ServoModel:
+    """Nonlinear servomechanism as a design model: nonlinear filters use its flow, controllers its linear part.
+
+    Parameters
+    ----------
+    Ts : sampling time [s]
+    noise : noise of the design model: `process` acts on the four states, `measurement` on the load angle
+    L : armature inductance [H]
+    J_m : motor inertia [kg m^2]
+    beta_m : viscous friction of the motor [N m s]
+    R : armature resistance [Ohm]
+    K_t : motor constant [N m/A]
+    rho : gear ratio
+    k_theta : torsional rigidity [N m/rad]
+    J_l : load inertia [kg m^2]
+    beta_l : viscous friction of the load [N m s]
+    alpha_l0 : Coulomb friction of the load [N m]
+    alpha_l1 : additional friction of the load near standstill [N m]
+    alpha_l2 : decay rate of alpha_l1 with the velocity [s/rad]
+    alpha_m0 : Coulomb friction of the motor [N m]
+    alpha_m1 : additional friction of the motor near standstill [N m]
+    alpha_m2 : decay rate of alpha_m1 with the velocity [s/rad]
+
+    Raises
+    ------
+    DesignError
+        If a mode of the linear part is too fast for the kernel: the inductance or an inertia is too small.
+    """
+    given = locals()
+    p = {name: float(given[name]) for name in ("L", *TABLE_1, *FRICTION)}
+    if not slow_enough([p], Ts)[0]:
+        raise DesignError(f"|eigenvalue| Ts of the linear part exceeds {MOST_RATE:,.0f}: increase L or an inertia", "L")
+    linear = servo.design(Ts, noise=noise, **{name: p[name] for name in TABLE_1})
+    flow = ServoFlow(Ts, *coefficients(p), with_current_variance(linear.Q_w), linear.R_v)
+    return ServoModel(linear, flow)
