@@ -112,6 +112,22 @@ class TuningTable:
         return texts + (rank_sentences(self.ranks[title]) if title in self.ranks else [])
 
     @property
+    def limitations(self) -> list[str]:
+        """What the tuning of these methods leaves open; nothing where no method is tuned."""
+        if self.tuning is None:
+            return []
+        found = {
+            each.search.method: each for point in self.outcomes.values() for each in point if any(each.search.at_end)
+        }
+        texts = [f"Tuned values at the end of their range: {', '.join(found)}; a better value may lie outside."]
+        texts = texts if found else []
+        names = [name for ranks in self.ranks.values() for name in (*ranks.can_change, *ranks.changing)]
+        if names:
+            shown = ", ".join(dict.fromkeys(names))
+            texts.append(f"Ranks that change with the tuning runs or with the budget: {shown}.")
+        return [*texts, "A larger budget, more tuning runs or wider ranges may change the order of the methods."]
+
+    @property
     def protocol(self) -> str:
         """The protocol in one sentence; empty where no method is tuned."""
         if self.tuning is None:
@@ -121,6 +137,16 @@ class TuningTable:
             f"Budget {protocol.budget}: so many values are tried for each method, each on {protocol.runs} runs whose "
             f"random numbers the experiment does not use. Objective: {objective_text(protocol)}."
         )
+
+    @property
+    def cost(self) -> str:
+        """Trials that tuning has computed, and their computing time where it is known; searches that are equal once."""
+        searches = {
+            each.search.key or id(each.search): each.search for found in self.outcomes.values() for each in found
+        }
+        sizes = [each.tuning.size + (0 if each.test is None else each.test.size) for each in searches.values()]
+        seconds = sum(each.seconds for each in searches.values())
+        return f"{sum(sizes):,} trials" + (f", {seconds:.0f} s of computing time" if seconds >= 0.5 else "")
 
     @property
     def tables(self) -> list[tuple[str, dict[str, list[str]], dict[str, list[str]], list[str]]]:

@@ -86,6 +86,7 @@ def _comparison_limits(source: PageSource) -> list[Text]:
     trials, found = source.trials, list[Text]()
     if len(trials.methods) > 1:
         found += _untuned(trials)
+    found += [] if source.tuning is None else source.tuning.limitations
     found += dict.fromkeys(text for table in trials.each for text in table.limitations)
     for name in sorted(trials.oracles):
         found.append(f"{name} knows the true parameters; no real estimator can do that.")

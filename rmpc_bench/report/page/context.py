@@ -35,6 +35,7 @@ from rmpc_bench.report.page.rank_table import rank_blocks
 from rmpc_bench.report.page.result_tables import result_blocks
 from rmpc_bench.report.page.source import PageFigure, PageSource
 from rmpc_bench.report.page.tail_tables import requirement_blocks, tail_blocks
+from rmpc_bench.report.page.tuning_tables import tuning_blocks
 from rmpc_bench.report.run_notes import show_command
 from rmpc_bench.report.worst_runs import worst_runs
 
@@ -69,6 +70,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         section("drivers", "What drives the differences", _driver_blocks(source)),
         section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),
         section("trajectories", "Trajectories and worst runs", _trajectory_blocks(source), "Trajectories"),
+        section("tuning", "How the parameters were chosen", tuning_blocks(source.tuning, trials.all_methods), "Tuning"),
         section(
             "methods",
             "What differs between the methods, and what was assumed",

@@ -15,6 +15,7 @@ from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.summary import Summary
+from rmpc_bench.report.tuning_table import TuningTable
 
 
 class PageFigure(NamedTuple):
@@ -60,6 +61,7 @@ class PageSource:
     drivers : what drives the differences; None where it is not known
     requirements : how many runs meet the requirements; None where it is not known
     ranks : the methods in the order of their ranks; None where it is not known
+    tuning : how the parameters were chosen; None where it is not known
     timings : durations of the calls of own components
     files : files of the directory, relative to the page
     index : index of several experiments, relative to the page; empty without one
@@ -82,6 +84,7 @@ class PageSource:
     drivers: DriversTable | None = None
     requirements: RequirementsTable | None = None
     ranks: RanksTable | None = None
+    tuning: TuningTable | None = None
     timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     files: Sequence[str] = ()
     index: str = ""

@@ -8,11 +8,13 @@ from hashlib import sha256
 import html5lib
 import pytest
 from page_sources import HOSTILE, headings
+from tuned_searches import constant, search, tuning
 
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import TEMPLATES, render_html, render_markdown
 from rmpc_bench.report.requirements_table import requirements_table
 from rmpc_bench.report.summary import summarise
+from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types.requirement import Limit, Requirement
 
 SECTIONS = [
@@ -223,3 +225,22 @@ def test_contrast(theme):
 
 def test_hostile_text_is_what_it_says():
     assert contrast("#000000", "#ffffff") == 21 and "<script>" in HOSTILE
+
+
+def test_tuning_has_a_section_with_values_ranks_and_cost(make_source):
+    """Valid HTML with a row per method, and what it leaves open among the limitations."""
+    plain = make_source()
+    first = search("B", constant([2, 1]), constant([2, 1, 9], 40), values=[1.0, 10.0], seconds=12.0)
+    found = tuning(first)
+    trials = replace(plain.trials, parameters={"A": "default", **found.parameters})
+    source = replace(plain, trials=trials, tuning=TuningTable(trials, found))
+    context = page_context(source)
+    (section,) = [part for part in context["sections"] if part["id"] == "tuning"]
+    tables = [block for block in section["blocks"] if block["kind"] == "table"]
+    assert [[row["method"] for row in each["rows"]] for each in tables] == [[1], [0, 1]]
+    text = render_markdown("page.md", context)
+    # 2 values in 3 tuning runs, and these and the default in 40 runs.
+    assert "Cost: 126 trials, 12 s of computing time." in text and "| A | default, not tuned |" in text
+    limits = text[text.index("## Known limitations of this") : text.index("## Failures")]
+    assert "Tuned values at the end of their range: B" in limits and "A larger budget, more tuning runs" in limits
+    parsed(render_html("page.html", context))
