@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -170,14 +171,13 @@ class MovingHorizon(Estimator):
 
     def _without_noise(self, k: int, state: HorizonState) -> tuple[Array, Array]:
         """Return the states of the window without noise, from its first prediction, and the residuals of y."""
-        first, x = k - state.c.shape[1], state.x_pred[:, 0]
-        states = [x]
-        for j in range(first, k):
-            x = mv(at_sample(self.model.A, j), x) + state.c[:, j - first]
-            states.append(x)
-        outputs = [mv(at_sample(self.model.C, first + j), x) for j, x in enumerate(states)]
-        residuals = state.y - np.stack(outputs, axis=1)
-        return np.stack(states, axis=1), np.where(np.isnan(state.y), 0.0, residuals)
+        x = self.model.motion(k - state.c.shape[1], state.x_pred[:, 0], state.c, self._motion_map)
+        residuals = state.y - self.model.outputs(k, x)
+        return x, np.where(np.isnan(state.y), 0.0, residuals)
+
+    @cached_property
+    def _motion_map(self) -> Array | None:
+        return self.model.motion_map(self.window)
 
     def _fit(self, program: WindowProgram, x_bar: Array, r: Array) -> WindowFit:
         return program.fit(x_bar[:, -1], r.reshape(len(r), -1), self.bounds.base(x_bar, r))

@@ -69,7 +69,9 @@ class WindowBounds(NamedTuple):
         there = measured[:, v].ravel()
         ends[2] = [np.where(there, ends[2][0], -np.inf), np.where(there, ends[2][1], np.inf)]
         low, high = (np.concatenate([each[i] for each in ends]) for i in range(2))
-        return BoundedValues(np.concatenate([each.reshape(-1, n) for each in parts]), Interval(low, high))
+        return BoundedValues(
+            np.concatenate([each.reshape(len(each) * each.shape[1], n) for each in parts]), Interval(low, high)
+        )
 
     def base(
         self, x_bar: Float[Array, "runs points nx"], r: Float[Array, "runs points ny"]
