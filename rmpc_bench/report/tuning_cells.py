@@ -81,13 +81,13 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
         "default": number(search.default[place]),
         "tuned": number(float(search.candidates[search.chosen, place])) + end,
         "best on test": number(found.best_values[place]),
-        "tuning runs": number(found.objective),
-        "test, default": number(found.test_default),
-        "test, tuned": number(found.test_tuned),
-        "test, best": number(found.test_best),
+        "tuning: tuned": number(found.objective),
+        "test: default": number(found.test_default),
+        "test: tuned": number(found.test_tuned),
+        "test: best": number(found.test_best),
         "regret": percent(found.regret),
-        "lost in tuning": percent(100 * found.lost),
-        "test, lost": percent(100 * found.test_lost),
+        "tuning: lost": percent(100 * found.lost),
+        "test: lost": percent(100 * found.test_lost),
     }
 
 

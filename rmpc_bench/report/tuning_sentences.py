@@ -10,7 +10,8 @@ from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks
 from rmpc_bench.report.tuning_cells import number, percent, rank_text, value_text
 
 EXPLANATION = (
-    "Tuning runs: objective of the tuned value on the runs of the search. Test runs are those of the experiment. "
+    "Columns of objectives and of the share of lost runs: tuning is on the runs of the search, test on those of the "
+    "experiment. "
     "A run is lost if it fails or its metric is not finite. Best: the smallest objective on the test runs among all "
     "values that were tried and the default. Regret: by how much the tuned value is worse than the best one. "
     "Rank: order of the objectives on the test runs; equal methods share a rank. In brackets: smallest and largest "
@@ -22,10 +23,10 @@ EXPLANATION = (
 def search_sentence(found: Outcome) -> str:
     """Say what a search has chosen, what that changes on the runs of the experiment, and the regret."""
     search = found.search
-    text = f"{search.method}: {value_text(found)}, of {len(search.candidates)} values"
+    text = f"{search.method}: {value_text(found)}, chosen from {len(search.candidates)} values"
     if search.test is None:
         return f"{text}."
-    parts = [f"{number(found.test_tuned)} on the test runs, {number(found.test_default)} with the default"]
+    parts = [f"objective {number(found.test_tuned)} on the test runs, {number(found.test_default)} with the default"]
     parts += [] if math.isnan(found.regret) else [f"regret {percent(found.regret)}"]
     lost = max(found.lost, found.test_lost)
     shares = f"lost runs: {percent(100 * found.lost)} in tuning, {percent(100 * found.test_lost)} in the test"

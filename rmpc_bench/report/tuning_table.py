@@ -134,8 +134,8 @@ class TuningTable:
             return ""
         protocol = self.tuning.protocol
         return (
-            f"Budget {protocol.budget}: so many values are tried for each method, each on {protocol.runs} runs whose "
-            f"random numbers the experiment does not use. Objective: {objective_text(protocol)}."
+            f"{protocol.budget} values at most are tried for each method, each on {protocol.runs} runs whose random "
+            f"numbers the experiment does not use. Objective: {objective_text(protocol)}."
         )
 
     @property

@@ -42,9 +42,10 @@ def test_the_file_has_a_row_per_method_and_its_numbers(made):
 
 def test_sentences_name_what_was_chosen_ends_of_ranges_and_changing_ranks(made):
     assert made.sentences == (
-        "A: estimator.radius 0.1 -> 10 (end of range), of 3 values: 1 on the test runs, 9 with the default, "
-        "regret 0 %.",
-        "B: estimator.radius 0.1 -> 0.02, of 3 values: 2.5 on the test runs, 9 with the default, regret 25 %.",
+        "A: estimator.radius 0.1 -> 10 (end of range), chosen from 3 values: objective 1 on the test runs, "
+        "9 with the default, regret 0 %.",
+        "B: estimator.radius 0.1 -> 0.02, chosen from 3 values: objective 2.5 on the test runs, "
+        "9 with the default, regret 25 %.",
         "A: estimator.radius = 10 is the upper end of its range; a better value may lie outside.",
         "Other tuning runs: the order is the same in 100 % of 200 bootstrap sets, the first rank in 100 %.",
         "Ranks change with the budget (2, 3 values): A 2, 1; B 1, 2. A larger one can change them again.",
@@ -54,7 +55,7 @@ def test_sentences_name_what_was_chosen_ends_of_ranges_and_changing_ranks(made):
 def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
     """Also of the method that is not tuned, with the word."""
     text = made.to_markdown()
-    assert "| method | parameter | range | default | tuned | best on test | tuning runs |" in text
+    assert "| method | parameter | range | default | tuned | best on test | tuning: tuned |" in text
     assert (
         "| A | estimator.radius | 0.01 to 10 | 0.1 | 10 (end of range) | 10 | 1 | 9 | 1 | 1 | 0 % | 0 % | 0 % |" in text
     )
@@ -78,10 +79,10 @@ def test_the_screen_has_a_line_per_method(made):
 
 def test_without_test_runs_there_is_no_regret_and_no_rank(trials):
     made = TuningTable(trials, tuning(search("A", constant([2, 1]), default=None)))
-    assert made.sentences == ("A: estimator.radius -> 5, of 2 values.",)
+    assert made.sentences == ("A: estimator.radius -> 5, chosen from 2 values.",)
     assert made.to_screen()[1:] == ["            A   estimator.radius -> 5"]
     text = made.to_markdown()
-    assert "| method | parameter | range | default | tuned | tuning runs | lost in tuning |" in text
+    assert "| method | parameter | range | default | tuned | tuning: tuned | tuning: lost |" in text
     assert "| A | estimator.radius | 0.01 to 10 | - | 5 | 1 | 0 % |" in text
     assert made.frame["rank"].isna().all() and made.frame["ranks"].tolist() == [""]
 
@@ -98,7 +99,7 @@ def test_two_parameters_have_two_rows(trials):
     two = replace(base, parameters=both, default=(0.1, 2.0), candidates=np.array([[0.1, 2.0], [0.5, 3.0]]))
     made = TuningTable(trials, tuning(two))
     assert made.frame["parameter"].tolist() == ["estimator.radius", "model.scale"]
-    assert made.sentences[0].startswith("A: estimator.radius 0.1 -> 0.5, model.scale 2 -> 3, of 2 values")
+    assert made.sentences[0].startswith("A: estimator.radius 0.1 -> 0.5, model.scale 2 -> 3, chosen from 2 values")
     assert "| A | model.scale | 1 to 4, whole numbers | 2 | 3 |" in made.to_markdown()
 
 
