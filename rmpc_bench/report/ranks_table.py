@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from rmpc_bench.analysis.number_text import interval_text
+from rmpc_bench.analysis.parameter_text import parameter_cells, parameter_legend
 from rmpc_bench.analysis.rank_rows import Ranking, RankRow, Ratio, ranking
 from rmpc_bench.analysis.rounding import rounded
 from rmpc_bench.analysis.trials import Trials
@@ -73,6 +74,8 @@ class RanksTable:
             columns["smallest"] = [_extreme(row.smallest) for row in rows]
             columns["largest"] = [_extreme(row.largest) for row in rows]
             columns["better/worse"] = [_counts(row, baseline) for row in rows]
+        if words := parameter_cells(self.trials, [row.method for row in rows]):
+            columns["parameters"] = words
         times = [self._time(row.method) for row in rows]
         return columns | ({"time per step": times} if any(time != "-" for time in times) else {})
 
@@ -108,7 +111,7 @@ class RanksTable:
                 f"smallest, largest, better/worse: of the {self.found.n_values} values of {self.found.longest}; better "
                 f"and worse by simultaneous intervals at {level}"
             )
-        return [*texts, *filter(None, [self.rest])]
+        return [*texts, *parameter_legend(self.trials), *filter(None, [self.rest])]
 
     @property
     def sentences(self) -> tuple[str, ...]:

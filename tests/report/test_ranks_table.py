@@ -124,3 +124,14 @@ def test_a_metric_without_ratios_is_refused(tmp_path):
     file = write(tmp_path, statistics="{ranks: true, primary: settling_time}", metrics="[mse, settling_time]")
     with pytest.raises(ConfigError, match=r"statistics.ranks: settling_time may not occur.*statistics.primary"):
         load_config(file)
+
+
+def test_ranks_say_where_parameters_come_from(sweep):
+    """A column where methods differ, and the word of a baseline that is not tuned."""
+    words = dict.fromkeys(SHIFTS, "tuned (budget 16, 40 runs)")
+    table = ranks_table(replace(sweep(), parameters={**words, "KF": "default"}))
+    cells = dict(zip(table.methods, table.columns["parameters"], strict=True))
+    assert cells == {**dict.fromkeys(SHIFTS, "tuned"), "KF": "default"}
+    assert table.legend[-2:] == ["tuned = budget 16, 40 runs", "KF: default, not tuned"]
+    alike = ranks_table(replace(sweep(), parameters=words))
+    assert "parameters" not in alike.columns and alike.legend[-1] == "parameters: tuned (budget 16, 40 runs)"
