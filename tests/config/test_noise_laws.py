@@ -82,7 +82,7 @@ def test_laws_as_a_configuration_writes_them(load, yaml, law):
         ("{coloured: {std: 1}}", "coloured: give either time or pole"),
         ("{drift: {std: -1}}", "drift.std: must be >= 0 (got -1)"),
         ("{quantised: {step: 0}}", "quantised.step: must be > 0 (got 0)"),
-        ("{missing: {probability: -1%}}", "missing.probability: must be >= 0 (got -0.01)"),
+        ("{missing: {probability: -1%}}", "missing.probability: must be >= 0 (got '-1%')"),
         ("{missing: {probability: 0.9, gap: 2}}", "missing.gap: with the probability 0.9 the mean gap is at least 9"),
         ("{missing: {probability: 0.9, gap: 0.5}}", "missing.gap: must be >= 1 (got 0.5)"),
         ("{student: {dof: 3, scale: 1}}", "did you mean 'student-t'?"),
@@ -162,7 +162,8 @@ def test_exact_moments_of_heavy_tails_are_those_of_normal_noise(tmp_path):
 ALL = (
     "{process: {sum: [{drift: {std: 0.001}}, {coloured: {std: 0.01, time: 0.3}}]}, measurement: {sum: "
     "[{student-t: {dof: 3, scale: 0.01}}, {outliers: {std: 0.01, probability: 0.1, factor: 10, bursts: "
-    "{within: [[0, 0.5]], duration: 0.2, factor: [2, 3]}}}, {quantised: {step: 0.001}}, {missing: {probability: 0.2}}]}}"
+    "{within: [[0, 0.5]], duration: 0.2, factor: [2, 3]}}}, {quantised: {step: 0.001}}, "
+    "{missing: {probability: 0.2}}]}}"
 )
 
 
@@ -176,8 +177,6 @@ def test_trials_do_not_depend_on_blocks_workers_and_shards(tmp_path):
         assert cli("run", path, "-o", tmp_path / "shards", "-j", 1, *options).exit_code == 0
     assert cli("merge", tmp_path / "shards").exit_code == 0
     assert (tmp_path / "shards" / "trials.csv").read_bytes() == one
-    fewer = ran(write(tmp_path, noise=ALL, runs=3), tmp_path / "fewer")
-    assert set(fewer.splitlines()) <= set(one.splitlines())
     table = pd.read_csv(tmp_path / "one" / "trials.csv")
     assert (table["status"] == "ok").all() and len(table) == 12
 
