@@ -9,6 +9,7 @@ import click
 
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, own_code
+from rmpc_bench.cli.tuning import tuning_line
 from rmpc_bench.config.method_differences import method_differences, short_value
 
 if TYPE_CHECKING:
@@ -130,6 +131,7 @@ def _describe(path: Path, config: ExperimentConfig, *, measured: bool = False) -
     lines += [
         "",
         f"  size          {points}{size}{shared}",
+        *(f"  tuning        {line}" for line in tuning_line(config)),
         f"  time          roughly {seconds(config):.0f} s on {config.execution.workers} processes" + hint,
         f"  memory        {megabytes(config):.0f} MB per process for the trajectories of a block",
     ]

@@ -13,6 +13,7 @@ import click
 
 from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.run_request import Request, ShardOption, Workers, check_division
+from rmpc_bench.cli.tuning import tuned_config, tuning_line
 from rmpc_bench.execution.interrupts import held
 from rmpc_bench.regular_file import noted
 
@@ -158,6 +159,7 @@ def _run_all(
 
     loaded = time.monotonic()
     _say_shards(request, directory)
+    config = tuned_config(request, config, directory)
     results = run_experiment(
         config,
         directory=directory,
@@ -233,6 +235,10 @@ def configured(request: Request) -> tuple[ExperimentConfig, Path]:
         config = request.load(add_methods=request.add_methods)
     if stored:
         config = request.load(add_methods=[*{**stored, **config.added}.values()])
+    if config.tuning is not None and not request.fresh:
+        from rmpc_bench.execution.tuning.tune import with_known
+
+        config = with_known(config, directory)
     for line in _said(config, stored, directory):
         request.note(line)
     for text in config.left_out:
@@ -308,6 +314,8 @@ def _show_plan(config: ExperimentConfig, directory: Path, request: Request) -> i
     click.echo(f"{config.name}{part}: {left} of {total} trials to compute ({', '.join(names)}){until}")
     if apart:
         click.echo("\n".join(apart.said("; they would be computed again", ": they would be computed again")))
+    for line in tuning_line(config, request.only or None):
+        click.echo(f"tuning comes first: {line}")
     click.echo(f"results go to {place}; nothing was computed (--dry-run)")
     return 0
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.tuning import tuned_config
 from rmpc_bench.execution import progress_file
 from rmpc_bench.execution.progress import choose
 from rmpc_bench.execution.runner import compute
@@ -33,6 +34,7 @@ def run_trials(request: Request, config: ExperimentConfig, directory: Path, star
     -------
     the exit code; failed runs of a shard count when the shards are joined
     """
+    config = tuned_config(request, config, directory)
     compute(
         config,
         directory,

@@ -226,7 +226,14 @@ class _ExperimentBuilder:
         return with_bursts(asked, bursts=has_bursts(scenario))
 
 
-def build(drafts: Sequence[DraftConfig], own: OwnCode, *, smoke: bool) -> list[SweepPoint | None]:
+def build(
+    drafts: Sequence[DraftConfig],
+    own: OwnCode,
+    *,
+    smoke: bool,
+    cache: DesignCache | None = None,
+    calls: FirstCalls | None = None,
+) -> list[SweepPoint | None]:
     """Make every design of every point; None where one cannot be made, with the reasons in the problems of the draft.
 
     Points of a sweep share equal designs.
@@ -236,8 +243,9 @@ def build(drafts: Sequence[DraftConfig], own: OwnCode, *, smoke: bool) -> list[S
     drafts : the sections of every point
     own : gets the files of the user that the points use
     smoke : whether windows of metrics are cut where a run is too short for them
+    cache, calls : designs and first calls of earlier points, to share; none unless given
     """
-    cache, calls = DesignCache(), FirstCalls()
+    cache, calls = cache or DesignCache(), calls or FirstCalls()
     points: list[SweepPoint | None] = []
     with single_thread():
         for draft in drafts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -27,7 +28,8 @@ from rmpc_bench.config.sections import SECTIONS, Time
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.sweep_section import NAME, columns
-from rmpc_bench.config.tree import Items, Map, locate, split
+from rmpc_bench.config.tree import Items, Map, locate, plain, split
+from rmpc_bench.config.tuning_plan import TuningPlan
 from rmpc_bench.simulation.scenario import Experiment
 
 
@@ -90,6 +92,27 @@ def canonicalise(
     )
 
 
+def with_tuning(config: ExperimentConfig, plan: TuningPlan | None) -> ExperimentConfig:
+    """Return a configuration with what there is to tune; the values that are known are added to its resolved form.
+
+    Parameters
+    ----------
+    config : the configuration
+    plan : the searches; None without the section `tune`
+    """
+    if plan is None:
+        return config
+    rows = [
+        {**({"at": each.point} if each.point else {}), "method": each.method, "values": dict(each.values)}
+        for each in plan.searches
+        if each.values is not None
+    ]
+    resolved, first = (
+        {**tree, "tune": {**tree["tune"], "values": rows}} for tree in (config.resolved, config.first_point)
+    )
+    return replace(config, tuning=plan, resolved=resolved, first_point=first)
+
+
 def _add_files(tree: Map, draft: DraftConfig, own: OwnCode) -> None:
     """Add the files whose code computes no trial, but which are needed to load the configuration."""
     for number, text in enumerate(tree.get("plugins") or ()):
@@ -147,8 +170,10 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         head |= {"runs": stop.first_look, "stop": plain_data(stop)}
     methods = {}
     for name, components in draft.methods.items():
-        data = method_data(draft, components)
+        # The values that tuning has chosen stand under `tune`.
+        data = method_data(draft, draft.defaults.get(name, components))
         named: dict[str, Any] = {key: data[key] for key in ("model", "estimator", "controller") if key in data}
+        named |= {key: plain(own[key]) for key in ("tune", "parameters") if key in (own := draft.given(name))}
         # A template stays one, so that an override of the resolved configuration changes the label too.
         methods[name] = named if components.label is None else {"label": components.label, **named}
     return {
@@ -162,6 +187,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "reference": draft.reference.resolved() if draft.reference else {},
         **({"input": draft.input.resolved()} if draft.input else {}),
         "methods": methods,
+        **({} if values["tune"] is None else {"tune": plain_data(replace(values["tune"], values=[]))}),
         "metrics": _metrics(draft, experiment, smoke=smoke),
         "statistics": plain_data(values["statistics"]),
         "evaluate": values["evaluate"],

@@ -8,19 +8,21 @@ from typing import Any, NamedTuple
 
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config.component import Component
+from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.config.schema import validate
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
 from rmpc_bench.config.tree import Map, Mark, join, locate, locate_key
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
 from rmpc_bench.types import Problem
+from rmpc_bench.types.tuning import TunedParameter
 
 
 class NoiseTerm(NamedTuple):
-    """One term of a noise: a law of a registered kind, or the noise of the design model times a scale."""
+    """One term of a noise: a law of a registered kind, or the noise of the design model with a departure from it."""
 
     law: Component | None
-    same: float | None
+    same: SameLaw | None
 
 
 class ParameterChange(NamedTuple):
@@ -47,6 +49,18 @@ class MethodComponents:
     def named(self) -> dict[str, Component | None]:
         """The components by their keys."""
         return {"model": self.model, "estimator": self.estimator, "controller": self.controller}
+
+
+class TunedMethod(NamedTuple):
+    """What tuning chooses of a method."""
+
+    parameters: tuple[TunedParameter, ...]
+    default: tuple[float | None, ...]
+    """Value of each parameter without tuning; None where it is no number."""
+    lowest: MethodComponents
+    """The method at the lower end of all ranges: what identifies it does not depend on the values of the file."""
+    values: Mapping[str, float | int] | None
+    """Path -> value that was chosen; None where none was yet."""
 
 
 class ModelFacts(NamedTuple):
@@ -100,6 +114,13 @@ class DraftConfig:
     """Cross-covariance of process and measurement noise: numbers, or ``same`` as that of the design model."""
     initial: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, MethodComponents] = field(default_factory=dict)
+    chosen: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Method -> path -> value that tuning has chosen at this point."""
+    tuned: dict[str, TunedMethod] = field(default_factory=dict)
+    defaults: dict[str, MethodComponents] = field(default_factory=dict)
+    """Tuned method with values that were chosen -> its components without them."""
+    sources: dict[str, str] = field(default_factory=dict)
+    """Method -> where its parameters come from, as its key `parameters` says."""
     labels: dict[str, str] = field(default_factory=dict)
     """Method -> its label with the values of the parameters."""
     warnings: list[Problem] = field(default_factory=list)
@@ -122,6 +143,11 @@ class DraftConfig:
         """Names of the valid metrics, as columns and claims use them."""
         valid = [component for component in self.metrics if component is not None]
         return [component.parameters["name"] for component in valid if "name" in component.parameters]
+
+    def given(self, name: str) -> Mapping[str, Any]:
+        """Return a method as the configuration gives it; nothing where its components are all defaults."""
+        found = self.values["methods"][name]
+        return found if isinstance(found, Mapping) else {}
 
     def note(self, path: list[str | int], message: str, *, key: bool = False) -> None:
         """Add a problem at the value (or the key) of a path."""

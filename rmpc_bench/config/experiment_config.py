@@ -17,6 +17,7 @@ from rmpc_bench.config.sections import Execution, Statistics
 from rmpc_bench.config.stop_section import StopKeys
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME
+from rmpc_bench.config.tuning_plan import Origin, TuningPlan
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Problem
 from rmpc_bench.types.sweep_points import relevant_paths
@@ -48,6 +49,9 @@ class ExperimentConfig:
     model_facts : properties of the design models at the first point of the sweep
     own : the files of the user that the configuration uses
     report : what tables and figures show, and how figures are written
+    parameters : method -> where its parameters come from, such as ``default`` or ``tuned (budget 16, 40 runs)``
+    tuning : what there is to tune, and the values that are known; None without the section `tune`
+    origin : what the configuration was made from; None where nothing is tuned
     """
 
     path: Path
@@ -73,6 +77,9 @@ class ExperimentConfig:
     own: OwnCode = field(default_factory=OwnCode)
     report: ReportKeys = field(default_factory=ReportKeys)
     stop: StopKeys | None = None
+    parameters: Mapping[str, str] = field(default_factory=dict)
+    tuning: TuningPlan | None = None
+    origin: Origin | None = None
 
     @property
     def experiment(self) -> Experiment:
@@ -146,7 +153,8 @@ class ExperimentConfig:
         # Without own code nothing is added, so that directories of overrides keep their names.
         own = {point.title: point.own_code for point in self.points if any(point.own_code.values())}
         methods = {point.title: [point.experiment_hash, point.methods] for point in self.points}
-        return digest([methods, own] if own else methods)
+        given = [methods, own] if own else methods
+        return digest(given if self.tuning is None else [given, self.tuning.data])
 
 
 def changes(before: Any, after: Any) -> Any:

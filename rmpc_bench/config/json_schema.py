@@ -16,10 +16,12 @@ from rmpc_bench.components.designs import registered_design
 from rmpc_bench.config import section_schemas
 from rmpc_bench.config.annotation_schema import CODE, Schema, mapping_schema, schema_of
 from rmpc_bench.config.key_meanings import key_meanings
+from rmpc_bench.config.method_section import Source
 from rmpc_bench.config.schema import hints, keys_of, model_of
 from rmpc_bench.config.section_schemas import MODEL_KEYS, PLANT_KEYS, PLANT_OF
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys
 from rmpc_bench.config.short_forms import SHORT_FORMS
+from rmpc_bench.config.tune_section import Range
 from rmpc_bench.extras import EXTRAS
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the version that YAML language servers read
@@ -127,6 +129,10 @@ def _methods() -> Schema:
         for name in ("model", "estimator", "controller")
     }
     keys["label"] = {"type": "string", "description": "text for tables and figures; {KEY} is the value of a key"}
+    about = "path inside the method, such as estimator.radius -> its range [low, high], or a mapping with further keys"
+    keys["tune"] = {"type": "object", "additionalProperties": schema_of(Range), "description": about}
+    about = "where the parameters of a method come from that is not tuned; `as published` for the methods of a paper"
+    keys["parameters"] = {**schema_of(Source), "description": about}
     method: Schema = {"type": ["object", "null"], "properties": keys, "additionalProperties": False}
     return {"type": "object", "additionalProperties": method}
 

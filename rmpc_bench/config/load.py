@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.added_methods import texts_of
 from rmpc_bench.config.build import build
-from rmpc_bench.config.canonical import canonicalise
+from rmpc_bench.config.canonical import canonicalise, with_tuning
 from rmpc_bench.config.checks import check
 from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -24,6 +26,8 @@ from rmpc_bench.config.required_libraries import reported_once
 from rmpc_bench.config.source import GivenConfig, read
 from rmpc_bench.config.sweep import expand
 from rmpc_bench.config.tree import Map
+from rmpc_bench.config.tune_checks import check_tuning
+from rmpc_bench.config.tuning_plan import Chosen, Origin, parameter_words, tuning_plan
 from rmpc_bench.config.validation import validate_sections
 from rmpc_bench.types import ConfigError
 
@@ -63,12 +67,12 @@ def load_config(
     tree, left_out = fitting_sweep(with_matrices(inherit(source), source.path), inherited)
     load_plugins(tree, access)
     try:
-        return _validated(source, tree, access, size, inherited, left_out)
+        return _validated(source, tree, access, size, inherited, left_out, {})
     except ConfigError as error:
         tree, lines = fitting_metrics(tree, error.problems, inherited)
         if not lines:
             raise
-    return _validated(source, tree, access, size, inherited, [*left_out, *lines])
+    return _validated(source, tree, access, size, inherited, [*left_out, *lines], {})
 
 
 class Size(NamedTuple):
@@ -81,9 +85,15 @@ class Size(NamedTuple):
 
 
 def _validated(
-    source: GivenConfig, tree: Map, access: CodeAccess, size: Size, inherited: Inherited, left_out: Sequence[str]
+    source: GivenConfig,
+    tree: Map,
+    access: CodeAccess,
+    size: Size,
+    inherited: Inherited,
+    left_out: Sequence[str],
+    chosen: Chosen,
 ) -> ExperimentConfig:
-    """Take a tree through the stages from its sweep on.
+    """Take a tree through the stages from its sweep on, with the values that tuning has chosen.
 
     Raises
     ------
@@ -91,18 +101,23 @@ def _validated(
         All errors.
     """
     sweep = expand(tree, source.overrides, access)
-    drafts = validate_sections(sweep.points, runs=size.runs, smoke=size.smoke, access=access)
+    drafts = validate_sections(sweep.points, runs=size.runs, smoke=size.smoke, access=access, chosen=chosen)
     drafts[0].left_out += left_out
     join_findings(source.path, drafts[0])
     own = OwnCode(access)
     points = build(drafts, own, smoke=size.smoke)
     claims = check(sweep, drafts, points, inherited, lenient=size.lenient)
+    check_tuning(drafts, points)
     built = [point for point in points if point is not None]
     problems = [*sweep.problems, *(problem for draft in drafts for problem in problems_at_origin(draft))]
     problems += own.problems
     if problems or len(built) < len(points):
         raise ConfigError(reported_once(problems))
     options, added = source.options(size.runs, smoke=size.smoke), texts_of(source.added)
-    return canonicalise(
+    config = canonicalise(
         source.path, sweep, drafts[0], built, claims, own, smoke=size.smoke, overrides=options, added=added
     )
+    plan, words = tuning_plan(drafts, built), parameter_words(drafts[0])
+    again = partial(_validated, source, tree, access, size, inherited, left_out)
+    origin = None if plan is None else Origin(sweep.points, access, size.smoke, again)
+    return replace(with_tuning(config, plan), parameters=words, origin=origin)

@@ -12,6 +12,7 @@ from rmpc_bench.claims.claim import CLOSE, FINDINGS, MAX_QUOTED_WORDS
 from rmpc_bench.claims.exact import printed_number
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.stop_section import StopKeys
+from rmpc_bench.config.tune_section import TuneKeys
 from rmpc_bench.expressions.quantity import number
 from rmpc_bench.expressions.units import n_bytes, seconds
 from rmpc_bench.types import Count, NonNegative, Positive
@@ -328,6 +329,12 @@ SECTIONS: dict[str, Section] = {
     "estimator": Section(dict[str, Any], {}, "Default estimator of all methods."),
     "controller": Section(dict[str, Any], {}, "Default controller of all methods."),
     "methods": Section(dict[str, Any], ..., "The pairs to compare: name -> model, estimator, controller and label."),
+    "tune": Section(
+        TuneKeys | None,
+        None,
+        "How the parameters under `tune` of the methods are chosen: on other runs than those of the experiment, with "
+        "the same budget for each method.",
+    ),
     "sweep": Section(
         dict[str, Any],
         {},

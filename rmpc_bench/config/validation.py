@@ -5,29 +5,39 @@ Every section is validated on its own: an error is added to the problems of the 
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from rmpc_bench import registry
 from rmpc_bench.components.code import is_reference
 from rmpc_bench.components.consent import NO_ACCESS, CodeAccess
 from rmpc_bench.config import plant_range
 from rmpc_bench.config.component import Component, read_component
-from rmpc_bench.config.draft import DraftConfig, MethodComponents, ParameterChange
+from rmpc_bench.config.draft import DraftConfig, ParameterChange
 from rmpc_bench.config.key_errors import shown
+from rmpc_bench.config.method_section import read_method_section
 from rmpc_bench.config.noise_section import read_initial, read_noise, read_uncertainty, uncertain_names
 from rmpc_bench.config.recorded_data import refuse_sections
 from rmpc_bench.config.required_libraries import check_required
 from rmpc_bench.config.sections import SECTIONS, ClaimKeys, Time
-from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.stop_checks import apply_stop
 from rmpc_bench.config.sweep import SweptTree
-from rmpc_bench.config.tree import Map, locate, locate_key, merge
+from rmpc_bench.config.tree import Map, locate, locate_key
+from rmpc_bench.config.tune_checks import shrink_tuning
 from rmpc_bench.expressions import quantity
+
+Chosen = Mapping[tuple[str, str], Mapping[str, float]]
+"""Title of a point and name of a method -> path inside the method -> value that tuning has chosen."""
+_NOTHING: Chosen = MappingProxyType({})
 
 
 def validate_sections(
-    points: Sequence[SweptTree], *, runs: int | None, smoke: bool, access: CodeAccess = NO_ACCESS
+    points: Sequence[SweptTree],
+    *,
+    runs: int | None,
+    smoke: bool,
+    access: CodeAccess = NO_ACCESS,
+    chosen: Chosen = _NOTHING,
 ) -> list[DraftConfig]:
     """Return the sections of every point, with the problems that were found in them.
 
@@ -39,20 +49,25 @@ def validate_sections(
     runs : number of runs instead of the one given
     smoke : whether to reduce runs and steps to the size under ``smoke``
     access : which files of the user may be loaded
+    chosen : values that tuning has chosen
     """
     drafts: list[DraftConfig] = []
     for point in points:
-        draft = _sections(point, access, first=not drafts)
+        values = {name: each for (title, name), each in chosen.items() if title == point.title}
+        draft = _sections(point, access, values, first=not drafts)
         if runs is not None:
             draft.values["runs"] = runs
         apply_stop(draft, fixed=smoke or runs is not None)
         if smoke:
             _shrink(draft, drafts[0].values["time"] if drafts else None)
+            shrink_tuning(draft)
         drafts.append(draft)
     return drafts
 
 
-def _sections(point: SweptTree, access: CodeAccess, *, first: bool) -> DraftConfig:
+def _sections(
+    point: SweptTree, access: CodeAccess, chosen: Mapping[str, Mapping[str, float]], *, first: bool
+) -> DraftConfig:
     tree = point.tree
     if not first:
         tree = tree.copy()
@@ -60,6 +75,9 @@ def _sections(point: SweptTree, access: CodeAccess, *, first: bool) -> DraftConf
             tree.pop(key, None)
     draft = DraftConfig(tree, [], point.coordinates, point.title, access)
     _top_level(draft)
+    tune = draft.values["tune"]
+    rows = () if tune is None else (row for row in tune.values if row.at == point.title)
+    draft.chosen = {**{row.method: row.values for row in rows}, **chosen}
     check_required(draft)
     read_uncertainty(draft)
     _plant(draft)
@@ -68,7 +86,7 @@ def _sections(point: SweptTree, access: CodeAccess, *, first: bool) -> DraftConf
     _input(draft)
     read_noise(draft)
     read_initial(draft)
-    _methods(draft)
+    read_method_section(draft)
     refuse_sections(draft)
     draft.metrics = _named_components(draft, "metrics")
     # The default figure, a boxplot, needs runs.
@@ -173,53 +191,6 @@ def _input(draft: DraftConfig) -> None:
     if "controller" in draft.tree or with_controller:
         where = "controller" if "controller" in draft.tree else f"methods.{with_controller[0]}.controller"
         draft.note(["input"], f"replaces the controller of all methods; leave out `{where}` or the input", key=True)
-
-
-def _methods(draft: DraftConfig) -> None:
-    methods = draft.values["methods"]
-    if methods is not None and not methods:
-        draft.note(["methods"], "there must be at least one method")
-    for name, own in (methods or {}).items():
-        path: list[str | int] = ["methods", name]
-        if not name.strip() or re.search(r"[\[\],\n]", name):
-            draft.note(
-                path, "the name of a method must not be empty or contain brackets, commas or line breaks", key=True
-            )
-        if own is None:
-            own = Map(mark=locate_key(draft.tree, path))
-        if not isinstance(own, Map):
-            draft.note(path, f"must be a mapping (got {shown(own)})")
-            continue
-        known = ("model", "estimator", "controller", "label")
-        for key in own:
-            if key not in known:
-                draft.note([*path, key], registry.unknown(key, known, "key"), key=True)
-        label = own.get("label")
-        if "label" in own and not isinstance(label, str):
-            draft.note([*path, "label"], f"must be text (got {shown(label)})")
-        named = {key: _method_component(draft, own, key, path) for key in ("model", "estimator", "controller")}
-        controlled = own.get("controller", draft.tree.get("controller")) is not None
-        draft.methods[name] = MethodComponents(None if label is None else str(label), **named, controlled=controlled)
-
-
-def _method_component(draft: DraftConfig, own: Map, key: str, path: list[str | int]) -> Component | None:
-    """Merge a component of a method over the default of all methods and validate it."""
-    if key not in own and key == "model":
-        return draft.model
-    default = with_kind(key + "s", draft.tree.get(key))
-    tree = with_kind(key + "s", own[key]) if key in own else default
-    if tree is None:
-        others = [other for other in draft.values["methods"].values() if isinstance(other, Map) and key in other]
-        # An experiment without any controller has u = 0.
-        if key != "controller" or others:
-            draft.note(path, f"{key!r} is missing, here and as a default of all methods")
-        return None
-    if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:
-        tree = merge(default, tree)
-    mark = own.value_marks.get(key, own.mark)
-    if not isinstance(tree, Map) and key not in own:
-        return None
-    return read_component(key + "s", tree, [*path, key], draft.problems, mark=mark, access=draft.access)
 
 
 def _named_components(draft: DraftConfig, group: str) -> list[Component | None]:

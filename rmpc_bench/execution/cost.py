@@ -32,7 +32,24 @@ def seconds(config: ExperimentConfig) -> float:
                 total += STEP_OF_A_BLOCK * experiment.n_steps * n_blocks
                 total += estimated_seconds(experiment, name) * experiment.n_runs
             seen.add(key)
-    return math.ceil(START + total / config.execution.workers)
+    return math.ceil(START + (total + _tuning_seconds(config)) / config.execution.workers)
+
+
+def _tuning_seconds(config: ExperimentConfig) -> float:
+    """Estimate the computing time of what is to be tuned on one process [s]."""
+    if config.tuning is None:
+        return 0.0
+    total, seen, protocol = 0.0, set[str](), config.tuning.protocol
+    n_tested = (protocol.budget + 1) * config.tuning.test_runs if config.tuning.regret else 0
+    for search in config.tuning.missing:
+        if search.key not in seen:
+            experiment = config.points[search.number].experiment
+            n_runs = protocol.budget * protocol.runs + n_tested
+            n_blocks = n_runs / usual_length(experiment, search.method, config.execution.fixed_block) + protocol.budget
+            total += STEP_OF_A_BLOCK * experiment.n_steps * n_blocks
+            total += estimated_seconds(experiment, search.method) * n_runs
+        seen.add(search.key)
+    return total
 
 
 def megabytes(config: ExperimentConfig) -> float:

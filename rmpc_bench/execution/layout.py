@@ -28,6 +28,7 @@ from rmpc_bench.simulation.recording import kept
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import Array, Method
 from rmpc_bench.types.requirement import Requirement
+from rmpc_bench.types.tuning import StoredTuning
 
 BUILT_IN = ("rmpc_bench.estimators.", "rmpc_bench.controllers.")
 
@@ -97,6 +98,8 @@ class _Layout:
             requirements=_requirements(config),
             added=self._added,
             stop=stop_of(config, None),
+            parameters=dict(config.parameters),
+            tuning=_tuning(config),
         )
 
     def _point(self, point: SweepPoint) -> StoredPoint:
@@ -169,6 +172,13 @@ class _Layout:
         name = sha256(repr(array.shape).encode() + array.tobytes()).hexdigest()
         self.arrays[name] = array
         return name
+
+
+def _tuning(config: ExperimentConfig) -> StoredTuning | None:
+    if config.tuning is None:
+        return None
+    searches = tuple((each.point, each.method, each.key) for each in config.tuning.searches)
+    return StoredTuning(config.tuning.protocol, searches)
 
 
 def _requirements(config: ExperimentConfig) -> tuple[Requirement, ...]:

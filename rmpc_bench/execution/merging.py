@@ -26,8 +26,8 @@ from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment
 from rmpc_bench.replaced_file import replaced
 from rmpc_bench.types import Array
 
-KEPT = ("config.yaml", "config.resolved.yaml")
-"""Files of the configuration, which a shard writes to the directory too."""
+KEPT = ("config.yaml", "config.resolved.yaml", "tuning.json")
+"""Files of the configuration, and the record of its tuning, which a shard writes to the directory too."""
 
 
 _Finished = dict[tuple[int, str], Int[Array, " runs"]]

@@ -35,6 +35,8 @@ FILE = "published.json"
 PROGRESS = "progress.json"
 KEPT = ("config.yaml", "config.resolved.yaml", "manifest.json")
 """Files that are not derived from trials, but written with them."""
+TUNING = "tuning.json"
+"""Record of a tuning, from which values of the configuration come."""
 _LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "jinja2", "fonttools", "pydantic", "pyyaml")
 """Libraries that decide what is in the configuration and in the derived files."""
 _COUNTER = slice(24, 28)
@@ -189,7 +191,8 @@ def keep_state(
     if fingerprint is None:
         return
     files = {path.relative_to(directory).as_posix(): _mark(path) for path in paths}
-    files |= {name: _mark(directory / name) for name in KEPT}
+    kept = [*KEPT, *([TUNING] if config.tuning is not None and (directory / TUNING).exists() else [])]
+    files |= {name: _mark(directory / name) for name in kept}
     data = {
         "fingerprint": fingerprint,
         "state": _state(directory),

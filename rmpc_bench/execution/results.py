@@ -18,6 +18,8 @@ from rmpc_bench.execution.step_times import timings
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, read_experiment
 from rmpc_bench.execution.stored_trials import n_complete, other_code, stored_trials, uncertainty
+from rmpc_bench.execution.tuning.stored import tuning_of
+from rmpc_bench.types.tuning import Tuning
 
 if TYPE_CHECKING:
     from rmpc_bench.config.component import Component
@@ -38,6 +40,7 @@ class Results:
     n_complete : method -> number of runs that are stored with all metrics, at the point of the sweep with fewest
     timings : sweep columns, method, component, and quantiles of the durations of its calls [s]
     other_code : stored rows of other code that are missing in the tables, in words; empty where there are none
+    tuning : how parameters were chosen, as far as it is recorded here; None where nothing is tuned
     components : own figures by their index among the figures, loaded by `run`; stored results have none
     """
 
@@ -48,6 +51,7 @@ class Results:
     n_complete: Mapping[str, int]
     timings: pd.DataFrame = field(default_factory=pd.DataFrame)
     other_code: str = ""
+    tuning: Tuning | None = None
     components: Mapping[int, Component] = field(default_factory=dict)
 
     @property
@@ -104,6 +108,8 @@ def run(
 ) -> Results:
     """Compute the runs that are missing in a directory; the same call continues an interrupted one.
 
+    Parameters that are to be tuned are chosen first, on runs of their own.
+
     Parameters
     ----------
     config : from `load_config`
@@ -146,6 +152,13 @@ def run(
 
     part = None if shard is None else parse_shard(shard)
     place = default_directory(config) if directory is None else Path(directory)
+    if config.tuning is not None:
+        from rmpc_bench.execution.tuning.rounds import Means
+        from rmpc_bench.execution.tuning.tune import tuned
+
+        here, also = (place, None) if part is None else (part.directory(place), place)
+        means = Means(jobs, engine, scheduler, accept_versions)
+        config = tuned(config, here, also=also, only=only, means=means, progress=progress)
     compute(
         config,
         place,
@@ -204,6 +217,7 @@ def load_results(directory: str | Path) -> Results:
             n_complete=n_complete(experiment, store),
             timings=timings(experiment, store),
             other_code=other_code(experiment, store),
+            tuning=tuning_of(experiment, place),
         )
 
 

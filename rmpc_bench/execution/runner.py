@@ -215,7 +215,7 @@ def _compute(
     stopping: Stopping | None,
 ) -> None:
     experiments = tuple(point.experiment for point in config.points)
-    _warm_up(experiments, tasks if stopping is None else stopping.kinds(), progress)
+    warm_up_tasks(experiments, tasks if stopping is None else stopping.kinds(), progress)
     running = running_comparison(config)
     if file.done:
         add_stored(running, config, store)
@@ -224,7 +224,7 @@ def _compute(
         queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
         with closing(engine(experiments, queue)) as results:
             for done in results:
-                _store(store, config.points[done.task.point], done)
+                store_block(store, config.points[done.task.point], done)
                 queue.note(done)
                 add_done(running, config, done)
                 file.note(done)
@@ -239,8 +239,15 @@ def _compute(
         progress.stop()
 
 
-def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
-    """Compile, and finish the designs of the methods, once in this process and before any worker starts."""
+def warm_up_tasks(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
+    """Compile, and finish the designs of the methods, once in this process and before any worker starts.
+
+    Parameters
+    ----------
+    experiments : of every point of the sweep
+    tasks : what is about to be computed
+    progress : says what takes long
+    """
     plants = {type(plant): plant for plant in (experiment.plant for experiment in experiments) if is_built_in(plant)}
     for plant in plants.values():
         with said_if_slow(progress, "Compiling (first run only) ..."):
@@ -259,7 +266,8 @@ def _warm_up(experiments: Sequence[Experiment], tasks: Sequence[Task], progress:
         progress.say(cache_remark())
 
 
-def _store(store: Store, point: SweepPoint, done: Done) -> None:
+def store_block(store: Store, point: SweepPoint, done: Done) -> None:
+    """Store a finished block of a method at a point of the sweep."""
     block, task = done.block, done.task
     names = [metric.name for metric in point.experiment.metrics]
     columns = {point.metric_keys[name]: column for name, column in zip(names, block.metrics, strict=True)}

@@ -24,6 +24,7 @@ from rmpc_bench.execution.stored_stop import StoredStop, read_looks
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.requirement import Requirement
+from rmpc_bench.types.tuning import StoredTuning
 
 KEY = "layout"
 METRIC_NAME = re.compile(r"[A-Za-z_]\w{0,199}")
@@ -151,6 +152,7 @@ class StoredExperiment:
     stop : the stopping rule with its looks; None where the number of runs is given
     parameters : method -> where its parameters come from: ``default``, ``as published`` or ``tuned (..)``; empty where
         a version without tuning has written the record
+    tuning : what identifies the searches of tuned methods; None where nothing is tuned
     """
 
     name: str
@@ -181,6 +183,7 @@ class StoredExperiment:
     added: Mapping[str, str] = field(default_factory=dict)
     stop: StoredStop | None = None
     parameters: Mapping[str, str] = field(default_factory=dict)
+    tuning: StoredTuning | None = None
 
     @property
     def origins(self) -> dict[str, str]:

@@ -13,6 +13,8 @@ from jaxtyping import Float
 
 from rmpc_bench.types.basics import Array
 
+AS_PUBLISHED, DEFAULT = "as published", "default"
+"""What is said of the parameters of a method that is not tuned."""
 _QUANTILE = re.compile(r"quantile\s+([0-9]+(?:\.[0-9]+)?)\s*%")
 
 
@@ -183,6 +185,20 @@ class TuningSearch:
         """Whether the chosen value is an end of its range, for every parameter."""
         row = self.candidates[self.chosen]
         return tuple(float(value) in each.ends for each, value in zip(self.parameters, row, strict=True))
+
+
+@dataclass(frozen=True)
+class StoredTuning:
+    """What the record of an experiment says of its tuning.
+
+    Parameters
+    ----------
+    protocol : how parameters are chosen
+    searches : point, method and key of each search
+    """
+
+    protocol: TuningProtocol
+    searches: tuple[tuple[str, str, str], ...]
 
 
 @dataclass(frozen=True, eq=False)

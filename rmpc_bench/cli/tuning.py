@@ -1,0 +1,56 @@
+"""Tuning on the command line: before the runs of an experiment, and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rmpc_bench.cli.run_request import Request
+    from rmpc_bench.config.experiment_config import ExperimentConfig
+
+
+def tuned_config(request: Request, config: ExperimentConfig, directory: Path) -> ExperimentConfig:
+    """Return a configuration with tuned values; those that are not known are found first.
+
+    Parameters
+    ----------
+    request : options of the command line
+    config : the experiment
+    directory : of its results
+    """
+    if config.tuning is None:
+        return config
+    from rmpc_bench.execution.progress import choose
+    from rmpc_bench.execution.tuning.rounds import Means
+    from rmpc_bench.execution.tuning.tune import tuned
+
+    return tuned(
+        config,
+        request.place(directory),
+        also=None if request.shard is None else directory,
+        only=request.only or None,
+        means=Means(request.jobs, request.engine_name, request.scheduler, request.accept_versions),
+        progress=choose(request.how_progress),
+    )
+
+
+def tuning_line(config: ExperimentConfig, only: Collection[str] | None = None) -> list[str]:
+    """Return what is still to be tuned, as one line; no line where nothing is.
+
+    Parameters
+    ----------
+    config : the experiment
+    only : names of the methods that are computed; all unless given
+    """
+    if config.tuning is None:
+        return []
+    protocol = config.tuning.protocol
+    names = dict.fromkeys(each.method for each in config.tuning.missing if only is None or each.method in only)
+    if not names:
+        return []
+    tuning, tested = config.tuning.n_trials(list(names))
+    points = f"{len(config.points)} points x " if config.paths else ""
+    size = f"{points}{len(names)} methods x {protocol.budget} values x {protocol.runs} runs"
+    return [f"at most {tuning:,} trials ({size})" + (f", and {tested:,} for the regret" if tested else "")]

@@ -1,0 +1,87 @@
+"""The section `methods`: the components of every method, the defaults of all methods merged in."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from typing import Any, Literal
+
+from rmpc_bench import registry
+from rmpc_bench.config.component import Component, read_component
+from rmpc_bench.config.draft import DraftConfig, MethodComponents
+from rmpc_bench.config.key_errors import shown
+from rmpc_bench.config.short_forms import with_kind
+from rmpc_bench.config.tree import Map, locate_key, merge
+from rmpc_bench.config.tuned_methods import read_tuned
+from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT
+
+KEYS = ("model", "estimator", "controller", "label", "tune", "parameters")
+Source: Any = Literal[AS_PUBLISHED, DEFAULT]
+"""What the key `parameters` of a method may say."""
+
+
+def read_method_section(draft: DraftConfig) -> None:
+    """Read all methods; the draft gets their components and the errors.
+
+    Parameters
+    ----------
+    draft : the sections of one point, with the design model
+    """
+    methods = draft.values["methods"]
+    if methods is not None and not methods:
+        draft.note(["methods"], "there must be at least one method")
+    for name, own in (methods or {}).items():
+        path: list[str | int] = ["methods", name]
+        if not name.strip() or re.search(r"[\[\],\n]", name):
+            draft.note(
+                path, "the name of a method must not be empty or contain brackets, commas or line breaks", key=True
+            )
+        if own is None:
+            own = Map(mark=locate_key(draft.tree, path))
+        if not isinstance(own, Map):
+            draft.note(path, f"must be a mapping (got {shown(own)})")
+            continue
+        _method(draft, name, own, path)
+
+
+def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int]) -> None:
+    for key in own:
+        if key not in KEYS:
+            draft.note([*path, key], registry.unknown(key, KEYS, "key"), key=True)
+    label = own.get("label")
+    if "label" in own and not isinstance(label, str):
+        draft.note([*path, "label"], f"must be text (got {shown(label)})")
+    if "parameters" in own:
+        draft.sources[name] = draft.checked(Source, [*path, "parameters"]) or DEFAULT
+    read = partial(_components, draft, path)
+    components = read(own)
+    draft.methods[name] = components
+    if own.get("tune") is not None:
+        draft.methods[name] = read_tuned(draft, name, own, read, components)
+
+
+def _components(draft: DraftConfig, path: list[str | int], own: Map) -> MethodComponents:
+    named = {key: _component(draft, own, key, path) for key in ("model", "estimator", "controller")}
+    controlled = own.get("controller", draft.tree.get("controller")) is not None
+    label = own.get("label")
+    return MethodComponents(None if label is None else str(label), **named, controlled=controlled)
+
+
+def _component(draft: DraftConfig, own: Map, key: str, path: list[str | int]) -> Component | None:
+    """Merge a component of a method over the default of all methods and validate it."""
+    if key not in own and key == "model":
+        return draft.model
+    default = with_kind(key + "s", draft.tree.get(key))
+    tree = with_kind(key + "s", own[key]) if key in own else default
+    if tree is None:
+        others = [other for other in draft.values["methods"].values() if isinstance(other, Map) and key in other]
+        # An experiment without any controller has u = 0.
+        if key != "controller" or others:
+            draft.note(path, f"{key!r} is missing, here and as a default of all methods")
+        return None
+    if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:
+        tree = merge(default, tree)
+    mark = own.value_marks.get(key, own.mark)
+    if not isinstance(tree, Map) and key not in own:
+        return None
+    return read_component(key + "s", tree, [*path, key], draft.problems, mark=mark, access=draft.access)

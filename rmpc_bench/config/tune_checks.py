@@ -1,0 +1,88 @@
+"""What the section `tune` needs of the other sections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.config.tree import Map
+from rmpc_bench.config.tune_section import SMOKE_BUDGET
+from rmpc_bench.registry import unknown
+
+
+def shrink_tuning(draft: DraftConfig) -> None:
+    """Take the size of a smoke run for the tuning, without the regret.
+
+    Parameters
+    ----------
+    draft : the sections of one point
+    """
+    tune, size = draft.values["tune"], draft.values["smoke"]
+    if tune is not None and size is not None:
+        budget, runs = min(tune.budget, SMOKE_BUDGET), min(tune.runs, size.runs)
+        draft.values["tune"] = replace(tune, budget=budget, runs=runs, regret=False)
+
+
+def metric_of_tuning(draft: DraftConfig) -> str:
+    """Return the name of the metric that tuning minimises: the one of the section, or the primary one."""
+    tune, statistics = draft.values["tune"], draft.values["statistics"]
+    primary = None if statistics is None else statistics.primary
+    return str((tune and tune.metric) or primary or (draft.metric_names or [""])[0])
+
+
+def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None]) -> None:
+    """Refuse a section without a method to tune, ranges without a section, and what cannot be tuned.
+
+    Parameters
+    ----------
+    drafts : the sections of every point; errors are added to those of the first
+    points : the designs of every point; None where one could not be made
+    """
+    first = drafts[0]
+    names = [name for name, own in (first.values["methods"] or {}).items() if isinstance(own, Map) and own.get("tune")]
+    if "tune" in first.tree and first.tree["tune"] is None:
+        names = []
+    elif first.values["tune"] is None:
+        if "tune" not in first.tree:
+            for name in names:
+                message = "needs the section `tune` at the top, such as `tune: {budget: 16, runs: 40}`, or `tune: {}`"
+                first.note(["methods", name, "tune"], message, key=True)
+        return
+    elif not names:
+        message = "no method has the key `tune`; give one, such as `tune: {estimator.radius: [0.01, 10]}`"
+        first.note(["tune"], f"{message}, or leave this section out", key=True)
+        return
+    _check_search(first, names)
+    if "runs" not in first.values["evaluate"]:
+        first.note(["tune"], "nothing is computed run by run here; evaluate: [runs, ...]", key=True)
+    if points[0] is not None:
+        _check_metric(first, points[0])
+        _check_plant(first, points[0], names)
+
+
+def _check_search(draft: DraftConfig, names: Sequence[str]) -> None:
+    tune = draft.values["tune"]
+    for name in names if tune is not None and tune.search == "grid-golden" else ():
+        if name in draft.tuned and len(draft.tuned[name].parameters) > 1:
+            message = "`search: grid-golden` takes one parameter; nelder-mead, quasi-random and auto take more"
+            draft.note(["methods", name, "tune"], message, key=True)
+
+
+def _check_metric(draft: DraftConfig, point: SweepPoint) -> None:
+    name, infos = metric_of_tuning(draft), {info.name: info for info in point.experiment.metric_infos}
+    if name not in infos:
+        draft.note(["tune", "metric"], unknown(name, infos, "metric of this configuration"))
+    elif infos[name].direction == "higher":
+        draft.note(["tune", "metric"], f"tuning makes a metric small, and a larger {name} is better; choose another")
+
+
+def _check_plant(draft: DraftConfig, point: SweepPoint, names: Sequence[str]) -> None:
+    plant = point.experiment.plant
+    if plant.recorded is not None:
+        message = "a recorded plant has the same runs for tuning and for the experiment; give the values themselves"
+        draft.note(["tune"], message, key=True)
+    if plant.opponent is not None and plant.opponent[0] in names:
+        message = "the uncertainty of the plant is chosen against this method, which is not tuned therefore"
+        draft.note(["methods", plant.opponent[0], "tune"], message, key=True)

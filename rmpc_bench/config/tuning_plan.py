@@ -1,0 +1,176 @@
+"""What there is to tune in a configuration: the searches of all methods and points, and what identifies them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.claims.papers import usual_parameters
+from rmpc_bench.components.consent import CodeAccess
+from rmpc_bench.config.component import without_path
+from rmpc_bench.config.draft import DraftConfig
+from rmpc_bench.config.identity import method_data
+from rmpc_bench.config.sweep import SweptTree
+from rmpc_bench.config.sweep_point import SweepPoint, digest
+from rmpc_bench.config.tune_checks import metric_of_tuning
+from rmpc_bench.simulation.random_streams import words_of
+from rmpc_bench.types.tuning import TunedParameter, TuningProtocol
+
+Chosen = Mapping[tuple[str, str], Mapping[str, float]]
+"""Title of a point and name of a method -> path inside the method -> chosen value."""
+
+
+class Origin(NamedTuple):
+    """What a configuration was made from, to try values in it and to load it with those that are chosen."""
+
+    points: Sequence[SweptTree]
+    """The tree of every point of the sweep, before its validation."""
+    access: CodeAccess
+    smoke: bool
+    load: Callable[[Chosen], Any]
+    """Loads the configuration with chosen values and returns an ExperimentConfig; ConfigError as `load_config`."""
+
+
+@dataclass(frozen=True, eq=False)
+class WantedSearch:
+    """The search of one method at one point of the sweep.
+
+    Parameters
+    ----------
+    point : title of the point
+    number : position of the point
+    method : name of the method
+    parameters : what is tuned
+    default : value of each parameter without tuning; None where it is no number
+    key : what identifies the search; equal searches have equal keys
+    values : path -> chosen value; None where none is known
+    """
+
+    point: str
+    number: int
+    method: str
+    parameters: tuple[TunedParameter, ...]
+    default: tuple[float | None, ...]
+    key: str
+    values: Mapping[str, float | int] | None
+
+
+@dataclass(frozen=True, eq=False)
+class TuningPlan:
+    """All searches of a configuration.
+
+    Parameters
+    ----------
+    protocol : the same for all of them
+    regret : whether all values are also computed on the runs of the experiment
+    searches : every tuned method at every point
+    seeds : seed of the tuning runs at every point
+    folder : identifies the tuning runs, as the hash of an experiment does its runs
+    test_runs : number of runs of the experiment on which values are compared
+    """
+
+    protocol: TuningProtocol
+    regret: bool
+    searches: tuple[WantedSearch, ...]
+    seeds: tuple[int, ...]
+    folder: str
+    test_runs: int
+
+    @property
+    def missing(self) -> tuple[WantedSearch, ...]:
+        """Searches without a chosen value."""
+        return tuple(each for each in self.searches if each.values is None)
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """What is tuned and how, as plain data, without what was chosen."""
+        ranges = {f"{each.point}/{each.method}": [vars(one) for one in each.parameters] for each in self.searches}
+        return {"protocol": vars(self.protocol), "ranges": ranges}
+
+    def n_trials(self, methods: Sequence[str] | None = None) -> tuple[int, int]:
+        """Return the largest numbers of trials on tuning runs and, for the regret, on the runs of the experiment.
+
+        Parameters
+        ----------
+        methods : names of the methods to count; all unless given
+        """
+        wanted = [each for each in self.missing if methods is None or each.method in methods]
+        n = len({each.key for each in wanted})
+        tested = n * (self.protocol.budget + 1) * self.test_runs if self.regret else 0
+        return n * self.protocol.budget * self.protocol.runs, tested
+
+
+def tuning_seed(seed: int, number: int) -> int:
+    """Return the seed of the tuning runs of an experiment.
+
+    Parameters
+    ----------
+    seed : of the experiment
+    number : of the tuning stream
+
+    Examples
+    --------
+    >>> tuning_seed(1, 0) != tuning_seed(1, 1) != 1
+    True
+    """
+    sequence = np.random.SeedSequence(seed, spawn_key=(*words_of("tuning"), number))
+    high, low = (int(word) for word in sequence.generate_state(2, np.uint32))
+    return (high >> 1) << 32 | low
+
+
+def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> TuningPlan | None:
+    """Return what there is to tune in a valid configuration; None without the section `tune`.
+
+    Parameters
+    ----------
+    drafts : the sections of every point
+    points : their designs
+    """
+    tune = drafts[0].values["tune"]
+    if tune is None:
+        return None
+    protocol = tune.protocol(metric_of_tuning(drafts[0]))
+    seeds = [tuning_seed(draft.values["seed"], protocol.seed) for draft in drafts]
+    shared = [digest({**point.shared, "seed": seed}) for point, seed in zip(points, seeds, strict=True)]
+    searches = [
+        _search(draft, point, number, name, protocol, shared[number])
+        for number, (draft, point) in enumerate(zip(drafts, points, strict=True))
+        for name in draft.tuned
+    ]
+    stop = drafts[0].values["stop"]
+    test_runs = points[0].experiment.n_runs if stop is None else stop.first_look
+    return TuningPlan(protocol, tune.regret, tuple(searches), tuple(seeds), digest(sorted(set(shared))), int(test_runs))
+
+
+def _search(
+    draft: DraftConfig, point: SweepPoint, number: int, name: str, protocol: TuningProtocol, shared: str
+) -> WantedSearch:
+    tuned = draft.tuned[name]
+    key = digest(
+        {
+            "experiment": shared,
+            "method": method_data(draft, tuned.lowest, without_path),
+            "ranges": [vars(each) for each in tuned.parameters],
+            # The number of the stream is in the seed.
+            "protocol": {each: value for each, value in vars(protocol).items() if each not in ("metric", "seed")},
+            "metric": point.metric_keys[protocol.metric],
+            "code": point.code[name],
+        }
+    )
+    return WantedSearch(draft.title, number, name, tuned.parameters, tuned.default, key, tuned.values)
+
+
+def parameter_words(draft: DraftConfig) -> dict[str, str]:
+    """Return method -> where its parameters come from.
+
+    Parameters
+    ----------
+    draft : the sections of one point
+    """
+    tune, usual = draft.values["tune"], usual_parameters(draft.values["paper"])
+    words = {name: draft.sources.get(name, usual) for name in draft.methods}
+    tuned = "" if tune is None else tune.protocol("").words
+    return {name: tuned if name in draft.tuned else word for name, word in words.items()}

@@ -1,0 +1,180 @@
+"""tuning.json: what tuning has tried and chosen, by the key of each search.
+
+It is kept beside the tables of the results: a search whose key is in it is not made again, also where no trial is
+stored.  Its numbers have six digits and do not depend on the machine; times are in a file of their own.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.execution.database import StoreError
+from rmpc_bench.execution.shards import FOLDER as SHARDS
+from rmpc_bench.regular_file import text_of
+from rmpc_bench.replaced_file import replace_text
+from rmpc_bench.types import Array
+from rmpc_bench.types.tuning import TunedParameter, TuningProtocol, TuningSearch
+
+if TYPE_CHECKING:
+    from rmpc_bench.config.tuning_plan import WantedSearch
+
+FILE = "tuning.json"
+FOLDER = "tuning"
+"""Directory of the trials of tuning, below that of the results."""
+SECONDS = "seconds.json"
+"""File in it: key of a search -> computing time of its trials [s]."""
+MAX_BYTES = 500_000_000
+_VERSION = 1
+
+
+class Found(NamedTuple):
+    """What a search has found."""
+
+    method: str
+    parameters: tuple[TunedParameter, ...]
+    candidates: Float[Array, "n p"]
+    stages: tuple[str, ...]
+    tuning: Float[Array, "n tuning_runs"]
+    chosen: int
+    default: tuple[float | None, ...] = ()
+    tested: str = ""
+    """What identifies the runs of ``test``; empty without them."""
+    test: Float[Array, "rows test_runs"] | None = None
+
+    @property
+    def values(self) -> dict[str, float | int]:
+        """Path -> chosen value."""
+        return self.search("", "", "", TuningProtocol(0, 0, "")).values
+
+    def search(self, point: str, method: str, key: str, protocol: TuningProtocol, seconds: float = 0.0) -> TuningSearch:
+        """Return it as the search of a method at a point; equal methods and points share one."""
+        return TuningSearch(
+            point,
+            method,
+            self.parameters,
+            self.default,
+            self.candidates,
+            self.stages,
+            self.tuning,
+            self.test,
+            self.chosen,
+            protocol,
+            seconds,
+            key,
+        )
+
+
+def read_record(directory: Path) -> dict[str, Found]:
+    """Return key of a search -> what it has found, of a directory and of the shards in it.
+
+    Raises
+    ------
+    StoreError
+        If a file is not one of this program.
+    """
+    found: dict[str, Found] = {}
+    places = sorted((directory / SHARDS).glob(f"*/{FILE}")) if (directory / SHARDS).is_dir() else []
+    for path in [*places, directory / FILE]:
+        if path.is_file():
+            found |= _read(path)
+    return found
+
+
+def _read(path: Path) -> dict[str, Found]:
+    try:
+        data = json.loads(text_of(path, MAX_BYTES))
+        if data["version"] != _VERSION:
+            raise ValueError("another version of the bench has written it")
+        return {str(key): _found(entry) for key, entry in data["searches"].items()}
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        text = f"{path}: is no record of a tuning ({error}); remove the file, and `rmpc-bench run` tunes again"
+        raise StoreError(text) from None
+
+
+def _found(entry: Mapping[str, Any]) -> Found:
+    parameters = tuple(TunedParameter(**each) for each in entry["parameters"])
+    candidates = np.array(entry["candidates"], dtype=float).reshape(-1, len(parameters))
+    chosen, test = int(entry["chosen"]), entry.get("test")
+    tuning, stages = _matrix(entry["tuning"]), tuple(map(str, entry["stages"]))
+    if not (0 <= chosen < len(candidates) == len(stages) == len(tuning)):
+        raise ValueError("its lists differ in length")
+    return Found(
+        str(entry["method"]),
+        parameters,
+        candidates,
+        stages,
+        tuning,
+        chosen,
+        tuple(None if each is None else float(each) for each in entry["default"]),
+        "" if test is None else str(test["key"]),
+        None if test is None else _matrix(test["values"]),
+    )
+
+
+def _matrix(rows: Sequence[Sequence[float | None]]) -> Array:
+    return np.array([[math.nan if value is None else value for value in row] for row in rows], dtype=float)
+
+
+def write_record(
+    directory: Path, protocol: TuningProtocol, searches: Iterable[WantedSearch], found: Mapping[str, Found]
+) -> None:
+    """Write the record of a directory; searches that the configuration does not have any more are left out.
+
+    Parameters
+    ----------
+    directory : of the results, which exists
+    protocol : how parameters are chosen
+    searches : those of the configuration
+    found : key -> what was found
+    """
+    wanted = {search.key: None for search in searches if search.key in found}
+    entries = [f'  "{key}": {_entry(found[key])}' for key in wanted]
+    head = json.dumps({"version": _VERSION, "protocol": vars(protocol)})[:-1]
+    text = f'{head}, "searches": {{\n' + ",\n".join(entries) + "\n}}\n"
+    path = directory / FILE
+    if not path.is_file() or text_of(path, MAX_BYTES) != text:
+        replace_text(path, text)
+
+
+def _entry(found: Found) -> str:
+    """Write what a search has found with a line for every value, so that differences are short."""
+    head: dict[str, Any] = {
+        "method": found.method,
+        "parameters": [vars(each) for each in found.parameters],
+        "default": found.default,
+        "chosen": found.chosen,
+        "stages": found.stages,
+        "candidates": found.candidates.tolist(),
+    }
+    parts = [json.dumps(head)[1:-1], f'"tuning": {_rows(found.tuning)}']
+    if found.test is not None:
+        parts.append(f'"test": {{"key": "{found.tested}", "values": {_rows(found.test)}}}')
+    return "{" + ",\n   ".join(parts) + "}"
+
+
+def _rows(values: Float[Array, "n runs"]) -> str:
+    rows = [json.dumps([None if math.isnan(value) else value for value in row]) for row in values.tolist()]
+    return "[\n    " + ",\n    ".join(rows) + "]"
+
+
+def read_seconds(directory: Path) -> dict[str, float]:
+    """Return key of a search -> computing time of its trials [s]; empty where it is not known."""
+    try:
+        data = json.loads(text_of(directory / FOLDER / SECONDS))
+        return {str(key): float(value) for key, value in data.items()}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
+
+
+def add_seconds(directory: Path, seconds: Mapping[str, float]) -> None:
+    """Add computing times to those that are noted."""
+    noted = read_seconds(directory)
+    noted |= {key: round(noted.get(key, 0.0) + value, 3) for key, value in seconds.items()}
+    replace_text(directory / FOLDER / SECONDS, json.dumps(noted, indent=1) + "\n")

@@ -1,0 +1,142 @@
+"""The trials of values that tuning tries: computed as those of an experiment, in a store of their own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.analysis.pairs import distance_from_best
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.tuning_round import Round, RoundBuilder, Trial
+from rmpc_bench.execution.block_lengths import BlockLengths
+from rmpc_bench.execution.engines.choice import choose_engine
+from rmpc_bench.execution.libraries import check_versions, note_versions
+from rmpc_bench.execution.other_code import stored_methods
+from rmpc_bench.execution.progress import Progress
+from rmpc_bench.execution.runner import pending, store_block, warm_up_tasks
+from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.execution.tuning.record import FOLDER
+from rmpc_bench.types import Array, Status
+
+DIGITS = 6
+"""Significant digits of a metric: the objectives, and so the choice, do not depend on the last bits of a CPU."""
+
+
+@dataclass(frozen=True)
+class Means:
+    """How trials are computed; see `rmpc_bench.execution.runner.compute`."""
+
+    workers: int | None = None
+    engine: str | None = None
+    scheduler: str | None = None
+    accept_versions: bool = False
+
+
+class Rounds:
+    """Computes the trials of values, or reads those that are stored.
+
+    Parameters
+    ----------
+    config : a configuration with something to tune
+    directory : of the results; the trials are stored below it
+    means : how they are computed
+    progress : counts the trials
+    """
+
+    def __init__(self, config: ExperimentConfig, directory: Path, means: Means, progress: Progress) -> None:
+        assert config.tuning is not None
+        self._config, self._plan, self._means, self._progress = config, config.tuning, means, progress
+        self._directory, self._builder = directory, RoundBuilder(config)
+        self.seconds: dict[str, float] = {}
+        """Key of a search -> computing time of its trials in this process [s]."""
+
+    def values(self, trials: Sequence[Trial], *, tested: bool = False) -> dict[Trial, Float[Array, " runs"]]:
+        """Return the metric of every run, with six digits; NaN where a run is lost.
+
+        A value whose design cannot be made loses all runs.
+
+        Parameters
+        ----------
+        trials : what is to be computed
+        tested : whether on the runs of the experiment; else on the tuning runs
+
+        Raises
+        ------
+        StoreError, WriteError
+            As `rmpc_bench.execution.runner.compute`.
+        """
+        made = self._builder.build(trials, tested=tested)
+        n_runs = self._plan.test_runs if tested else self._plan.protocol.runs
+        lost = [trial for trial in trials if trial not in made.places]
+        self._progress.advance(len(lost) * n_runs)
+        found: dict[Trial, Array] = {trial: np.full(n_runs, np.nan) for trial in lost}
+        if made.places:
+            found |= self._computed(made, n_runs, tested=tested)
+        return found
+
+    def _computed(self, made: Round, n_runs: int, *, tested: bool) -> dict[Trial, Array]:
+        started, config = time.monotonic(), made.config
+        folder = self._config.hash if tested else self._plan.folder
+        seed = {} if tested else {"seed": self._plan.seeds[0]}
+        with Store(self._directory / FOLDER / folder[:12]) as store:
+            store.claim(folder, {**self._config.shared, **seed})
+            names = list(dict.fromkeys(trial.name for trial in made.places))
+            check_versions(config, store, names, accept=self._means.accept_versions)
+            self._compute(config, store, names, len(made.places) * n_runs)
+            store.flush()
+            found = {trial: self._read(config, store, trial, point, n_runs) for trial, point in made.places.items()}
+        share = (time.monotonic() - started) / len(made.places)
+        for trial in made.places:
+            self.seconds[trial.search.key] = self.seconds.get(trial.search.key, 0.0) + share
+        return found
+
+    def _compute(self, config: ExperimentConfig, store: Store, names: Sequence[str], n_trials: int) -> None:
+        """Compute and store what is missing."""
+        means, progress = self._means, self._progress
+        tasks = pending(config, store, names)
+        progress.advance(n_trials - sum(len(task.runs) for task in tasks))
+        if not tasks:
+            return
+        store.register(stored_methods(config, names))
+        note_versions(config, store, names)
+        place = store.directory
+        engine = choose_engine(config, tasks, means.workers, means.engine, place, progress.say, means.scheduler)
+        experiments = tuple(point.experiment for point in config.points)
+        warm_up_tasks(experiments, tasks, progress)
+        queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))
+        with closing(engine(experiments, queue)) as results:
+            for done in results:
+                store_block(store, config.points[done.task.point], done)
+                queue.note(done)
+                progress.advance(len(done.task.runs))
+
+    def _read(self, config: ExperimentConfig, store: Store, trial: Trial, number: int, n_runs: int) -> Array:
+        point, metric = config.points[number], self._plan.protocol.metric
+        key = point.method_keys[trial.name]
+        runs, status = store.statuses(key, n_runs)
+        values = np.full(n_runs, np.nan)
+        values[runs] = store.values(key, point.metric_keys[metric], runs)
+        values[runs[status != Status.OK]] = np.nan
+        direction = next(info.direction for info in point.experiment.metric_infos if info.name == metric)
+        values = distance_from_best(values, direction)
+        return rounded(np.where(np.isfinite(values), values, np.nan))
+
+
+def rounded(values: Float[Array, " runs"]) -> Float[Array, " runs"]:
+    """Return values with six significant digits; NaN stays."""
+    return np.array([float(f"{value:.{DIGITS}g}") for value in values])
+
+
+def by_key(values: Mapping[Trial, Array]) -> dict[str, dict[int, Array]]:
+    """Return key of a search -> position of its values -> their metric of every run."""
+    found: dict[str, dict[int, Array]] = {}
+    for trial, row in values.items():
+        found.setdefault(trial.search.key, {})[trial.number] = row
+    return found

@@ -1,0 +1,312 @@
+"""Which values of the parameters of a method are tried, from the objectives of those that have been.
+
+A search is a function of the evaluations so far: the same call after an interruption asks for the same values.  Inside,
+every parameter is a number z from 0 to 1 along its range, on its scale.  Values are rounded to four significant digits
+without their offset, so that another CPU tries the same ones, and an equal value is evaluated once.
+
+Source  J. Kiefer, "Sequential minimax search for a maximum", Proc. AMS 4 (1953), 502-506, the golden section;
+        J. A. Nelder and R. Mead, "A simplex method for function minimization", Comput. J. 7 (1965), 308-313;
+        J. H. Halton, Numer. Math. 2 (1960), 84-90, the quasi-random points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.types import Array
+from rmpc_bench.types.tuning import TunedParameter
+
+DIGITS = 4
+"""Significant digits of a value that is tried, without its offset."""
+GOLDEN = (3.0 - math.sqrt(5.0)) / 2.0
+"""Share of an interval at which golden section places a point."""
+GRID_SHARE = 9.0 / 16.0
+"""Share of the budget for the grid: 9 of 16 values."""
+SIMPLEX = 0.15
+"""Edge of the first simplex of Nelder and Mead, as a share of every range."""
+MOST_STEPS = 100
+"""Steps of golden section, which may meet values that are known already."""
+LARGEST = 1e300
+"""Stands for an infinite objective in Nelder and Mead's method, which takes differences."""
+_PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
+
+Row = tuple[float, ...]
+"""A value for every parameter, the offset added."""
+
+
+class Candidate(NamedTuple):
+    """Values that are to be tried."""
+
+    row: Row
+    stage: str
+    """``grid``, ``golden``, ``quasi-random`` or ``nelder-mead``."""
+
+
+def value_at(parameter: TunedParameter, z: float) -> float:
+    """Return the value of a parameter at a place along its range, rounded and inside it.
+
+    Parameters
+    ----------
+    parameter : with its range
+    z : from 0, the lower end, to 1, the upper one
+
+    Examples
+    --------
+    >>> radius = TunedParameter("estimator.radius", 0.01, 10.0)
+    >>> [value_at(radius, z) for z in (0.0, 0.5, 1.0)]
+    [0.01, 0.3162, 10.0]
+    """
+    low, high = parameter.low, parameter.high
+    z = min(max(z, 0.0), 1.0)
+    number = low * (high / low) ** z if parameter.scale == "log" else low + (high - low) * z
+    if parameter.integer:
+        number = float(round(number))
+    number = min(max(float(f"{number:.{DIGITS}g}"), low), high)
+    return float(f"{number + parameter.offset:.12g}")
+
+
+def row_at(parameters: Sequence[TunedParameter], place: Iterable[float]) -> Row:
+    """Return the values at a place, one coordinate from 0 to 1 for each parameter."""
+    return tuple(value_at(each, float(z)) for each, z in zip(parameters, place, strict=True))
+
+
+class _Evaluations:
+    """Looks objectives up, in the order in which a search asks for them.
+
+    Parameters
+    ----------
+    known : values -> objective
+    budget : number of different values that may be asked for
+    """
+
+    def __init__(self, known: Mapping[Row, float], budget: int) -> None:
+        self._known, self._budget = known, budget
+        self.used: dict[Row, str] = {}
+        """Values in the order in which they were asked for first -> stage."""
+        self.wanted: dict[Row, str] = {}
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether no further value may be asked for."""
+        return len(self.used) >= self._budget
+
+    def ask(self, candidates: Iterable[Candidate]) -> None:
+        """Ask for several values at once.
+
+        Raises
+        ------
+        _NeedsMore
+            If the objective of one of them is not known.
+        """
+        for row, stage in candidates:
+            if row not in self.used:
+                if self.is_spent:
+                    break
+                self.used[row] = stage
+                if row not in self._known:
+                    self.wanted[row] = stage
+        if self.wanted:
+            raise _NeedsMore
+
+    def __call__(self, row: Row, stage: str) -> float:
+        """Return an objective.
+
+        Raises
+        ------
+        _NeedsMore
+            If it is not known.
+        _Spent
+            If the budget does not allow to ask for it.
+        """
+        if row not in self.used and self.is_spent:
+            raise _Spent
+        self.ask([Candidate(row, stage)])
+        return self._known[row]
+
+
+class _NeedsMore(Exception):
+    """Objectives are missing."""
+
+
+class _Spent(Exception):
+    """The budget is spent."""
+
+
+class Plan(NamedTuple):
+    """What a search asks for after some evaluations."""
+
+    wanted: tuple[Candidate, ...]
+    """Values whose objective is needed next; none where the search has ended."""
+    used: tuple[Candidate, ...]
+    """All values in the order in which they were asked for, the wanted ones included."""
+
+
+def plan(
+    parameters: Sequence[TunedParameter], budget: int, search: str, known: Mapping[Row, float], start: int = 0
+) -> Plan:
+    """Return what to try next.
+
+    Parameters
+    ----------
+    parameters : what is tuned
+    budget : number of different values
+    search : ``auto``, ``grid-golden``, ``nelder-mead`` or ``quasi-random``
+    known : values that were tried -> objective, which may be infinite
+    start : index of the first quasi-random point
+    """
+    evaluations = _Evaluations(known, budget)
+    name = search if search != "auto" else "grid-golden" if len(parameters) == 1 else "nelder-mead"
+    try:
+        _SEARCHES[name](parameters, budget, evaluations, start)
+    except (_NeedsMore, _Spent):
+        pass
+    return Plan(
+        tuple(Candidate(*each) for each in evaluations.wanted.items()),
+        tuple(Candidate(*each) for each in evaluations.used.items()),
+    )
+
+
+def _grid_golden(parameters: Sequence[TunedParameter], budget: int, evaluate: _Evaluations, start: int) -> None:
+    """Evaluate a grid, then golden section between the neighbours of its best point."""
+    [parameter] = parameters
+    n = max(1, math.floor(GRID_SHARE * budget + 0.5))
+    grid = [i / (n - 1) for i in range(n)] if n > 1 else [0.5]
+    evaluate.ask(Candidate(row_at(parameters, [z]), "grid") for z in grid)
+    rows = {row_at(parameters, [z]): z for z in reversed(grid)}
+    places = sorted(rows.values())
+
+    def objective(z: float) -> float:
+        return evaluate(row_at([parameter], [z]), "golden")
+
+    best = min(places, key=lambda z: (evaluate(row_at([parameter], [z]), "grid"), z))
+    i = places.index(best)
+    golden_section(objective, places[max(i - 1, 0)], best, places[min(i + 1, len(places) - 1)])
+
+
+def golden_section(objective: Callable[[float], float], a: float, b: float, c: float) -> tuple[float, float]:
+    """Minimise a function between a and c by golden section, until it raises or the interval has no width.
+
+    Parameters
+    ----------
+    objective : function of one number
+    a, b, c : ends of the interval, and a point in it with a known smaller value; at an end where none is known inside
+
+    Returns
+    -------
+    the best place and its objective
+    """
+    if a < b < c:
+        # The first new point divides the larger part.
+        left, right = (b, b + GOLDEN * (c - b)) if c - b > b - a else (b - GOLDEN * (b - a), b)
+    else:
+        left, right = a + GOLDEN * (c - a), c - GOLDEN * (c - a)
+    for _ in range(MOST_STEPS):
+        if not a < left < right < c:
+            break
+        # The left value first, as where both are new.
+        at_left, at_right = objective(left), objective(right)
+        if at_left <= at_right:
+            c, right = right, left
+            left = right - GOLDEN * (right - a)
+        else:
+            a, left = left, right
+            right = left + GOLDEN * (c - left)
+    best = min((left, right), key=objective)
+    return best, objective(best)
+
+
+def halton(n: int, dimensions: int, start: int = 0) -> Iterator[Row]:
+    """Yield points of the Halton sequence without its first point, the origin.
+
+    Parameters
+    ----------
+    n : number of points
+    dimensions : coordinates of a point, at most ten
+    start : number of points that are left out
+
+    Examples
+    --------
+    >>> [*halton(3, 1)]
+    [(0.5,), (0.25,), (0.75,)]
+    """
+    for index in range(start + 1, start + n + 1):
+        yield tuple(_radical_inverse(index, base) for base in _PRIMES[:dimensions])
+
+
+def _radical_inverse(index: int, base: int) -> float:
+    numerator, denominator = 0, 1
+    while index:
+        index, digit = divmod(index, base)
+        numerator, denominator = numerator * base + digit, denominator * base
+    return numerator / denominator
+
+
+def _quasi_random(parameters: Sequence[TunedParameter], budget: int, evaluate: _Evaluations, start: int) -> None:
+    """Spend the whole budget on quasi-random points."""
+    points = halton(_most_points(budget), len(parameters), start)
+    evaluate.ask(Candidate(row_at(parameters, place), "quasi-random") for place in points)
+
+
+def _most_points(budget: int) -> int:
+    """Number of points that are looked at, as some may round to equal values."""
+    return 20 * budget
+
+
+def _nelder_mead(parameters: Sequence[TunedParameter], budget: int, evaluate: _Evaluations, start: int) -> None:
+    """Spend half of the budget on quasi-random points, and the rest on a simplex that starts at the best of them."""
+    first = _distinct(parameters, max(1, budget // 2), start)
+    evaluate.ask(Candidate(row_at(parameters, place), "quasi-random") for place in first)
+    best = min(first, key=lambda place: evaluate(row_at(parameters, place), "quasi-random"))
+    simplex = first_simplex(best)
+    evaluate.ask(Candidate(row_at(parameters, place), "nelder-mead") for place in simplex)
+
+    def objective(z: Array) -> float:
+        return min(evaluate(row_at(parameters, z), "nelder-mead"), LARGEST)
+
+    minimise(objective, simplex, 10 * budget)
+
+
+def _distinct(parameters: Sequence[TunedParameter], n: int, start: int) -> list[Row]:
+    """Return the first n quasi-random points with different values."""
+    found: dict[Row, Row] = {}
+    for place in halton(_most_points(n), len(parameters), start):
+        found.setdefault(row_at(parameters, place), place)
+        if len(found) == n:
+            break
+    return [*found.values()]
+
+
+def first_simplex(place: Row) -> list[Row]:
+    """Return a place and, for every coordinate, one that differs in it and is in the unit cube."""
+    moved = [z + SIMPLEX if z + SIMPLEX <= 1.0 else z - SIMPLEX for z in place]
+    return [place, *((*place[:i], z, *place[i + 1 :]) for i, z in enumerate(moved))]
+
+
+def minimise(objective: Callable[[Array], float], simplex: Sequence[Row], most: int) -> Array:
+    """Minimise a function in the unit cube by Nelder and Mead's method of SciPy.
+
+    Parameters
+    ----------
+    objective : function of a place
+    simplex : its first vertices
+    most : largest number of evaluations
+    """
+    # Imported where it is used: a configuration is checked without it.
+    from scipy.optimize import minimize
+
+    vertices = np.array(simplex)
+    options = {"initial_simplex": vertices, "maxfev": most, "xatol": 1e-4, "fatol": 0.0}
+    bounds = [(0.0, 1.0)] * vertices.shape[1]
+    found = minimize(objective, vertices[0], method="Nelder-Mead", bounds=bounds, options=options)
+    return np.asarray(found.x)
+
+
+_SEARCHES: Mapping[str, Callable[[Sequence[TunedParameter], int, _Evaluations, int], None]] = {
+    "grid-golden": _grid_golden,
+    "nelder-mead": _nelder_mead,
+    "quasi-random": _quasi_random,
+}

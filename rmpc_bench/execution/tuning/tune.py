@@ -1,0 +1,196 @@
+"""Tuning of a configuration: all searches advance together, round by round, and the values found are put into it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.sweep_point import digest
+from rmpc_bench.config.tuning_plan import TuningPlan, WantedSearch
+from rmpc_bench.config.tuning_round import Trial
+from rmpc_bench.execution.database import WriteError
+from rmpc_bench.execution.progress import Progress, Silent
+from rmpc_bench.execution.tuning.record import Found, add_seconds, read_record, write_record
+from rmpc_bench.execution.tuning.rounds import Means, Rounds, by_key
+from rmpc_bench.execution.tuning.search import Candidate, Row, plan
+from rmpc_bench.types import Array
+
+_Evaluated = dict[str, dict[Row, Array]]
+"""Key of a search -> values -> metric of every tuning run."""
+
+
+def with_known(config: ExperimentConfig, directory: Path) -> ExperimentConfig:
+    """Return a configuration with the values that earlier searches have found; nothing is computed.
+
+    Parameters
+    ----------
+    config : from `load_config`
+    directory : of the results
+
+    Raises
+    ------
+    StoreError
+        If tuning.json there cannot be read.
+    """
+    if config.tuning is None or not config.tuning.missing:
+        return config
+    return _with_values(config, read_record(directory))
+
+
+def tuned(
+    config: ExperimentConfig,
+    directory: Path,
+    *,
+    also: Path | None = None,
+    only: Collection[str] | None = None,
+    means: Means | None = None,
+    progress: Progress | None = None,
+) -> ExperimentConfig:
+    """Return a configuration with tuned values: those that are known, and those that are found here.
+
+    The same call continues an interrupted one.
+
+    Parameters
+    ----------
+    config : from `load_config`
+    directory : where tuning.json and the trials of the tuning lie or will lie
+    also : another directory whose tuning.json is used, such as that of the whole experiment for a shard
+    only : names of the methods to tune; all unless given
+    means : how trials are computed
+    progress : display
+
+    Raises
+    ------
+    StoreError, WriteError
+        As `rmpc_bench.execution.runner.compute`.
+    ConfigError
+        If no value of a range gives a design.
+    """
+    plan_of = config.tuning
+    if plan_of is None:
+        return config
+    found = read_record(also) if also is not None else {}
+    found |= read_record(directory)
+    wanted = [each for each in plan_of.searches if only is None or each.method in only]
+    once = {each.key: each for each in reversed(wanted)}
+    missing = [each for key, each in once.items() if each.values is None and key not in found][::-1]
+    tested = digest([config.hash, plan_of.test_runs])
+    untested = [each for key, each in once.items() if each in missing or (key in found and found[key].tested != tested)]
+    untested = untested[::-1] if plan_of.regret else []
+    if missing or untested:
+        found |= _searched(config, plan_of, directory, missing, untested, found, means or Means(), progress or Silent())
+    try:
+        if any(each.key in found for each in plan_of.searches):
+            directory.mkdir(parents=True, exist_ok=True)
+            write_record(directory, plan_of.protocol, plan_of.searches, found)
+    except OSError as error:
+        raise WriteError(str(error)) from None
+    return _with_values(config, found)
+
+
+def _with_values(config: ExperimentConfig, found: Mapping[str, Found]) -> ExperimentConfig:
+    """Load a configuration with the values that were found for its searches."""
+    assert config.tuning is not None and config.origin is not None
+    known = {
+        (each.point, each.method): found[each.key].values if each.values is None else each.values
+        for each in config.tuning.searches
+        if each.values is not None or each.key in found
+    }
+    if len(known) == len(config.tuning.searches) - len(config.tuning.missing):
+        return config
+    loaded: ExperimentConfig = config.origin.load(known)
+    return loaded
+
+
+def _searched(
+    config: ExperimentConfig,
+    plan_of: TuningPlan,
+    directory: Path,
+    missing: Sequence[WantedSearch],
+    untested: Sequence[WantedSearch],
+    known: Mapping[str, Found],
+    means: Means,
+    progress: Progress,
+) -> dict[str, Found]:
+    """Make the missing searches, and compute all values of the untested ones on the runs of the experiment."""
+    rounds, protocol = Rounds(config, directory, means, progress), plan_of.protocol
+    n_test = (protocol.budget + 1) * plan_of.test_runs
+    total = len(missing) * protocol.budget * protocol.runs + len(untested) * n_test
+    progress.start(_title(plan_of, missing, untested), total, 0)
+    try:
+        found = {**known, **_tune(rounds, plan_of, missing)}
+        tested = digest([config.hash, plan_of.test_runs])
+        found |= _test(rounds, untested, found, tested)
+    finally:
+        progress.stop()
+        if rounds.seconds:
+            add_seconds(directory, rounds.seconds)
+    return found
+
+
+def _title(plan_of: TuningPlan, missing: Sequence[WantedSearch], untested: Sequence[WantedSearch]) -> str:
+    searches, protocol = missing or untested, plan_of.protocol
+    names = {each.method for each in searches}
+    n_points = len({each.number for each in searches})
+    points = f" at {n_points} points" if n_points > 1 else ""
+    size = f"{len(names)} method{'s' if len(names) > 1 else ''}{points} x {protocol.budget} values"
+    return f"tuning: {size}, {protocol.runs} runs" if missing else f"regret: {size}, {plan_of.test_runs} runs"
+
+
+def _tune(rounds: Rounds, plan_of: TuningPlan, searches: Sequence[WantedSearch]) -> dict[str, Found]:
+    """Let all searches advance together, a round at a time, until none asks for more."""
+    protocol, evaluated = plan_of.protocol, _Evaluated()
+    while True:
+        trials: dict[Trial, Row] = {}
+        used: dict[str, tuple[Candidate, ...]] = {}
+        for search in searches:
+            values = evaluated.setdefault(search.key, {})
+            known = {row: float(protocol.objective(runs)) for row, runs in values.items()}
+            # The stream of tuning also says where the quasi-random points begin.
+            wanted, used[search.key] = plan(
+                search.parameters, protocol.budget, protocol.search, known, start=protocol.seed
+            )
+            numbers = {each.row: number for number, each in enumerate(used[search.key])}
+            trials |= {Trial(search, numbers[each.row], each.row): each.row for each in wanted}
+        if not trials:
+            break
+        for trial, runs in rounds.values([*trials]).items():
+            evaluated[trial.search.key][trials[trial]] = runs
+    return {search.key: _chosen(plan_of, search, used[search.key], evaluated[search.key]) for search in searches}
+
+
+def _chosen(
+    plan_of: TuningPlan, search: WantedSearch, used: Sequence[Candidate], evaluated: Mapping[Row, Array]
+) -> Found:
+    """Return what a search has found: the first of the values with the smallest objective."""
+    tuning = np.array([evaluated[each.row] for each in used])
+    return Found(
+        search.method,
+        search.parameters,
+        np.array([each.row for each in used]),
+        tuple(each.stage for each in used),
+        tuning,
+        int(np.argmin(plan_of.protocol.objective(tuning))),
+        search.default,
+    )
+
+
+def _test(
+    rounds: Rounds, searches: Sequence[WantedSearch], found: Mapping[str, Found], tested: str
+) -> dict[str, Found]:
+    """Compute all values of the searches, and the methods without tuning, on the runs of the experiment."""
+    trials = [
+        Trial(search, number, row)
+        for search in searches
+        for number, row in enumerate([*map(tuple, found[search.key].candidates.tolist()), None])
+    ]
+    values = by_key(rounds.values(trials, tested=True)) if trials else {}
+    return {
+        search.key: found[search.key]._replace(
+            test=np.array([row for _, row in sorted(values[search.key].items())]), tested=tested, default=search.default
+        )
+        for search in searches
+    }
