@@ -30,6 +30,8 @@ DESCRIPTIONS: Mapping[str, str] = {
     "drivers.csv": "Share of the variance of the comparison that each uncertain quantity explains",
     "requirements.csv": "Runs that meet a requirement",
     "ranks.csv": "Rank of every method over all points of the sweep, as an interval, and ratios to the baseline",
+    "tuning.csv": "Tuned parameters: range, default, tuned and best value, objectives, regret, rank",
+    "tuning.json": "Every value that tuning has tried, with the metric of its runs",
     "claims.json": "Statements with findings, numbers and assumptions, for programs",
     "claims.md": "Statements with findings, numbers and assumptions, for readers",
     "report.html": "The report: comparison, claims, figures, assumptions, limitations",

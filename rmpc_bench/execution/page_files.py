@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +27,9 @@ from rmpc_bench.report.page.source import PageFigure, PageSource
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.summary import Summary
+from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import ConfigError
+from rmpc_bench.types.tuning import Tuning
 
 PAGE = "report.html"
 CONFIGURATION = "config.resolved.yaml"
@@ -64,6 +67,7 @@ class Evaluated(NamedTuple):
     drivers: DriversTable
     requirements: RequirementsTable
     ranks: RanksTable
+    tuning: TuningTable
 
 
 def write_page(
@@ -95,7 +99,7 @@ def write_page(
     figures = [*drawn.figures, *more]
     written = [path for figure in more for path in figure.paths]
     text, configuration = _configuration(results.directory)
-    methods = configuration.get("methods", {})
+    methods = _as_computed(configuration.get("methods", {}), results.tuning)
     differences = method_differences(methods) if methods else {}
     source = PageSource(
         **evaluated._asdict(),
@@ -166,6 +170,27 @@ def _configuration(directory: Path) -> tuple[str, Mapping[str, Any]]:
         return text_of(file), data if isinstance(data, dict) else {}
     except (ConfigError, OSError):
         return "", {}
+
+
+def _as_computed(methods: Mapping[str, Any], tuning: Tuning | None) -> dict[str, Any]:
+    """Return the keys of the methods with tuned values in their places, and without those that ask for tuning."""
+    left_out = ("tune", "parameters")
+    found = {
+        name: {key: deepcopy(each) for key, each in keys.items() if key not in left_out}
+        for name, keys in methods.items()
+    }
+    values: dict[tuple[str, str], set[float]] = {}
+    for search in () if tuning is None else tuning.searches:
+        for path, value in search.values.items():
+            values.setdefault((search.method, path), set()).add(value)
+    for (name, path), numbers in values.items():
+        *above, last = path.split(".")
+        tree = found.get(name, {})
+        for key in above:
+            tree = tree.setdefault(key, {}) if isinstance(tree, dict) else tree
+        if isinstance(tree, dict):
+            tree[last] = numbers.pop() if len(numbers) == 1 else "tuned at each point"
+    return found
 
 
 def _shared(configuration: Mapping[str, Any], differences: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:

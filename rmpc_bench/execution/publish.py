@@ -23,6 +23,7 @@ from rmpc_bench.execution.manifest import note_look, read
 from rmpc_bench.execution.page_files import PAGE, Drawn, Evaluated, write_page
 from rmpc_bench.execution.report_choices import rendering_of
 from rmpc_bench.execution.results import Results
+from rmpc_bench.execution.tuning_report import tuning
 from rmpc_bench.figures.fonts import remark_on
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.replaced_file import folder, replace_text, replaced
@@ -34,6 +35,7 @@ from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
 from rmpc_bench.report.summary import Summary, trials_csv
+from rmpc_bench.report.tuning_table import TuningTable
 from rmpc_bench.types import Array
 
 
@@ -51,6 +53,7 @@ class Publication:
     drivers : what drives the primary metric
     requirements : runs that meet the requirements
     ranks : the methods in the order of their ranks over all points
+    tuning : how the parameters were chosen
     figures : the figures with their captions and files
     left_out : figures that could not be drawn, each as ``kind: reason``
     remarks : what a reader of the files should know, such as a font that is not installed
@@ -64,6 +67,7 @@ class Publication:
     drivers: DriversTable
     requirements: RequirementsTable
     ranks: RanksTable
+    tuning: TuningTable
     figures: tuple[WrittenFigure, ...] = ()
     left_out: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
@@ -89,6 +93,7 @@ class Publication:
             n_runs=experiment.n_wanted,
             seconds=seconds,
             driven=self.drivers.to_screen(),
+            tuned=self.tuning.to_screen(),
             verdicts=self.verdicts,
             overrides=self.results.overrides,
             incomplete=self.results.incomplete,
@@ -144,12 +149,13 @@ def publish(
     report = results.experiment.report
     tables = summarise(results).shown(report.order, report.metrics)
     verdicts = judge(results)
-    driven, demanded, ranked = drivers(results), requirements(results), ranks(results)
+    driven, demanded, ranked, tuned = drivers(results), requirements(results), ranks(results), tuning(results)
     paths = [
         *_write_tables(results, tables, directory),
         *_write_table(driven, directory, "drivers"),
         *_write_table(demanded, directory, "requirements"),
         *_write_table(ranked, directory, "ranks"),
+        *_write_table(tuned, directory, "tuning"),
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory, rendering.formats),
         *_write_timings(results, directory / "timings.csv"),
@@ -163,10 +169,10 @@ def publish(
     figures, left_out = write_figures(results, pictures, rendering)
     paths += [path for figure in figures for path in figure.paths]
     drawn = Drawn(figures, left_out, rendering)
-    evaluated = Evaluated(record, tables, verdicts, driven, demanded, ranked)
+    found = (tables, verdicts, driven, demanded, ranked, tuned)
+    evaluated = Evaluated(record, *found)
     paths += write_page(results, evaluated, drawn, paths, directory, index)
     remarks = tuple(filter(None, [remark_on(rendering.font)]))
-    found = (tables, verdicts, driven, demanded, ranked)
     return Publication(results, directory, tuple(paths), *found, figures, left_out, remarks)
 
 
@@ -185,7 +191,9 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
     return [directory / name for name in names]
 
 
-def _write_table(table: DriversTable | RequirementsTable | RanksTable, directory: Path, name: str) -> list[Path]:
+def _write_table(
+    table: DriversTable | RequirementsTable | RanksTable | TuningTable, directory: Path, name: str
+) -> list[Path]:
     """Write NAME.csv and tables/NAME.md; what has no content is not written, and an earlier file is removed."""
     files, frame = [directory / f"{name}.csv", directory / "tables" / f"{name}.md"], table.frame
     text = table.to_markdown()

@@ -21,6 +21,7 @@ def end_screen(
     n_runs: int,
     seconds: float | None,
     driven: Sequence[str],
+    tuned: Sequence[str] = (),
     verdicts: Sequence[ClaimVerdict],
     overrides: Sequence[str],
     incomplete: Sequence[str],
@@ -37,6 +38,7 @@ def end_screen(
     n_complete, n_runs : runs that are stored of all methods, and runs of the experiment; 0 for exact moments alone
     seconds : how long the run took [s]; left out where it is None
     driven : what drives the primary metric, in lines
+    tuned : how the parameters were chosen, in lines
     verdicts : the finding of every claim
     overrides : options that changed the configuration
     incomplete : methods of which runs are missing
@@ -45,7 +47,7 @@ def end_screen(
     """
     lines = [_head(trials, directory, n_complete, n_runs, seconds), "", *_indented(table.split("\n")), ""]
     lines += _indented([f"{'stop':12}{stop}"] if stop else [])
-    lines += _indented(driven)
+    lines += _indented([*tuned, *driven])
     if verdicts and not trials.with_verdicts:
         lines += _indented([SMOKE_CLAIMS])
     else:

@@ -1,0 +1,92 @@
+"""Files, page and screen of an experiment with tuned methods, from a record of searches; nothing is tuned here."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from small_experiment import cli, write
+from tuned_searches import constant, search, tuning
+
+from rmpc_bench import load_results, publish
+from rmpc_bench.execution.page_files import _as_computed
+from rmpc_bench.execution.stored_trials import stored_trials
+from rmpc_bench.execution.tuning_report import tuning as tuning_report
+
+N_RUNS = 3
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Return results of three runs of two methods."""
+    here = tmp_path_factory.mktemp("tuned")
+    result = cli("run", write(here, runs=N_RUNS), "-o", here / "out", "-j", 1, "--progress", "none")
+    assert result.exit_code == 0, result.output
+    return load_results(here / "out")
+
+
+@pytest.fixture
+def tuned(results):
+    """Return the same with a record of two values of one method, of which the first has a regret of 100 %."""
+    record = tuning(search("R-MPC", constant([1, 2]), constant([0.4, 0.2, 0.9], N_RUNS), values=[0.05, 0.5]))
+    trials = replace(results.trials, parameters={"S-MPC": "default", **record.parameters})
+    return replace(results, trials=trials, tuning=record)
+
+
+def test_an_experiment_says_that_nothing_is_tuned(results, tmp_path):
+    """On the screen and on the page, also where the record of the experiment says nothing."""
+    written = publish(results, to=tmp_path)
+    assert "; parameters: default, not tuned" in written.summary() and "\n    tuning " not in written.summary()
+    assert "No method is tuned: all parameters are default" in (tmp_path / "report.md").read_text()
+    assert results.experiment.origins == {"S-MPC": "default", "R-MPC": "default"}
+    older = replace(results.experiment, parameters={}, paper="zenere2018")
+    assert older.origins == {"S-MPC": "as published", "R-MPC": "as published"}
+    assert not list(tmp_path.rglob("tuning.*")) and tuning_report(results).sentences == ()
+
+
+def test_the_words_are_those_of_the_stored_experiment(results):
+    from rmpc_bench.execution.store import Store
+
+    other = replace(results.experiment, parameters={"S-MPC": "as published"})
+    with Store(results.directory, writable=False) as store:
+        assert stored_trials(other, store).parameters == {"S-MPC": "as published", "R-MPC": "default"}
+
+
+def test_publish_writes_the_tables_and_the_section(tuned, tmp_path):
+    written = publish(tuned, to=tmp_path)
+    table = pd.read_csv(tmp_path / "tuning.csv")
+    assert table["regret_pct"].tolist() == [100.0] and table["tuned"].tolist() == [0.05]
+    assert (tmp_path / "tables" / "tuning.md").read_text().startswith("# tiny: tuning\n")
+    assert {tmp_path / "tuning.csv", tmp_path / "tables" / "tuning.md"} <= set(written.paths)
+    page = (tmp_path / "report.md").read_text()
+    assert (
+        "## How the parameters were chosen" in page and "## How the parameters" not in page.split("## Claims")[0][:200]
+    )
+    assert "- S-MPC: default, not tuned; other parameters may change a verdict." in page
+    screen = written.summary()
+    assert "    tuning      1 method, budget 4, 3 runs, mean of mse\n" in screen
+    assert "R-MPC   estimator.radius 0.1 -> 0.05   regret 100 %" in screen and "; S-MPC: default, not tuned" in screen
+
+
+def test_files_of_an_earlier_tuning_are_removed(tuned, tmp_path):
+    publish(tuned, to=tmp_path)
+    publish(replace(tuned, tuning=None), to=tmp_path)
+    assert not list(tmp_path.rglob("tuning.*"))
+
+
+def test_the_table_of_methods_has_tuned_values_in_their_places():
+    """Also at a place that the file leaves to the default; values that differ from point to point have a word."""
+    methods = {
+        "A": {"estimator": {"kind": "x", "radius": 0.1}, "tune": {"estimator.radius": [0.01, 1]}},
+        "B": {"estimator": {"kind": "x", "radius": 0.1}, "parameters": "as published"},
+    }
+    one = search("A", constant([1, 2]), values=[0.3, 0.6])
+    assert _as_computed(methods, tuning(one)) == {
+        "A": {"estimator": {"kind": "x", "radius": 0.3}},
+        "B": {"estimator": {"kind": "x", "radius": 0.1}},
+    }
+    assert methods["A"]["estimator"]["radius"] == 0.1
+    two = search("A", constant([2, 1]), values=[0.3, 0.6], point="s=1")
+    assert _as_computed(methods, tuning(one, two))["A"]["estimator"]["radius"] == "tuned at each point"
+    (parameter,) = one.parameters
+    elsewhere = replace(one, parameters=(replace(parameter, path="model.noise.scale"),))
+    assert _as_computed(methods, tuning(elsewhere))["A"]["model"] == {"noise": {"scale": 0.3}}
