@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm
+from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.noise.bounded import ellipsoid
-from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.simulation.scenario import Scenario, with_cross_covariance
 from rmpc_bench.types import Array, DesignError, Noise, Plant
 
@@ -60,9 +60,9 @@ class NoiseLaws:
         if len(cov) != n:
             self.draft.note(path, f"'same' gives {len(cov)} components of {channel} noise; the plant has {n}")
             return ()
-        scale = law.same or 0.0
-        first = gaussian(n, mean=mean.tolist(), cov=cov, scale=scale)
-        return (first, ellipsoid(n, shape=shape, scale=scale)) if np.any(shape) else (first,)
+        same = law.same or SameLaw()
+        first = same.noise(mean, cov)
+        return (first, ellipsoid(n, shape=shape, scale=same.scale)) if np.any(shape) else (first,)
 
     def refuse_names(self, scenario: Scenario) -> None:
         """Refuse uncertain quantities with the name of a quantity of random bursts: both are columns of one table."""

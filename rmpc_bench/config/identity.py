@@ -189,7 +189,7 @@ def sum_data(terms: tuple[NoiseTerm, ...], write: Writer = as_given) -> Any:
 
 def _term_data(term: NoiseTerm, write: Writer) -> Any:
     if term.law is None:
-        return {"same": {"scale": term.same}}
+        return {"same": {} if term.same is None else term.same.data}
     keys = term.law.resolved(write)
     if term.law.code is not None:
         return {name: value for name, value in keys.items() if value is not None}

@@ -13,6 +13,7 @@ from rmpc_bench.components.code import is_reference
 from rmpc_bench.config.component import read_component
 from rmpc_bench.config.draft import DraftConfig, NoiseTerm
 from rmpc_bench.config.key_errors import shown
+from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.config.schema import validate
 from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.config.tree import Items, Map, locate
@@ -29,7 +30,6 @@ DISTRIBUTIONS: dict[str, type] = {
 """Laws of an uncertain quantity by their `dist`."""
 
 
-_SAME: Any = dict[str, NonNegative]
 _CROSS: Any = float | list[list[float]]
 
 _TAKEN = ("run", "pi", "sqrt", "sin", "cos")
@@ -158,7 +158,7 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
     words : laws without a design function that are allowed there
     """
     if law == "same":
-        return NoiseTerm(None, 1.0)
+        return NoiseTerm(None, SameLaw())
     kinds = registry.names("noises")
     if law in kinds:
         draft.note(path, f"{law!r} needs its parameters: {{{law}: {{..}}}} (rmpc-bench describe noises/{law})")
@@ -192,11 +192,9 @@ def _law(draft: DraftConfig, law: Any, path: list[str | int], words: tuple[str, 
 
 
 def _same(draft: DraftConfig, law: Map, path: list[str | int]) -> NoiseTerm | None:
-    """Read the noise of the design model times a scale."""
-    scale = validate(_SAME, law["same"], path, draft.problems, mark=locate(law, ["same"]))
-    if scale is not None and set(scale) - {"scale"}:
-        draft.note(path, "the only key is 'scale'")
-    return None if scale is None else NoiseTerm(None, scale.get("scale", 1.0))
+    """Read the noise of the design model with a departure from it."""
+    found: SameLaw | None = validate(SameLaw, law["same"], path, draft.problems, mark=locate(law, ["same"]))
+    return None if found is None else NoiseTerm(None, found)
 
 
 _Vector = float | list[float]

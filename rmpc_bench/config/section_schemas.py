@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from rmpc_bench.config.annotation_schema import CODE, Schema, record_schema
 from rmpc_bench.config.noise_section import DISTRIBUTIONS, SCALE
+from rmpc_bench.config.same_law import SameLaw
 from rmpc_bench.models.disturbance import Disturbance
 
 NUMBER: Schema = {"type": ["number", "string"]}
@@ -75,8 +76,7 @@ def law(kinds: Iterable[str]) -> Schema:
     """
     any_law: Schema = {"$ref": "#/definitions/law"}
     keys: dict[str, Schema] = {kind: {"$ref": f"#/definitions/noises.{kind}"} for kind in kinds}
-    scale: Schema = {"minimum": 0, **NUMBER, "description": "factor on the standard deviation"}
-    keys["same"] = {"type": "object", "properties": {"scale": scale}, "additionalProperties": False}
+    keys["same"] = record_schema(SameLaw)
     keys["sum"] = {"type": "array", "items": any_law, "minItems": 1}
     keys["file"] = CODE
     one: Schema = {"type": "object", "properties": keys, "minProperties": 1}
