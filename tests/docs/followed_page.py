@@ -3,7 +3,7 @@
 A block ```yaml NAME (or python, or another language) is a file.  A block ```console has one command per line, ``$ ..``.
 A block ```text after it is what the last of these commands prints to stdout.
 
-`make docs` runs the commands of README and tutorial and writes their ```text blocks again.
+`make docs` runs the commands of README, tutorial and tuning page and writes their ```text blocks again.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import forked_commands
 
 README = Path(__file__).parents[2] / "README.md"
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
+TUNING = Path(__file__).parents[2] / "docs" / "tuning.md"
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SECONDS = re.compile(r"(?<= done in )\d+(?:\.\d+)? s(?= )")
 """The time that a run took, which is not the same again."""

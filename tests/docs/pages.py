@@ -23,6 +23,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     constraints_page.PAGE: constraints_page.generated,
     followed_page.README: lambda: followed_page.updated(followed_page.README),
     followed_page.TUTORIAL: lambda: followed_page.updated(followed_page.TUTORIAL),
+    followed_page.TUNING: lambda: followed_page.updated(followed_page.TUNING),
     worked_comparisons.PAGE: lambda: worked_comparisons.updated(worked_comparisons.PAGE.read_text(encoding="utf-8")),
 }
 """Page -> the function that makes its text."""
