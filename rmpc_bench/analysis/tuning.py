@@ -101,7 +101,7 @@ def outcome(search: TuningSearch) -> Outcome:
     tuned = search.tuning[search.chosen]
     known = float(objectives(search.protocol, tuned)), _lost(tuned)
     if search.test is None:
-        return Outcome(search, *known, *[math.nan] * 3, -1, *[math.nan] * 2)
+        return Outcome(search, *known, math.nan, math.nan, math.nan, -1, math.nan, math.nan)
     found, default = objectives(search.protocol, search.test), search.test[-1]
     best = int(np.argmin(found))
     # The tuned value is named where several are equally good.

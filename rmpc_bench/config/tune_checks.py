@@ -11,6 +11,9 @@ from rmpc_bench.config.tree import Map
 from rmpc_bench.config.tune_section import SMOKE_BUDGET
 from rmpc_bench.registry import unknown
 
+BEST_AT = {"zero": 0, "one": 1}
+"""Direction of a metric that has its best value inside of its range -> this value."""
+
 
 def shrink_tuning(draft: DraftConfig) -> None:
     """Take the size of a smoke run for the tuning, without the regret.
@@ -76,6 +79,9 @@ def _check_metric(draft: DraftConfig, point: SweepPoint) -> None:
         draft.note(["tune", "metric"], unknown(name, infos, "metric of this configuration"))
     elif infos[name].direction == "higher":
         draft.note(["tune", "metric"], f"tuning makes a metric small, and a larger {name} is better; choose another")
+    elif infos[name].direction in BEST_AT:
+        best = BEST_AT[infos[name].direction]
+        draft.note(["tune", "metric"], f"tuning makes a metric small, and {name} is best at {best}; choose another")
 
 
 def _check_plant(draft: DraftConfig, point: SweepPoint, names: Sequence[str]) -> None:
