@@ -104,7 +104,8 @@ def _altered(law: Noise, example: NoiseExample) -> None:
     kept = y.copy(), drawn.copy()
     found = law.altered(y, drawn)
     require(found.shape == y.shape, f"altered returns shape {found.shape} instead of {y.shape}")
-    require_same("the measurements and the numbers of a draw", (y, drawn), kept)
+    require_same("the measurements after the call", y, kept[0])
+    require_same("the numbers of the draw after the call", drawn, kept[1])
     require(law.omits_measurements or bool(np.isfinite(found).all()), "a measurement is not finite")
     rows = [law.altered(y[row : row + 1], drawn[row : row + 1])[0] for row in range(len(y))]
     require_same("a measurement altered by itself", np.array(rows), found)

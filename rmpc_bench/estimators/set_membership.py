@@ -85,7 +85,7 @@ class IntersectionFilter(Estimator):
             lam, met = np.zeros(len(y)), np.ones(len(y), dtype=bool)
         else:
             # The predicted set contains the state whether or not something is measured.
-            missing = np.isnan(y).any(axis=1)
+            missing: Array = np.asarray(np.isnan(y).any(axis=1))
             used = np.where(missing[:, None], 0.0, e)
             found = intersection(state.M, now.C, at_sample(self.M_v, k), used, self.criterion)
             x, M = np.where(missing[:, None], state.x, state.x + found.centre), found.M
