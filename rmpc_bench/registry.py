@@ -50,6 +50,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "kalman": "rmpc_bench.estimators.kalman:design",
         "directional-kalman": "rmpc_bench.estimators.directional_kalman:design",
         "fading-kalman": "rmpc_bench.estimators.fading_kalman:design",
+        "wasserstein-kalman": "rmpc_bench.estimators.wasserstein_kalman:design",
         "robust-kalman": "rmpc_bench.estimators.robust_kalman:design",
         "risk-sensitive": "rmpc_bench.estimators.risk_sensitive:design",
         "kalman-predictor": "rmpc_bench.estimators.kalman_predictor:design",

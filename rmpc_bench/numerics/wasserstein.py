@@ -1,0 +1,255 @@
+"""Least favourable joint covariance of a state and a measurement in a Wasserstein ball.
+
+Problem max over S >= 0 of f(S) = tr(S_xx - S_xy S_yy^-1 S_yx)
+        subject to  tr(S + Sigma - 2 (Sigma^1/2 S Sigma^1/2)^1/2) <= rho^2,
+        where Sigma = G G' is the nominal covariance of [x; y].  f is concave, and L = S_xy S_yy^-1 is the best gain.
+Method  Frank-Wolfe.  With T = [I -L] the gradient of f is T'T = U diag(d) U', and f(S) = tr(T S T').  The S_new that
+        maximises tr(T S T') in the ball is M Sigma M with M = I + U diag(d / (gamma - d)) U'; gamma > max d solves
+        sum_i s_i (d_i / (gamma - d_i))^2 = rho^2,  s_i = u_i' Sigma u_i.                           (secular equation)
+        The unknown is gamma - max d, and Newton's method is applied to the inverse square root of the left side, which
+        is concave: from the lower bound on the root all steps are upwards.
+        S moves towards S_new by the step that maximises f, found by Newton's method between bounds.  A full step can
+        cycle.  The mean square error tr(T S_new T') of any gain is an upper bound of f; the duality gap is the least
+        one minus f(S).
+        Where this is slow, which is the case for a rho above (tr Sigma)^1/2, the gain is found in place of S: a
+        quasi-Newton method minimises max_S tr(T S T'), which is convex in L and has the same value.
+Start   The S_new of a given gain.  It is in the ball, also if Sigma has changed since that gain was optimal.
+Singular
+        Where Sigma has no component in the directions of the largest d, gamma may be max d.  What is left of rho^2 is
+        then added to S in these directions, in equal parts.
+Source  Shafieezadeh-Abadeh, Nguyen, Kuhn, Mohajerin Esfahani, NeurIPS 2018, Algorithms 1-3, with the step 2 / (k + 2).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from rmpc_bench.numerics.linalg import symmetrise
+from rmpc_bench.types import Array
+
+_STEPS = 20
+"""Steps of Frank-Wolfe before the quasi-Newton method."""
+_NEWTON = 100
+_EQUAL = 1e-14
+"""Eigenvalues that differ by less, relative to the largest one, count as equal."""
+_NOTHING = 1e-30
+"""Part of tr Sigma below which a component of Sigma counts as 0: the square of a rounding error."""
+
+
+class LeastFavourable(NamedTuple):
+    """The least favourable covariance, and the estimator that is best under it."""
+
+    S: Float[Array, "nz nz"]
+    L: Float[Array, "nx ny"]
+    """Gain S_xy S_yy^-1."""
+    P: Float[Array, "nx nx"]
+    """Covariance of the error, S_xx - L S_yx."""
+    gap: float
+    """Duality gap over tr P."""
+
+
+def joint_factor(
+    C: Float[Array, "ny nx"], P_root: Float[Array, "nx n"], R_root: Float[Array, "ny m"]
+) -> Float[Array, "nz r"]:
+    """Return G of the nominal covariance G G' = [P, P C'; C P, C P C' + R].
+
+    Parameters
+    ----------
+    C : output matrix
+    P_root, R_root : matrices with P = P_root P_root' and R = R_root R_root'
+    """
+    (ny, nx), n, m = C.shape, P_root.shape[1], R_root.shape[1]
+    G = np.zeros((nx + ny, n + m))
+    G[:nx, :n] = P_root
+    G[nx:, :n] = C.dot(P_root)
+    G[nx:, n:] = R_root
+    return G
+
+
+def least_favourable(
+    G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"], tolerance: float = 1e-10
+) -> LeastFavourable:
+    """Return the least favourable covariance in the ball around G G'.
+
+    Parameters
+    ----------
+    G : factor of the nominal covariance of [x; y]
+    radius : rho, in the unit of x and y, >= 0
+    L : gain to start from
+    tolerance : duality gap, relative to the value, at which the iteration ends
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If S_yy is singular.
+    """
+    nx = len(L)
+    S = worst_for_gain(G, radius, L)
+    bound = mean_square(S, L)
+    for _ in range(_STEPS):
+        L = best_gain(S, nx)
+        value = mean_square(S, L)
+        if bound - value <= tolerance * value:
+            return _result(S, L, bound - value)
+        new = worst_for_gain(G, radius, L)
+        bound = min(bound, mean_square(new, L))
+        S = symmetrise(S + step_length(S, new, nx) * (new - S))
+    L = minimax_gain(G, radius, best_gain(S, nx))
+    worst = worst_for_gain(G, radius, L)
+    bound = min(bound, mean_square(worst, L))
+    S = max((S, worst), key=lambda each: mean_square(each, best_gain(each, nx)))
+    return _result(S, L, bound - mean_square(S, best_gain(S, nx)))
+
+
+def _result(S: Float[Array, "nz nz"], L: Float[Array, "nx ny"], gap: float) -> LeastFavourable:
+    T = _error_map(L)
+    P = symmetrise(T.dot(S).dot(T.T))
+    value = float(P.trace())
+    return LeastFavourable(S, L, P, max(gap, 0.0) / value if value > 0.0 else 0.0)
+
+
+def mean_square(S: Float[Array, "nz nz"], L: Float[Array, "nx ny"]) -> float:
+    """Return tr([I -L] S [I -L]'), the mean square error of a gain."""
+    nx = len(L)
+    return float(S[:nx, :nx].trace() + (L * (L.dot(S[nx:, nx:]) - 2.0 * S[:nx, nx:])).sum())
+
+
+def minimax_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"]) -> Float[Array, "nx ny"]:
+    """Minimise the largest mean square error in the ball, by a quasi-Newton method in coordinates with S_yy = I."""
+    from scipy.optimize import minimize
+
+    nx = len(L)
+    S = worst_for_gain(G, radius, L)
+    root, scale = np.linalg.cholesky(symmetrise(S[nx:, nx:])), mean_square(S, L)
+
+    def largest(point: Array) -> tuple[float, Array]:
+        gain = np.linalg.solve(root.T, point.reshape(L.shape).T).T
+        worst = worst_for_gain(G, radius, gain)
+        gradient = np.linalg.solve(root, 2.0 * (gain.dot(worst[nx:, nx:]) - worst[:nx, nx:]).T).T
+        return mean_square(worst, gain) / scale, gradient.ravel() / scale
+
+    found = minimize(largest, L.dot(root).ravel(), jac=True, method="BFGS", options={"gtol": 1e-9})
+    gain: Array = np.linalg.solve(root.T, found.x.reshape(L.shape).T).T
+    return gain
+
+
+def best_gain(S: Float[Array, "nz nz"], nx: int) -> Float[Array, "nx ny"]:
+    """Return S_xy S_yy^-1; raise a LinAlgError if S_yy is singular."""
+    if len(S) - nx > 1:
+        return np.linalg.solve(S[nx:, nx:], S[nx:, :nx]).T
+    if S[nx, nx] == 0.0:
+        raise np.linalg.LinAlgError("Singular matrix")
+    gain: Array = S[:nx, nx:] / S[nx, nx]
+    return gain
+
+
+def worst_for_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"]) -> Float[Array, "nz nz"]:
+    """Return the S in the ball that maximises the mean square error of the gain L."""
+    nx, ny = L.shape
+    d, V = np.linalg.eigh(np.eye(nx) + L.dot(L.T))
+    U = np.empty((nx + ny, nx))
+    U[:nx] = V
+    np.negative(L.T.dot(V), out=U[nx:])
+    U /= np.sqrt(d)
+    GU = U.T.dot(G)
+    weights, added = stretches(d.tolist(), (GU * GU).sum(axis=1).tolist(), radius, _NOTHING * float((G * G).sum()))
+    moved = G + (U * weights).dot(GU)
+    S: Array = moved.dot(moved.T)
+    return S + (U * added).dot(U.T) if any(added) else S
+
+
+def stretches(d: list[float], s: list[float], radius: float, nothing: float) -> tuple[list[float], list[float]]:
+    """Solve the secular equation.
+
+    Parameters
+    ----------
+    d : eigenvalues of the gradient that are not 0, in ascending order
+    s : u_i' Sigma u_i
+    radius : rho
+    nothing : largest s that counts as 0
+
+    Returns
+    -------
+    tuple
+        The weights d / (gamma - d) of U U' in M, and what is added to S in the directions U.
+    """
+    none = [0.0] * len(d)
+    if radius == 0.0:
+        return none, none
+    below = [0.0 if d[-1] - each <= _EQUAL * d[-1] else d[-1] - each for each in d]
+    terms = [(a * a * each, b) for a, b, each in zip(d, below, s, strict=True) if each > nothing]
+    at_pole = sum(a for a, b in terms if b == 0.0)
+    rest = 0.0 if at_pole else sum(a / (b * b) for a, b in terms)
+    if not at_pole and rest <= radius**2:
+        share = (radius**2 - rest) / below.count(0.0)
+        return [a / b if b else 0.0 for a, b in zip(d, below, strict=True)], [0.0 if b else share for b in below]
+    delta = _root(terms, radius, math.sqrt(at_pole) / radius)
+    return [a / (delta + b) for a, b in zip(d, below, strict=True)], none
+
+
+def _root(terms: list[tuple[float, float]], radius: float, start: float) -> float:
+    """Solve sum a / (delta + b)^2 = radius^2 for delta, from a lower bound; the sum there is at least radius^2."""
+    delta = start
+    for _ in range(_NEWTON):
+        square = cube = 0.0
+        for a, b in terms:
+            term = a / (delta + b) ** 2
+            square += term
+            cube += term / (delta + b)
+        step = (math.sqrt(square) / radius - 1.0) * square / cube
+        if step <= 1e-15 * delta:
+            break
+        delta += step
+    return delta
+
+
+def step_length(S: Float[Array, "nz nz"], new: Float[Array, "nz nz"], nx: int) -> float:
+    """Return the t in [0, 1] that maximises f(S + t (new - S)).
+
+    In coordinates of y in which S_yy = I and the S_yy of new is I + diag(lam), f is a sum over the outputs:
+    f(t) = tr S_xx + t tr D_xx - sum_i |a_i + t b_i|^2 / (1 + t lam_i).
+    """
+    D = new - S
+    root = np.linalg.inv(np.linalg.cholesky(S[nx:, nx:]))
+    lam, Q = np.linalg.eigh(root.dot(D[nx:, nx:]).dot(root.T))
+    W = root.T.dot(Q)
+    a, b = S[:nx, nx:].dot(W), D[:nx, nx:].dot(W)
+    inner = [(a * a).sum(axis=0), (a * b).sum(axis=0), (b * b).sum(axis=0), lam]
+    rows = list(zip(*(each.tolist() for each in inner), strict=True))
+    slope = float(D[:nx, :nx].trace())
+    if _derivatives(rows, slope, 1.0)[0] >= 0.0:
+        return 1.0
+    low, high, t = 0.0, 1.0, 0.0
+    for _ in range(_NEWTON):
+        first, second = _derivatives(rows, slope, t)
+        low, high = (t, high) if first > 0.0 else (low, t)
+        moved = t - first / second if second < 0.0 else 0.5 * (low + high)
+        if not low < moved < high:
+            moved = 0.5 * (low + high)
+        if abs(moved - t) <= 1e-12:
+            break
+        t = moved
+    return t
+
+
+def _derivatives(rows: list[tuple[float, ...]], slope: float, t: float) -> tuple[float, float]:
+    """Return f'(t) and f''(t); a row is |a_i|^2, a_i b_i, |b_i|^2, lam_i."""
+    first, second = slope, 0.0
+    for aa, ab, bb, lam in rows:
+        z = 1.0 + t * lam
+        first -= (2.0 * (ab + t * bb) - lam * (aa + t * (2.0 * ab + t * bb)) / z) / z
+        second -= 2.0 * (bb + lam * (lam * aa - 2.0 * ab)) / z**3
+    return first, second
+
+
+def _error_map(L: Float[Array, "nx ny"]) -> Float[Array, "nx nz"]:
+    """Return [I -L]."""
+    nx, ny = L.shape
+    T = np.zeros((nx, nx + ny))
+    T[:, :nx] = np.eye(nx)
+    T[:, nx:] = -L
+    return T
