@@ -22,6 +22,8 @@ COMPILED = {
     "linear_loop_kernel",
     "minimax_kernel",
     "moving_slide_kernel",
+    "output_weights_kernel",
+    "own_covariance_kernel",
     "servo_kernel",
     "tracking_kernel",
 }

@@ -36,6 +36,10 @@ PARAMETERS = {
     "robust-h-infinity": [{"alpha": 0.1}, {"alpha": 0.1, "theta": 1e-3, "weight": 2.0, "eps": 1e-8}],
     "lmmse": [{}, {"law": EntryLaw(mean=0.2, variance=0.1)}, {"form": "filter"}],
     "lp-window": [{}, {"Ne": 2, "start": "anchored"}],
+    "student-kalman": [{}, {"dof": 2.5, "iterations": 4, "use_y0": False}],
+    "huber-kalman": [{}, {"k": 0.5, "robust": "both", "use_y0": False}, {"variant": "innovation", "eps": 0.1}],
+    "correntropy-kalman": [{}, {"sigma": 2.0, "robust": "both", "use_y0": False}],
+    "gated-kalman": [{}, {"gate": 1.0, "use_y0": False}, {"probability": 0.9}],
     "mixed": [{}, {"q": "lag", "use_y0": False}, {"q": "one-pass"}],
     "set-membership": [
         {},

@@ -1,0 +1,57 @@
+"""Kalman filter for measurement noise of a Student-t distribution, by variational Bayes.
+
+Model   As `kalman`, but v(k) ~ t(dof, 0, R_v): R_v is the scale matrix, the covariance is dof / (dof - 2) R_v for
+        dof > 2.  One weight per sample: v(k) given lam is N(0, R_v / lam), lam ~ Gamma(dof / 2, dof / 2).
+        lam = 1, then repeatedly: (x_hat, P) is the Kalman correction with R_v / lam,
+        lam = (dof + ny) / (dof + r' R_v^-1 r + tr R_v^-1 C P C'), r = y - C x_hat.
+Source  Piche, Sarkka and Hartikainen (2012); Agamennoni, Nieto and Nebot (2012); formulas from memory, not compared
+        with the texts.
+Assumed The number of corrections is fixed, so that a run does not depend on others.  P is that of x_hat - x given lam.
+        A common weight of all outputs: the result does not depend on their order.
+        With missing outputs ny is the number of the others, whose marginal law is again t.
+        This is not the filter of Roth, Ozkan and Gustafsson (2013), whose gain at a sample is that of the Kalman
+        filter: an outlier has its full effect on x_hat, and P grows afterwards.
+Limit   dof -> infinity is `kalman`; the difference decreases as 1 / dof.
+Cost    numerics/output_weights.py: 0.4 us per run and step for two states and one output, 1.6 us for four states and
+        two outputs.
+Fails   Design error if R_v is singular.
+"""
+
+from __future__ import annotations
+
+from jaxtyping import Float
+
+from rmpc_bench.estimators.weighted import WeightedFilter, weighted_filter
+from rmpc_bench.numerics.output_weights import WeightLaw
+from rmpc_bench.types import Array, Count, Model, Positive
+
+
+def design(
+    model: Model,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    dof: Positive = 4.0,
+    iterations: Count = 10,
+    use_y0: bool = True,
+) -> WeightedFilter:
+    """Kalman filter for Student-t measurement noise.
+
+    Parameters
+    ----------
+    model : design model; R_v is the scale matrix of the measurement noise
+    n_steps : number of control periods N
+    x0 : (nx,) mean of the initial state
+    P0 : (nx, nx) covariance of the initial state
+    dof : degrees of freedom of the measurement noise; a small one reduces the effect of outliers
+    iterations : number of corrections per sample; 1 is the Kalman filter
+    use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
+
+    Raises
+    ------
+    DesignError
+        If R_v is singular.
+    """
+    law = WeightLaw("student", (dof, float(iterations)))
+    return weighted_filter(model, n_steps, x0, P0, law, use_y0=use_y0)

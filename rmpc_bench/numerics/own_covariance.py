@@ -1,0 +1,131 @@
+"""Riccati recursion of filters in which every run has a covariance of its own, with weights of the outputs.
+
+Whitening   T R_v T' = I, T the inverse of the lower Cholesky factor of R_v; q = T e, H = T C.  A component of q is an
+            output minus its prediction from the outputs before it, over its standard deviation: with correlated noises
+            a weight of one component depends on the order of the outputs.
+Correction  with white noise of covariance T^-1 diag(1 / weight) T'^-1 in place of R_v, one component of q after the
+            other: P+ = (I - L h') P (I - L h')' + L L' / weight (Joseph form), L = weight P h / (1 + weight h' P h).
+Missing     An output that is NaN has no effect.  T is then that of the other outputs.
+Bits        A run is computed alone, whatever other runs the block has.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from rmpc_bench.numerics.linalg import as_compiled
+from rmpc_bench.types import Array
+
+
+class Measured(NamedTuple):
+    """What a measurement says about the predictions."""
+
+    e: Float[Array, "runs ny"]
+    """Innovation; NaN where an output is missing."""
+    S: Float[Array, "runs ny ny"]
+    """C P_pred C' + R_v."""
+    q: Float[Array, "runs ny"]
+    H: Float[Array, "runs ny nx"]
+
+
+class OwnState(NamedTuple):
+    """Estimate or prediction of every run with its covariance."""
+
+    x: Float[Array, "runs nx"]
+    P: Float[Array, "runs nx nx"]
+
+
+def whitening(R_v: Float[Array, "*k ny ny"]) -> Float[Array, "*k ny ny"]:
+    """Return the lower triangular T with T R_v T' = I.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If R_v is singular.
+    """
+    inverse: Array = np.tril(np.linalg.inv(np.linalg.cholesky(R_v)))
+    return inverse
+
+
+def whitening_of_runs(
+    T: Float[Array, "ny ny"], R_v: Float[Array, "ny ny"], missing: Bool[Array, "runs ny"]
+) -> Float[Array, "runs ny ny"]:
+    """Return T of every run, that of its outputs which are there.
+
+    Parameters
+    ----------
+    T : of all outputs
+    R_v : covariance of the measurement noise
+    missing : outputs without a measurement
+    """
+    rows = np.flatnonzero(missing.any(axis=1))
+    there = ~missing[rows]
+    # A missing output becomes one that is independent of the others.
+    R_run = np.where(there[:, :, None] & there[:, None, :], R_v, np.eye(len(R_v)))
+    found = np.repeat(T[None], len(missing), axis=0)
+    found[rows] = whitening(R_run)
+    return found
+
+
+def measured(
+    C: Float[Array, "ny nx"],
+    d: Float[Array, " ny"],
+    R_v: Float[Array, "ny ny"],
+    T: Float[Array, "some ny ny"],
+    state: OwnState,
+    y: Float[Array, "runs ny"],
+) -> Measured:
+    """Compare y with the predictions.
+
+    Parameters
+    ----------
+    C, d, R_v : output y = C x + d + v, v of covariance R_v
+    T : of every run, or a single one for all
+    state : predictions
+    y : measurements, NaN where one is missing
+    """
+    from rmpc_bench.numerics.own_covariance_kernel import measure_kernel
+
+    (runs, nx), ny = state.x.shape, len(C)
+    found = Measured(np.empty((runs, ny)), np.empty((runs, ny, ny)), np.empty((runs, ny)), np.empty((runs, ny, nx)))
+    measure_kernel(*map(as_compiled, (C, d, R_v, T, state.x, state.P, y)), *found)
+    return found
+
+
+def corrected(
+    state: OwnState, H: Float[Array, "runs ny nx"], weight: Float[Array, "runs ny"], lam: Float[Array, "runs ny"]
+) -> OwnState:
+    """Return x + P H' lam, and P after a correction with the weights.
+
+    Parameters
+    ----------
+    state : predictions
+    H : whitened output matrix
+    weight : of the components of q, >= 0
+    lam : coefficients of the correction
+    """
+    from rmpc_bench.numerics.own_covariance_kernel import correct_kernel
+
+    after = OwnState(np.empty_like(state.x), np.empty_like(state.P))
+    P, H, weight, x, lam = map(as_compiled, (state.P, H, weight, state.x, lam))
+    correct_kernel(P, H, weight, x, lam, *after)
+    return after
+
+
+def predicted(
+    A: Float[Array, "nx nx"],
+    B: Float[Array, "nx nu"],
+    f: Float[Array, " nx"],
+    Q_w: Float[Array, "nx nx"],
+    state: OwnState,
+    u: Float[Array, "runs nu"],
+) -> OwnState:
+    """Return A x + B u + f and A P A' + Q_w of every run."""
+    from rmpc_bench.numerics.own_covariance_kernel import predict_kernel
+
+    after = OwnState(np.empty_like(state.x), np.empty_like(state.P))
+    predict_kernel(*map(as_compiled, (A, B, f, Q_w, state.x, state.P, u)), *after)
+    return after
