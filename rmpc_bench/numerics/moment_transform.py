@@ -147,7 +147,7 @@ def covariance_root(P: Float[Array, "runs n n"]) -> tuple[Float[Array, "runs n n
         root = np.empty_like(sound)
         for i, each in enumerate(sound):
             root[i], indefinite[i] = _root(each)
-    root[~finite] = np.nan
+    root[np.logical_not(finite)] = np.nan
     return root, indefinite
 
 
