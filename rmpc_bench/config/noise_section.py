@@ -19,7 +19,7 @@ from rmpc_bench.config.short_forms import FILE
 from rmpc_bench.config.tree import Items, Map, locate
 from rmpc_bench.expressions import quantity
 from rmpc_bench.noise import distributions
-from rmpc_bench.types import Matrix, NonNegative
+from rmpc_bench.types import Matrix
 
 DISTRIBUTIONS: dict[str, type] = {
     "uniform": distributions.Uniform,

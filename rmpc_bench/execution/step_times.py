@@ -18,7 +18,7 @@ from rmpc_bench.simulation.block_times import BLOCK
 def with_step_times(
     notes: Mapping[str, RunNotes], experiment: StoredExperiment, point: StoredPoint, store: Store
 ) -> dict[str, RunNotes]:
-    """Add the times per step, where a component of some method has been called run by run.
+    """Add the times per step, where a component of some method has been called run by run, or methods are ranked.
 
     Parameters
     ----------
