@@ -39,7 +39,7 @@ PARAMETERS = {
     "student-kalman": [{}, {"dof": 2.5, "iterations": 4, "use_y0": False}],
     "huber-kalman": [{}, {"k": 0.5, "robust": "both", "use_y0": False}, {"variant": "innovation", "eps": 0.1}],
     "correntropy-kalman": [{}, {"sigma": 2.0, "robust": "both", "use_y0": False}],
-    "gated-kalman": [{}, {"gate": 1.0, "use_y0": False}, {"probability": 0.9}],
+    "gated-kalman": [{}, {"gate": 50.0, "use_y0": False}, {"probability": 0.999}],
     "mixed": [{}, {"q": "lag", "use_y0": False}, {"q": "one-pass"}],
     "set-membership": [
         {},
