@@ -129,6 +129,30 @@ def test_missing_measurements_are_left_out(N, rng):
     np.testing.assert_array_equal(np.stack([each.x_hat[3] for each in found]), alone[3])
 
 
+def test_a_run_returns_to_the_common_matrices(rng):
+    """Oracle: by hand, P_pred forgets a gap by (1 - L)^2 a step; before and after it is the filter with the gap."""
+    model, y, u = (
+        LinearModel([[0.5]], [[1.0]], [[1.0]], 1.0, 1.0),
+        rng.standard_normal((2, 61, 1)),
+        np.zeros((2, 61, 1)),
+    )
+    y[1, 10] = np.nan
+    made = design(model, 60, x0=np.zeros(1), P0=np.eye(1), window=3, w=(-100.0, 100.0))
+    state, own = made.init(2), []
+    for k in range(61):
+        state, _ = made.correct(k, state, y[:, k])
+        own.append(state.own)
+        state = made.predict(k, state, u[:, k])
+    P = np.sqrt(1.0 + 0.25**2 / 4.0) + 0.125  # P = 0.25 P / (1 + P) + 1
+    factor = 0.25 / (1.0 + P) ** 2
+    steps = np.log(1e-13 * P / (0.25 * P**2 / (1.0 + P))) / np.log(factor)
+    gone = np.flatnonzero(np.array(own)[:, 1])
+    assert gone[0] == 10 and not np.array(own)[:, 0].any()
+    assert abs(gone[-1] - (10 + 3 + steps)) <= 1.0
+    expected = x_hat(kalman.design(model, 60, x0=np.zeros(1), P0=np.eye(1)), y, u)
+    np.testing.assert_allclose(x_hat(made, y, u), expected, **KALMAN)
+
+
 def half_normal_data(rng, runs, steps):
     """The system of 2001: states, measurements and no inputs."""
     w, v = np.abs(rng.standard_normal((runs, steps))), 0.1 * rng.standard_normal((runs, steps + 1))

@@ -90,6 +90,10 @@ def test_models_that_do_not_fit():
     with pytest.raises(DesignError, match="Bv v") as caught:
         design(model, 5, **start, w=(0.0, None))
     assert caught.value.parameter == "w"
+    parts = {"A": A.tolist(), "C": C.tolist(), "Bw": 1.0, "Dv": np.linspace(1.0, 2.0, 6)[:, None, None]}
+    with pytest.raises(DesignError, match="depends on k") as caught:
+        design(uncertain_model(5, **parts, W=1.0, V=1.0, vbar=1.0), 5, **start, v=(0.0, None))
+    assert caught.value.parameter == "v"
     y, u = np.ones((1, 6, 1)), np.zeros((1, 6, model.nu))
     expected = x_hat(kalman.design(model, 5, **start), y, u)
     np.testing.assert_allclose(x_hat(design(model, 5, **start), y, u), expected, **KALMAN)
