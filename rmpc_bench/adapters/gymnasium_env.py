@@ -38,7 +38,8 @@ def env(
     """Return a `gymnasium.Env` with plant, noise, reference and uncertainty of an experiment.
 
     The observation is the measurement y(k), or with `method` the estimate x_hat(k), then the reference r(k), ..,
-    r(k + preview - 1) and the previous input u(k-1), which is 0 at k = 0.  The action is the input u(k).
+    r(k + preview - 1) and the previous input u(k-1), which is 0 at k = 0.  The action is the input u(k).  In place of a
+    missing measurement the last one is observed, before the first one the reference.
 
     ``reset(options={"run": i})`` starts run i of the experiment with the random numbers that it has there.  Any other
     `reset` starts a run that the experiment does not have: its index is at least the number of runs, and comes from the
@@ -142,6 +143,7 @@ class Episodes:
 
     np_random: np.random.Generator
     u: Array
+    y: Array
 
     metadata: Mapping[str, Any] = {"render_modes": []}
     render_mode = None
@@ -188,12 +190,13 @@ class Episodes:
         self.episode = Episode(
             self.experiment, run, estimator=self.estimator, n_disturbances=self.n_disturbances, preview=self.preview
         )
-        self.u = np.zeros(self.experiment.plant.nu)
+        self.u, self.y = np.zeros(self.experiment.plant.nu), self.episode.sample.r[0].copy()
         return self._seen()
 
     def _seen(self) -> Array:
         sample = self.episode.sample
-        first = sample.y if sample.x_hat is None else sample.x_hat
+        self.y = np.where(np.isnan(sample.y), self.y, sample.y)
+        first = self.y if sample.x_hat is None else sample.x_hat
         return np.concatenate([first, sample.r.ravel(), self.u])
 
     def _info(self) -> dict[str, Any]:

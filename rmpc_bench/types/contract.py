@@ -166,7 +166,7 @@ def _input(signal: InputSignal, provided: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _noise(noise: Noise, provided: Mapping[str, Any]) -> Iterator[str]:
-    n = provided.get("n")
+    n = provided.get("ny" if noise.alters_output else "n")
     if n is None:
         return
     yield from _shape("a draw of 2 samples", noise.draw(np.random.Generator(np.random.PCG64(0)), 2), (2, n))

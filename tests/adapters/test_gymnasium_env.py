@@ -196,3 +196,21 @@ def test_errors(config, keys, text):
     """Every message says what there is."""
     with pytest.raises(DesignError, match=text):
         env(config, **keys)
+
+
+def test_a_missing_measurement_is_held(tmp_path):
+    """Oracle: the measurements of the experiment, the last one where one is missing, and r(0) before the first one."""
+    (tmp_path / "tank.py").write_text(TANK)
+    law = "{sum: [{gaussian: {std: 0.02}}, {missing: {probability: 0.5}}]}"
+    path = tmp_path / "trained.yaml"
+    path.write_text(CONFIG.replace("measurement: {gaussian: {std: 0.02}}", f"measurement: {law}"))
+    experiment = rmpc_bench.load_config(path).experiment
+    for run in range(4):
+        lost = experiment.scenario.draw(experiment.plant, range(run, run + 1), 25).alterations[0].drawn[0, :, 0] > 0.0
+        made, expected = env(path), 0.3
+        observation, _ = made.reset(options={"run": run})
+        for k in range(25):
+            expected = expected if lost[k] else made.unwrapped.episode.sample.y[0]
+            assert observation[0] == expected and np.isnan(made.unwrapped.episode.sample.y[0]) == lost[k]
+            observation, *_ = made.step(np.array([0.2]))
+    assert lost.any() and not lost.all()
