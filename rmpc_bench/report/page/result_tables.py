@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rmpc_bench.analysis.comparison_text import margin_text, size_text, verdict_text
+from rmpc_bench.analysis.parameter_text import parameter_legend
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.cells import metric_table
 from rmpc_bench.report.ensemble_table import ensemble_rows
@@ -20,6 +21,8 @@ from rmpc_bench.types import MetricInfo
 
 SUPPORTING = ("won/lost/tied", "superiority", "p", "n/n_failed", "held steps", "failed steps", "pairs")
 """Columns behind the verdict."""
+OF_SWEEP = ("method", "parameters", "mean", "did not occur", "median [quartiles]")
+"""Columns of the table of a large sweep before that of the change."""
 MOST_OPEN = 3
 """Tables besides that of the primary metric that are not folded."""
 MOST_OPEN_ROWS = 60
@@ -116,20 +119,21 @@ def _sweep_blocks(points: Sequence[PointSummary], names: Sequence[str]) -> list[
             break
         methods += [names.index(line.method) for line in of.lines]
         columns.setdefault("point", []).extend([point.trials.title] * len(of.lines))
-        for head in ("method", "mean", "did not occur", "median [quartiles]", _change_column(found), "verdict"):
+        for head in (*OF_SWEEP, _change_column(found), "verdict"):
             if head in found:
                 before: list[Text] = [""] * (len(methods) - len(of.lines))
                 columns.setdefault(head, before).extend(found[head])
         for texts in columns.values():
             texts += [""] * (len(methods) - len(texts))
     left = n_rows - len(methods)
-    notes: list[Text] = [[f"{left} more rows are in ", code("summary.csv"), " and ", code("comparisons.csv"), "."]]
+    more: list[Text] = [[f"{left} more rows are in ", code("summary.csv"), " and ", code("comparisons.csv"), "."]]
+    words = parameter_legend(points[0].trials) if points[0].trials.with_verdicts else []
     shown = table(
         f"{quantity(info)} at {'the first' if left else 'all'} points of the sweep",
         columns,
         methods=methods,
         metric=info.name,
-        notes=notes if left else [],
+        notes=[*(more if left else []), *(["; ".join(words)] if words else [])],
     )
     return (
         [shown] if n_rows <= MOST_OPEN_ROWS else folded(f"The {len(points)} points of the sweep, one by one", [shown])

@@ -12,6 +12,7 @@ from tuned_searches import constant, search, tuning
 
 from rmpc_bench.report.page.context import page_context
 from rmpc_bench.report.page.rendering import TEMPLATES, render_html, render_markdown
+from rmpc_bench.report.page.result_tables import result_blocks
 from rmpc_bench.report.requirements_table import requirements_table
 from rmpc_bench.report.summary import summarise
 from rmpc_bench.report.tuning_table import TuningTable
@@ -225,6 +226,18 @@ def test_contrast(theme):
 
 def test_hostile_text_is_what_it_says():
     assert contrast("#000000", "#ffffff") == 21 and "<script>" in HOSTILE
+
+
+def test_the_table_of_a_large_sweep_says_where_parameters_come_from(make_trials, make_sweep):
+    """A column where methods differ, and the word of a baseline that is not tuned in the note."""
+    words = {"A": "default", "B": "tuned (budget 16, 40 runs)"}
+    table = replace(make_trials({"mse": {"A": [1.0, 2.0, 3.0], "B": [1.1, 1.9, 3.3]}}), parameters=words)
+    sweep = make_sweep(*[({"s": str(i)}, replace(table, title=f"s={i}")) for i in range(8)])
+    (block,) = [each for each in result_blocks(summarise(sweep), ["A", "B"]) if each["kind"] == "table"]
+    heads = [head["text"] for head in block["heads"]]
+    assert heads[:3] == ["point", "method", "parameters"] and heads[-1] == "verdict"
+    assert [row["cells"][2] for row in block["rows"]] == ["default", "tuned"] * 8
+    assert block["notes"] == ["tuned = budget 16, 40 runs; A: default, not tuned"]
 
 
 def test_tuning_has_a_section_with_values_ranks_and_cost(make_source):
