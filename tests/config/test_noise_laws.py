@@ -189,3 +189,13 @@ def test_a_run_can_be_shown(tmp_path):
     assert result.exit_code == 0, result.output
     stored = pd.read_csv(tmp_path / "out" / "trials.csv").query("run == 2 and method == 'R-MPC'")["mse"].item()
     assert f"{stored:.4g}" in result.stdout
+
+
+def test_laws_that_alter_measurements_have_the_size_of_y(tmp_path):
+    """Oracle: a plant with one output and two measurement noises."""
+    plant = "{kind: uncertain-linear, A: [[0.9, 0.2], [0, 0.7]], Bw: [[1], [0.5]], C: [[1, 0]], Dv: [[1, 0.5]]}"
+    noise = "{measurement: {sum: [{gaussian: {std: 1}}, {quantised: {step: [0.5]}}, {missing: {probability: 0.1}}]}}"
+    path = write_estimation(tmp_path, plant=plant, noise=noise, methods="{KF: {estimator: {kind: kalman-predictor}}}")
+    experiment = load_config(path).experiment
+    draws = experiment.scenario.draw(experiment.plant, range(2), 4)
+    assert draws.v.shape == (2, 5, 2) and [each.drawn.shape for each in draws.alterations] == [(2, 5, 1)] * 2

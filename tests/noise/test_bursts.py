@@ -3,13 +3,15 @@
 import math
 import pickle
 from fractions import Fraction
+from inspect import signature
 
 import numpy as np
 import pytest
 from conftest import ROUND, within_stat
 
+from rmpc_bench import registry
 from rmpc_bench.noise.bounded import uniform
-from rmpc_bench.noise.bursts import RandomBursts
+from rmpc_bench.noise.bursts import RandomBursts, child_of
 from rmpc_bench.noise.gaussian import gaussian
 from rmpc_bench.numerics.burst_times import Burst
 from rmpc_bench.types import DesignError
@@ -250,3 +252,57 @@ def test_a_burst_of_a_single_sample():
         values = law.burst_values(fresh(seed))
         assert values["burst_1_from"] == values["burst_1_to"]
         assert math.isclose(width(law, seed).max(), 2.0, rel_tol=1e-12)  # ROUND
+
+
+# -- of every law ------------------------------------------------------------------------------------------------------
+
+LAWS = {
+    "coloured": {"std": 1.0, "pole": 0.9, "mean": 2.0},
+    "corners": {"radius": 1.0, "center": 2.0},
+    "ellipsoid": {"shape": 2.0, "law": "skewed-cube", "outside": "reject", "center": 2.0},
+    "gaussian": {"std": 1.0, "mean": 2.0},
+    "half-normal": {"std": 1.0, "center": 2.0},
+    "outliers": {"std": 1.0, "probability": 0.2, "factor": 10.0, "mean": 2.0},
+    "student-t": {"dof": 3.0, "scale": 1.0, "mean": 2.0},
+    "uniform": {"radius": 1.0, "center": 2.0},
+}
+"""Laws whose deviation from 2 is multiplied in bursts."""
+WITHOUT = {"drift", "missing", "quantised"}
+"""Laws whose bursts enlarge increments, and those that add nothing."""
+
+
+def test_every_law_has_bursts():
+    """Oracle: the registry; a new law gets a line above."""
+    assert {*LAWS} | WITHOUT == set(registry.names("noises"))
+    taken = {kind: {*signature(registry.get("noises", kind)).parameters} for kind in registry.names("noises")}
+    assert {kind for kind, names in taken.items() if "bursts" in names} == {*LAWS, "drift"}
+
+
+@pytest.mark.parametrize("bursts", [PAPER, RANDOM])
+@pytest.mark.parametrize("kind", LAWS)
+def test_bursts_multiply_the_deviation_of_every_law(kind, bursts):
+    """Oracle: the law without bursts from the same generator: the same bits outside, the factor inside."""
+    design, step = registry.get("noises", kind), 0.05
+    law, steady = design(2, step, **LAWS[kind], bursts=bursts), design(2, step, **LAWS[kind])
+    for seed in range(3):
+        loud, quiet, inside = law.draw(fresh(seed), 160), steady.draw(fresh(seed), 160), law.in_burst(fresh(seed), 160)
+        factor = law.burst_values(fresh(seed)).get("burst_factor", 2.0)
+        assert inside.any() and not inside.all()
+        np.testing.assert_array_equal(loud[~inside], quiet[~inside])
+        np.testing.assert_allclose(loud[inside] - 2.0, factor * (quiet[inside] - 2.0), atol=1e-12, **ROUND)
+    assert law.has_bursts and law.mean is None and law.cov is None
+
+
+def test_times_of_bursts_do_not_depend_on_what_a_law_draws_from_children():
+    """Oracle: children of the generator by NumPy; the outliers take the first one, and the bursts the second."""
+    for number in range(3):
+        children = fresh().spawn(3)
+        np.testing.assert_array_equal(child_of(fresh(), number).random(5), children[number].random(5))
+    law = registry.get("noises", "outliers")(1, Ts, std=1.0, probability=0.5, factor=2.0, bursts=RANDOM)
+    flags, times = fresh().spawn(2)
+    p = times.random(5)
+    assert law.burst_values(fresh())["burst_factor"] == 1.5 + 1.5 * p[0]
+    outliers = flags.random(801) < 0.5
+    z = fresh().standard_normal((801, 1))[:, 0]
+    outside = ~law.in_burst(fresh(), 801)
+    np.testing.assert_array_equal(law.draw(fresh(), 801)[outside, 0], (np.where(outliers, 2.0, 1.0) * z)[outside])
