@@ -72,8 +72,9 @@ def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components
     parameters = [found for key in tree if (found := _parameter(draft, tree, key, path)) is not None]
     if len(draft.problems) > before or not _is_valid(components):
         return components
-    ends = [_checked_end(draft, own, read, parameters, path, end) for end in (0, 1)]
-    if len(draft.problems) > before or ends[0] is None:
+    lowest = _checked_end(draft, own, read, parameters, path, 0)
+    # What is wrong at both ends is reported once.
+    if lowest is None or _checked_end(draft, own, read, parameters, path, 1) is None:
         return components
     chosen = draft.chosen.get(name)
     mark = locate_key(draft.tree, path)
@@ -81,7 +82,7 @@ def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components
     if chosen is not None and {*chosen} == {each.path for each in parameters}:
         values = {each.path: as_value(each, chosen[each.path]) for each in parameters}
     default = tuple(_number_at(components, each.path) for each in parameters)
-    draft.tuned[name] = TunedMethod(tuple(parameters), default, ends[0], values)
+    draft.tuned[name] = TunedMethod(tuple(parameters), default, lowest, values)
     if values is None:
         return components
     draft.defaults[name] = components
@@ -128,16 +129,16 @@ def _checked_end(
     refused, draft.problems[before:] = draft.problems[before:], []
     for problem in refused:
         parameter = _to_blame(problem, parameters)
-        message = f"{problem.path} = {values[parameter.path]:g}: {problem.message}"
-        draft.note([*path, parameter.path], message)
+        draft.note([*path, parameter.path], f"{parameter.path} = {values[parameter.path]:g}: {problem.message}")
     return None if refused else found
 
 
 def _to_blame(problem: Problem, parameters: Sequence[TunedParameter]) -> TunedParameter:
-    """Return the parameter whose path a problem is about; the first one where that is not clear."""
+    """Return the parameter whose path a problem is about, or one in the same component; else the first one."""
     steps = problem.path.split(".")
-    found = [each for each in parameters if [*filter(None, each.path.split("."))] == steps[-each.path.count(".") - 1 :]]
-    return (found or [*parameters])[0]
+    same = [each for each in parameters if each.path.split(".") == steps[-each.path.count(".") - 1 :]]
+    beside = [each for each in parameters if each.path.split(".")[0] in steps]
+    return [*same, *beside, *parameters][0]
 
 
 def _is_valid(components: MethodComponents) -> bool:

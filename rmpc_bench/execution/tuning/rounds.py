@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -106,8 +106,11 @@ class Rounds:
             return
         store.register(stored_methods(config, names))
         note_versions(config, store, names)
+        # Most rounds are short: this process begins, and worker processes join where that saves time.
+        n_workers = means.workers if means.workers is not None else config.execution.workers
+        config = replace(config, execution=replace(config.execution, workers=n_workers))
         place = store.directory
-        engine = choose_engine(config, tasks, means.workers, means.engine, place, progress.say, means.scheduler)
+        engine = choose_engine(config, tasks, None, means.engine, place, progress.say, means.scheduler)
         experiments = tuple(point.experiment for point in config.points)
         warm_up_tasks(experiments, tasks, progress)
         queue = TaskQueue(tasks, BlockLengths(experiments, config.execution.fixed_block))

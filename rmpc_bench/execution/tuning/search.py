@@ -65,7 +65,8 @@ def value_at(parameter: TunedParameter, z: float) -> float:
     number = low * (high / low) ** z if parameter.scale == "log" else low + (high - low) * z
     if parameter.integer:
         number = float(round(number))
-    number = min(max(float(f"{number:.{DIGITS}g}"), low), high)
+    # The ends themselves keep all digits.
+    number = {0.0: low, 1.0: high}.get(z, min(max(float(f"{number:.{DIGITS}g}"), low), high))
     return float(f"{number + parameter.offset:.12g}")
 
 
@@ -173,7 +174,7 @@ def plan(
 def _grid_golden(parameters: Sequence[TunedParameter], budget: int, evaluate: _Evaluations, start: int) -> None:
     """Evaluate a grid, then golden section between the neighbours of its best point."""
     [parameter] = parameters
-    n = max(1, math.floor(GRID_SHARE * budget + 0.5))
+    n = min(budget, max(2, math.floor(GRID_SHARE * budget + 0.5)))
     grid = [i / (n - 1) for i in range(n)] if n > 1 else [0.5]
     evaluate.ask(Candidate(row_at(parameters, [z]), "grid") for z in grid)
     rows = {row_at(parameters, [z]): z for z in reversed(grid)}

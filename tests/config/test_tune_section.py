@@ -1,0 +1,173 @@
+"""The section `tune` and the ranges of methods: what is refused, with its place, and what is read."""
+
+import pytest
+from tuned_experiment import KEYS, write
+
+from rmpc_bench import load_config
+from rmpc_bench.config.tuning_plan import tuning_seed
+from rmpc_bench.types import ConfigError
+
+
+def method(tune, estimator="{kind: kalman}", more=""):
+    return f"{{KF: {{estimator: {estimator}, tune: {tune}{more}}}}}"
+
+
+def place(key, text, value):
+    """Line and column of a part of the value of a top-level key."""
+    return [*KEYS].index(key) + 1, len(key) + 3 + value.rindex(text)
+
+
+C = "{kind: robust-kalman, c: 0.1}"
+RANGES = [
+    # range, estimator, text whose place is shown, path, message
+    ("{estimator.c: [1, 0.1]}", C, "[1, 0.1]", '."estimator.c"', "the first number of a range is smaller"),
+    ("{estimator.c: [0, 1]}", C, "[0, 1]", '."estimator.c"', "on a logarithmic scale begins above 0"),
+    ("{estimator.c: [0.1]}", C, "[0.1]", '."estimator.c"', "has too few entries"),
+    ("{estimator.c: 0.1}", C, "0.1", '."estimator.c"', "expected a list or a mapping"),
+    ("{estimator.c: {range: [1, 2], scal: log}}", C, "scal", '."estimator.c".scal', "did you mean 'scale'?"),
+    ("{estimator.c: {range: [1, 2.5], integer: true}}", C, "{range", '."estimator.c"', "of integers are integers"),
+    ("{estimator.cc: [0.1, 1]}", C, "[0.1", '."estimator.cc"', "'cc' is not a known key"),
+    ("{estimater.c: [0.1, 1]}", C, "estimater.c", '."estimater.c"', "did you mean 'estimator'?"),
+    ("{label: [0.1, 1]}", C, "label", ".label", "name a parameter, such as estimator.radius"),
+    ("{estimator.c: [0.1, 0.9], controller.R: [1, 2]}", C, "[1, 2]", '."controller.R"', "'kind' is missing"),
+    ("{estimator.kind.x: [0.1, 1]}", C, "[0.1", '."estimator.kind.x"', "can be set only if this is a mapping"),
+    ("{}", C, "{}", "", "must be a mapping such as"),
+    ("3", C, "3", "", "must be a mapping such as"),
+    # The ends are validated as a value is.
+    ("{estimator.c: {range: [-1, 1], scale: linear}}", C, "{range", '."estimator.c"', "estimator.c = -1: must be > 0"),
+    ("{estimator.kl: [1, 2]}", C, "[1, 2]", '."estimator.kl"', "estimator.kl = 1: must be"),
+]
+
+
+@pytest.mark.parametrize(("given", "estimator", "where", "path", "message"), RANGES, ids=[case[0] for case in RANGES])
+def test_a_wrong_range_is_reported_at_its_place(tmp_path, given, estimator, where, path, message):
+    value = method(given, estimator)
+    file = write(tmp_path, methods=value)
+    with pytest.raises(ConfigError) as caught:
+        load_config(file)
+    found = [each for each in caught.value.problems if message in each.message]
+    assert found, str(caught.value)
+    assert found[0].file == str(file)
+    assert found[0].path == f"methods.KF.tune{path}"
+    assert (found[0].line, found[0].column) == place("methods", where, value)
+
+
+SECTIONS = [
+    ("{budget: 0}", "tune.budget", "must be >= 1 (got 0)"),
+    ("{runs: 0}", "tune.runs", "must be >= 1"),
+    ("{statistic: best}", "tune", "must be mean, median or a quantile such as 'quantile 90%'"),
+    ("{statistic: quantile 100%}", "tune", "must be mean, median or a quantile"),
+    ("{penalty: -1}", "tune.penalty", "must be >= 0"),
+    ("{search: grid}", "tune.search", "grid-golden"),
+    ("{metric: mse}", "tune.metric", "metric of this configuration"),
+    ("{budgit: 3}", "tune.budgit", "did you mean 'budget'?"),
+]
+
+
+@pytest.mark.parametrize(("given", "path", "message"), SECTIONS, ids=[case[0] for case in SECTIONS])
+def test_a_wrong_section_is_reported(tmp_path, given, path, message):
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, tune=given))
+    assert [(each.path, message in each.message) for each in caught.value.problems] == [(path, True)]
+
+
+def test_a_range_needs_the_section(tmp_path):
+    with pytest.raises(ConfigError, match="methods.KFR.tune: needs the section `tune` at the top"):
+        load_config(write(tmp_path, tune=None))
+
+
+def test_the_section_needs_a_range(tmp_path):
+    with pytest.raises(ConfigError, match="tune: no method has the key `tune`"):
+        load_config(write(tmp_path, methods="{KF: {estimator: {kind: kalman}}}"))
+
+
+def test_what_cannot_be_tuned_is_refused(tmp_path):
+    two = method("{model.P_v: [0.1, 1], model.P_w: [0.1, 1]}")
+    with pytest.raises(ConfigError, match=r"methods.KF.tune: `search: grid-golden` takes one parameter"):
+        load_config(write(tmp_path, methods=two, tune="{search: grid-golden}"))
+    with pytest.raises(ConfigError, match=r"tune: nothing is computed run by run here"):
+        load_config(write(tmp_path, evaluate="[moments]"))
+    with pytest.raises(ConfigError, match="must be 'as published' or 'default'"):
+        load_config(write(tmp_path, methods="{KF: {estimator: {kind: kalman}, parameters: mine}}", tune=None))
+
+
+def test_the_defaults_of_the_section(tmp_path):
+    """Those of docs: 16 values on 40 runs, the mean of the primary metric."""
+    protocol = load_config(write(tmp_path, tune="{}")).tuning.protocol
+    expected = {"budget": 16, "runs": 40, "metric": "estimation_mse", "statistic": "mean", "penalty": 10.0, "seed": 0}
+    assert vars(protocol) == {**expected, "search": "auto"}
+    late = "[estimation_mse, {kind: estimation_mse, name: late, from: 10}]"
+    other = load_config(write(tmp_path, tune="{}", metrics=late, statistics="{primary: late}"))
+    assert other.tuning.protocol.metric == "late"
+
+
+def test_an_inherited_component_is_tuned(tmp_path):
+    """The default of all methods, and the model; the value of the file is the default of the search."""
+    methods = "{A: {tune: {estimator.c: [0.01, 1]}}, B: {tune: {model.P_v: [1, 10]}}}"
+    config = load_config(write(tmp_path, estimator="{kind: robust-kalman, c: 0.2}", methods=methods))
+    a, b = config.tuning.searches
+    assert (a.method, a.default, b.method, b.default) == ("A", (0.2,), "B", (1.0,))
+    loaded = config.origin.load({("", "A"): {"estimator.c": 0.5}})
+    assert loaded.methods["A"]["estimator"]["c"] == 0.5 and loaded.methods["B"]["estimator"]["c"] == 0.2
+    assert [each.method for each in loaded.tuning.missing] == ["B"]
+
+
+def test_a_value_without_a_number_has_no_default(tmp_path):
+    config = load_config(write(tmp_path, model="{kind: linear, A: 0.9, B: 1, C: 1, P_w: 1, P_v: [[1]]}"))
+    assert config.tuning.searches[0].default == (None,)
+
+
+def test_integers_stay_integers(tmp_path):
+    methods = "{KF: {estimator: {kind: kalman}, tune: {model.P_v: {range: [1, 30], integer: true}}}}"
+    config = load_config(write(tmp_path, methods=methods))
+    loaded = config.origin.load({("", "KF"): {"model.P_v": 7.0}})
+    row = loaded.resolved["tune"]["values"]
+    assert row == [{"method": "KF", "values": {"model.P_v": 7}}] and isinstance(row[0]["values"]["model.P_v"], int)
+
+
+def test_values_of_other_ranges_are_not_used(tmp_path):
+    values = "{values: [{method: KFR, values: {model.P_w: 3}}]}"
+    assert load_config(write(tmp_path, tune=values)).tuning.missing
+    given = load_config(write(tmp_path, tune=values.replace("P_w", "P_v")))
+    assert not given.tuning.missing and given.methods["KFR"]["model"]["P_v"] == 3.0
+
+
+def test_where_parameters_come_from(tmp_path):
+    """The key of a method says so; else the methods of a paper are as published, and all others default."""
+    methods = KEYS["methods"].replace("KF: {", "P: {parameters: as published, estimator: {kind: kalman}}, KF: {")
+    words = {"P": "as published", "KF": "default", "KFR": "tuned (budget 6, 5 runs)"}
+    assert load_config(write(tmp_path, methods=methods)).parameters == words
+    paper = load_config(write(tmp_path, methods=methods, paper="wang2021")).parameters
+    assert paper == words | {"KF": "as published"}
+    resolved = load_config(write(tmp_path, methods=methods)).resolved
+    assert resolved["methods"]["P"]["parameters"] == "as published"
+
+
+def test_an_extending_file_inherits_and_changes_ranges(tmp_path):
+    base = write(tmp_path, file="base.yaml")
+    other = tmp_path / "other.yaml"
+    other.write_text(f"extends: {base.name}\nname: other\nmethods: {{KFR: {{tune: {{model.P_v: [1, 10]}}}}}}\n")
+    before, after = load_config(base).tuning, load_config(other).tuning
+    assert [(each.low, each.high) for each in after.searches[0].parameters] == [(1.0, 10.0)]
+    assert before.searches[0].key != after.searches[0].key
+
+
+def test_a_smoke_run_tunes_with_three_values(tmp_path):
+    protocol = load_config(write(tmp_path), smoke=True).tuning.protocol
+    assert (protocol.budget, protocol.runs) == (3, 4)
+    assert not load_config(write(tmp_path), smoke=True).tuning.regret
+
+
+def test_overrides_of_tuning_get_a_directory_of_their_own(tmp_path):
+    """The hash of everything counts ranges and protocol; that of an experiment without tuning stays."""
+    path = write(tmp_path)
+    whole = load_config(path).full_hash
+    assert load_config(path, overrides=["tune.budget=7"]).full_hash != whole
+    assert load_config(path, overrides=['methods.KFR.tune."model.P_v"=[1, 10]']).full_hash != whole
+    assert load_config(path).full_hash == whole
+    assert load_config(path).hash == load_config(path, overrides=["tune.budget=7"]).hash
+
+
+def test_the_tuning_seed_has_63_bits():
+    seeds = [tuning_seed(seed, number) for seed in (0, 1, 2**63 - 1) for number in (0, 1, 2**32 - 1)]
+    assert len({*seeds}) == len(seeds) and all(0 <= seed < 2**63 for seed in seeds)
