@@ -5,7 +5,7 @@ EXTRAS ?= dev
 STAMP := $(VENV)/.installed-$(EXTRAS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow smoke site docs lint type perf perf-large clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks papers
+.PHONY: help setup run test test-slow smoke site docs lint type perf perf-large clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -49,7 +49,10 @@ perf-large: setup  ## the same for 100,000 and 1,000,000 runs
 clean:  ## remove generated files (results stay)
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .coverage
 
-zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks: setup  ## reproduce a paper (or run another group of experiments), every claim compared with its record
+zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018: setup  ## reproduce a paper (or run another group of experiments), every claim compared with its record
 	@for config in configs/$@/*.yaml; do $(BIN)/rmpc-bench run $$config --strict || exit; done
 
 papers: zenere2018 zenere2017 souto2011 ma2025 belda2017  ## reproduce all papers
+
+suite: setup  ## rank the estimators on the published uncertain systems of configs/suite
+	$(BIN)/rmpc-bench suite

@@ -9,6 +9,7 @@ IDENTIFIERS: Mapping[str, str] = {
     "zenere2017": "arXiv:1703.05219",
     "zenere2018": "arXiv:1804.06746",
     "souto2011": "ISBN 978-953-307-200-5",
+    "wkf2018": "arXiv:1809.08830",
 }
 """Key of a paper -> DOI, arXiv number or ISBN; of papers that are not named here none is known to us."""
 _WITH_YEAR = re.compile(r".*\d{4}[a-z]?")

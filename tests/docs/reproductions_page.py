@@ -57,6 +57,17 @@ TITLES = {
 }
 SYSTEMS = "benchmarks"
 FURTHER = {
+    "wkf2018": (
+        "Wasserstein Kalman filter",
+        "Fig. 5 of S. Shafieezadeh-Abadeh, V. Nguyen, D. Kuhn and P. Mohajerin Esfahani, Wasserstein Distributionally "
+        "Robust Kalman Filtering (2018), arXiv:1809.08830. The statements are those of its curves, as the public code "
+        "of the paper draws them.",
+    ),
+    "estimators": (
+        "Estimators, tuned alike",
+        "Experiments of our own with the estimators that the literature compares with. [tuning.md](tuning.md) explains "
+        "how their parameters are chosen.",
+    ),
     "servo-constrained": (
         "Servomechanism with constraints",
         "Experiments of our own, explained in [constraints.md](constraints.md).",
@@ -67,7 +78,7 @@ FURTHER = {
         "bounded disturbances (2005), with claims of our own: the text of the paper was not at hand.",
     ),
 }
-"""Folder of configurations that reproduce no statement of a paper -> title and introduction."""
+"""Folder of further configurations -> title and introduction."""
 
 
 class Configuration(NamedTuple):
