@@ -172,7 +172,7 @@ class MovingHorizon(Estimator):
             common = self._covariances[sample]
             far = np.abs(state.P_pred[:, place] - common).max(axis=(1, 2))
             near &= far <= SETTLED * np.abs(common).max()
-        return near
+        return np.asarray(near)
 
     @property
     def _P(self) -> Float[Array, "k nx nx"]:
