@@ -1,4 +1,4 @@
-"""Huber's filters against their limit, the closed form of one output, SciPy's minimum, filterpy, and what they refuse."""
+"""Huber's filters against their limit, the closed form of one output, SciPy's minimum and filterpy."""
 
 import numpy as np
 import pytest
@@ -63,8 +63,9 @@ def huber(r, k):
 @pytest.mark.parametrize("both", [False, True])
 def test_several_outputs(both, rng):
     """Oracle: SciPy's minimum of the cost, convex and therefore the only one."""
+    k = 1.0
     for _ in range(8):
-        model, x0, P0, k = random_model(rng, 3, 1, 2), rng.standard_normal(3), random_psd(rng, 3), 1.0
+        model, x0, P0 = random_model(rng, 3, 1, 2), rng.standard_normal(3), random_psd(rng, 3)
         y = rng.standard_normal(2) * 5.0
         T, T_x = whitener(model.R_v), whitener(P0)
 
