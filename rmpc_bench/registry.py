@@ -53,6 +53,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "wasserstein-kalman": "rmpc_bench.estimators.wasserstein_kalman:design",
         "robust-kalman": "rmpc_bench.estimators.robust_kalman:design",
         "risk-sensitive": "rmpc_bench.estimators.risk_sensitive:design",
+        "h-infinity": "rmpc_bench.estimators.h_infinity:design",
         "kalman-predictor": "rmpc_bench.estimators.kalman_predictor:design",
         "enhanced-robust": "rmpc_bench.estimators.enhanced_robust:design",
         "sayed-bdu": "rmpc_bench.estimators.sayed_bdu:design",

@@ -26,6 +26,11 @@ PARAMETERS = {
     "control-lqe": [{}, {"form": "predictor"}],
     "kalman": [{}, {"noise": "matched", "use_y0": False}],
     "wasserstein-kalman": [{"radius": 0.01}, {"radius": 0.5, "form": "predictor", "use_y0": False}],
+    "h-infinity": [
+        {"fraction": 0.5},
+        {"theta": 1e-3, "form": "predictor", "weight": 2.0},
+        {"gamma": 30.0, "use_y0": False},
+    ],
     "fading-kalman": [{"alpha": 1.001}, {"alpha": 1.2, "form": "predictor", "use_y0": False}],
     "directional-kalman": [{"q": 0.01, "direction": 1.0}, {"q": 2.0, "direction": 1.0, "form": "predictor"}],
     "robust-kalman": [{"c": 0.1}, {"c": 0.1, "kl": "half", "tau": 0.5}],

@@ -1,0 +1,219 @@
+"""H-infinity filter: it bounds the energy gain from noises and initial error to the weighted estimation error.
+
+Model   x(k+1) = A x(k) + B u(k) + w(k),  y(k) = C x(k) + v(k), with any w and v.  For theta = 1 / gamma^2 and
+        W = weight' weight,
+        sum |x - x_hat|^2_W <= gamma^2 (|x(0) - x0|^2_{P0^-1} + sum |w|^2_{Q_w^-1} + sum |v|^2_{R_v^-1}).
+        P_pred(k+1) = A (P_pred^-1 - theta W + C' R_v^-1 C)^-1 A' + Q_w is a design matrix and no covariance of an
+        error: the filter reports no P.
+Forms   `filter` (a posteriori): L = P_pred C' (C P_pred C' + R_v)^-1 = P C' R_v^-1, where
+        P = (P_pred^-1 + C' R_v^-1 C)^-1 must satisfy P^-1 > theta W at every k.
+        `predictor` (a priori): K = A V C' (C V C' + R_v)^-1 with V = (P_pred^-1 - theta W)^-1; P_pred^-1 > theta W at
+        every k.  This is the condition of the a-priori gain; Simon prints the weaker one of the other form beside it.
+        At k = 0 without y(0) the condition of both forms is P0^-1 > theta W.
+Source  Simon, Optimal State Estimation (2006), chapter 11; Hassibi, Sayed, Kailath (1999); Shaked and Theodor (1992).
+Limit   theta = 0 gives the Kalman filter.  The predictor with W = I is the predictor of `risk-sensitive`.
+Cost    As every gain schedule.  `fraction` repeats the recursion about 30 times to find theta_max by bisection.
+Fails   Design error if a condition is violated; it names the first k and theta_max, the least upper bound of theta for
+        k = 0..N.  Design error if R_v is singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple, TypeAlias
+
+import numpy as np
+from annotated_types import Gt, Lt
+from jaxtyping import Float
+
+from rmpc_bench.estimators.gain_schedule import (
+    Form,
+    GainScheduleFilter,
+    predictor_schedule,
+    refuse_overflow,
+    uncorrelated,
+)
+from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.numerics.linalg import as_matrix, psd_sqrt, symmetrise
+from rmpc_bench.numerics.riccati import FilterStep, filter_step, unmeasured_step
+from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
+
+Fraction: TypeAlias = Annotated[float, Gt(0), Lt(1)]
+_DIGITS = 1e-8
+"""Relative accuracy of theta_max."""
+_STEADY = 1e-14
+"""Relative change of P_pred per step that counts as rounding."""
+
+
+class Period(NamedTuple):
+    """One period of the recursion."""
+
+    L: Float[Array, "nx ny"]
+    K: Float[Array, "nx ny"]
+    margin: float
+    """1 - theta lambda_max(weight P weight') for the P of the condition; positive where the condition holds."""
+    largest: float
+    """lambda_max(weight P weight')."""
+    P_next: Float[Array, "nx nx"]
+
+
+@dataclass(frozen=True, eq=False)
+class Recursion:
+    """The recursion of all k for any theta.
+
+    Parameters
+    ----------
+    models : the model at k = 0..N
+    P0 : initial P_pred
+    weight : root of W
+    form : whose gains and condition are used
+    use_y0 : whether to use y(0)
+    """
+
+    models: Sequence[LinearModel]
+    P0: Float[Array, "nx nx"]
+    weight: Float[Array, "nx nx"]
+    form: Form
+    use_y0: bool
+
+    def run(self, theta: float) -> tuple[list[Period], list[Array]]:
+        """Return the periods up to the first one that violates the condition, and P_pred of all of them."""
+        periods, P_pred, constant = list[Period](), [self.P0], all(each is self.models[0] for each in self.models)
+        for k, now in enumerate(self.models):
+            # The recursion of a constant model stays where it has become steady.
+            if constant and k > 1 and _is_steady(P_pred):
+                left = len(self.models) - k
+                periods, P_pred = periods + periods[-1:] * left, P_pred + P_pred[-1:] * left
+                break
+            period = self._period(now, P_pred[-1], theta, measured=k > 0 or self.use_y0)
+            periods.append(period)
+            if not period.margin > 0.0:
+                break
+            P_pred.append(period.P_next)
+        return periods, P_pred[: len(periods)]
+
+    def _period(self, now: LinearModel, P_pred: Array, theta: float, *, measured: bool) -> Period:
+        take = filter_step if measured else unmeasured_step
+        kalman = take(now.A, now.C, now.Q_w, now.R_v, P_pred)
+        chosen = P_pred if self.form == "predictor" else kalman.P
+        largest = float(np.linalg.eigvalsh(symmetrise(self.weight.dot(chosen).dot(self.weight.T)))[-1])
+        margin = 1.0 - theta * largest
+        if not margin > 0.0:
+            return Period(kalman.L, kalman.K, margin, largest, P_pred)
+        inflated = inflated_by_weight(chosen, self.weight, theta)
+        if self.form == "predictor":
+            step: FilterStep = take(now.A, now.C, now.Q_w, now.R_v, inflated)
+            return Period(np.zeros_like(step.L), step.K, margin, largest, step.P_next)
+        P_next = symmetrise(now.A.dot(inflated).dot(now.A.T) + now.Q_w)
+        return Period(kalman.L, kalman.K, margin, largest, P_next)
+
+    def theta_max(self) -> float:
+        """Return the largest theta, to eight digits, for which all conditions hold; infinite if there is no bound."""
+        largest = max(each.largest for each in self.run(0.0)[0])
+        if largest <= 0.0:
+            return np.inf
+        # P_pred increases with theta, so that the bound of theta = 0 is an upper one.
+        low, high = 0.0, 1.0 / largest
+        while high - low > _DIGITS * high:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.run(middle)[0][-1].margin > 0.0 else (low, middle)
+        return low
+
+
+def _is_steady(P_pred: Sequence[Array]) -> bool:
+    """Whether the last change is of the size of rounding."""
+    return bool(np.abs(P_pred[-1] - P_pred[-2]).max() <= _STEADY * np.abs(P_pred[-1]).max())
+
+
+def inflated_by_weight(P: Float[Array, "nx nx"], weight: Float[Array, "nx nx"], theta: float) -> Float[Array, "nx nx"]:
+    """Return (P^-1 - theta weight' weight)^-1, also for a singular P: F (I - theta (weight F)'(weight F))^-1 F'."""
+    F = psd_sqrt(P)
+    Z = weight.dot(F)
+    inflated: Array = F.dot(np.linalg.solve(np.eye(len(P)) - theta * symmetrise(Z.T.dot(Z)), F.T))
+    return symmetrise(inflated)
+
+
+def design(
+    model: Model,
+    n_steps: int,
+    *,
+    x0: Float[Array, " nx"],
+    P0: Float[Array, "nx nx"],
+    theta: NonNegative | None = None,
+    gamma: Positive | None = None,
+    fraction: Fraction | None = None,
+    weight: Matrix = 1.0,
+    form: Form = "filter",
+    use_y0: bool = True,
+) -> GainScheduleFilter:
+    """H-infinity filter; give exactly one of theta, gamma and fraction.
+
+    Parameters
+    ----------
+    model : design model
+    n_steps : number of control periods N; gains are computed for k = 0..N
+    x0 : (nx,) estimate of the initial state
+    P0 : (nx, nx) inverse of the weight of its error
+    theta : 1 / gamma^2, >= 0
+    gamma : bound of the energy gain
+    fraction : theta as a part of theta_max, the least upper bound for k = 0..N; independent of units
+    weight : (nx, nx) matrix M of W = M' M; a number is that number times the identity, a list is a diagonal
+    form : `filter` uses y(k) for x_hat(k), `predictor` does not
+    use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
+
+    Raises
+    ------
+    DesignError
+        If not exactly one of theta, gamma and fraction is given, R_v is singular, or theta is not below theta_max.
+    """
+    models = uncorrelated(model, n_steps)
+    _refuse_singular_noise(models)
+    try:
+        recursion = Recursion(models, P0, as_matrix(weight, model.nx), form, use_y0)
+    except ValueError as error:
+        raise DesignError(str(error), "weight") from None
+    chosen, remarks = _theta(recursion, theta, gamma, fraction)
+    periods, P_pred = recursion.run(chosen)
+    if not periods[-1].margin > 0.0:
+        raise _violated(recursion, chosen, len(periods) - 1, "gamma" if theta is None else "theta")
+    refuse_overflow(P_pred)
+    extra = {"P_pred": np.array(P_pred), "margin": np.array([each.margin for each in periods])}
+    extra["theta"] = np.full(len(periods), chosen)
+    K = [each.K for each in periods]
+    schedule = replace(predictor_schedule(models, x0, K, P_pred, extra=extra, remarks=remarks), P=None)
+    return schedule if form == "predictor" else replace(schedule, L=np.array([each.L for each in periods]))
+
+
+def _theta(
+    recursion: Recursion, theta: float | None, gamma: float | None, fraction: float | None
+) -> tuple[float, tuple[str, ...]]:
+    """Return theta, and a sentence about it where it is a part of theta_max."""
+    if sum(each is not None for each in (theta, gamma, fraction)) != 1:
+        raise DesignError("give exactly one of theta, gamma and fraction")
+    if fraction is None:
+        return (1.0 / gamma**2 if theta is None else theta), ()  # type: ignore[operator]
+    bound = recursion.theta_max()
+    if not np.isfinite(bound):
+        raise DesignError("theta has no upper bound, because the weight or all P are zero; give theta", "fraction")
+    chosen = fraction * bound
+    return chosen, (f"theta = {chosen:.6g} ({fraction:g} of theta_max = {bound:.6g}), gamma = {chosen**-0.5:.6g}",)
+
+
+def _violated(recursion: Recursion, theta: float, k: int, key: str) -> DesignError:
+    """Return the error for a theta that is too large."""
+    matrix = "P_pred^-1" if recursion.form == "predictor" or (k == 0 and not recursion.use_y0) else "P^-1"
+    bound = recursion.theta_max()
+    wanted = f"gamma > {bound**-0.5:.6g}" if key == "gamma" else "a smaller theta"
+    text = f"{matrix} > theta W is violated at k = {k}: theta = {theta:.6g}, theta_max = {bound:.6g} for all k"
+    return DesignError(f"{text}; choose {wanted} or fraction: 0.9", key)
+
+
+def _refuse_singular_noise(models: Sequence[LinearModel]) -> None:
+    for k, now in enumerate(models):
+        if k and now is models[k - 1]:
+            continue
+        try:
+            np.linalg.cholesky(now.R_v)
+        except np.linalg.LinAlgError:
+            raise DesignError(f"R_v is singular at k = {k}: its inverse weighs the measurement noise") from None
