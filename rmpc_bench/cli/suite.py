@@ -1,0 +1,85 @@
+"""rmpc-bench suite."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rmpc_bench.cli import exits, own_code
+from rmpc_bench.cli.run import run
+from rmpc_bench.cli.run_request import Workers
+from rmpc_bench.config.known_files import known_configs, located, short_names
+
+FOLDER = "configs/suite/"
+"""Where the sets of the suite are."""
+
+
+@click.command()
+@click.argument("names", nargs=-1, metavar="[SET]...")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="Directory for the results; of several sets, above."
+)
+@click.option("-j", "--jobs", type=Workers(), help="Worker processes, or auto.  [default: execution.workers]")
+@click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the set.")
+@click.option(
+    "--add-method",
+    "add_methods",
+    multiple=True,
+    metavar="'NAME: {...}'",
+    help="Add a method to those of the set; the directory keeps it.  May be repeated.",
+)
+@click.option("--smoke", is_flag=True, help="Use the size of the section `smoke`; results go to results/smoke.")
+@click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
+@click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
+@click.option(
+    "--progress",
+    type=click.Choice(["auto", "bar", "plain", "json", "none"]),
+    default="auto",
+    show_default=True,
+    help="How progress is shown on stderr: a bar, lines, a JSON object per line, or not at all.",
+)
+@click.option("-q", "--quiet", is_flag=True, help="Show errors and the result only.")
+@own_code.allow_code_option
+@own_code.import_option
+@click.pass_context
+def suite(context: click.Context, names: tuple[str, ...], output: Path | None, **options: Any) -> None:
+    """Run the sets of the suite, or continue them, and show the ranks of the methods.
+
+    A set is a configuration in configs/suite, such as suite-1: estimators on published uncertain systems, tuned alike.
+    All sets are run unless some are named.  Every set is run by `rmpc-bench run`, which has further options.
+    """
+    places = [place for place in known_configs() if place.startswith(FOLDER)]
+    chosen = [_place(name, places) for name in names] or places
+    if not chosen:
+        raise click.UsageError(f"there is no set in {FOLDER}")
+    codes = []
+    for place in chosen:
+        directory = output if output is None or len(chosen) == 1 else output / short_names(place)[1]
+        codes.append(_code(context, config=located(place), output=directory, **options))
+    sys.exit(next((code for code in exits.MEANINGS if code in codes and code), 0))
+
+
+def _place(name: str, places: list[str]) -> str:
+    """Return the place of a named set."""
+    found = [place for place in places if name == place or name in short_names(place)]
+    if not found:
+        from rmpc_bench.types.issue import unknown
+
+        known = [short_names(place)[1] for place in places]
+        raise click.BadParameter(unknown(name, known, "set of the suite"), param_hint="SET")
+    return found[0]
+
+
+def _code(context: click.Context, **options: Any) -> int:
+    """Run a set and return the exit code; an interruption ends the suite."""
+    try:
+        context.invoke(run, **options)
+    except SystemExit as end:
+        code = int(end.code or 0)
+        if code in (exits.INTERRUPTED, exits.TERMINATED):
+            raise
+        return code
+    return 0

@@ -1,0 +1,71 @@
+"""`rmpc-bench suite`: sets by name, one table of ranks, a method from a file, several sets, mistakes."""
+
+import pandas as pd
+import pytest
+from small_experiment import cli, text
+
+SWEEP = (
+    "{grid: {noise: {believed: {measurement: {gaussian: {std: 0.01}}}, more: {measurement: {gaussian: {std: 0.1}}}}}}"
+)
+FILTER = '''
+"""A Kalman filter with another measurement noise."""
+
+from rmpc_bench.estimators.gain_schedule import Inflation, riccati_schedule
+
+
+def design(model, n_steps, *, x0, P0, factor: float = 1.2):
+    """Multiply the prediction covariance."""
+    return riccati_schedule(model, n_steps, x0, P0, lambda k, P_pred: Inflation(factor * P_pred, 0.0))
+'''
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """Stand in a directory with two small sets."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "configs" / "suite"
+    folder.mkdir(parents=True)
+    for name in ("mini", "micro"):
+        keys = {"name": name, "paper": "suite", "runs": 4, "statistics": "{ranks: true}", "sweep": SWEEP}
+        (folder / f"{name}.yaml").write_text(text(**keys))
+    (tmp_path / "my_filter.py").write_text(FILTER)
+    return tmp_path
+
+
+def suite(*options):
+    """Call the verb in this process."""
+    return cli("suite", *options, "-j", 1, "--progress", "none", "-q")
+
+
+def test_a_method_from_a_file_is_in_the_table(place):
+    """One command adds a line to the table of ranks, which stands in place of that of the points."""
+    done = suite("mini", "--add-method", "mine: {estimator: {file: my_filter.py:design}}")
+    assert done.exit_code == 0, done.output
+    lines = done.stdout.splitlines()
+    assert lines[2].split()[:3] == ["method", "rank", "n/n_failed"]
+    assert {line.split()[0] for line in lines[3:6]} == {"mine", "S-MPC", "R-MPC"}
+    out = place / "results" / "suite" / "mini"
+    table = pd.read_csv(out / "ranks.csv")
+    assert {*table["method"][table["axis"].isna()]} == {"mine", "S-MPC", "R-MPC"}
+    assert (out / "tables" / "ranks.md").exists()
+
+
+def test_several_sets_have_a_directory_each(place):
+    """Below that of the option; without runs of their own with --dry-run."""
+    done = suite("mini", "suite/micro", "-o", place / "out", "--dry-run")
+    assert done.exit_code == 0, done.output
+    assert f"results go to {place / 'out' / 'mini'}" in done.stdout and f"{place / 'out' / 'micro'}" in done.stdout
+    assert not (place / "out").exists()
+
+
+def test_an_unknown_set_is_refused(place):
+    """With the nearest name."""
+    done = suite("minni")
+    assert done.exit_code == 2 and "did you mean 'mini'" in done.output
+
+
+def test_the_worst_exit_code_is_that_of_the_suite(place):
+    """A mistake in one set does not hide behind another one."""
+    (place / "configs" / "suite" / "micro.yaml").write_text("version: 1\nname: micro\n")
+    done = suite("micro", "mini", "--dry-run")
+    assert done.exit_code == 2 and "trials to compute" in done.stdout
