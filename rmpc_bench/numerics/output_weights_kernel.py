@@ -2,7 +2,7 @@
 
 Phases
     1  triangular factors                                        _factor, _forward, _backward
-    2  correction with given weights, in the space of outputs    _gain
+    2  correction with given weights, in the space of outputs    _gain; for a common weight _diagonalise
     3  a single output                                           _single
     4  laws                                                      _student, _bounded, _reweigh, _gate, _clip
     5  all runs                                                  weight_kernel
@@ -128,26 +128,56 @@ def _single(law: int, numbers: Any, G: float, q: float) -> tuple[float, float]: 
 
 
 @compiled(error_model="numpy")
-def _student(
-    dof: float, iterations: int, count: int, G: Any, q: Any, M: Any, lam: Any, r: Any, w: Any, column: Any
-) -> None:  # pragma: no cover
-    """Write the common weight of a Student-t law after a fixed number of corrections."""
-    m = len(q)
-    for step in range(iterations):
-        _gain(G, w, q, M, lam, r)
-        if step == iterations - 1:
+def _diagonalise(G: Any, V: Any) -> None:  # pragma: no cover
+    """Replace G by its eigenvalues on the diagonal, and write its eigenvectors as columns of V, by Jacobi rotations."""
+    m = len(G)
+    for i in range(m):
+        for j in range(m):
+            V[i, j] = 1.0 if i == j else 0.0
+            G[i, j] = G[j, i] = 0.5 * (G[i, j] + G[j, i])
+    for _ in range(MOST):
+        turned = False
+        for i in range(m):
+            for j in range(i + 1, m):
+                # False for NaN.
+                if not G[i, j] * G[i, j] > 1e-32 * abs(G[i, i] * G[j, j]):
+                    continue
+                turned = True
+                half = 0.5 * (G[j, j] - G[i, i]) / G[i, j]
+                t = (1.0 if half >= 0.0 else -1.0) / (abs(half) + sqrt(1.0 + half * half))
+                c = 1.0 / sqrt(1.0 + t * t)
+                for s in range(m):
+                    G[s, i], G[s, j] = c * (G[s, i] - t * G[s, j]), c * (G[s, j] + t * G[s, i])
+                    V[s, i], V[s, j] = c * (V[s, i] - t * V[s, j]), c * (V[s, j] + t * V[s, i])
+                for s in range(m):
+                    G[i, s], G[j, s] = c * (G[i, s] - t * G[j, s]), c * (G[j, s] + t * G[i, s])
+        if not turned:
             break
+
+
+@compiled(error_model="numpy")
+def _student(
+    dof: float, iterations: int, count: int, G: Any, q: Any, V: Any, lam: Any, turned: Any, w: Any
+) -> None:  # pragma: no cover
+    """Write the common weight of a Student-t law after a fixed number of corrections; G becomes diagonal."""
+    m, common = len(q), 1.0
+    _diagonalise(G, V)
+    for i in range(m):
+        turned[i] = 0.0
+        for j in range(m):
+            turned[i] += V[j, i] * q[j]
+    for _ in range(iterations - 1):
         # r' r + tr H P H', with H P H' = G (I + w G)^-1.
         total = 0.0
         for i in range(m):
-            total += r[i] * r[i]
-            for j in range(m):
-                column[j] = G[j, i]
-            _forward(M, m, column)
-            _backward(M, m, column)
-            total += column[i]
-        for i in range(m):
-            w[i] = (dof + count) / (dof + total)
+            share = 1.0 / (1.0 + common * G[i, i])
+            total += (turned[i] * share) ** 2 + G[i, i] * share
+        common = (dof + count) / (dof + total)
+    for i in range(m):
+        w[i] = common
+        lam[i] = 0.0
+        for j in range(m):
+            lam[i] += V[i, j] * common * turned[j] / (1.0 + common * G[j, j])
 
 
 @compiled(error_model="numpy")
@@ -332,7 +362,7 @@ def weight_kernel(
         elif m == 1:
             w[0], lam[run, 0] = _single(law, numbers, G[0, 0], q[run, 0])
         elif law == STUDENT:
-            _student(numbers[0], int(numbers[1]), count[run], G, q[run], M, lam[run], r, w, work[0])
+            _student(numbers[0], int(numbers[1]), count[run], G, q[run], M, lam[run], r, w)
         elif law == HUBER:
             _bounded(numbers[0], G, q[run], M, lam[run], w, work[0], work[1], free)
         elif law == GATE:

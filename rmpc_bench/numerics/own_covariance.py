@@ -91,7 +91,8 @@ def measured(
 
     (runs, nx), ny = state.x.shape, len(C)
     found = Measured(np.empty((runs, ny)), np.empty((runs, ny, ny)), np.empty((runs, ny)), np.empty((runs, ny, nx)))
-    measure_kernel(*map(as_compiled, (C, d, R_v, T, state.x, state.P, y)), *found)
+    C, d, R_v, T, x, P, y = map(as_compiled, (C, d, R_v, T, *state, y))
+    measure_kernel(C, d, R_v, T, x, P, y, *found)
     return found
 
 
@@ -127,5 +128,6 @@ def predicted(
     from rmpc_bench.numerics.own_covariance_kernel import predict_kernel
 
     after = OwnState(np.empty_like(state.x), np.empty_like(state.P))
-    predict_kernel(*map(as_compiled, (A, B, f, Q_w, state.x, state.P, u)), *after)
+    A, B, f, Q_w, x, P, u = map(as_compiled, (A, B, f, Q_w, *state, u))
+    predict_kernel(A, B, f, Q_w, x, P, u, *after)
     return after

@@ -18,11 +18,24 @@ from pathlib import Path
 
 import numpy as np
 
-from perf import commands, gpc_rows, horizon_rows, large, libraries, loops, mpc_rows, nonlinear_rows, solvers
+from perf import (
+    commands,
+    gpc_rows,
+    horizon_rows,
+    large,
+    libraries,
+    loops,
+    mpc_rows,
+    nonlinear_rows,
+    outlier_rows,
+    solvers,
+    wasserstein_rows,
+)
 from perf.row import measured
 
 ROWS = [*loops.ROWS, *solvers.ROWS, *gpc_rows.ROWS, *mpc_rows.ROWS, *horizon_rows.ROWS]
-ROWS += [*nonlinear_rows.ROWS, *libraries.ROWS, *commands.ROWS]
+ROWS += [*nonlinear_rows.ROWS, *outlier_rows.ROWS, *libraries.ROWS, *commands.ROWS]
+ROWS += wasserstein_rows.ROWS
 TARGET = Path(__file__).parents[2] / "results" / "perf"
 COMPARED = 50
 """Numbers of a side that are compared."""
