@@ -156,6 +156,7 @@ BUILT_IN: dict[str, dict[str, str]] = {
         "sweep-lines": "rmpc_bench.figures.sweep_lines:SweepLines",
         "trajectories": "rmpc_bench.figures.trajectories:Trajectories",
         "tubes": "rmpc_bench.figures.tubes:Tubes",
+        "tuning": "rmpc_bench.figures.tuning:TuningOverParameter",
         "variance-with-bound": "rmpc_bench.figures.variance_with_bound:VarianceWithBound",
     },
 }

@@ -39,6 +39,7 @@ def layout_of(trials: Trials) -> ResultLayout:
         recorded=sorted(common),
         series={name: shape[1:] for shapes in arrays.values() for name, shape in shapes.items()},
         arrays=arrays,
+        tuned=tuple(dict.fromkeys(each.method for each in trials.tuning.searches)) if trials.tuning else (),
     )
 
 

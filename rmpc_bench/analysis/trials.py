@@ -16,6 +16,7 @@ from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.analysis.traces import Traces
 from rmpc_bench.types import Array, MetricInfo, Status
 from rmpc_bench.types.requirement import Requirement
+from rmpc_bench.types.tuning import Tuning
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,7 @@ class Trials:
     groups : method -> moments over the runs by groups of runs, where they are not exact
     expected_failures : method -> check of its components that is meant to fail -> reason
     parameters : method -> where its parameters come from, such as ``default``; nothing is said of methods without one
+    tuning : how the parameters of tuned methods were chosen, at all points; None where it is not known
     """
 
     name: str
@@ -108,6 +110,11 @@ class Trials:
     requirements: tuple[Requirement, ...] = ()
     declared: tuple[str, ...] = ()
     parameters: Mapping[str, str] = field(default_factory=dict)
+    tuning: Tuning | None = None
+
+    def with_tuning(self, tuning: Tuning | None) -> Trials:
+        """Return the same trials, and points of a sweep, with a record of how parameters were chosen."""
+        return replace(self, tuning=tuning, points=tuple(replace(point, tuning=tuning) for point in self.points))
 
     @property
     def all_methods(self) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from rmpc_bench.execution.manifest import read
 from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.sweep_points import MOST_PANELS
+from rmpc_bench.figures.tuning import MOST_METHODS
 from rmpc_bench.regular_file import text_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.drivers_table import DriversTable
@@ -128,7 +129,7 @@ def write_page(
 
 
 def _wanted(results: Results, figures: Sequence[WrittenFigure], driven: DriversTable) -> list[Mapping[str, Any]]:
-    """Name figures that a page has even where the configuration does not: changes, trajectories and drivers."""
+    """Name figures that a page has even where the configuration does not: changes, trajectories, drivers, tuning."""
     there = {figure.kind for figure in figures}
     trials = results.trials.each[0]
     wanted: list[Mapping[str, Any]] = []
@@ -142,6 +143,9 @@ def _wanted(results: Results, figures: Sequence[WrittenFigure], driven: DriversT
         wanted.append({"kind": "trajectories"})
     if driven.tables:
         wanted.append({"kind": "drivers"})
+    if results.tuning is not None and results.tuning.searches:
+        tuned = [*dict.fromkeys(each.method for each in results.tuning.searches)]
+        wanted.append({"kind": "tuning", "order": tuned[:MOST_METHODS]})
     return [keys for keys in wanted if keys["kind"] not in there]
 
 

@@ -209,15 +209,16 @@ def load_results(directory: str | Path) -> Results:
         raise MissingError(f"{place}: there is no {FILE}; fill the directory with `rmpc-bench run`")
     with Store(place, writable=False) as store:
         experiment = read_experiment(store)
+        tuning = tuning_of(experiment, place)
         return Results(
             experiment=experiment,
             directory=place,
-            trials=stored_trials(experiment, store),
+            trials=stored_trials(experiment, store).with_tuning(tuning),
             uncertainty=uncertainty(experiment, store),
             n_complete=n_complete(experiment, store),
             timings=timings(experiment, store),
             other_code=other_code(experiment, store),
-            tuning=tuning_of(experiment, place),
+            tuning=tuning,
         )
 
 

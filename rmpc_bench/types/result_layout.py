@@ -43,6 +43,7 @@ class ResultLayout:
     end : last time, in seconds or samples as the experiment's `time` is given; 0 where it is not known, or where a
         window may reach beyond it because the experiment was shortened
     Ts : sampling time in the unit of `end`
+    tuned : methods whose parameters are tuned
     is_complete : whether more than the names of methods, metrics and points is known
     """
 
@@ -59,6 +60,7 @@ class ResultLayout:
     end: float = 0.0
     Ts: float = 1.0
     is_complete: bool = True
+    tuned: tuple[str, ...] = ()
 
     @property
     def signal_names(self) -> tuple[str, ...]:

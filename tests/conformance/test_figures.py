@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from tuned_searches import search, tuning
 
 from rmpc_bench import registry
 from rmpc_bench.analysis.traces import Traces
@@ -30,6 +31,7 @@ PARAMETERS = {
     "sweep-lines": [{}, {"metric": "power", "log": True, "spread": "se"}, {"show": "change"}],
     "trajectories": [{}, {"signals": ["x.0", "u"], "runs": 3, "order": ["B"]}],
     "tubes": [{}, {"over": "time"}],
+    "tuning": [{}, {"order": ["B"], "width": 5.0}],
     "variance-with-bound": [{}],
 }
 """Keys that make a figure of each kind; a new kind gets a line here."""
@@ -61,7 +63,9 @@ def results(make_trials, with_series):
         for method in "AB"
     }
     quantities = pd.DataFrame({"run": np.arange(RUNS), "eps": rng.uniform(-1.0, 1.0, RUNS)})
-    return FigureExample(replace(with_series(table, *entries), traces=traces, Ts=0.5, uncertainty=quantities))
+    searched = [search(method, rng.uniform(size=(5, 4)), rng.uniform(size=(6, RUNS))) for method in "AB"]
+    table = replace(with_series(table, *entries), traces=traces, Ts=0.5, uncertainty=quantities)
+    return FigureExample(table.with_tuning(tuning(*searched)))
 
 
 def test_every_registered_kind_is_tested():

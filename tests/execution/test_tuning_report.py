@@ -29,7 +29,7 @@ def tuned(results):
     """Return the same with a record of two values of one method, of which the first has a regret of 100 %."""
     record = tuning(search("R-MPC", constant([1, 2]), constant([0.4, 0.2, 0.9], N_RUNS), values=[0.05, 0.5]))
     trials = replace(results.trials, parameters={"S-MPC": "default", **record.parameters})
-    return replace(results, trials=trials, tuning=record)
+    return replace(results, trials=trials.with_tuning(record), tuning=record)
 
 
 def test_an_experiment_says_that_nothing_is_tuned(results, tmp_path):
@@ -62,6 +62,7 @@ def test_publish_writes_the_tables_and_the_section(tuned, tmp_path):
         "## How the parameters were chosen" in page and "## How the parameters" not in page.split("## Claims")[0][:200]
     )
     assert "- S-MPC: default, not tuned; other parameters may change a verdict." in page
+    assert {tmp_path / "figures" / "tuning.svg"} <= set(written.paths) and "![tuning](figures/tuning.svg)" in page
     screen = written.summary()
     assert "    tuning      1 method, budget 4, 3 runs, mean of mse\n" in screen
     assert "R-MPC   estimator.radius 0.1 -> 0.05   regret 100 %" in screen and "; S-MPC: default, not tuned" in screen
@@ -69,8 +70,10 @@ def test_publish_writes_the_tables_and_the_section(tuned, tmp_path):
 
 def test_files_of_an_earlier_tuning_are_removed(tuned, tmp_path):
     publish(tuned, to=tmp_path)
-    publish(replace(tuned, tuning=None), to=tmp_path)
-    assert not list(tmp_path.rglob("tuning.*"))
+    untuned = replace(tuned, tuning=None, trials=tuned.trials.with_tuning(None))
+    written = publish(untuned, to=tmp_path)
+    assert not [*tmp_path.glob("tuning.*"), *tmp_path.glob("tables/tuning.*")]
+    assert tmp_path / "figures" / "tuning.svg" not in written.paths
 
 
 def test_the_table_of_methods_has_tuned_values_in_their_places():

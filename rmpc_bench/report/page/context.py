@@ -45,6 +45,8 @@ MOST_TURNS = 4
 """Sentences on where the ranking turns that are not folded."""
 MOST_FAILURES = 5
 """Files of failed runs that the page links."""
+TUNING = ("tuning",)
+"""Kinds of figures that stand with the tuned values."""
 DRIVERS = ("drivers", "ranking")
 """Kinds of figures that stand with what drives the result."""
 
@@ -70,7 +72,7 @@ def page_context(source: PageSource) -> dict[str, Any]:
         section("drivers", "What drives the differences", _driver_blocks(source)),
         section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),
         section("trajectories", "Trajectories and worst runs", _trajectory_blocks(source), "Trajectories"),
-        section("tuning", "How the parameters were chosen", tuning_blocks(source.tuning, trials.all_methods), "Tuning"),
+        section("tuning", "How the parameters were chosen", _tuning(source), "Tuning"),
         section(
             "methods",
             "What differs between the methods, and what was assumed",
@@ -160,7 +162,7 @@ def _figures(figures: Sequence[PageFigure], *, beside: bool = False) -> list[Blo
 def _first_figures(source: PageSource) -> list[PageFigure]:
     """Return the first figure of the configuration and, where it is drawn, the paired change."""
     first = [*source.figures[:1]]
-    if first and first[0].kind in DRIVERS:
+    if first and first[0].kind in DRIVERS + TUNING:
         first = []
     return first + [each for each in source.figures if each.kind == "paired" and each not in first][:1]
 
@@ -168,7 +170,7 @@ def _first_figures(source: PageSource) -> list[PageFigure]:
 def _result_figures(source: PageSource) -> list[Block]:
     """Return the first figure with the paired change beside it, then those that belong to no other section."""
     first = _first_figures(source)
-    rest = [each for each in source.figures if each not in first and each.kind not in OVER_TIME + DRIVERS]
+    rest = [each for each in source.figures if each not in first and each.kind not in OVER_TIME + DRIVERS + TUNING]
     return [*_figures(first, beside=True), *_figures(rest, beside=True)]
 
 
@@ -189,6 +191,12 @@ def _driver_blocks(source: PageSource) -> list[Block]:
     rest = [block for point in points[1:] for block in point]
     blocks += folded(f"{len(points) - 1} more point{'s' * (len(points) > 2)} of the sweep", rest)
     return [*blocks, paragraph(EXPLANATION, "note")] if points else blocks
+
+
+def _tuning(source: PageSource) -> list[Block]:
+    """Return the figure of the objectives, then the tables of the tuned values."""
+    figures = _figures([each for each in source.figures if each.kind in TUNING])
+    return [*figures, *tuning_blocks(source.tuning, source.trials.all_methods)]
 
 
 def _table_blocks(source: PageSource) -> list[Block]:

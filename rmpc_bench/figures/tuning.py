@@ -1,0 +1,197 @@
+"""Objective of every tuned method over its parameter, on the tuning runs and on the runs of the experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from rmpc_bench.analysis.layout import layout_of
+from rmpc_bench.figures.axes import few_ticks, make_logarithmic, stacked_panels
+from rmpc_bench.figures.captions import place, sentences
+from rmpc_bench.figures.labels import literal, typeset
+from rmpc_bench.figures.legend import finish
+from rmpc_bench.figures.line_styles import line_styles
+from rmpc_bench.figures.style import REFERENCE, style
+from rmpc_bench.figures.sweep_points import point_at
+from rmpc_bench.types import Array, DesignError, ResultLayout
+from rmpc_bench.types.figure import OnePointFigure
+from rmpc_bench.types.issue import Issue
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MplFigure
+
+    from rmpc_bench.analysis.trials import Trials
+    from rmpc_bench.types.tuning import TunedParameter, TuningSearch
+
+MOST_METHODS = 8
+"""Tuned methods that fit below each other."""
+PANEL = 1.35
+"""Height of a panel [in]."""
+WIDE = 10.0
+"""Factor between the smallest and the largest objective from which on their axis is logarithmic."""
+TUNING: dict[str, Any] = {"ls": "-", "marker": "o", "ms": 3.0, "lw": 1.0}
+TEST: dict[str, Any] = {"ls": (0, (4, 2)), "marker": "s", "ms": 3.5, "lw": 1.0, "mfc": "white"}
+CHOSEN: dict[str, Any] = {"color": REFERENCE, "ls": "-", "lw": 1.0}
+DEFAULT: dict[str, Any] = {"color": REFERENCE, "ls": (0, (1.2, 1.2)), "lw": 1.2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuningOverParameter(OnePointFigure):
+    """Objective of every tuned method over its parameter, on the tuning runs and on the runs of the experiment.
+
+    Each value that was tried is a mark: a circle for the tuning runs, a square for the runs of the experiment, which
+    are left out with ``regret: false``.  Vertical lines show the tuned value and the default.  A method with several
+    parameters has a panel for each, in which the marks are not connected.  Values with which all runs are lost have no
+    mark.  A parameter with an offset is shown without it.
+
+    Parameters
+    ----------
+    height : height of the whole picture [in]; if not given 0.4 plus 1.35 for every panel
+    order : methods to show, from top to bottom; all tuned ones if not given
+    """
+
+    needs_runs: ClassVar[bool] = True
+
+    def check(self, layout: ResultLayout) -> Iterator[Issue]:
+        """Add to the common checks: a tuned method, and no more of them than fit."""
+        yield from super().check(layout)
+        shown = [name for name in layout.tuned if self.order is None or name in self.order]
+        if not shown:
+            way_out = "give one a range with `tune`" if not layout.tuned else f"tuned: {', '.join(layout.tuned)}"
+            yield Issue("order" if layout.tuned else "", f"shows tuned methods, and there is none: {way_out}")
+        yield from layout.require_at_most(MOST_METHODS, len(shown), "tuned methods", "order", "choose with `order`")
+
+    def draw(self, results: Trials) -> MplFigure:
+        """Draw a panel for every parameter; see `Figure.draw`."""
+        from matplotlib.figure import Figure as MplFigure
+
+        content = self._content(results)
+        with style():
+            figure = MplFigure(figsize=self.size(0.4 + PANEL * len(content.panels)), layout="constrained")
+            axes = stacked_panels(figure, len(content.panels), sharex=False)
+            for each, panel in zip(axes, content.panels, strict=True):
+                _draw(each, panel)
+            finish(figure, _legend(content.panels), content.title)
+        return figure
+
+    def caption(self, results: Trials) -> str:
+        """Say what marks and lines are, and name default and tuned value of every parameter; see `Figure.caption`."""
+        content = self._content(results)
+        search = content.panels[0].search
+        test = "" if search.test is None else f", squares on the {search.test.shape[1]} runs of the experiment"
+        protocol = search.protocol
+        return sentences(
+            f"Objective of every value that was tried ({protocol.statistic} of {protocol.metric}, lost runs cost a "
+            f"penalty): circles on the {search.tuning.shape[1]} tuning runs{test}",
+            "Solid vertical lines show the tuned value, dotted ones the default",
+            place(content.point, content.title),
+            *map(_values, content.panels),
+        )
+
+    def _content(self, results: Trials) -> TuningContent:
+        self.require(layout_of(results))
+        point, title = point_at(results, self.at)
+        found = (
+            {}
+            if point.tuning is None
+            else {each.method: each for each in point.tuning.searches if each.point == point.title}
+        )
+        shown = [found[name] for name in self.order or point.methods if name in found]
+        if not shown:
+            raise DesignError("no search of these methods is recorded at this point", "order")
+        styles = line_styles(point.all_methods, point.all_methods)
+        panels = [
+            Panel(each, number, styles[each.method].color) for each in shown for number in range(len(each.parameters))
+        ]
+        return TuningContent(point, title, panels)
+
+
+class Panel(NamedTuple):
+    """A parameter of a method."""
+
+    search: TuningSearch
+    number: int
+    """Of the parameter."""
+    color: str
+    """Of the method."""
+
+    @property
+    def parameter(self) -> TunedParameter:
+        """The parameter."""
+        return self.search.parameters[self.number]
+
+    @property
+    def places(self) -> Array:
+        """Values that were tried, without the offset."""
+        found: Array = self.search.candidates[:, self.number] - self.parameter.offset
+        return found
+
+    @property
+    def default(self) -> float | None:
+        """The default without the offset; None where it is no number, or outside of a logarithmic axis."""
+        value = self.search.default[self.number]
+        found = None if value is None else value - self.parameter.offset
+        return None if found is None or (self.parameter.scale == "log" and found <= 0) else found
+
+
+class TuningContent(NamedTuple):
+    """What the figure shows."""
+
+    point: Trials
+    title: str
+    panels: list[Panel]
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    """Draw both objectives, the tuned value and the default of a parameter."""
+    search, places = panel.search, panel.places
+    order = np.argsort(places, kind="stable")
+    tested = None if search.test_objectives is None else search.test_objectives[:-1]
+    drawn: list[Array] = []
+    for values, keys in ((search.objectives, TUNING), (tested, TEST)):
+        if values is None:
+            continue
+        use = order[np.isfinite(values[order])]
+        line = keys if len(search.parameters) == 1 else {**keys, "ls": ""}
+        axes.plot(places[use], values[use], color=panel.color, **line)
+        drawn.append(values[use])
+    axes.axvline(places[search.chosen], zorder=0.5, **CHOSEN)
+    if panel.default is not None:
+        axes.axvline(panel.default, zorder=0.5, **DEFAULT)
+    if panel.parameter.scale == "log":
+        axes.set_xscale("log")
+    every = np.concatenate(drawn)
+    if len(every) and every.min() > 0 and every.max() > WIDE * every.min():
+        make_logarithmic(axes)
+    else:
+        few_ticks(axes)
+    axes.set_xlabel(literal(f"{search.method}: {_name(panel.parameter)}"))
+    axes.set_ylabel(literal(search.protocol.metric))
+
+
+def _name(parameter: TunedParameter) -> str:
+    """Write the path of a parameter, and what is subtracted from it on the axis."""
+    return f"{parameter.path} - {parameter.offset:g}" if parameter.offset else parameter.path
+
+
+def _legend(panels: Sequence[Panel]) -> list[tuple[str, Any]]:
+    from matplotlib.lines import Line2D
+
+    entries = [("tuning runs", {**TUNING, "color": "black"})]
+    if any(panel.search.test is not None for panel in panels):
+        entries.append(("runs of the experiment", {**TEST, "color": "black"}))
+    entries.append(("tuned", CHOSEN))
+    entries += [("default", DEFAULT)] if any(panel.default is not None for panel in panels) else []
+    return [(typeset(text), Line2D([], [], **keys)) for text, keys in entries]
+
+
+def _values(panel: Panel) -> str:
+    default = panel.search.default[panel.number]
+    tuned = float(panel.search.candidates[panel.search.chosen, panel.number])
+    before = "" if default is None else f", default {default:.4g}"
+    end = ", an end of its range" if panel.search.at_end[panel.number] else ""
+    return f"{panel.search.method}: {panel.parameter.path} = {tuned:.4g}{end}{before}"
