@@ -11,8 +11,10 @@ from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sweep_point import digest
 from rmpc_bench.config.tuning_plan import TuningPlan, WantedSearch
 from rmpc_bench.config.tuning_round import Trial
+from rmpc_bench.execution.database import FILE as STORE
 from rmpc_bench.execution.database import WriteError
 from rmpc_bench.execution.progress import Progress, Silent
+from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.tuning.record import Found, add_seconds, read_record, write_record
 from rmpc_bench.execution.tuning.rounds import Means, Rounds, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
@@ -81,6 +83,7 @@ def tuned(
     untested = [each for key, each in once.items() if each in missing or (key in found and found[key].tested != tested)]
     untested = untested[::-1] if plan_of.regret else []
     if missing or untested:
+        _refuse_another(config, directory)
         found |= _searched(config, plan_of, directory, missing, untested, found, means or Means(), progress or Silent())
     try:
         if any(each.key in found for each in plan_of.searches):
@@ -89,6 +92,14 @@ def tuned(
     except OSError as error:
         raise WriteError(str(error)) from None
     return _with_values(config, found)
+
+
+def _refuse_another(config: ExperimentConfig, directory: Path) -> None:
+    """Refuse a directory with the trials of another experiment, before anything is computed."""
+    if (directory / STORE).exists():
+        with Store(directory, writable=False) as store:
+            if store.meta("experiment") is not None:
+                store.check(config.hash, config.shared, config.own.names())
 
 
 def _with_values(config: ExperimentConfig, found: Mapping[str, Found]) -> ExperimentConfig:
