@@ -139,7 +139,7 @@ def covariance_root(P: Float[Array, "runs n n"]) -> tuple[Float[Array, "runs n n
     ([[[2.0, 0.0], [0.0, 1.0]], [[2.0, 0.0], [0.0, 0.0]]], [False, True])
     """
     n, indefinite = P.shape[1], np.zeros(len(P), dtype=bool)
-    finite = np.isfinite(P).all(axis=(1, 2))
+    finite: Array = np.asarray(np.isfinite(P).all(axis=(1, 2)))
     sound = P if finite.all() else np.where(finite[:, None, None], P, np.eye(n))
     try:
         root = np.linalg.cholesky(sound)
@@ -147,7 +147,7 @@ def covariance_root(P: Float[Array, "runs n n"]) -> tuple[Float[Array, "runs n n
         root = np.empty_like(sound)
         for i, each in enumerate(sound):
             root[i], indefinite[i] = _root(each)
-    root[np.logical_not(finite)] = np.nan
+    root[~finite] = np.nan
     return root, indefinite
 
 
