@@ -87,16 +87,15 @@ def least_favourable(
     numpy.linalg.LinAlgError
         If S_yy is singular.
     """
-    nx = len(L)
-    S = worst_for_gain(G, radius, L)
-    bound = mean_square(S, L)
+    nx, nothing = len(L), _nothing(G)
+    S, bound = _worst(G, radius, L, nothing)
     for _ in range(_STEPS):
         L = best_gain(S, nx)
-        value = mean_square(S, L)
+        value = float(S[:nx, :nx].trace() - (L * S[:nx, nx:]).sum())
         if bound - value <= tolerance * value:
             return _result(S, L, bound - value)
-        new = worst_for_gain(G, radius, L)
-        bound = min(bound, mean_square(new, L))
+        new, error = _worst(G, radius, L, nothing)
+        bound = min(bound, error)
         S = symmetrise(S + step_length(S, new, nx) * (new - S))
     L = minimax_gain(G, radius, best_gain(S, nx))
     worst = worst_for_gain(G, radius, L)
@@ -149,6 +148,17 @@ def best_gain(S: Float[Array, "nz nz"], nx: int) -> Float[Array, "nx ny"]:
 
 def worst_for_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"]) -> Float[Array, "nz nz"]:
     """Return the S in the ball that maximises the mean square error of the gain L."""
+    return _worst(G, radius, L, _nothing(G))[0]
+
+
+def _nothing(G: Float[Array, "nz r"]) -> float:
+    return _NOTHING * float((G * G).sum())
+
+
+def _worst(
+    G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx ny"], nothing: float
+) -> tuple[Float[Array, "nz nz"], float]:
+    """Return the worst S for a gain and its mean square error; a component of Sigma up to `nothing` counts as 0."""
     nx, ny = L.shape
     d, V = np.linalg.eigh(np.eye(nx) + L.dot(L.T))
     U = np.empty((nx + ny, nx))
@@ -156,10 +166,12 @@ def worst_for_gain(G: Float[Array, "nz r"], radius: float, L: Float[Array, "nx n
     np.negative(L.T.dot(V), out=U[nx:])
     U /= np.sqrt(d)
     GU = U.T.dot(G)
-    weights, added = stretches(d.tolist(), (GU * GU).sum(axis=1).tolist(), radius, _NOTHING * float((G * G).sum()))
+    values, s = d.tolist(), (GU * GU).sum(axis=1).tolist()
+    weights, added = stretches(values, s, radius, nothing)
+    error = sum(a * ((1.0 + w) ** 2 * b + t) for a, w, b, t in zip(values, weights, s, added, strict=True))
     moved = G + (U * weights).dot(GU)
     S: Array = moved.dot(moved.T)
-    return S + (U * added).dot(U.T) if any(added) else S
+    return (S + (U * added).dot(U.T) if any(added) else S), error
 
 
 def stretches(d: list[float], s: list[float], radius: float, nothing: float) -> tuple[list[float], list[float]]:

@@ -29,11 +29,13 @@ from perf import (
     nonlinear_rows,
     outlier_rows,
     solvers,
+    wasserstein_rows,
 )
 from perf.row import measured
 
 ROWS = [*loops.ROWS, *solvers.ROWS, *gpc_rows.ROWS, *mpc_rows.ROWS, *horizon_rows.ROWS]
 ROWS += [*nonlinear_rows.ROWS, *outlier_rows.ROWS, *libraries.ROWS, *commands.ROWS]
+ROWS += wasserstein_rows.ROWS
 TARGET = Path(__file__).parents[2] / "results" / "perf"
 COMPARED = 50
 """Numbers of a side that are compared."""
