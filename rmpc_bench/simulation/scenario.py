@@ -52,6 +52,11 @@ class Draws(NamedTuple):
     alterations: tuple[Alteration, ...] = ()
     """What alters the measurements after v was added, in order."""
 
+    @property
+    def omits_measurements(self) -> bool:
+        """Whether a measurement may be missing."""
+        return any(law.omits_measurements for law, _ in self.alterations)
+
     def altered(self, k: int, y: Float[Array, "runs ny"]) -> Float[Array, "runs ny"]:
         """Return what is measured at k, as the laws that alter measurements leave it.
 

@@ -21,7 +21,7 @@ LINEAR = {
     "noise": NOISE,
     "initial": "{x: 1, x_hat: 0, P: 1}",
     "methods": "{KF: {estimator: {kind: kalman}}, RKF: {estimator: {kind: robust-kalman, c: 0.1}}}",
-    "metrics": "[estimation_mse, nis, innovation_mse]",
+    "metrics": "[estimation_mse, nis, innovation_mse, nees]",
     "runs": "7",
 }
 
@@ -96,9 +96,10 @@ def test_metrics_leave_missing_samples_out(experiment):
 
 
 @pytest.mark.parametrize("name", ["KF", "RKF"])
-def test_a_row_of_a_block_is_a_run_alone(experiment, name):
-    """Oracle: blocks of one run, bit for bit."""
-    made = experiment()
+@pytest.mark.parametrize("probability", ["30%", "2%"])
+def test_a_row_of_a_block_is_a_run_alone(experiment, name, probability):
+    """Oracle: blocks of one run, bit for bit, also of runs without any gap."""
+    made = experiment(noise=NOISE.replace("30%", probability))
     whole = simulate_block(made, made.method(name), range(7))
     for run in range(7):
         alone = simulate_block(made, made.method(name), range(run, run + 1))
