@@ -69,7 +69,7 @@ class Outcome(NamedTuple):
 
 
 def objectives(protocol: TuningProtocol, values: Array) -> Array:
-    """Return `TuningProtocol.objective` with `DIGITS` digits, quickly where no run is lost.
+    """Return `TuningProtocol.objective` with `DIGITS` digits, quickly for many sets of runs.
 
     Parameters
     ----------
@@ -80,15 +80,25 @@ def objectives(protocol: TuningProtocol, values: Array) -> Array:
     -------
     (...) objectives
     """
-    kept = np.isfinite(values).all(axis=-1)
+    kept, level = np.isfinite(values), level_of(protocol.statistic)
+    if level is None:
+        return rounded(_of_mean(protocol, values, kept), digits=DIGITS)
+    whole = kept.all(axis=-1)
     found = np.empty(values.shape[:-1])
-    if kept.any():
-        level = level_of(protocol.statistic)
-        whole = values[kept]
-        found[kept] = whole.mean(axis=-1) if level is None else np.quantile(whole, level, axis=-1)
-    if not kept.all():
-        found[~kept] = protocol.objective(values[~kept])
+    if whole.any():
+        found[whole] = np.quantile(values[whole], level, axis=-1)
+    if not whole.all():
+        found[~whole] = protocol.objective(values[~whole])
     return rounded(found, digits=DIGITS)
+
+
+def _of_mean(protocol: TuningProtocol, values: Array, kept: Array) -> Array:
+    """Return objectives that are means, with the penalty on lost runs."""
+    n = kept.sum(axis=-1)
+    mean = np.where(kept, values, 0.0).sum(axis=-1) / np.maximum(n, 1)
+    penalty = protocol.penalty * (1.0 - kept.mean(axis=-1)) * np.abs(mean)
+    found: Array = np.where(n > 0, mean + penalty, np.inf)
+    return found
 
 
 def outcome(search: TuningSearch) -> Outcome:
