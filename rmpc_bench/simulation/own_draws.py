@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rmpc_bench.simulation.scenario import Draws, Scenario
+from rmpc_bench.simulation.draws import Draws
+from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Plant
 
 _CONSTANTS = (str, bytes, bool, int, float, complex, np.generic, type(None))

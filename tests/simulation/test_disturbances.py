@@ -18,9 +18,9 @@ from rmpc_bench.plants.uncertain_linear import UncertainLinear
 from rmpc_bench.plants.uncertainty import Uncertainty
 from rmpc_bench.simulation.closed_loop import simulate
 from rmpc_bench.simulation.design_series import design_series
+from rmpc_bench.simulation.draws import Draws
 from rmpc_bench.simulation.linear_loop import compiled_loop
 from rmpc_bench.simulation.moments import Laws, exact_moments, signals
-from rmpc_bench.simulation.scenario import Draws
 from rmpc_bench.simulation.state_range import DIVERGED, OK, RunLimits, StateRange
 from rmpc_bench.types import Method
 
