@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import Map
+from rmpc_bench.config.tree import Map, split
 from rmpc_bench.config.tune_section import SMOKE_BUDGET
 from rmpc_bench.registry import unknown
 
@@ -58,6 +58,7 @@ def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | No
         first.note(["tune"], f"{message}, or leave this section out", key=True)
         return
     _check_search(first, names)
+    _check_sweep(first)
     if "runs" not in first.values["evaluate"]:
         first.note(["tune"], "nothing is computed run by run here; evaluate: [runs, ...]", key=True)
     if points[0] is not None:
@@ -71,6 +72,17 @@ def _check_search(draft: DraftConfig, names: Sequence[str]) -> None:
         if name in draft.tuned and len(draft.tuned[name].parameters) > 1:
             message = "`search: grid-golden` takes one parameter; nelder-mead, quasi-random and auto take more"
             draft.note(["methods", name, "tune"], message, key=True)
+
+
+def _check_sweep(draft: DraftConfig) -> None:
+    """Refuse a parameter that is both swept and tuned."""
+    swept = [split(path, draft.tree.mark) for path in draft.coordinates]
+    for name, tuned in draft.tuned.items():
+        for parameter in tuned.parameters:
+            steps = ["methods", name, *split(parameter.path, draft.tree.mark)]
+            if any(path[: len(steps)] == steps for path in swept):
+                message = "is swept, so tuning has nothing to choose; leave out one of the two"
+                draft.note(["methods", name, "tune", parameter.path], message, key=True)
 
 
 def _check_metric(draft: DraftConfig, point: SweepPoint) -> None:

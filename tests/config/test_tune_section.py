@@ -1,8 +1,11 @@
 """The section `tune` and the ranges of methods: what is refused, with its place, and what is read."""
 
+import numpy as np
 import pytest
+import recorded_runs
 from tuned_experiment import KEYS, write
 
+import rmpc_bench
 from rmpc_bench import load_config
 from rmpc_bench.config.tuning_plan import tuning_seed
 from rmpc_bench.types import ConfigError
@@ -171,3 +174,36 @@ def test_overrides_of_tuning_get_a_directory_of_their_own(tmp_path):
 def test_the_tuning_seed_has_63_bits():
     seeds = [tuning_seed(seed, number) for seed in (0, 1, 2**63 - 1) for number in (0, 1, 2**32 - 1)]
     assert len({*seeds}) == len(seeds) and all(0 <= seed < 2**63 for seed in seeds)
+
+
+def test_a_swept_value_is_not_tuned(tmp_path):
+    """A swept component around it is: each of its points is tuned."""
+    with pytest.raises(ConfigError, match=r'methods.KFR.tune."model.P_v": is swept, so tuning has nothing to choose'):
+        load_config(write(tmp_path, sweep="{grid: {methods.KFR.model.P_v: [1, 2]}}"))
+    config = load_config(write(tmp_path, sweep="{grid: {methods.KFR.model.P_w: [1, 2]}}"))
+    assert len({each.key for each in config.tuning.searches}) == 2
+
+
+def test_the_opponent_of_an_adversary_is_not_tuned(tmp_path):
+    """Its choice would change the plant of all methods; the others are tuned against the same uncertainty."""
+    plant = "{kind: uncertain-linear, A: 0.9, B: 1, C: 1, Bw: 1, Dv: 1, H_A: 0.1, G_x: 1, uncertainty: %s}"
+    against = [plant % f"{{law: greedy, against: {name}}}" for name in ("KFR", "KF")]
+    with pytest.raises(ConfigError, match="methods.KFR.tune: the uncertainty of the plant is chosen against this"):
+        load_config(write(tmp_path, plant=against[0]))
+    results = rmpc_bench.run(load_config(write(tmp_path, plant=against[1])), directory=tmp_path / "out", jobs=1)
+    assert np.isfinite(results.tuning.search("KFR").test).all()
+
+
+def test_recorded_runs_are_not_tuned_on(tmp_path):
+    """They would be the runs of the experiment."""
+    recorded_runs.record(tmp_path)
+    methods = "{KF: {estimator: {kind: kalman}, tune: {model.P_v: [0.01, 1]}}}"
+    path = recorded_runs.write(tmp_path, methods=methods, more="tune: {}")
+    with pytest.raises(ConfigError, match="tune: a recorded plant has the same runs for tuning"):
+        load_config(path)
+
+
+@pytest.mark.parametrize(("metric", "why"), [("inside", "a larger inside is better"), ("nees", "nees is best at 1")])
+def test_a_metric_of_which_less_is_not_better_is_refused(tmp_path, metric, why):
+    with pytest.raises(ConfigError, match=rf"tune.metric: tuning makes a metric small, and {why}"):
+        load_config(write(tmp_path, metrics=f"[estimation_mse, {metric}]", tune=f"{{metric: {metric}}}"))

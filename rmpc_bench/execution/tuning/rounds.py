@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.analysis.pairs import distance_from_best
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.tuning_round import Round, RoundBuilder, Trial
 from rmpc_bench.execution.block_lengths import BlockLengths
@@ -127,8 +126,6 @@ class Rounds:
         values = np.full(n_runs, np.nan)
         values[runs] = store.values(key, point.metric_keys[metric], runs)
         values[runs[status != Status.OK]] = np.nan
-        direction = next(info.direction for info in point.experiment.metric_infos if info.name == metric)
-        values = distance_from_best(values, direction)
         return rounded(np.where(np.isfinite(values), values, np.nan))
 
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import small_experiment
 from small_experiment import spied
 from tuned_experiment import KEYS, STD, record, run, write
 
@@ -287,3 +288,19 @@ def test_equal_methods_share_a_search(tmp_path, monkeypatch):
     results = rmpc_bench.run(load_config(path), directory=tmp_path / "out", jobs=1)
     assert sum(len(runs) for name, runs in blocks if "~" in name) == 6
     assert results.tuning.search("A").values == results.tuning.search("B").values
+
+
+def test_engines_and_blocks_of_a_servomechanism(tmp_path):
+    """A closed loop, whose controller and estimator are tuned, with a rule that ends the experiment."""
+    path = small_experiment.write(
+        tmp_path,
+        methods="{S-MPC: {estimator: {kind: kalman}, tune: {controller.R: [0.01, 10]}}, "
+        "R-MPC: {estimator: {kind: robust-kalman, c: 0.1}, tune: {estimator.c: [0.001, 1]}}}",
+        tune="{budget: 4, runs: 3}",
+        stop="{max_runs: 12, resolve: 50%}",
+    )
+    run(path, tmp_path / "out", "-j", 1)
+    run(path, tmp_path / "other", "--engine", "serial", "-s", "execution.block=2")
+    assert record(tmp_path / "out") == record(tmp_path / "other")
+    # The regret is computed at the first look, as the number of runs is not known before.
+    assert all(each.test.shape == (5, 6) for each in load_results(tmp_path / "out").tuning.searches)
