@@ -175,6 +175,7 @@ def _sets(searches: Sequence[TuningSearch]) -> list[Array]:
         n = search.tuning.shape[1]
         if n not in drawn:
             # The same runs for all methods: differences between methods are paired.
-            drawn[n] = np.random.Generator(np.random.PCG64(SEED)).integers(0, n, (SETS, n))
+            rng = np.random.Generator(np.random.PCG64(SEED))
+            drawn[n] = rng.integers(0, n, (SETS, n))
         found.append(objectives(search.protocol, search.tuning[:, drawn[n]]))
     return found
