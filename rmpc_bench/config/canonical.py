@@ -187,7 +187,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "reference": draft.reference.resolved() if draft.reference else {},
         **({"input": draft.input.resolved()} if draft.input else {}),
         "methods": methods,
-        **({} if values["tune"] is None else {"tune": plain_data(replace(values["tune"], values=[]))}),
+        **_tune(draft),
         "metrics": _metrics(draft, experiment, smoke=smoke),
         "statistics": plain_data(values["statistics"]),
         "evaluate": values["evaluate"],
@@ -199,6 +199,14 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "execution": plain_data(values["execution"]),
         "smoke": plain_data(values["smoke"]),
     }
+
+
+def _tune(draft: DraftConfig) -> dict[str, Any]:
+    """Return the section `tune` without the values that were chosen; where it says so, nothing is tuned."""
+    tune = draft.values["tune"]
+    if tune is None:
+        return {"tune": None} if draft.tuned else {}
+    return {"tune": plain_data(replace(tune, values=[]))}
 
 
 def _true_start(draft: DraftConfig, experiment: Experiment) -> dict[str, Any]:

@@ -333,7 +333,7 @@ SECTIONS: dict[str, Section] = {
         TuneKeys | None,
         None,
         "How the parameters under `tune` of the methods are chosen: on other runs than those of the experiment, with "
-        "the same budget for each method.",
+        "the same budget for each method. With `tune: null` nothing is tuned.",
     ),
     "sweep": Section(
         dict[str, Any],

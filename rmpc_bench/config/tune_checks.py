@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.sweep_point import SweepPoint
-from rmpc_bench.config.tree import Map, split
+from rmpc_bench.config.tree import Map, locate_key, split
 from rmpc_bench.config.tune_section import SMOKE_BUDGET
 from rmpc_bench.registry import unknown
+from rmpc_bench.types import Problem
 
 BEST_AT = {"zero": 0, "one": 1}
 """Direction of a metric that has its best value inside of its range -> this value."""
@@ -36,26 +37,25 @@ def metric_of_tuning(draft: DraftConfig) -> str:
 
 
 def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | None]) -> None:
-    """Refuse a section without a method to tune, ranges without a section, and what cannot be tuned.
+    """Refuse ranges without a section and what cannot be tuned; warn of a section without a method to tune.
 
     Parameters
     ----------
-    drafts : the sections of every point; errors are added to those of the first
+    drafts : the sections of every point; errors and warnings are added to those of the first
     points : the designs of every point; None where one could not be made
     """
     first = drafts[0]
     names = [name for name, own in (first.values["methods"] or {}).items() if isinstance(own, Map) and own.get("tune")]
-    if "tune" in first.tree and first.tree["tune"] is None:
-        names = []
-    elif first.values["tune"] is None:
-        if "tune" not in first.tree:
-            for name in names:
-                message = "needs the section `tune` at the top, such as `tune: {budget: 16, runs: 40}`, or `tune: {}`"
-                first.note(["methods", name, "tune"], message, key=True)
+    if first.values["tune"] is None:
+        # `tune: null` says that nothing is tuned; a section with an error has been reported.
+        for name in names if "tune" not in first.tree else ():
+            message = "needs the section `tune` at the top, such as `tune: {budget: 16, runs: 40}`, or `tune: {}`"
+            first.note(["methods", name, "tune"], f"{message}; `tune: null` tunes nothing", key=True)
         return
-    elif not names:
-        message = "no method has the key `tune`; give one, such as `tune: {estimator.radius: [0.01, 10]}`"
-        first.note(["tune"], f"{message}, or leave this section out", key=True)
+    if not names:
+        # The command line may add such a method, also an earlier one.
+        message = "no method has the key `tune`, such as `tune: {estimator.radius: [0.01, 10]}`; nothing is tuned"
+        first.warnings.append(Problem(*locate_key(first.tree, ["tune"]), "tune", message))
         return
     _check_search(first, names)
     _check_sweep(first)

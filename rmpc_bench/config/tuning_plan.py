@@ -122,7 +122,7 @@ def tuning_seed(seed: int, number: int) -> int:
 
 
 def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> TuningPlan | None:
-    """Return what there is to tune in a valid configuration; None without the section `tune`.
+    """Return what there is to tune in a valid configuration; None where no method is tuned.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def tuning_plan(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint]) -> 
     points : their designs
     """
     tune = drafts[0].values["tune"]
-    if tune is None:
+    if tune is None or not drafts[0].tuned:
         return None
     protocol = tune.protocol(metric_of_tuning(drafts[0]))
     seeds = [tuning_seed(draft.values["seed"], protocol.seed) for draft in drafts]
@@ -172,5 +172,5 @@ def parameter_words(draft: DraftConfig) -> dict[str, str]:
     """
     tune, usual = draft.values["tune"], usual_parameters(draft.values["paper"])
     words = {name: draft.sources.get(name, usual) for name in draft.methods}
-    tuned = "" if tune is None else tune.protocol("").words
-    return {name: tuned if name in draft.tuned else word for name, word in words.items()}
+    tuned = {} if tune is None else dict.fromkeys(draft.tuned, tune.protocol("").words)
+    return {**words, **tuned}

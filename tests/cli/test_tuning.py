@@ -116,6 +116,16 @@ def test_an_added_method_is_tuned_alone(tmp_path, monkeypatch):
     assert [each.method for each in load_results(tmp_path / "out").tuning.searches] == ["KFR", "RKF"]
 
 
+def test_only_an_added_method_is_tuned(tmp_path, monkeypatch):
+    """The section is there for it, and a later command without the option finds it in the directory."""
+    path = write(tmp_path, methods="{KF: {estimator: {kind: kalman}}}")
+    run(path, tmp_path / "out", "-j", 1, "--add-method", RKF)
+    blocks = spied(monkeypatch)
+    run(path, tmp_path / "out", "-j", 1)
+    assert not blocks
+    assert [each.method for each in load_results(tmp_path / "out").tuning.searches] == ["RKF"]
+
+
 def test_smoke_tunes_with_three_values(tmp_path, monkeypatch):
     path = write(tmp_path)
     blocks = spied(monkeypatch)

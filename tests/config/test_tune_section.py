@@ -7,7 +7,9 @@ from tuned_experiment import KEYS, write
 
 import rmpc_bench
 from rmpc_bench import load_config
+from rmpc_bench.config.tree import plain
 from rmpc_bench.config.tuning_plan import tuning_seed
+from rmpc_bench.config.writer import dump
 from rmpc_bench.types import ConfigError
 
 
@@ -79,9 +81,22 @@ def test_a_range_needs_the_section(tmp_path):
         load_config(write(tmp_path, tune=None))
 
 
-def test_the_section_needs_a_range(tmp_path):
-    with pytest.raises(ConfigError, match="tune: no method has the key `tune`"):
-        load_config(write(tmp_path, methods="{KF: {estimator: {kind: kalman}}}"))
+def test_null_tunes_nothing(tmp_path):
+    """The values of the file are used, also by the resolved configuration."""
+    path = write(tmp_path)
+    config = load_config(path, overrides=["tune=null"])
+    assert config.tuning is None and config.parameters["KFR"] == "default"
+    assert config.methods["KFR"]["model"]["P_v"] == 1.0
+    (tmp_path / "resolved.yaml").write_text(dump(plain(config.resolved)), encoding="utf-8")
+    assert load_config(tmp_path / "resolved.yaml").resolved == config.resolved
+
+
+def test_the_section_without_a_range_is_a_warning(tmp_path):
+    """The command line may add a method with one."""
+    config = load_config(write(tmp_path, methods="{KF: {estimator: {kind: kalman}}}"))
+    assert [each.path for each in config.warnings] == ["tune"] and config.tuning is None
+    assert "no method has the key `tune`" in config.warnings[0].message
+    assert load_config(write(tmp_path)).warnings == ()
 
 
 def test_what_cannot_be_tuned_is_refused(tmp_path):
