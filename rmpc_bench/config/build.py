@@ -245,7 +245,8 @@ def build(
     smoke : whether windows of metrics are cut where a run is too short for them
     cache, calls : designs and first calls of earlier points, to share; none unless given
     """
-    cache, calls = cache or DesignCache(), calls or FirstCalls()
+    cache = DesignCache() if cache is None else cache
+    calls = FirstCalls() if calls is None else calls
     points: list[SweepPoint | None] = []
     with single_thread():
         for draft in drafts:

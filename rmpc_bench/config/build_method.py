@@ -22,6 +22,10 @@ class DesignCache:
     def __init__(self) -> None:
         self._designs: dict[str, Any] = {}
 
+    def __len__(self) -> int:
+        """Return the number of designs."""
+        return len(self._designs)
+
     def get(self, description: Any, make: Callable[[], Any]) -> Any:
         """Return a design, made only once.
 

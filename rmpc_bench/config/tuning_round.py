@@ -23,6 +23,8 @@ from rmpc_bench.types import ConfigError
 
 SEPARATOR = "~"
 """Between the name of a method and the number of a value."""
+MOST_DESIGNS = 1000
+"""Designs that are kept from one round to the next; some are large."""
 _WITHOUT = ("claims", "statistics", "stop", "report", "record", "tune", "evaluate")
 """Sections that the runs of tuning do without."""
 
@@ -77,6 +79,8 @@ class RoundBuilder:
         ConfigError
             If something else than the design of a value that is tried is wrong.
         """
+        if len(self._cache) > MOST_DESIGNS:
+            self._cache = DesignCache()
         numbers = sorted({trial.search.number for trial in trials})
         points, places, own = list[SweepPoint](), dict[Trial, int](), OwnCode(self._origin.access)
         for number in numbers:

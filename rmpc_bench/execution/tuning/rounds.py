@@ -24,6 +24,8 @@ from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.tuning.record import FOLDER
 from rmpc_bench.types import Array, Status
 
+MOST_TRIALS = 500
+"""Values that are computed together: their designs are in memory, and every worker process has a copy."""
 DIGITS = 6
 """Significant digits of a metric: the objectives, and so the choice, do not depend on the last bits of a CPU."""
 
@@ -71,6 +73,13 @@ class Rounds:
         StoreError, WriteError
             As `rmpc_bench.execution.runner.compute`.
         """
+        found: dict[Trial, Array] = {}
+        ordered = sorted(trials, key=lambda trial: trial.search.number)
+        for first in range(0, len(ordered), MOST_TRIALS):
+            found |= self._values(ordered[first : first + MOST_TRIALS], tested=tested)
+        return found
+
+    def _values(self, trials: Sequence[Trial], *, tested: bool) -> dict[Trial, Array]:
         made = self._builder.build(trials, tested=tested)
         n_runs = self._plan.test_runs if tested else self._plan.protocol.runs
         lost = [trial for trial in trials if trial not in made.places]

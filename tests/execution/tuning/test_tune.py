@@ -304,3 +304,11 @@ def test_engines_and_blocks_of_a_servomechanism(tmp_path):
     assert record(tmp_path / "out") == record(tmp_path / "other")
     # The regret is computed at the first look, as the number of runs is not known before.
     assert all(each.test.shape == (5, 6) for each in load_results(tmp_path / "out").tuning.searches)
+
+
+def test_a_large_round_is_computed_in_parts(finished, tmp_path, monkeypatch):
+    """With the same bytes: neither the parts nor the designs that are kept decide anything."""
+    monkeypatch.setattr("rmpc_bench.execution.tuning.rounds.MOST_TRIALS", 4)
+    monkeypatch.setattr("rmpc_bench.config.tuning_round.MOST_DESIGNS", 2)
+    run(finished[0], tmp_path / "out", "-j", 1)
+    assert record(tmp_path / "out") == record(finished[1])
