@@ -109,7 +109,20 @@ class Recursion:
         return Period(kalman.L, kalman.K, margin, largest, P_next)
 
     def theta_max(self) -> float:
-        """Return the largest theta, to eight digits, for which all conditions hold; infinite if there is no bound."""
+        """Return the largest theta, to eight digits, for which all conditions hold; infinite if there is no bound.
+
+        Designs with other fractions of it share it, as it takes most of the time of a design.
+        """
+        return _bound(self._content, self) if all(each is self.models[0] for each in self.models) else self._theta_max()
+
+    @property
+    def _content(self) -> tuple[object, ...]:
+        """What determines the recursion of a constant model."""
+        now = self.models[0]
+        arrays = (now.A, now.C, now.Q_w, now.R_v, self.P0, self.weight)
+        return (*((each.shape, each.tobytes()) for each in arrays), self.form, self.use_y0, len(self.models))
+
+    def _theta_max(self) -> float:
         largest = max(each.largest for each in self.run(0.0)[0])
         if largest <= 0.0:
             return np.inf
@@ -119,6 +132,19 @@ class Recursion:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.run(middle)[0][-1].margin > 0.0 else (low, middle)
         return low
+
+
+_bounds: dict[tuple[object, ...], float] = {}
+_MOST_BOUNDS = 256
+
+
+def _bound(content: tuple[object, ...], recursion: Recursion) -> float:
+    """Return theta_max of a recursion, computed once for equal ones."""
+    if content not in _bounds:
+        while len(_bounds) >= _MOST_BOUNDS:
+            _bounds.pop(next(iter(_bounds)))
+        _bounds[content] = recursion._theta_max()
+    return _bounds[content]
 
 
 def _is_steady(P_pred: Sequence[Array]) -> bool:
