@@ -33,6 +33,7 @@ _PUBLIC: dict[str, str] = {
     "compare": "rmpc_bench.execution.evaluation",
     "drivers": "rmpc_bench.execution.evaluation",
     "requirements": "rmpc_bench.execution.evaluation",
+    "ranks": "rmpc_bench.execution.evaluation",
     "compare_results": "rmpc_bench.execution.two_results",
     "compare_improvements": "rmpc_bench.execution.two_results",
     "judge": "rmpc_bench.execution.evaluation",

@@ -45,7 +45,7 @@ FOLDER = "configs/suite/"
 @own_code.allow_code_option
 @own_code.import_option
 @click.pass_context
-def suite(context: click.Context, names: tuple[str, ...], output: Path | None, **options: Any) -> None:
+def suite(context: click.Context, /, names: tuple[str, ...], output: Path | None, **options: Any) -> None:
     """Run the sets of the suite, or continue them, and show the ranks of the methods.
 
     A set is a configuration in configs/suite, such as suite-1: estimators on published uncertain systems, tuned alike.

@@ -111,7 +111,19 @@ class RanksTable:
                 f"smallest, largest, better/worse: of the {self.found.n_values} values of {self.found.longest}; better "
                 f"and worse by simultaneous intervals at {level}"
             )
-        return [*texts, *parameter_legend(self.trials), *filter(None, [self.rest])]
+        return [*texts, *parameter_legend(self.trials), *filter(None, [self._cost, self.rest])]
+
+    @property
+    def _cost(self) -> str:
+        """Say what tuning has cost; empty where nothing is tuned."""
+        tuning = self.trials.tuning
+        if tuning is None or not tuning.searches:
+            return ""
+        # Equal methods and points share a search.
+        searches = {each.key or (each.point, each.method): each for each in tuning.searches}.values()
+        seconds = sum(each.seconds for each in searches)
+        time = f", {seconds:.0f} s" if seconds >= 0.5 else ""
+        return f"tuning: {sum(each.tuning.size for each in searches):,} trials on other runs{time}"
 
     @property
     def sentences(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ import pytest
 from small_experiment import cli, text
 
 SWEEP = (
-    "{grid: {noise: {believed: {measurement: {gaussian: {std: 0.01}}}, more: {measurement: {gaussian: {std: 0.1}}}}}}"
+    "{grid: {noise: {modelled: {measurement: {gaussian: {std: 0.01}}}, more: {measurement: {gaussian: {std: 0.1}}}}}}"
 )
 FILTER = '''
 """A Kalman filter with another measurement noise."""

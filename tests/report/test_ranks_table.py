@@ -15,7 +15,7 @@ from rmpc_bench.report.ranks_table import ranks_table
 from rmpc_bench.types import ConfigError
 
 SYSTEMS = [f"s{number}" for number in range(8)]
-WORLDS = ["believed", "biased"]
+WORLDS = ["modelled", "biased"]
 SHIFTS = {"good": -0.5, "same": 0.0, "KF": 0.0, "bad": 0.7}
 
 
@@ -77,7 +77,7 @@ def test_a_rank_is_never_a_number_alone(sweep):
     assert table.sentences[0].startswith("good: rank 1 to 1 of 4, ratio to KF 0.4")
     lines = table.to_screen().splitlines()
     assert lines[0].split()[:3] == ["method", "rank", "n/n_failed"] and lines[1].startswith("good")
-    assert [*table.columns][3:6] == ["ratio to KF", "believed", "biased"]
+    assert [*table.columns][3:6] == ["ratio to KF", "modelled", "biased"]
     assert "| method" in table.to_markdown() and str(table) == "\n".join(table.sentences)
 
 
