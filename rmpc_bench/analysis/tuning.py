@@ -1,4 +1,4 @@
-"""What tuning has gained: objectives of the default, the tuned and the best value, regret, and shares of lost runs.
+"""What tuning has gained: objectives of the default, the tuned and the best value, regret, and shares of failed runs.
 
 Regret  How much worse the tuned value is on the runs of the experiment than the best value that was tried, the default
         included.  It is what a search with only these values loses because it sees other runs.
@@ -21,8 +21,8 @@ DIGITS = 9
 """Significant digits with which objectives are compared."""
 COLUMNS = (
     *("point", "method", "parameter", "low", "high", "default", "tuned", "best_on_test", "end_of_range"),
-    *("n_values", "n_runs", "objective", "lost_pct", "test_default", "test_tuned", "test_best"),
-    *("test_lost_default_pct", "test_lost_pct", "regret_pct"),
+    *("n_values", "n_runs", "objective", "failed_pct", "test_default", "test_tuned", "test_best"),
+    *("test_failed_default_pct", "test_failed_pct", "regret_pct"),
 )
 """Columns of the table of tuned parameters."""
 
@@ -30,27 +30,27 @@ COLUMNS = (
 class Outcome(NamedTuple):
     """What a search has found.
 
-    Objectives are infinite where all runs are lost, and NaN without runs on the experiment's own random numbers.
+    Objectives are infinite where all runs have failed, and NaN without runs on the experiment's own random numbers.
     """
 
     search: TuningSearch
     objective: float
     """Of the tuned value on the tuning runs."""
-    lost: float
-    """Share of the tuning runs that the tuned value has lost."""
+    failed: float
+    """Share of the tuning runs that have failed with the tuned value."""
     test_default: float
     test_tuned: float
     test_best: float
     """Objectives on the runs of the experiment: of the default, the tuned value, and the best one of all."""
     best: int
     """Index of the best candidate; the number of candidates for the default, -1 where it is not known."""
-    test_lost_default: float
-    test_lost: float
-    """Shares of the runs of the experiment that the default and the tuned value have lost."""
+    test_failed_default: float
+    test_failed: float
+    """Shares of the runs of the experiment that have failed with the default and with the tuned value."""
 
     @property
     def regret(self) -> float:
-        """Regret in per cent of the best objective; NaN where it is not known, infinite if all runs are lost."""
+        """Regret in per cent of the best objective; NaN where it is not known, infinite if all runs have failed."""
         if not math.isfinite(self.test_best):
             return math.nan
         gap = self.test_tuned - self.test_best
@@ -74,7 +74,7 @@ def objectives(protocol: TuningProtocol, values: Array) -> Array:
     Parameters
     ----------
     protocol : statistic and penalty
-    values : (..., runs) metric of every run; NaN or infinite where the run is lost
+    values : (..., runs) metric of every run; NaN or infinite where the run has failed
 
     Returns
     -------
@@ -93,7 +93,7 @@ def objectives(protocol: TuningProtocol, values: Array) -> Array:
 
 
 def _of_mean(protocol: TuningProtocol, values: Array, kept: Array) -> Array:
-    """Return objectives that are means, with the penalty on lost runs."""
+    """Return objectives that are means, with the penalty on failed runs."""
     n = kept.sum(axis=-1)
     mean = np.where(kept, values, 0.0).sum(axis=-1) / np.maximum(n, 1)
     penalty = protocol.penalty * (1.0 - kept.mean(axis=-1)) * np.abs(mean)
@@ -109,7 +109,7 @@ def outcome(search: TuningSearch) -> Outcome:
     search : the record of the search of a method at a point
     """
     tuned = search.tuning[search.chosen]
-    known = float(objectives(search.protocol, tuned)), _lost(tuned)
+    known = float(objectives(search.protocol, tuned)), _failed(tuned)
     if search.test is None:
         return Outcome(search, *known, math.nan, math.nan, math.nan, -1, math.nan, math.nan)
     found, default = objectives(search.protocol, search.test), search.test[-1]
@@ -117,7 +117,7 @@ def outcome(search: TuningSearch) -> Outcome:
     # The tuned value is named where several are equally good.
     best = search.chosen if found[search.chosen] == found[best] else best
     tests = (float(found[-1]), float(found[search.chosen]), float(found[best]))
-    return Outcome(search, *known, *tests, best, _lost(default), _lost(search.test[search.chosen]))
+    return Outcome(search, *known, *tests, best, _failed(default), _failed(search.test[search.chosen]))
 
 
 def tuning_frame(tuning: Tuning) -> pd.DataFrame:
@@ -141,12 +141,12 @@ def _rows(found: Outcome) -> list[dict[str, object]]:
         "n_values": len(search.candidates),
         "n_runs": search.tuning.shape[1],
         "objective": found.objective,
-        "lost_pct": 100 * found.lost,
+        "failed_pct": 100 * found.failed,
         "test_default": found.test_default,
         "test_tuned": found.test_tuned,
         "test_best": found.test_best,
-        "test_lost_default_pct": 100 * found.test_lost_default,
-        "test_lost_pct": 100 * found.test_lost,
+        "test_failed_default_pct": 100 * found.test_failed_default,
+        "test_failed_pct": 100 * found.test_failed,
         "regret_pct": found.regret,
     }
     return [
@@ -165,5 +165,5 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def _lost(values: Array) -> float:
+def _failed(values: Array) -> float:
     return float(1.0 - np.isfinite(values).mean()) if values.size else math.nan

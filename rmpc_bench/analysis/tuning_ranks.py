@@ -99,7 +99,7 @@ def tuning_ranks(
     ----------
     protocol : the same for all methods
     searches : of the tuned methods at the point
-    others : method that is not tuned -> its metric in the runs of the experiment, (runs,); NaN where the run is lost
+    others : method that is not tuned -> its metric in the runs of the experiment, (runs,); NaN where the run has failed
     order : names of the methods in the order of the experiment; tuned ones first if empty
 
     Returns

@@ -43,7 +43,7 @@ class TuneKeys:
     runs : number of runs for each value
     metric : name of the metric; the primary one if not given
     statistic : mean, median or a quantile such as `quantile 90%` over the finished tuning runs
-    penalty : weight of lost runs: the objective is the statistic times 1 + penalty x share of lost runs
+    penalty : weight of failed runs: the objective is the statistic times 1 + penalty x share of failed runs
     seed : number of the tuning stream; another one gives other tuning runs
     search : `grid-golden` is a grid, then golden section, for one parameter; `nelder-mead` is a quasi-random half of
         the budget, then the simplex of Nelder and Mead; `quasi-random` spends all on such points; `auto` is the first

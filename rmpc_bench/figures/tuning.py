@@ -45,8 +45,8 @@ class TuningOverParameter(OnePointFigure):
 
     Each value that was tried is a mark: a circle for the tuning runs, a square for the runs of the experiment, which
     are left out with ``regret: false``.  Vertical lines show the tuned value and the default.  A method with several
-    parameters has a panel for each, in which the marks are not connected.  Values with which all runs are lost have no
-    mark.  A parameter with an offset is shown without it.
+    parameters has a panel for each, in which the marks are not connected.  Values with which all runs have failed
+    have no mark.  A parameter with an offset is shown without it.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class TuningOverParameter(OnePointFigure):
         test = "" if search.test is None else f", squares on the {search.test.shape[1]} runs of the experiment"
         protocol = search.protocol
         return sentences(
-            f"Objective of every value that was tried ({protocol.statistic} of {protocol.metric}, lost runs cost a "
+            f"Objective of every value that was tried ({protocol.statistic} of {protocol.metric}, failed runs cost a "
             f"penalty): circles on the {search.tuning.shape[1]} tuning runs{test}",
             "Solid vertical lines show the tuned value, dotted ones the default",
             place(content.point, content.title),

@@ -32,7 +32,7 @@ def percent(value: float) -> str:
 
 def objective_text(protocol: TuningProtocol) -> str:
     """Say what the search makes small."""
-    penalty = f" x (1 + {protocol.penalty:g} x share of lost runs)" if protocol.penalty else ""
+    penalty = f" x (1 + {protocol.penalty:g} x share of failed runs)" if protocol.penalty else ""
     return f"{protocol.statistic} of {protocol.metric} over the finished runs{penalty}"
 
 
@@ -86,8 +86,8 @@ def _cells(found: Outcome, place: int) -> dict[str, str]:
         "test: tuned": number(found.test_tuned),
         "test: best": number(found.test_best),
         "regret": percent(found.regret),
-        "tuning: lost": percent(100 * found.lost),
-        "test: lost": percent(100 * found.test_lost),
+        "tuning: failed": percent(100 * found.failed),
+        "test: failed": percent(100 * found.test_failed),
     }
 
 

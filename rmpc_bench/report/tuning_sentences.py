@@ -10,9 +10,9 @@ from rmpc_bench.analysis.tuning_ranks import SETS, TuningRanks
 from rmpc_bench.report.tuning_cells import number, percent, rank_text, value_text
 
 EXPLANATION = (
-    "Columns of objectives and of the share of lost runs: tuning is on the runs of the search, test on those of the "
+    "Columns of objectives and of the share of failed runs: tuning is on the runs of the search, test on those of the "
     "experiment. "
-    "A run is lost if it fails or its metric is not finite. Best: the smallest objective on the test runs among all "
+    "A run whose metric is not finite counts as failed. Best: the smallest objective on the test runs among all "
     "values that were tried and the default. Regret: by how much the tuned value is worse than the best one. "
     "Rank: order of the objectives on the test runs; equal methods share a rank. In brackets: smallest and largest "
     f"rank over {SETS} bootstrap sets of the tuning runs, in each of which every method chooses again among the values "
@@ -28,9 +28,9 @@ def search_sentence(found: Outcome) -> str:
         return f"{text}."
     parts = [f"objective {number(found.test_tuned)} on the test runs, {number(found.test_default)} with the default"]
     parts += [] if math.isnan(found.regret) else [f"regret {percent(found.regret)}"]
-    lost = max(found.lost, found.test_lost)
-    shares = f"lost runs: {percent(100 * found.lost)} in tuning, {percent(100 * found.test_lost)} in the test"
-    return f"{text}: {', '.join(parts)}{f'; {shares}' if lost > 0 else ''}."
+    failed = max(found.failed, found.test_failed)
+    shares = f"failed runs: {percent(100 * found.failed)} in tuning, {percent(100 * found.test_failed)} in the test"
+    return f"{text}: {', '.join(parts)}{f'; {shares}' if failed > 0 else ''}."
 
 
 def end_sentences(found: Outcome) -> Iterator[str]:

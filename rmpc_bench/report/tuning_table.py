@@ -22,7 +22,14 @@ MOST_POINTS = 6
 """Points of a sweep that tables/tuning.md and the page show; tuning.csv has all."""
 MOST_NAMED = 8
 """Methods that the screen shows one by one."""
-_SHARES = ["lost_pct", "test_lost_default_pct", "test_lost_pct", "regret_pct", "same_order_pct", "same_winner_pct"]
+_SHARES = [
+    "failed_pct",
+    "test_failed_default_pct",
+    "test_failed_pct",
+    "regret_pct",
+    "same_order_pct",
+    "same_winner_pct",
+]
 _NUMBERS = ["default", "best_on_test", "objective", "test_default", "test_tuned", "test_best"]
 _RANKS = ["rank", "rank_smallest", "rank_largest"]
 

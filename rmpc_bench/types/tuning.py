@@ -28,7 +28,7 @@ class TuningProtocol:
     runs : number of runs for each value; their random numbers are never those of the experiment
     metric : name of the metric
     statistic : ``mean``, ``median`` or a quantile such as ``quantile 90%`` over the tuning runs
-    penalty : weight of the share of lost runs
+    penalty : weight of the share of failed runs
     seed : number of the tuning stream
     search : ``auto``, ``grid-golden``, ``nelder-mead`` or ``quasi-random``
     """
@@ -47,17 +47,17 @@ class TuningProtocol:
         return f"tuned (budget {self.budget}, {self.runs} runs)"
 
     def objective(self, values: Float[Array, "... runs"]) -> Float[Array, ...]:
-        """Return what the search minimises: the statistic of the finished runs with a penalty on lost ones.
+        """Return what the search minimises: the statistic of the finished runs with a penalty on failed ones.
 
-        The objective is s + penalty * share * ``|s|``, where s is the statistic and share that of lost runs.
+        The objective is s + penalty * share * ``|s|``, where s is the statistic and share that of failed runs.
 
         Parameters
         ----------
-        values : metric of every run; NaN or infinite where the run is lost
+        values : metric of every run; NaN or infinite where the run has failed
 
         Returns
         -------
-        one number for each set of runs; infinite where all runs are lost
+        one number for each set of runs; infinite where all runs have failed
 
         Examples
         --------
@@ -67,9 +67,9 @@ class TuningProtocol:
         kept = np.isfinite(values)
         rows, good = np.atleast_2d(values).reshape(-1, values.shape[-1]), kept.reshape(-1, values.shape[-1])
         found = [_statistic(row[use], self.statistic) for row, use in zip(rows, good, strict=True)]
-        statistic, lost = np.reshape(found, values.shape[:-1]), 1.0 - kept.mean(axis=-1)
+        statistic, failed = np.reshape(found, values.shape[:-1]), 1.0 - kept.mean(axis=-1)
         with np.errstate(invalid="ignore"):
-            return np.where(kept.any(axis=-1), statistic + self.penalty * lost * np.abs(statistic), np.inf)
+            return np.where(kept.any(axis=-1), statistic + self.penalty * failed * np.abs(statistic), np.inf)
 
 
 def level_of(statistic: str) -> float | None:
@@ -140,7 +140,7 @@ class TuningSearch:
     default : value of each parameter in the file, or the default of the component; None where it is no number
     candidates : values that were tried, in the order of evaluation, one column per parameter; offsets are added
     stages : part of the search of each candidate: ``grid``, ``golden``, ``quasi-random`` or ``nelder-mead``
-    tuning : metric of each candidate and tuning run; NaN where the run is lost
+    tuning : metric of each candidate and tuning run; NaN where the run has failed
     test : the same on the runs of the experiment, with the default in the last row; None where it was not computed
     chosen : index of the chosen candidate
     protocol : how the parameters were chosen

@@ -32,15 +32,15 @@ def test_the_best_value_has_no_regret(scale, regret):
     assert found.best == 0 and found.regret == regret
 
 
-def test_lost_runs_are_counted_and_cost_the_penalty():
-    """One of 4 runs lost: mean 2 x (1 + 10 / 4) = 7, as the example of the protocol says."""
-    lost = [[1.0, 2.0, 3.0, math.nan], [8.0, 8.0, 8.0, 8.0]]
-    found = outcome(search("A", lost, [*lost, [math.nan] * 4]))
-    assert found.objective == 7.0 and found.lost == found.test_lost == 0.25
-    assert found.test_lost_default == 1.0 and found.test_default == math.inf and found.regret == 0.0
+def test_failed_runs_are_counted_and_cost_the_penalty():
+    """One of 4 runs failed: mean 2 x (1 + 10 / 4) = 7, as the example of the protocol says."""
+    failed = [[1.0, 2.0, 3.0, math.nan], [8.0, 8.0, 8.0, 8.0]]
+    found = outcome(search("A", failed, [*failed, [math.nan] * 4]))
+    assert found.objective == 7.0 and found.failed == found.test_failed == 0.25
+    assert found.test_failed_default == 1.0 and found.test_default == math.inf and found.regret == 0.0
 
 
-def test_a_search_in_which_everything_is_lost():
+def test_a_search_in_which_everything_has_failed():
     found = outcome(search("A", [[math.nan] * 3] * 2, [[math.nan] * 3] * 3))
     assert found.objective == math.inf and math.isnan(found.regret)
     found = outcome(search("A", constant([1, 2]), [[math.inf] * 3, [1.0] * 3, [1.0] * 3]))
@@ -49,13 +49,13 @@ def test_a_search_in_which_everything_is_lost():
 
 def test_without_test_runs_there_is_no_regret():
     found = outcome(search("A", constant([2, 4])))
-    assert found.best == -1 and math.isnan(found.regret) and math.isnan(found.test_lost)
+    assert found.best == -1 and math.isnan(found.regret) and math.isnan(found.test_failed)
     assert found.best_values == (None,)
 
 
 @pytest.mark.parametrize("statistic", ["mean", "median", "quantile 90%"])
 def test_quick_objectives_are_those_of_the_protocol(statistic, rng):
-    """Oracle: the protocol, one row at a time; with and without lost runs."""
+    """Oracle: the protocol, one row at a time; with and without failed runs."""
     values = rng.lognormal(size=(5, 7, 11))
     values[2, :, 3] = np.nan
     values[4, 1] = np.inf

@@ -29,7 +29,7 @@ def lines(axes):
 
 
 def test_marks_are_the_objectives_in_the_order_of_the_values(trials):
-    """A value with which all runs are lost has no mark on the tuning runs; the default is not among the test marks."""
+    """A value with which all runs failed has no mark on the tuning runs; the default is not among the test marks."""
     first, second = TuningOverParameter().draw(trials).axes
     on_tuning, on_test = lines(first)
     assert on_tuning.get_xydata().tolist() == [[0.01, 3], [1.0, 4]]

@@ -61,7 +61,7 @@ def test_markdown_has_the_values_and_the_ranks_of_all_methods(made):
     )
     assert "| C | as published, not tuned | 3 (3 to 3) | 3 (3 to 3) |" in text
     assert "| A | tuned (budget 4, 3 runs) | 2 (2 to 2) | 1 (1 to 1) |" in text
-    assert "mean of mse over the finished runs x (1 + 10 x share of lost runs)" in text
+    assert "mean of mse over the finished runs x (1 + 10 x share of failed runs)" in text
     for block in text.split("\n\n"):
         rows = [line for line in block.splitlines() if line.startswith("|")]
         assert len({row.count("|") for row in rows}) <= 1
@@ -82,15 +82,15 @@ def test_without_test_runs_there_is_no_regret_and_no_rank(trials):
     assert made.sentences == ("A: estimator.radius -> 5, chosen from 2 values.",)
     assert made.to_screen()[1:] == ["            A   estimator.radius -> 5"]
     text = made.to_markdown()
-    assert "| method | parameter | range | default | tuned | tuning: tuned | tuning: lost |" in text
+    assert "| method | parameter | range | default | tuned | tuning: tuned | tuning: failed |" in text
     assert "| A | estimator.radius | 0.01 to 10 | - | 5 | 1 | 0 % |" in text
     assert made.frame["rank"].isna().all() and made.frame["ranks"].tolist() == [""]
 
 
-def test_lost_runs_are_named(trials):
-    lost = [[1.0, 1.0, np.nan], [9.0, 9.0, 9.0]]
-    made = TuningTable(trials, tuning(search("A", lost, [[1.0] * 3, [9.0] * 3, [1.0] * 3])))
-    assert made.sentences[0].endswith("; lost runs: 33 % in tuning, 0 % in the test.")
+def test_failed_runs_are_named(trials):
+    failed = [[1.0, 1.0, np.nan], [9.0, 9.0, 9.0]]
+    made = TuningTable(trials, tuning(search("A", failed, [[1.0] * 3, [9.0] * 3, [1.0] * 3])))
+    assert made.sentences[0].endswith("; failed runs: 33 % in tuning, 0 % in the test.")
 
 
 def test_two_parameters_have_two_rows(trials):

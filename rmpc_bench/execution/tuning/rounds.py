@@ -59,7 +59,7 @@ class Rounds:
         """Key of a search -> computing time of its trials in this process [s]."""
 
     def values(self, trials: Sequence[Trial], *, tested: bool = False) -> dict[Trial, Float[Array, " runs"]]:
-        """Return the metric of every run, with six digits; NaN where a run is lost.
+        """Return the metric of every run, with six digits; NaN where a run has failed.
 
         A value whose design cannot be made loses all runs.
 

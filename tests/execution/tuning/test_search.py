@@ -184,7 +184,7 @@ def test_quasi_random_search_asks_once():
     assert {each.stage for each in used} == {"quasi-random"}
 
 
-def test_a_search_where_all_runs_are_lost_ends():
+def test_a_search_where_all_runs_failed_ends():
     for parameters in ([RADIUS], [RADIUS, SHARE]):
         used, _, _ = searched(parameters, 12, lambda *row: math.inf)
         assert len(used) == 12

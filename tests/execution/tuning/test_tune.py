@@ -240,22 +240,22 @@ def test_several_parameters_are_tuned_together(tmp_path):
     assert values["model.P_v"] / values["model.P_w"] == pytest.approx(9.0, rel=0.4)  # flat objective
 
 
-def test_a_value_without_a_design_counts_as_lost(tmp_path):
+def test_a_value_without_a_design_counts_as_failed(tmp_path):
     """Above the largest theta there is no filter; the search goes on below it, and the file is no error."""
     methods = "{RS: {estimator: {kind: risk-sensitive, theta: 0.001}, tune: {estimator.theta: [0.001, 1000]}}}"
     path = write(tmp_path, methods=methods, tune="{budget: 10, runs: 3}")
     results = rmpc_bench.run(load_config(path), directory=tmp_path / "out", jobs=1)
     search = results.tuning.search("RS")
-    lost = np.isnan(search.tuning).all(axis=1)
-    assert 0 < lost.sum() < 10
-    np.testing.assert_array_equal(np.isinf(search.objectives), lost)
+    failed = np.isnan(search.tuning).all(axis=1)
+    assert 0 < failed.sum() < 10
+    np.testing.assert_array_equal(np.isinf(search.objectives), failed)
     assert np.isfinite(search.objectives[search.chosen])
-    np.testing.assert_array_equal(np.isnan(search.test[:-1]).all(axis=1), lost)
-    assert search.candidates[lost].min() > search.values["estimator.theta"]
+    np.testing.assert_array_equal(np.isnan(search.test[:-1]).all(axis=1), failed)
+    assert search.candidates[failed].min() > search.values["estimator.theta"]
 
 
-def test_lost_runs_are_a_penalty_on_the_statistic():
-    """By hand: the mean of the finished runs times 1 + 10 x the share of lost ones; infinite where all are lost."""
+def test_failed_runs_are_a_penalty_on_the_statistic():
+    """By hand: the mean of the finished runs times 1 + 10 x the share of failed ones; infinite where all failed."""
     values = np.array([[1.0, 3.0, np.nan, np.inf], [2.0, 2.0, 2.0, 2.0], [np.nan] * 4])
     assert TuningProtocol(1, 4, "mse").objective(values).tolist() == [2.0 * (1 + 10 * 0.5), 2.0, np.inf]
     assert TuningProtocol(1, 4, "mse", "median", 0.0).objective(values)[0] == 2.0
