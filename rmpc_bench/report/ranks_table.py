@@ -111,6 +111,10 @@ class RanksTable:
                 f"smallest, largest, better/worse: of the {self.found.n_values} values of {self.found.longest}; better "
                 f"and worse by simultaneous intervals at {level}"
             )
+        if "-" in self.columns.get("time per step", ()):
+            texts.append(
+                "time per step -: a linear filter runs in one compiled loop with the plant, which is not timed"
+            )
         return [*texts, *parameter_legend(self.trials), *filter(None, [self._cost, self.rest])]
 
     @property

@@ -10,9 +10,11 @@ from claim_tables import make_trials as make_trials
 from small_experiment import cli, write
 
 from rmpc_bench import load_config
+from rmpc_bench.analysis.run_notes import RunNotes
 from rmpc_bench.report.page.rank_table import LIMITATIONS, rank_blocks
 from rmpc_bench.report.ranks_table import ranks_table
 from rmpc_bench.types import ConfigError
+from rmpc_bench.types.tuning import Tuning, TuningProtocol, TuningSearch
 
 SYSTEMS = [f"s{number}" for number in range(8)]
 WORLDS = ["modelled", "biased"]
@@ -44,7 +46,7 @@ def sweep(make_trials):
 def test_numbers(sweep):
     """Oracle: plain loops over the values of the points."""
     trials = sweep()
-    table = ranks_table(trials).frame.set_index(["axis", "value", "method"])
+    table = ranks_table(trials).frame.set_index(["axis", "value", "method"]).sort_index()
 
     def ratio(method, **where):
         points = [each for each in trials.points if all(each.point[key] == value for key, value in where.items())]
@@ -64,7 +66,7 @@ def test_numbers(sweep):
         np.testing.assert_allclose(
             [whole["smallest"], whole["largest"]], [*sorted(parts.values())][:: len(parts) - 1], rtol=1e-5
         )
-    rows = table.loc["", ""]
+    rows = table.loc["", ""].loc[["good", "same", "KF", "bad"]]
     assert rows[["rank_low", "rank_high"]].to_numpy().tolist() == [[1, 1], [2, 3], [2, 3], [4, 4]]
     assert rows[["better", "worse"]].loc[["good", "bad"]].to_numpy().tolist() == [[8, 0], [0, 8]]
     assert (rows["n"] == 30 * 16).all() and not rows["n_failed"].any()
@@ -88,6 +90,24 @@ def test_failures_stand_first_and_the_rest_is_said(sweep):
     assert f"bad {18 * 16} of {30 * 16} runs at 16 points" in table.legend[-1]
     assert table.sentences[-1].startswith(f"bad: {12 * 16} of {30 * 16} runs failed; rank 4 to 4 of 4")
     assert ranks_table(sweep()).rest == ""
+
+
+def test_the_cost_of_tuning_and_times_that_are_not_known(sweep):
+    """Equal searches count once; a method without a time is explained."""
+    protocol = TuningProtocol(3, 5, "mse")
+    search = TuningSearch(
+        "", "good", (), (), np.zeros((3, 0)), ("grid",) * 3, np.ones((3, 5)), None, 0, protocol, seconds=2.0, key="a"
+    )
+    other = replace(search, method="bad", key="b")
+    trials = sweep()
+    trials = trials.with_tuning(Tuning(protocol, (search, replace(search, point="again"), other), {}))
+    assert "tuning: 30 trials on other runs, 4 s" in ranks_table(trials).legend
+    notes = {"good": RunNotes(100, seconds_per_step=2e-6), "bad": RunNotes(100)}
+    points = tuple(replace(point, notes=notes) for point in trials.points)
+    table = ranks_table(replace(trials, points=points))
+    assert dict(zip(table.methods, table.columns["time per step"], strict=True))["good"] == "2.0 us"
+    assert any(text.startswith("time per step -:") for text in table.legend)
+    assert not any(text.startswith("time per step") for text in ranks_table(trials).legend)
 
 
 def test_only_where_it_is_asked_for(sweep):
