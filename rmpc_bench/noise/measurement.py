@@ -27,6 +27,9 @@ from jaxtyping import Float
 from rmpc_bench.noise.parameters import Share, vector
 from rmpc_bench.types import Array, DesignError, Noise, Positive
 
+NEGLIGIBLE = 1e-12
+"""Relative difference of two numbers that is rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Quantised(Noise):
@@ -109,7 +112,7 @@ def missing(
 ) -> Missing:
     """Missing measurements: the estimator gets NaN and predicts.
 
-    It needs estimators that bridge a missing measurement; `rmpc-bench check` names those that do not.
+    Every estimator must predict where a measurement is missing; `rmpc-bench check` names those that cannot.
 
     Parameters
     ----------
@@ -125,7 +128,9 @@ def missing(
     """
     if gap is None:
         return Missing(ny, probability, probability, probability, outputs == "together")
-    if probability == 1.0 or probability / (1.0 - probability) > gap:
+    # A mean gap at the bound, such as 9 for 0.9, differs from it by rounding.
+    if probability == 1.0 or probability / (1.0 - probability) > gap * (1.0 + NEGLIGIBLE):
         least = "infinite" if probability == 1.0 else f"at least {probability / (1.0 - probability):.6g} samples"
         raise DesignError(f"with the probability {probability:g} the mean gap is {least} (got {gap:g})", "gap")
-    return Missing(ny, probability, probability / ((1.0 - probability) * gap), 1.0 - 1.0 / gap, outputs == "together")
+    enters = min(probability / ((1.0 - probability) * gap), 1.0)
+    return Missing(ny, probability, enters, 1.0 - 1.0 / gap, outputs == "together")

@@ -63,6 +63,15 @@ def test_limits_of_the_probability():
     np.testing.assert_allclose([chain.enters, chain.stays], 0.2, **ROUND)
 
 
+@pytest.mark.parametrize(("p", "gap"), [(0.9, 9.0), (0.7, 7.0 / 3.0), (2.0 / 3.0, 2.0)])
+def test_gaps_with_one_sample_between_them(p, gap):
+    """Oracle: at p = gap / (gap + 1) one sample is between two gaps, whichever way p / (1 - p) is rounded."""
+    law = missing(1, probability=p, gap=gap)
+    lost = law.draw(fresh(), 40_000)[:, 0] > 0.0
+    assert (lost[1:] | lost[:-1]).all()
+    assert within_stat(gaps(lost), gap)
+
+
 @pytest.mark.parametrize(("p", "gap"), [(0.9, 2.0), (1.0, 5.0)])
 def test_a_chain_that_does_not_exist_is_a_design_error(p, gap):
     """Oracle: two gaps have at least one sample between them, so that p <= gap / (gap + 1)."""
