@@ -8,7 +8,8 @@ from rmpc_bench.config import reader
 
 ROOT = Path(__file__).parents[1]
 CONFIGS = sorted((ROOT / "configs").glob("*/*.yaml"))
-KEPT = {"summary.csv", "comparisons.csv", "tuning.csv", "tuning.json", "ranks.csv", "claims.md", "claims.json"}
+KEPT = {"summary.csv", "comparisons.csv", "tuning.csv", "tuning.json", "ranks.csv", "lost.csv"}
+KEPT |= {"claims.md", "claims.json"}
 OTHER = ("trials.csv", "series.csv", "trials.sqlite", "manifest.json", "figures/boxplot.png", "figures/boxplot-2.svg")
 
 

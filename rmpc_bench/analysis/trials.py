@@ -44,6 +44,7 @@ class Trials:
     primary : name of the metric that has a verdict; the first one if empty
     average : averages that are asked for: ``geometric``, ``mean`` or ``both``
     headline : the average that the verdict rests on where both are asked for
+    lost : a run is lost where its primary metric exceeds this number times that of the baseline; None for no count
     ranked : paths of every axis of the sweep where methods are ranked over all points; None without ranks
     look : how often a verdict was published with other numbers of runs, this one included
     planned : look of a stopping rule that the table rests on; `confidence` is then the level of each interval
@@ -97,6 +98,7 @@ class Trials:
     primary: str = ""
     average: str = "both"
     headline: str = "geometric"
+    lost: float | None = None
     ranked: tuple[tuple[str, ...], ...] | None = None
     look: int = 1
     planned: PlannedLook | None = None

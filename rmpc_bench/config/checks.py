@@ -13,11 +13,14 @@ from rmpc_bench.config.labels import labels_of
 from rmpc_bench.config.left_out import Inherited, drop_statistics, leave_out
 from rmpc_bench.config.requirements import check_requirements
 from rmpc_bench.config.result_layout import layout_of
+from rmpc_bench.config.sections import Statistics
 from rmpc_bench.config.stop_checks import check_stop
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import Map, locate
+from rmpc_bench.config.tune_checks import BEST_AT
 from rmpc_bench.registry import unknown
+from rmpc_bench.types import MetricInfo
 
 
 def check(
@@ -61,6 +64,7 @@ def check(
     first.warnings = sorted({warning for draft in drafts for warning in draft.warnings})
     _check_statistics(first, inherited)
     _check_ranks(first, points[0])
+    _check_lost(first, points[0])
     check_recording(first, [None if point is None else point.experiment for point in points])
     _check_columns(first, sweep)
     return claims
@@ -100,11 +104,27 @@ def _check_ranks(draft: DraftConfig, point: SweepPoint | None) -> None:
     statistics = draft.values["statistics"]
     if statistics is None or not statistics.ranks or point is None:
         return
-    infos = point.experiment.metric_infos
-    info = next((each for each in infos if each.name == (statistics.primary or infos[0].name)), None)
+    info = _primary(statistics, point)
     if info is not None and (info.may_not_occur or info.direction == "zero"):
         why = "may not occur in a run" if info.may_not_occur else "is best at 0, so that ratios mean nothing"
         draft.note(["statistics", "ranks"], f"{info.name} {why}; choose another metric with statistics.primary")
+
+
+def _check_lost(draft: DraftConfig, point: SweepPoint | None) -> None:
+    """Refuse lost runs of a metric of which less is not better."""
+    statistics = draft.values["statistics"]
+    if statistics is None or statistics.lost is None or point is None:
+        return
+    info = _primary(statistics, point)
+    if info is not None and info.direction != "lower":
+        why = "a larger one is better" if info.direction == "higher" else f"it is best at {BEST_AT[info.direction]}"
+        message = f"a run is lost where {info.name} is large, but {why}; choose another metric with statistics.primary"
+        draft.note(["statistics", "lost"], message)
+
+
+def _primary(statistics: Statistics, point: SweepPoint) -> MetricInfo | None:
+    infos = point.experiment.metric_infos
+    return next((each for each in infos if each.name == (statistics.primary or infos[0].name)), None)
 
 
 def _check_report(draft: DraftConfig) -> None:

@@ -82,6 +82,8 @@ class Statistics:
     average : averages of the paired runs, the geometric mean of their ratios or the ratio of the means
     requirement : condition on a metric of a run, such as settling_time < 20, or a list of conditions; the share of runs
         that meet it is computed
+    lost : factor, such as 10: a run is lost where it failed, or where its primary metric exceeds this factor times that
+        of the baseline in the same run; tables have the share of lost runs beside the mean
     ranks : whether the methods are ranked over all points of the sweep by the primary metric, each rank as an interval
     """
 
@@ -91,6 +93,7 @@ class Statistics:
     relevant: Relevant = DEFAULT_RELEVANT
     average: Literal["geometric", "mean", "both"] = "both"
     requirement: Text | list[Text] = field(default_factory=list)
+    lost: Annotated[float, Gt(1)] | None = None
     ranks: bool = False
 
     @property

@@ -96,6 +96,7 @@ class _Layout:
             report=config.report,
             ranks=statistics.ranks,
             requirements=_requirements(config),
+            lost=statistics.lost,
             added=self._added,
             stop=stop_of(config, None),
             parameters=dict(config.parameters),

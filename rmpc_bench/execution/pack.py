@@ -35,7 +35,7 @@ NEEDED = (CONFIG, RESOLVED, manifest.FILE, "trials.csv", "summary.csv", "compari
 FILES = (
     *NEEDED,
     *("uncertainty.csv", "series.csv", "traces.npz", "timings.csv", "drivers.csv", "requirements.csv", "ranks.csv"),
-    *("tuning.csv", "tuning.json", "claims.json", "claims.md", "report.md"),
+    *("lost.csv", "tuning.csv", "tuning.json", "claims.json", "claims.md", "report.md"),
 )
 """Files of a directory that are packed where they exist; nothing else at its top is."""
 FOLDERS = ("tables", "figures", "failures", COPIES)

@@ -29,6 +29,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "comparisons.csv": "Every method against the baseline, paired by run",
     "drivers.csv": "Share of the variance of the comparison that each uncertain quantity explains",
     "requirements.csv": "Runs that meet a requirement",
+    "lost.csv": "Share of the runs that are lost, with its interval",
     "ranks.csv": "Rank of every method over all points of the sweep, as an interval, and ratios to the baseline",
     "tuning.csv": "Tuned parameters: range, default, tuned and best value, objectives, regret, rank",
     "tuning.json": "Every value that tuning has tried, with the metric of its runs",

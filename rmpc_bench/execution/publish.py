@@ -31,6 +31,7 @@ from rmpc_bench.report.csv_file import write_csv
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.end_screen import end_screen
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
+from rmpc_bench.report.lost_table import LostTable, lost_table
 from rmpc_bench.report.ranks_table import RanksTable
 from rmpc_bench.report.requirements_table import RequirementsTable
 from rmpc_bench.report.run_notes import failure_files
@@ -154,6 +155,7 @@ def publish(
         *_write_tables(results, tables, directory),
         *_write_table(driven, directory, "drivers"),
         *_write_table(demanded, directory, "requirements"),
+        *_write_table(lost_table(results.trials), directory, "lost"),
         *_write_table(ranked, directory, "ranks"),
         *_write_table(tuned, directory, "tuning"),
         *_write_traces(results.trials, directory / "traces.npz"),
@@ -192,7 +194,7 @@ def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Pa
 
 
 def _write_table(
-    table: DriversTable | RequirementsTable | RanksTable | TuningTable, directory: Path, name: str
+    table: DriversTable | RequirementsTable | LostTable | RanksTable | TuningTable, directory: Path, name: str
 ) -> list[Path]:
     """Write NAME.csv and tables/NAME.md; what has no content is not written, and an earlier file is removed."""
     files, frame = [directory / f"{name}.csv", directory / "tables" / f"{name}.md"], table.frame

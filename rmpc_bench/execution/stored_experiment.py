@@ -148,6 +148,7 @@ class StoredExperiment:
     report : what tables and figures show, and how figures are written
     ranks : whether methods are ranked over all points
     requirements : what the metric of a run must keep
+    lost : factor beyond which a run is lost, see `Trials`
     added : method that the command line has added -> its text; it stays in the directory when the option is left out
     stop : the stopping rule with its looks; None where the number of runs is given
     parameters : method -> where its parameters come from: ``default``, ``as published`` or ``tuned (..)``; empty where
@@ -180,6 +181,7 @@ class StoredExperiment:
     report: ReportKeys = field(default_factory=ReportKeys)
     ranks: bool = False
     requirements: tuple[Requirement, ...] = ()
+    lost: float | None = None
     added: Mapping[str, str] = field(default_factory=dict)
     stop: StoredStop | None = None
     parameters: Mapping[str, str] = field(default_factory=dict)

@@ -97,6 +97,7 @@ def _table(
         primary=experiment.primary,
         average=experiment.average,
         headline=experiment.headline,
+        lost=experiment.lost,
         ranked=experiment.axes if experiment.ranks else None,
         seed=point.seed,
         Ts=point.Ts,

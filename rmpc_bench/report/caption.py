@@ -96,6 +96,8 @@ def _described(table: MetricTable, shown: Sequence[Column]) -> Iterable[str]:
     """Define the columns that describe one method."""
     if "mean" in shown:
         yield _mean(table)
+    if "lost" in shown:
+        yield _lost(table)
     if "median" in shown:
         yield "Median: median of the finished runs, with the quartiles in brackets."
     if "n" in shown:
@@ -112,6 +114,13 @@ def _mean(table: MetricTable) -> str:
     bracket = any("(" in text for text in cells.means(table))
     error = ", with the standard error of the last digits in parentheses" if bracket else ""
     return f"Mean: average over the finished runs{error}."
+
+
+def _lost(table: MetricTable) -> str:
+    trials = table.trials
+    limit = f"{trials.lost:g} times that of {_name(trials, trials.baseline)} in the same run"
+    interval = f"the {100 * trials.confidence:g} % interval of Wilson in brackets"
+    return f"Lost: share of the runs that failed or whose {table.info.words} exceeds {limit}, with {interval}."
 
 
 def _of_comparison(table: MetricTable, shown: Sequence[Column]) -> Iterable[str]:

@@ -11,12 +11,13 @@ from rmpc_bench.report.cells import MetricTable
 from rmpc_bench.report.latex_numbers import number_latex
 from rmpc_bench.report.latex_text import to_latex, unit_latex
 from rmpc_bench.report.latex_width import table_width
+from rmpc_bench.report.lost_cells import lost_cells
 from rmpc_bench.report.run_notes import failed_cells, held_cells
 from rmpc_bench.types import MetricInfo
 from rmpc_bench.types.report_choices import Column
 
-USUAL: tuple[Column, ...] = ("mean", "change", "counts", "verdict")
-"""Columns of a table unless others are chosen; where they do not fit, the last ones are left out, but for two."""
+USUAL: tuple[Column, ...] = ("mean", "lost", "change", "counts", "verdict")
+"""Columns of a table unless others are chosen; where they do not fit, the last ones are left out, up to the change."""
 GAP = 0.9
 """Distance between columns, in units of the size of the text."""
 HEAD = 45.0
@@ -37,7 +38,8 @@ def chosen_columns(tables: Sequence[MetricTable], columns: Sequence[Column] | No
     """
     there = [columns_of(table) for table in tables]
     wanted = [name for name in columns or USUAL if any(name in each for each in there)] or ["mean"]
-    while columns is None and len(wanted) > 2 and _width(tables, there, wanted) > width:
+    least = 3 if "lost" in wanted else 2
+    while columns is None and len(wanted) > least and _width(tables, there, wanted) > width:
         wanted = wanted[:-1]
     return list(wanted)
 
@@ -64,7 +66,9 @@ def columns_of(table: MetricTable) -> dict[Column, list[str]]:
     table : of one metric at one point
     """
     trials = table.trials
-    found: dict[Column, list[str]] = {"mean": cells.means(table), "median": cells.medians(table)}
+    found: dict[Column, list[str]] = {"mean": cells.means(table)}
+    found["lost"] = [cell.replace(" %", "", 1) for cell in lost_cells(table)]
+    found["median"] = cells.medians(table)
     if table.with_comparisons and trials.with_verdicts:
         unit = f" {_unit_of_change(table)}"
         found["change"] = [cell.replace(unit, "", 1) for cell in cells.changes(table)]
@@ -109,6 +113,7 @@ def head_of(table: MetricTable, column: Column) -> str:
     if column == "other":
         return stacked(["Geometric", r"mean [\%]"] if average == "mean" else ["Ratio of", r"means [\%]"])
     heads: dict[Column, list[str]] = {
+        "lost": ["Lost", r"[\%]"],
         "median": ["Median", f"[quartiles] {unit}".strip()],
         "change": ["Difference" if average == "difference" else "Change", bracketed(_unit_of_change(table))],
         "counts": ["Won/lost/", "tied"],

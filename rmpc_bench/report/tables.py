@@ -13,6 +13,7 @@ from rmpc_bench.analysis.requirements import pass_rates
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report import cells
 from rmpc_bench.report.cells import MetricTable, metric_table
+from rmpc_bench.report.lost_cells import lost_cells, lost_text, shows_lost
 from rmpc_bench.report.requirement_cells import REQUIREMENTS_NOTE, requirement_columns
 from rmpc_bench.report.run_notes import STEP_TIMES, failed_cells, held_cells, notes_markdown, step_times
 from rmpc_bench.report.sentences import AVERAGES, explanation, sentence
@@ -50,6 +51,8 @@ def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, met
         return "\n".join([*_laid_out({**columns, "n": ["n/n_failed", *cells.sizes(table)]}), *status_lines(trials)])
     # The heads of mean and change leave room for a sign.
     columns["mean"] = [" did not occur" if table.may_not_occur else " mean", *cells.means(table)]
+    if lost := lost_cells(table):
+        columns["lost"] = ["lost", *lost]
     columns["median"] = ["median [quartiles]", *cells.medians(table)]
     if table.with_comparisons:
         columns["change"] = [f" {cells.change_head(table)}", *map(_signed, cells.changes(table))]
@@ -136,6 +139,8 @@ def metric_columns(table: MetricTable) -> dict[str, list[str]]:
     if words := parameter_cells(trials, [line.method for line in lines]):
         columns["parameters"] = words
     columns["did not occur" if table.may_not_occur else "mean"] = cells.means(table)
+    if lost := lost_cells(table):
+        columns["lost"] = lost
     columns["median [quartiles]"] = cells.medians(table)
     if table.with_comparisons and trials.with_verdicts:
         average, other = cells.average_of(table), cells.other_average(table)
@@ -176,6 +181,7 @@ def legend(table: MetricTable, *, on_screen: bool) -> list[str]:
     bracket = next((text[text.index("(") : text.index(")") + 1] for text in cells.means(table) if "(" in text), "")
     if bracket and not table.may_not_occur:
         parts.append(f"{bracket} = standard error of the last digits")
+    parts += [lost_text(trials)] if shows_lost(table) else []
     parts += parameter_legend(trials) if compared and trials.with_verdicts else []
     if any(line.shown != line.method for line in table.lines):
         parts.append("an oracle knows the true parameters")

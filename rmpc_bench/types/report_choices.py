@@ -8,7 +8,7 @@ Font = Literal["dejavu", "stix", "times"]
 Style = Literal["bench", "paper"]
 Format = Literal["svg", "pdf", "png", "pgf"]
 Column = Literal[
-    "mean", "median", "change", "other", "counts", "superiority", "p", "verdict", "n", "held", "steps", "pairs"
+    "mean", "lost", "median", "change", "other", "counts", "superiority", "p", "verdict", "n", "held", "steps", "pairs"
 ]
 """Columns of the LaTeX table of a metric behind the label of the method; `other` is the change of the other average."""
 DEFAULT_FORMATS: tuple[Format, ...] = ("svg", "pdf", "png")

@@ -10,6 +10,7 @@ from rmpc_bench.analysis.parameter_text import parameter_legend
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.report.cells import metric_table
 from rmpc_bench.report.ensemble_table import ensemble_rows
+from rmpc_bench.report.lost_cells import lost_text
 from rmpc_bench.report.page.blocks import Block, Text, bullets, code, folded, heading, table
 from rmpc_bench.report.page.headline import shown_metric
 from rmpc_bench.report.point_summary import PointSummary
@@ -21,7 +22,7 @@ from rmpc_bench.types import MetricInfo
 
 SUPPORTING = ("won/lost/tied", "superiority", "p", "n/n_failed", "held steps", "failed steps", "pairs")
 """Columns behind the verdict."""
-OF_SWEEP = ("method", "parameters", "mean", "did not occur", "median [quartiles]")
+OF_SWEEP = ("method", "parameters", "mean", "did not occur", "lost", "median [quartiles]")
 """Columns of the table of a large sweep before that of the change."""
 MOST_OPEN = 3
 """Tables besides that of the primary metric that are not folded."""
@@ -127,7 +128,8 @@ def _sweep_blocks(points: Sequence[PointSummary], names: Sequence[str]) -> list[
             texts += [""] * (len(methods) - len(texts))
     left = n_rows - len(methods)
     more: list[Text] = [[f"{left} more rows are in ", code("summary.csv"), " and ", code("comparisons.csv"), "."]]
-    words = parameter_legend(points[0].trials) if points[0].trials.with_verdicts else []
+    words = [lost_text(points[0].trials)] if "lost" in columns else []
+    words += parameter_legend(points[0].trials) if points[0].trials.with_verdicts else []
     shown = table(
         f"{quantity(info)} at {'the first' if left else 'all'} points of the sweep",
         columns,

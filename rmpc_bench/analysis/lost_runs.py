@@ -1,0 +1,88 @@
+"""How many runs of a method are lost: failed, or far worse in the primary metric than the baseline in the same run.
+
+Lost    A run that failed, or whose primary metric exceeds a factor times that of the baseline in the same run.
+Limit   Where the baseline failed, is absent or has a value below 0, a run counts by its own failure only.  The baseline
+        is lost where it failed.
+Source  The interval of the share is that of Wilson (`intervals.wilson`), each for itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, fields, replace
+
+import numpy as np
+import pandas as pd
+
+from rmpc_bench.analysis.intervals import wilson
+from rmpc_bench.analysis.trials import Trials
+
+
+@dataclass(frozen=True, kw_only=True)
+class LostRuns:
+    """Lost runs of one method; a row of lost.csv.
+
+    Parameters
+    ----------
+    method, baseline, metric : names
+    factor : a finished run is lost where its metric exceeds this number times that of the baseline
+    n : runs of the method, failed ones included
+    n_failed : failed runs, all of which are lost
+    n_lost : lost runs
+    lost_pct, lost_low, lost_high : share of lost runs with its Wilson interval [%]
+    """
+
+    method: str
+    baseline: str
+    metric: str
+    factor: float
+    n: int
+    n_failed: int
+    n_lost: int
+    lost_pct: float
+    lost_low: float
+    lost_high: float
+
+
+COLUMNS = [field.name for field in fields(LostRuns)]
+
+
+def lost_runs(trials: Trials) -> pd.DataFrame:
+    """Count the lost runs of every method.
+
+    Parameters
+    ----------
+    trials : the table of an experiment without sweep, or of one point; the baseline need not be among its methods
+
+    Returns
+    -------
+    one row per method with the fields of `LostRuns` as columns; empty where no factor is given
+    """
+    info, factor = trials.primary_info, trials.lost
+    if info is None or factor is None:
+        return pd.DataFrame([], columns=COLUMNS)
+    # A table may show some of the methods only.
+    whole = replace(trials, methods=tuple(dict.fromkeys([*trials.methods, trials.baseline])))
+    return pd.DataFrame([asdict(_lost(whole, name, info.name, factor)) for name in trials.methods], columns=COLUMNS)
+
+
+def _lost(trials: Trials, method: str, metric: str, factor: float) -> LostRuns:
+    values, limits = trials.column(metric, method), trials.column(metric, trials.baseline)
+    failed = trials.failed(method)
+    # Comparisons with NaN are false.
+    with np.errstate(over="ignore"):
+        lost = failed | ((values > factor * limits) & (limits >= 0))
+    n, k = int((~np.isnan(values) | failed).sum()), int(lost.sum())
+    low, high = wilson(k, n, trials.confidence)
+    return LostRuns(
+        method=method,
+        baseline=trials.baseline,
+        metric=metric,
+        factor=factor,
+        n=n,
+        n_failed=int(failed.sum()),
+        n_lost=k,
+        lost_pct=100 * k / n if n else math.nan,
+        lost_low=100 * low,
+        lost_high=100 * high,
+    )

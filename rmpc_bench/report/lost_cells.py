@@ -1,0 +1,45 @@
+"""Lost runs in the tables of the primary metric: the cells of their column, and what it means in words."""
+
+from __future__ import annotations
+
+from rmpc_bench.analysis.lost_runs import lost_runs
+from rmpc_bench.analysis.number_text import interval_text
+from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.report.cells import MetricTable
+
+
+def lost_cells(table: MetricTable) -> list[str]:
+    """Return the share of lost runs of every method with its interval, for a column of a table.
+
+    Parameters
+    ----------
+    table : of one metric at one point
+
+    Returns
+    -------
+    such as "2 % [0.8, 5.0]"; nothing where no factor is given or the metric is not the primary one
+    """
+    if not shows_lost(table):
+        return []
+    rows = lost_runs(table.trials).to_dict("records")
+    shares = {row["method"]: (row["lost_pct"], row["lost_low"], row["lost_high"]) for row in rows}
+    return [interval_text(*shares[line.method], unit="%", sign=False) for line in table.lines]
+
+
+def shows_lost(table: MetricTable) -> bool:
+    """Whether the table of a metric has a column of lost runs."""
+    return table.trials.lost is not None and table.info == table.trials.primary_info
+
+
+def lost_text(trials: Trials, baseline: str = "") -> str:
+    """Say when a run is lost, as a part of a legend.
+
+    Parameters
+    ----------
+    trials : the table of trials
+    baseline : what is written for the baseline; its name unless given
+    """
+    name = trials.primary_info.name if trials.primary_info else ""
+    limit = f"{trials.lost:g} times that of {baseline or trials.baseline}"
+    interval = f"Wilson interval at {100 * trials.confidence:g} %"
+    return f"lost = failed, or {name} above {limit} in the same run, with the {interval}"

@@ -1,0 +1,71 @@
+"""Lost runs against counts by hand, SciPy's Wilson interval and the pass rates of a requirement."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from comparison_tables import table
+from conftest import ROUND
+from scipy import stats
+
+from rmpc_bench.analysis.lost_runs import lost_runs
+from rmpc_bench.analysis.requirements import pass_rates
+from rmpc_bench.types.requirement import Limit, Requirement
+
+NAN, INF = np.nan, np.inf
+
+
+def counts(made):
+    return lost_runs(made).set_index("method")[["n", "n_failed", "n_lost"]].to_numpy().tolist()
+
+
+def test_a_run_is_lost_where_it_failed_or_exceeds_the_factor():
+    """The limit itself is not beyond it; NaN is a failed run."""
+    made = table({"KF": [1.0, 2.0, 1.0, 1.0], "X": [10.0, 20.1, NAN, 9.0]}, lost=10.0)
+    assert counts(made) == [[4, 0, 0], [4, 1, 2]]
+    assert counts(replace(made, lost=9.5)) == [[4, 0, 0], [4, 1, 3]]
+    assert lost_runs(replace(made, lost=None)).empty
+
+
+def test_where_the_baseline_failed_only_the_own_failure_counts():
+    """The same for a baseline below 0, of which ten times is less; the baseline is lost where it failed."""
+    made = table({"KF": [NAN, NAN, -1.0, 0.0, 0.0], "X": [1e9, NAN, -0.5, 1e-9, 0.0]}, lost=10.0)
+    assert counts(made) == [[5, 2, 2], [5, 1, 2]]
+
+
+def test_an_event_that_did_not_occur_is_beyond_any_limit():
+    """It is inf; where the baseline has none either, the run is not lost. Large numbers do not overflow to that."""
+    made = table({"KF": [3.0, INF, 1e308], "X": [INF, INF, 1.7e308]}, lost=10.0)
+    assert counts(made) == [[3, 0, 0], [3, 0, 1]]
+
+
+def test_absent_runs_are_not_counted():
+    made = table({"KF": [1.0, 1.0, 1.0], "X": [20.0, 1.0, 1.0]}, lost=10.0)
+    fewer = replace(made, frame=made.frame.drop(index=4))
+    assert counts(fewer) == [[3, 0, 0], [2, 0, 1]]
+
+
+def test_the_baseline_need_not_be_shown():
+    """A table for a paper may leave it out; the runs are lost against it nevertheless."""
+    made = table({"KF": [1.0, 1.0, 1.0], "X": [20.0, 1.0, 1.0]}, lost=10.0)
+    assert counts(replace(made, methods=("X",))) == [[3, 0, 1]]
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 10), (3, 10), (10, 10), (37, 200)])
+def test_the_share_has_the_interval_of_wilson(k, n):
+    made = table({"KF": [1.0] * n, "X": [11.0] * k + [1.0] * (n - k)}, lost=10.0)
+    row = lost_runs(made).iloc[1]
+    expected = stats.binomtest(k, n).proportion_ci(0.95, method="wilson")
+    np.testing.assert_allclose([row["lost_low"], row["lost_high"]], 100 * np.array(expected), **ROUND)
+    assert row["lost_pct"] == 100 * k / n
+
+
+def test_with_a_baseline_of_one_value_it_is_the_opposite_of_a_requirement(rng):
+    """Oracle: runs that do not meet metric <= 10, failures among them."""
+    values = rng.lognormal(1.5, 1.5, 300)
+    values[::17] = NAN
+    limit = Requirement("m <= 10", "m", (Limit("<=", 10.0),))
+    made = replace(table({"KF": np.ones(300), "X": values}, lost=10.0), requirements=(limit,))
+    lost, passed = lost_runs(made).iloc[1], pass_rates(made).iloc[1]
+    assert 0 < lost["n_failed"] < lost["n_lost"] == passed["n"] - passed["passed"] < 300
+    np.testing.assert_allclose(lost["lost_pct"], 100 - passed["pass_pct"], **ROUND)

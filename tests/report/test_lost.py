@@ -1,0 +1,104 @@
+"""The share of lost runs beside the mean: screen, summary.md, LaTeX, page and lost.csv, also at points of a sweep."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from comparison_tables import table
+from small_experiment import cli, write
+
+from rmpc_bench import load_config
+from rmpc_bench.report.caption import latex_notes
+from rmpc_bench.report.latex import latex_tables
+from rmpc_bench.report.lost_table import lost_table
+from rmpc_bench.report.summary import summarise
+from rmpc_bench.types import ConfigError, MetricInfo
+
+SHARE = "25 % [5, 70]"
+"""One of four runs; its Wilson interval is [4.56, 69.94]."""
+
+
+@pytest.fixture
+def trials():
+    """Return a table of a baseline and of a method that loses one of its four runs without failing."""
+    return table({"KF": [1.0, 1.1, 0.9, 1.0], "X": [1.0, 50.0, 0.9, 1.2]}, lost=10.0)
+
+
+def test_the_screen_and_the_markdown_have_the_share_beside_the_mean(trials):
+    head, baseline, row, legend = summarise(trials).to_screen("m").splitlines()
+    place = head.index("lost ")
+    assert head.index("mean") < place < head.index("median")
+    assert baseline[place:].startswith("0 % [0, 49]  ") and row[place:].startswith(SHARE)
+    text = "lost = failed, or m above 10 times that of KF in the same run, with the Wilson interval at 95 %"
+    assert text in legend
+    page = summarise(trials).to_markdown()
+    assert "| method | mean | lost | median [quartiles] |" in page and f"| {SHARE} |" in page and text in page
+
+
+def test_without_the_key_nothing_is_said_of_it(trials):
+    made = summarise(replace(trials, lost=None))
+    assert " lost " not in made.to_screen("m") and "| lost |" not in made.to_markdown()
+    assert "Lost" not in latex_tables(made)["m"] and "Lost" not in latex_notes(made)["m"]
+    assert lost_table(replace(trials, lost=None)).frame.empty
+
+
+def test_only_the_table_of_the_primary_metric_has_it(make_trials):
+    values = {"KF": [1.0, 1.0], "X": [1.0, 50.0]}
+    infos = (MetricInfo("mse", "", "lower"), MetricInfo("cost", "", "lower"))
+    made = replace(make_trials({"mse": values, "cost": values}, infos), primary="cost", lost=10.0)
+    pages = summarise(made).to_markdown().split("\n## ")
+    assert ["| lost |" in page for page in pages[1:3]] == [False, True]
+
+
+def test_the_table_for_a_paper_defines_the_column(trials):
+    """It stays where the columns do not fit, and so does the change."""
+    made = summarise(trials)
+    text = latex_tables(made, width=100.0)["m"]
+    assert r"Lost\\{}[\%]" in text and r"$25\ [5, 70]$" in text and "Change" in text and "Won/lost" not in text
+    note = latex_notes(made)["m"]
+    assert r"Lost: share of the runs that failed or whose m exceeds 10 times that of KF in the same run" in note
+    alone = made.shown(["X"])
+    assert r"$25\ [5, 70]$" in latex_tables(alone, columns=["lost"])["m"]
+
+
+def test_every_point_of_a_sweep_has_its_shares(trials, make_sweep):
+    """Also the one table that the page has of many points."""
+    other = replace(trials, lost=60.0)
+    sweep = make_sweep(({"s": "1"}, replace(trials, title="s=1")), ({"s": "2"}, replace(other, title="s=2")))
+    found = lost_table(sweep).frame
+    assert found[["s", "method", "n_lost"]].to_numpy().tolist() == [
+        *(["1", "KF", 0], ["1", "X", 1]),
+        *(["2", "KF", 0], ["2", "X", 0]),
+    ]
+
+
+def test_a_run_writes_the_shares(tmp_path):
+    """From the configuration to lost.csv, summary.md and the page; the columns of the other files stay."""
+    methods = "{S-MPC: {estimator: {kind: kalman}}, R-MPC: {estimator: {kind: robust-kalman, c: 0.1}}}"
+    plain, counted = tmp_path / "plain", tmp_path / "counted"
+    path = write(tmp_path, methods=methods)
+    for out, options in ((plain, ()), (counted, ("--set", "statistics.lost=1.0000001"))):
+        result = cli("run", path, "-o", out, "-j", 1, "--progress", "none", *options)
+        assert result.exit_code == 0, result.output
+    assert "lost = failed, or mse above 1 times that of S-MPC" in result.stdout
+    mse = pd.read_csv(plain / "trials.csv").pivot_table(index="run", columns="method", values="mse")
+    found = pd.read_csv(counted / "lost.csv").set_index("method")
+    assert found.loc["R-MPC", "n_lost"] == (mse["R-MPC"] > 1.0000001 * mse["S-MPC"]).sum()
+    assert found["n"].tolist() == [6, 6] and found.loc["S-MPC", "n_lost"] == 0
+    assert not (plain / "lost.csv").exists()
+    for name in ("summary.csv", "comparisons.csv", "trials.csv"):
+        assert (plain / name).read_bytes() == (counted / name).read_bytes()
+    assert "| lost |" in (counted / "tables" / "summary.md").read_text()
+    assert "lost = failed" in (counted / "report.html").read_text()
+
+
+@pytest.mark.parametrize(("metric", "why"), [("inside", "a larger one is better"), ("nees", "it is best at 1")])
+def test_a_metric_of_which_less_is_not_better_is_refused(tmp_path, metric, why):
+    changes = {"metrics": f"[mse, {metric}]", "statistics": f"{{primary: {metric}, lost: 10}}"}
+    with pytest.raises(ConfigError, match=rf"statistics.lost: a run is lost where {metric} is large, but {why}"):
+        load_config(write(tmp_path, **changes))
+
+
+def test_a_factor_below_one_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"statistics.lost: must be > 1"):
+        load_config(write(tmp_path, statistics="{lost: 1}"))
