@@ -29,7 +29,6 @@ from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.sweep_section import NAME, columns
 from rmpc_bench.config.tree import Items, Map, locate, plain, split
-from rmpc_bench.config.tuning_plan import TuningPlan
 from rmpc_bench.simulation.scenario import Experiment
 
 
@@ -90,27 +89,6 @@ def canonicalise(
         resolved=_with_sweep(first_point, sweep, own),
         first_point=first_point,
     )
-
-
-def with_tuning(config: ExperimentConfig, plan: TuningPlan | None) -> ExperimentConfig:
-    """Return a configuration with what there is to tune; the values that are known are added to its resolved form.
-
-    Parameters
-    ----------
-    config : the configuration
-    plan : the searches; None without the section `tune`
-    """
-    if plan is None:
-        return config
-    rows = [
-        {**({"at": each.point} if each.point else {}), "method": each.method, "values": dict(each.values)}
-        for each in plan.searches
-        if each.values is not None
-    ]
-    resolved, first = (
-        {**tree, "tune": {**tree["tune"], "values": rows}} for tree in (config.resolved, config.first_point)
-    )
-    return replace(config, tuning=plan, resolved=resolved, first_point=first)
 
 
 def _add_files(tree: Map, draft: DraftConfig, own: OwnCode) -> None:

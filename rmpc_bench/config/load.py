@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +10,7 @@ from typing import NamedTuple
 from rmpc_bench.components.consent import CodeAccess
 from rmpc_bench.config.added_methods import texts_of
 from rmpc_bench.config.build import build
-from rmpc_bench.config.canonical import canonicalise, with_tuning
+from rmpc_bench.config.canonical import canonicalise
 from rmpc_bench.config.checks import check
 from rmpc_bench.config.elsewhere import join_findings
 from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -27,7 +26,8 @@ from rmpc_bench.config.source import GivenConfig, read
 from rmpc_bench.config.sweep import expand
 from rmpc_bench.config.tree import Map
 from rmpc_bench.config.tune_checks import check_tuning
-from rmpc_bench.config.tuning_plan import Chosen, Origin, parameter_words, tuning_plan
+from rmpc_bench.config.tuned_config import with_tuning
+from rmpc_bench.config.tuning_plan import Chosen, Origin
 from rmpc_bench.config.validation import validate_sections
 from rmpc_bench.types import ConfigError
 
@@ -117,7 +117,5 @@ def _validated(
     config = canonicalise(
         source.path, sweep, drafts[0], built, claims, own, smoke=size.smoke, overrides=options, added=added
     )
-    plan, words = tuning_plan(drafts, built), parameter_words(drafts[0])
     again = partial(_validated, source, tree, access, size, inherited, left_out)
-    origin = None if plan is None else Origin(sweep.points, access, size.smoke, again)
-    return replace(with_tuning(config, plan), parameters=words, origin=origin)
+    return with_tuning(config, drafts, Origin(sweep.points, access, size.smoke, again))
