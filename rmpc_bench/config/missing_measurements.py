@@ -1,4 +1,4 @@
-"""Refuses estimators that cannot do without a measurement where a noise law omits some."""
+"""Refuses estimators that cannot predict without a measurement where a noise law omits some."""
 
 from __future__ import annotations
 
@@ -37,6 +37,6 @@ def refuse_unbridged(draft: DraftConfig, scenario: Scenario, methods: Sequence[M
     if without:
         draft.note(
             ["noise", "measurement"],
-            f"omits measurements, and the estimator of {', '.join(map(repr, without))} does not predict without one; "
-            f"some that do: {', '.join(BRIDGING)}",
+            f"omits measurements, and the estimator of {', '.join(map(repr, without))} cannot predict without one; "
+            f"some that can: {', '.join(BRIDGING)}",
         )

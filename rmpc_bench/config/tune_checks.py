@@ -90,10 +90,10 @@ def _check_metric(draft: DraftConfig, point: SweepPoint) -> None:
     if name not in infos:
         draft.note(["tune", "metric"], unknown(name, infos, "metric of this configuration"))
     elif infos[name].direction == "higher":
-        draft.note(["tune", "metric"], f"tuning makes a metric small, and a larger {name} is better; choose another")
+        draft.note(["tune", "metric"], f"tuning minimises its metric, and a larger {name} is better; choose another")
     elif infos[name].direction in BEST_AT:
         best = BEST_AT[infos[name].direction]
-        draft.note(["tune", "metric"], f"tuning makes a metric small, and {name} is best at {best}; choose another")
+        draft.note(["tune", "metric"], f"tuning minimises its metric, and {name} is best at {best}; choose another")
 
 
 def _check_plant(draft: DraftConfig, point: SweepPoint, names: Sequence[str]) -> None:
@@ -102,5 +102,5 @@ def _check_plant(draft: DraftConfig, point: SweepPoint, names: Sequence[str]) ->
         message = "a recorded plant has the same runs for tuning and for the experiment; give the values themselves"
         draft.note(["tune"], message, key=True)
     if plant.opponent is not None and plant.opponent[0] in names:
-        message = "the uncertainty of the plant is chosen against this method, which is not tuned therefore"
+        message = "the uncertainty of the plant is chosen against this method; remove its key tune"
         draft.note(["methods", plant.opponent[0], "tune"], message, key=True)

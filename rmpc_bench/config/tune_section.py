@@ -116,10 +116,11 @@ def parameter_of(path: str, given: list[float] | RangeKeys) -> TunedParameter:
     keys = given if isinstance(given, RangeKeys) else RangeKeys(list(given))
     low, high = map(float, keys.range)
     if not low < high:
-        raise ValueError(f"the first number of a range is smaller than the second (got [{low:g}, {high:g}])")
+        raise ValueError(f"the first number of a range must be smaller than the second (got [{low:g}, {high:g}])")
     if keys.scale == "log" and low <= 0:
         way_out = f"{{range: [{low:g}, {high:g}], scale: linear}}"
-        raise ValueError(f"a range on a logarithmic scale begins above 0 (got {low:g}); or write {way_out}")
+        message = f"a range on a logarithmic scale must begin above 0 (got {low:g})"
+        raise ValueError(f"{message}; for other values write {way_out}")
     if keys.integer and any(number != int(number) for number in (low, high, keys.offset)):
-        raise ValueError("the ends and the offset of a range of integers are integers")
+        raise ValueError("the ends and the offset of a range with `integer: true` must be integers")
     return TunedParameter(path, low, high, keys.scale, float(keys.offset), keys.integer)

@@ -66,7 +66,8 @@ def read_tuned(draft: DraftConfig, name: str, own: Map, read: Reader, components
     path: list[str | int] = ["methods", name, "tune"]
     tree = own["tune"]
     if not isinstance(tree, Map) or not tree:
-        draft.note(path, f"must be a mapping such as {{estimator.radius: [0.01, 10]}} (got {shown(tree)})")
+        got = "an empty mapping" if tree == {} else shown(tree)
+        draft.note(path, f"must be a mapping such as {{estimator.radius: [0.01, 10]}} (got {got})")
         return components
     before = len(draft.problems)
     parameters = [found for key in tree if (found := _parameter(draft, tree, key, path)) is not None]

@@ -10,7 +10,7 @@ Model   As `kalman`; v has outliers.  T R_v T' = I and T_S S T_S' = I are lower 
                     eps is the share of outliers; without the key it is the share for which k is minimax,
                     2 phi(k) / k - 2 Phi(-k) = eps / (1 - eps).
 Source  regression: Boncelet and Dickinson (1983), Karlgaard and Schaub (2007).  innovation: Masreliez and Martin
-        (1977).  Formulas from memory, not compared with the texts.
+        (1977).  Formulas not compared with the texts of the papers.
 Assumed `robust: both` (Karlgaard and Schaub) applies rho to x - x_pred, too, after whitening with the Cholesky factor
         of P_pred.  It is for outliers of the process noise.  An outlier of y then moves the state, since x - x_pred
         also costs less.
@@ -76,11 +76,11 @@ def design(
     """
     if variant == "innovation":
         if robust == "both":
-            raise DesignError("both is not available for the variant innovation; choose regression", "robust")
+            raise DesignError("`both` needs `variant: regression`; choose that variant or `measurement`", "robust")
         law, kept = WeightLaw("innovation", (k,)), decrease(k, eps)
         return weighted_filter(model, n_steps, x0, P0, law, use_y0=use_y0, kept=kept)
     if eps is not None:
-        raise DesignError("eps is for the variant innovation; remove it or choose innovation", "eps")
+        raise DesignError("eps belongs to `variant: innovation`; remove it or choose that variant", "eps")
     return weighted_filter(model, n_steps, x0, P0, WeightLaw("huber", (k,), robust == "both"), use_y0=use_y0)
 
 

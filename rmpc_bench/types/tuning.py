@@ -90,7 +90,7 @@ def level_of(statistic: str) -> float | None:
     found = _QUANTILE.fullmatch(statistic.strip())
     level = float(found[1]) / 100 if found else 0.0
     if not 0 < level < 1:
-        raise ValueError(f"must be mean, median or a quantile such as 'quantile 90%' (got {statistic!r})")
+        raise ValueError(f"the statistic must be mean, median or a quantile such as 'quantile 90%' (got {statistic!r})")
     return level
 
 

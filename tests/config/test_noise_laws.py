@@ -97,7 +97,7 @@ def test_mistakes(load, law, message):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"noise": "{process: {quantised: {step: 1}}}"}, "process.quantised: 'quantised' alters a measurement; it is"),
+        ({"noise": "{process: {quantised: {step: 1}}}"}, "process.quantised: 'quantised' alters a measurement; put it"),
         ({"noise": "{process: {sum: [{missing: {probability: 0.1}}]}}"}, "process.sum.0.missing: 'missing' alters a"),
         ({"initial": "{x: {quantised: {step: 1}}}"}, "initial.x.quantised: 'quantised' alters a measurement"),
         ({"initial": "{x: {drift: {std: 1}}}"}, "initial.x.drift: an initial state is a single sample"),
@@ -118,7 +118,7 @@ def test_estimators_that_do_not_bridge_are_named(load):
     """Oracle: the method with a set, which a missing measurement would make wrong, and not the others."""
     methods = "{KF: {estimator: {kind: kalman}}, SM: {estimator: {kind: set-membership}}}"
     [found] = problems(load, noise="{measurement: {missing: {probability: 0.1}}}", methods=methods)
-    assert "noise.measurement: omits measurements, and the estimator of 'SM' does not" in found
+    assert "noise.measurement: omits measurements, and the estimator of 'SM' cannot predict" in found
     assert found.startswith("9:") and "'KF'" not in found and "robust-kalman" in found
 
 

@@ -25,18 +25,18 @@ def place(key, text, value):
 C = "{kind: robust-kalman, c: 0.1}"
 RANGES = [
     # range, estimator, text whose place is shown, path, message
-    ("{estimator.c: [1, 0.1]}", C, "[1, 0.1]", '."estimator.c"', "the first number of a range is smaller"),
-    ("{estimator.c: [0, 1]}", C, "[0, 1]", '."estimator.c"', "on a logarithmic scale begins above 0"),
+    ("{estimator.c: [1, 0.1]}", C, "[1, 0.1]", '."estimator.c"', "the first number of a range must be smaller"),
+    ("{estimator.c: [0, 1]}", C, "[0, 1]", '."estimator.c"', "on a logarithmic scale must begin above 0"),
     ("{estimator.c: [0.1]}", C, "[0.1]", '."estimator.c"', "has too few entries"),
     ("{estimator.c: 0.1}", C, "0.1", '."estimator.c"', "expected a list or a mapping"),
     ("{estimator.c: {range: [1, 2], scal: log}}", C, "scal", '."estimator.c".scal', "did you mean 'scale'?"),
-    ("{estimator.c: {range: [1, 2.5], integer: true}}", C, "{range", '."estimator.c"', "of integers are integers"),
+    ("{estimator.c: {range: [1, 2.5], integer: true}}", C, "{range", '."estimator.c"', "must be integers"),
     ("{estimator.cc: [0.1, 1]}", C, "[0.1", '."estimator.cc"', "'cc' is not a known key"),
     ("{estimater.c: [0.1, 1]}", C, "estimater.c", '."estimater.c"', "did you mean 'estimator'?"),
     ("{label: [0.1, 1]}", C, "label", ".label", "name a parameter, such as estimator.radius"),
     ("{estimator.c: [0.1, 0.9], controller.R: [1, 2]}", C, "[1, 2]", '."controller.R"', "'kind' is missing"),
     ("{estimator.kind.x: [0.1, 1]}", C, "[0.1", '."estimator.kind.x"', "can be set only if this is a mapping"),
-    ("{}", C, "{}", "", "must be a mapping such as"),
+    ("{}", C, "{}", "", "(got an empty mapping)"),
     ("3", C, "3", "", "must be a mapping such as"),
     # The ends are validated as a value is.
     ("{estimator.c: {range: [-1, 1], scale: linear}}", C, "{range", '."estimator.c"', "estimator.c = -1: must be > 0"),
@@ -220,5 +220,5 @@ def test_recorded_runs_are_not_tuned_on(tmp_path):
 
 @pytest.mark.parametrize(("metric", "why"), [("inside", "a larger inside is better"), ("nees", "nees is best at 1")])
 def test_a_metric_of_which_less_is_not_better_is_refused(tmp_path, metric, why):
-    with pytest.raises(ConfigError, match=rf"tune.metric: tuning makes a metric small, and {why}"):
+    with pytest.raises(ConfigError, match=rf"tune.metric: tuning minimises its metric, and {why}"):
         load_config(write(tmp_path, metrics=f"[estimation_mse, {metric}]", tune=f"{{metric: {metric}}}"))

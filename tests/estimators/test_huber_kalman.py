@@ -133,9 +133,9 @@ def test_the_order_of_correlated_outputs_matters():
 
 def test_keys_of_the_other_variant_are_refused(scalar_model):
     start = {"x0": np.zeros(1), "P0": np.eye(1)}
-    with pytest.raises(DesignError, match="choose regression") as caught:
+    with pytest.raises(DesignError, match="needs `variant: regression`") as caught:
         design(scalar_model, 5, **start, variant="innovation", robust="both")
     assert caught.value.parameter == "robust"
-    with pytest.raises(DesignError, match="choose innovation") as caught:
+    with pytest.raises(DesignError, match="belongs to `variant: innovation`") as caught:
         design(scalar_model, 5, **start, eps=0.1)
     assert caught.value.parameter == "eps"
