@@ -1,4 +1,4 @@
-"""Kalman filter with precomputed gains that goes on without a measurement where one is missing (NaN).
+"""Kalman filter with precomputed gains that predicts where a measurement is missing (NaN).
 
 Model   As `gain_schedule`.  Outputs that are missing at k are left out of the correction.  From then on P and the gains
         of this run are computed by the same Riccati recursion, run by run; the other runs keep the precomputed ones.
@@ -44,7 +44,7 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BridgingFilter(GainScheduleFilter):
-    """A gain schedule of a Kalman filter that bridges missing measurements.
+    """A gain schedule of a Kalman filter that bridges missing measurements: it predicts where one is missing.
 
     Parameters
     ----------

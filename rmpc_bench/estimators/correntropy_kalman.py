@@ -2,7 +2,7 @@
 
 Model   As `kalman`; v has outliers.  x_hat is a fixed point of the Kalman correction with R_v over the weights
         exp(-r_i^2 / (2 sigma^2)), r = T (y - C x_hat), T R_v T' = I, T lower triangular; it is iterated from x_pred.
-Source  Chen, Liu, Zhao and Principe, Automatica 76 (2017); formulas from memory, not compared with the text.
+Source  Chen, Liu, Zhao and Principe, Automatica 76 (2017); formulas not compared with the text of the paper.
 Assumed P is that of the Kalman correction with R_v over the weights, as of `huber-kalman`; `robust: both` weights
         x - x_pred, too, as the paper does.
 Order   If R_v is not diagonal, x_hat depends on the order of the outputs (whitening, see numerics/own_covariance.py);
@@ -10,9 +10,9 @@ Order   If R_v is not diagonal, x_hat depends on the order of the outputs (white
 Method  Reweighting until the residuals of the run change by less than 1e-11, at most 200 times.
 Limit   sigma -> infinity is `kalman`.
 Cost    1.3 us per run and step for two states and one output.
-Fails   Design error if R_v is singular.  The loss is not convex: there may be several fixed points.  An estimate that
-        has lost the state can reject every measurement, so that it does not return: compare medians and the share of
-        lost runs, not means alone.
+Fails   Design error if R_v is singular.  The loss is not convex: there may be several fixed points.  An estimate far
+        from the state can give every measurement a weight of almost 0, and then stays wrong: compare medians and the
+        share of lost runs, not means alone.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v 
 Source  The textbook filter (Simon 2006, 13.2); differences over the standard deviation as in the filters of Norgaard,
         Poulsen and Ravn (Automatica 36, 2000) without their terms of second order.
 Assumed The default `spread: 1`.  With dry friction the derivative of a body at rest with respect to its velocity is 0:
-        a tiny step concludes that a resting load cannot move, a step of one standard deviation does not.
+        linearised with a tiny step, a resting load never moves; with a step of one standard deviation it can.
 Limit   A linear model: `kalman`.  spread -> 0: the Jacobian by infinitesimal differences.
 Cost    2 n + 1 evaluations of f per run and step, and of h where the output is not linear.
 Fails   As estimators/gaussian_filter.py.

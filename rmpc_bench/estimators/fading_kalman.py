@@ -10,7 +10,7 @@ Limit   alpha = 1 gives the Kalman filter.
         A missing measurement (NaN) is left out of the correction.
 Cost    As every gain schedule.
 Fails   Design error if C P_pred C' + R_v is singular, or if P_pred grows beyond 1e100: alpha times the magnitude of an
-        eigenvalue of A exceeds 1 for a mode that the measurements do not show.
+        eigenvalue of A exceeds 1 for an unobservable mode.
 """
 
 from __future__ import annotations

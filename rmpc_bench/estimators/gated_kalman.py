@@ -9,7 +9,8 @@ Limit   A large gate is `kalman`.
 Cost    1.2 us per run and step for two states and one output.
 Fails   Design error if R_v is singular.  P takes the noise of a used measurement as Gaussian: it is too small with
         outliers below the gate.  After a sudden change of the state, or by chance, all measurements can be outside the
-        gate, so that the estimate is lost; P_pred of an unstable or integrating plant then grows until the gate opens.
+        gate, so that x_hat is no longer corrected; P_pred of an unstable or integrating plant then grows until a
+        measurement is inside the gate.
 """
 
 from __future__ import annotations

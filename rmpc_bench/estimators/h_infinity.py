@@ -183,7 +183,7 @@ def design(
     P0 : (nx, nx) inverse of the weight of its error
     theta : 1 / gamma^2, >= 0
     gamma : bound of the energy gain
-    fraction : theta as a part of theta_max, the least upper bound for k = 0..N; independent of units
+    fraction : theta as a fraction of theta_max, the least upper bound for k = 0..N; independent of units
     weight : (nx, nx) matrix M of W = M' M; a number is that number times the identity, a list is a diagonal
     form : `filter` uses y(k) for x_hat(k), `predictor` does not
     use_y0 : `false` starts from x0 and P0 as the estimate at k = 0 and does not use y(0)
@@ -214,7 +214,7 @@ def design(
 def _theta(
     recursion: Recursion, theta: float | None, gamma: float | None, fraction: float | None
 ) -> tuple[float, tuple[str, ...]]:
-    """Return theta, and a sentence about it where it is a part of theta_max."""
+    """Return theta, and a sentence about it where it is a fraction of theta_max."""
     if sum(each is not None for each in (theta, gamma, fraction)) != 1:
         raise DesignError("give exactly one of theta, gamma and fraction")
     if fraction is None:

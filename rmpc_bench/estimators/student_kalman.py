@@ -4,8 +4,8 @@ Model   As `kalman`, but v(k) ~ t(dof, 0, R_v): R_v is the scale matrix, the cov
         dof > 2.  One weight per sample: v(k) given lam is N(0, R_v / lam), lam ~ Gamma(dof / 2, dof / 2).
         lam = 1, then repeatedly: (x_hat, P) is the Kalman correction with R_v / lam,
         lam = (dof + ny) / (dof + r' R_v^-1 r + tr R_v^-1 C P C'), r = y - C x_hat.
-Source  Piche, Sarkka and Hartikainen (2012); Agamennoni, Nieto and Nebot (2012); formulas from memory, not compared
-        with the texts.
+Source  Piche, Sarkka and Hartikainen (2012); Agamennoni, Nieto and Nebot (2012); formulas not compared with
+        the texts of the papers.
 Assumed The number of corrections is fixed, so that a run does not depend on others.  P is that of x_hat - x given lam.
         A common weight of all outputs: the result does not depend on their order.
         With missing outputs ny is the number of the others, whose marginal law is again t.

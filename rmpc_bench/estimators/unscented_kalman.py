@@ -6,7 +6,7 @@ Model   x(k+1) = f(x(k), u(k)) + w(k), w ~ N(0, Q_w);  y(k) = h(x(k)) + v(k), v 
         are placed anew before the correction.
 Source  Julier and Uhlmann (2004), van der Merwe (2004); cubature: Arasaratnam and Haykin (2009).
 Assumed The defaults alpha = 1, beta = 0, kappa = 0 (no weight is negative).  van der Merwe's alpha = 1e-3 places the
-        points closer than the jump of a dry friction, where they see a linear plant.
+        points closer together than the jump of a dry friction, where the plant is linear.
 Limit   A linear model: `kalman` for any alpha.  alpha -> 0, beta = 0: the mean of the extended Kalman filter plus terms
         of order P.
 Cost    2 n + 1 evaluations of f per run and step, and of h where the output is not linear.

@@ -5,10 +5,10 @@ Model   x(k+1) = f(x(k), u(k)) + w(k), f the flow of plants/servo.py over a samp
         I [A] is no state of the design model: its estimate is in the info `x_all`, and controllers get the others.
         Controllers and linear filters use the linear model of models/servo.py with the same parameters and noise.
 Source  zenere2018, section 4.1, (20), (21), Tables 1 and 2.
-Assumed Covariance of the process noise: that of the linear model for its four states, and CURRENT_VARIANCE for the
-        current, on which the process noise of the paper does not act.  I(0) has this variance and the mean 0.
+Assumed Covariance of the process noise: that of the linear model for its four states, and 1e-6 A^2 for the current, on
+        which the process noise of the paper does not act.  I(0) has this variance and the mean 0.
 Limit   Without friction and with a small L the flow is that of the linear model.
-Cost    About 2.5 times a sample of the plant per point: sigma points meet more friction events than a trajectory.
+Cost    About 2.5 times a sample of the plant per point: sigma points have more friction events than a trajectory.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ Points   x and x +- column j of sqrt((n + lam) P), n + lam = alpha^2 (n + kappa)
          The root is the Cholesky factor.  Where P is not positive definite it is the symmetric root of the part of P
          with positive eigenvalues.
 Differences  Column i of the Jacobian is [f(x + h_i) - f(x - h_i)] / (2 h_i), h_i = spread sqrt(P_ii);
-         mean = f(x), covariance = J P J'.  A step of the size of the standard deviation sees a jump, such as the end of
+         mean = f(x), covariance = J P J'.  A step of one standard deviation can contain a jump, such as the end of
          sticking; a tiny one does not.
 Limit    For a linear f both are exact.  alpha -> 0 gives the mean f(x) of the differences plus a term of order P.
 """

@@ -21,7 +21,7 @@ from rmpc_bench.types import Array
 
 
 class Measured(NamedTuple):
-    """What a measurement says about the predictions."""
+    """Measurements compared with their predictions."""
 
     e: Float[Array, "runs ny"]
     """Innovation; NaN where an output is missing."""

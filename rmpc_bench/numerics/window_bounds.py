@@ -2,10 +2,10 @@
 
 Problem  Minimise |zeta|^2 over low <= value + E zeta <= high, where xi = mean + root zeta is the window of
          `window_posterior`.  This is the problem in xi, in coordinates in which its minimum without bounds is zeta = 0
-         and its Hessian the identity.  Without bounds in the way the answer is therefore known and exact.
+         and its Hessian the identity.  If no bound is active the solution is therefore known and exact.
 Scale    Every row is divided by the standard deviation of its value.  The problem is homogeneous: it is divided by its
-         largest violation, so that the solver sees numbers of size 1.  Of the unknowns only the part that the rows see
-         is left; the rest of the minimum is 0.
+         largest violation, so that the solver gets numbers of size 1.  Only the part of the unknowns that the rows
+         depend on is left; the rest of the minimum is 0.
 Fixed    A value without a standard deviation (no noise, or an exactly known state) cannot be moved: it is compared with
          its bounds.
 """

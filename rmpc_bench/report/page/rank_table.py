@@ -10,7 +10,7 @@ from rmpc_bench.report.ranks_table import RanksTable
 LIMITATIONS = (
     "A rank is that among these methods. Another method may widen or move it.",
     "The points of the sweep have equal weights and are all that the ranks describe: they are chosen, not drawn from a "
-    "population of systems, so that the intervals say nothing of other systems.",
+    "population of systems, so that the intervals do not hold for other systems.",
     "The intervals contain the chance of the runs only. Where parameters are tuned, another set of tuning runs may "
     "choose other values.",
     "Methods whose ranks overlap are not shown to be equal: the runs do not decide between them.",
