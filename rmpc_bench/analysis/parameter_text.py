@@ -90,12 +90,16 @@ def parameter_groups(trials: Trials, methods: Sequence[str]) -> dict[str, list[s
 def parameter_cells(trials: Trials, methods: Sequence[str]) -> list[str]:
     """Return ``tuned``, ``default`` or ``as published`` for every method; nothing where all methods are alike.
 
+    Where methods were tuned with different budgets, each has its own, such as ``tuned (budget 9, 50 runs)``.
+
     Parameters
     ----------
     trials : the table of trials
     methods : names in the order of the lines
     """
-    words = [TUNED if is_tuned(trials, method) else trials.parameters.get(method, "-") for method in methods]
+    words = [trials.parameters.get(method, "-") for method in methods]
+    if len(_tuned_words(trials)) == 1:
+        words = [TUNED if word.startswith(TUNED) else word for word in words]
     return words if len(set(words)) > 1 else []
 
 
@@ -114,6 +118,14 @@ def parameter_legend(trials: Trials) -> list[str]:
     groups = parameter_groups(trials, trials.methods)
     if len(groups) == 1:
         return [f"parameters: {word}" for word in groups]
-    tuned = [f"tuned = {word.removeprefix(TUNED).strip(' ()')}" for word in groups if word.startswith(TUNED)]
+    words = _tuned_words(trials)
+    # Otherwise the column has each of them.
+    tuned = [f"tuned = {word.removeprefix(TUNED).strip(' ()')}" for word in words] if len(words) == 1 else []
     baseline = untuned_text(trials, trials.baseline)
     return [*tuned, *([f"{trials.baseline}: {baseline}"] if baseline else [])]
+
+
+def _tuned_words(trials: Trials) -> list[str]:
+    """Return what is said of tuned methods, each word once."""
+    words = [trials.parameters.get(method, "") for method in trials.methods]
+    return list(dict.fromkeys(word for word in words if word.startswith(TUNED)))

@@ -131,7 +131,8 @@ def _methods() -> Schema:
     keys["label"] = {"type": "string", "description": "text for tables and figures; {KEY} is the value of a key"}
     about = "path inside the method, such as estimator.radius -> its range [low, high], or a mapping with further keys"
     keys["tune"] = {"type": "object", "additionalProperties": schema_of(Range), "description": about}
-    about = "where the parameters of a method come from that is not tuned; `as published` for the methods of a paper"
+    about = "where the parameters of a method come from that is not tuned here: `as published` for those of a paper, "
+    about += "`default`, or {budget: 9, runs: 50} for values that another configuration has tuned"
     keys["parameters"] = {**schema_of(Source), "description": about}
     method: Schema = {"type": ["object", "null"], "properties": keys, "additionalProperties": False}
     return {"type": "object", "additionalProperties": method}

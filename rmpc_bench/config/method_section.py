@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
@@ -13,10 +14,27 @@ from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.tree import Map, locate_key, merge
 from rmpc_bench.config.tuned_methods import read_tuned
-from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT
+from rmpc_bench.types import Count
+from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT, TuningProtocol
 
 KEYS = ("model", "estimator", "controller", "label", "tune", "parameters")
-Source: Any = Literal[AS_PUBLISHED, DEFAULT]
+
+
+@dataclass(frozen=True)
+class TunedKeys:
+    """How the values of a method were tuned in another configuration.
+
+    Parameters
+    ----------
+    budget : number of values that were tried
+    runs : number of runs for each value
+    """
+
+    budget: Count
+    runs: Count
+
+
+Source: Any = Literal[AS_PUBLISHED, DEFAULT] | TunedKeys
 """What the key `parameters` of a method may say."""
 
 
@@ -52,12 +70,16 @@ def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int]) -> N
     if "label" in own and not isinstance(label, str):
         draft.note([*path, "label"], f"must be text (got {shown(label)})")
     if "parameters" in own:
-        draft.sources[name] = draft.checked(Source, [*path, "parameters"]) or DEFAULT
+        draft.sources[name] = _words(draft.checked(Source, [*path, "parameters"]) or DEFAULT)
     read = partial(_components, draft, path)
     components = read(own)
     draft.methods[name] = components
     if own.get("tune") is not None:
         draft.methods[name] = read_tuned(draft, name, own, read, components)
+
+
+def _words(source: str | TunedKeys) -> str:
+    return source if isinstance(source, str) else TuningProtocol(source.budget, source.runs, "").words
 
 
 def _components(draft: DraftConfig, path: list[str | int], own: Map) -> MethodComponents:

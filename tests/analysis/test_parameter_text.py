@@ -40,6 +40,17 @@ def test_the_column_and_the_legend_of_methods_that_differ(trials):
     assert parameter_cells(replace(trials, parameters={}), ["A", "B"]) == []
 
 
+def test_methods_that_were_tuned_with_different_budgets_have_each_its_own(trials):
+    """One budget is in the legend, several are in the column."""
+    elsewhere = "tuned (budget 9, 50 runs)"
+    two = replace(trials, parameters={"A": TUNED, "B": elsewhere, "C": "as published"})
+    assert parameter_cells(two, ["A", "B", "C"]) == [TUNED, elsewhere, "as published"]
+    assert parameter_legend(two) == []
+    one = replace(trials, parameters={"A": "default", "B": elsewhere, "C": elsewhere})
+    assert parameter_cells(one, ["A", "B", "C"]) == ["default", "tuned", "tuned"]
+    assert parameter_legend(one) == ["tuned = budget 9, 50 runs", "A: default, not tuned"]
+
+
 @pytest.mark.parametrize(
     ("paper", "word"),
     [

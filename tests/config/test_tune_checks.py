@@ -1,0 +1,74 @@
+"""Metrics that tuning must not make small are refused at their place; where the parameters of methods come from."""
+
+import pytest
+from tuned_experiment import KEYS, write
+
+from rmpc_bench import load_config
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
+from rmpc_bench.types import ConfigError
+
+LINES = [*KEYS]
+
+
+def problem(path):
+    """Return the only problem of a configuration."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    (found,) = caught.value.problems
+    return found
+
+
+BEST_INSIDE = [("nees", "nees is best at 1"), ("sample", "sample is best at 0")]
+
+
+@pytest.mark.parametrize(("metric", "why"), [*BEST_INSIDE, ("inside", "a larger inside is better")])
+def test_a_metric_that_is_not_to_be_small_is_refused_at_its_place(tmp_path, metric, why):
+    """Whether the section names it, or it is the primary one; then the place is the section."""
+    keys = "{kind: sample, of: e.0}" if metric == "sample" else metric
+    changes = {"metrics": f"[estimation_mse, {keys}]"}
+    named = f"{{budget: 6, metric: {metric}}}"
+    found = problem(write(tmp_path, tune=named, **changes))
+    assert found.path == "tune.metric" and why in found.message
+    assert (found.line, found.column) == (LINES.index("tune") + 1, len("tune: ") + named.index(metric) + 1)
+    found = problem(write(tmp_path, statistics=f"{{primary: {metric}}}", **changes))
+    assert found.path == "tune.metric" and why in found.message and found.line == LINES.index("tune") + 1
+
+
+def test_another_metric_may_be_tuned_where_the_primary_one_is_best_inside(tmp_path):
+    changes = {"metrics": "[nees, estimation_mse]", "tune": "{metric: estimation_mse}"}
+    assert load_config(write(tmp_path, **changes)).tuning.protocol.metric == "estimation_mse"
+
+
+def test_values_that_were_tuned_elsewhere_have_their_budget(tmp_path):
+    """In words, and in the resolved configuration, which loads as the same one; trials keep their hash."""
+    given = KEYS["methods"].replace("KF: {", "KF: {parameters: {budget: 9, runs: 50}, ")
+    config, other = load_config(write(tmp_path, methods=given)), load_config(write(tmp_path))
+    assert config.parameters == {"KF": "tuned (budget 9, 50 runs)", "KFR": "tuned (budget 6, 5 runs)"}
+    assert config.points[0].method_keys == other.points[0].method_keys
+    (tmp_path / "resolved.yaml").write_text(dump(plain(config.resolved)), encoding="utf-8")
+    assert load_config(tmp_path / "resolved.yaml").parameters == config.parameters
+
+
+def test_the_key_tune_of_a_method_counts_before_what_was_tuned_elsewhere(tmp_path):
+    """Where `tune: null` tunes nothing, the values of the file are those that were tuned elsewhere."""
+    given = KEYS["methods"].replace("KFR: {", "KFR: {parameters: {budget: 9, runs: 50}, ")
+    assert load_config(write(tmp_path, methods=given)).parameters["KFR"] == "tuned (budget 6, 5 runs)"
+    assert load_config(write(tmp_path, methods=given, tune="null")).parameters["KFR"] == "tuned (budget 9, 50 runs)"
+
+
+SOURCES = [
+    ("mine", "", "mine", "must be 'as published' or 'default' (got 'mine')"),
+    ("{budget: 0, runs: 50}", ".budget", "0, ", "must be >= 1 (got 0)"),
+    ("{budget: 9}", "", "{budget", "'runs' is missing"),
+    ("{budget: 9, runs: 50, seed: 1}", ".seed", "seed", "'seed' is not a known key; known: budget, runs"),
+]
+
+
+@pytest.mark.parametrize(("given", "path", "where", "message"), SOURCES, ids=[case[0] for case in SOURCES])
+def test_a_wrong_source_of_parameters_is_reported_at_its_place(tmp_path, given, path, where, message):
+    methods = f"{{KF: {{estimator: {{kind: kalman}}, parameters: {given}}}}}"
+    found = problem(write(tmp_path, methods=methods, tune=None))
+    assert found.path == f"methods.KF.parameters{path}" and message in found.message
+    column = len("methods: ") + methods.index(given) + given.index(where) + 1
+    assert (found.line, found.column) == (LINES.index("methods") + 1, column)
