@@ -107,7 +107,7 @@ def compare_improvements(
         info=info,
         names=_names(a, b),
         settings=tuple(_of_the_system(setting_differences(a, b), method, points[0][0])),
-        tables=tuple(one for one, _ in points),
+        tables=tuple(points),
         redefined=_key_of(a, name) != _key_of(b, name),
     )
 

@@ -33,7 +33,7 @@ class ImprovementComparison:
     info : the metric
     names : the two experiments
     settings : what differs in the systems, the method and its baseline
-    tables : the tables of A at these points
+    tables : the tables of A and B at these points
     redefined : whether the two define the metric differently
     """
 
@@ -41,13 +41,13 @@ class ImprovementComparison:
     info: MetricInfo
     names: tuple[str, str]
     settings: tuple[Setting, ...]
-    tables: tuple[Trials, ...]
+    tables: tuple[tuple[Trials, Trials], ...]
     redefined: bool = False
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """One sentence per point that can be quoted as it stands."""
-        return tuple(self._sentence(row, table) for row, table in zip(self.rows, self.tables, strict=True))
+        return tuple(self._sentence(row, pair) for row, pair in zip(self.rows, self.tables, strict=True))
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row per point and average; see `ImprovementDifference` and `AverageDifference`."""
@@ -80,9 +80,9 @@ class ImprovementComparison:
                 "settings that differ",
                 *(f"  {each.path}: A {each.a}, B {each.b}" for each in self.settings),
             )
-        for row, table in zip(self.rows, self.tables, strict=True):
+        for row, pair in zip(self.rows, self.tables, strict=True):
             yield ""
-            yield self._sentence(row, table)
+            yield self._sentence(row, pair)
             yield from (f"  {line}" for line in self._details(row))
         if self.redefined:
             yield ""
@@ -90,17 +90,17 @@ class ImprovementComparison:
         yield ""
         yield _explanation(self.rows[0])
 
-    def _sentence(self, row: ImprovementDifference, table: Trials) -> str:
+    def _sentence(self, row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
         head = f"{row.point}: " if row.point else ""
         name = name_of_distance(self.info)
         first, second = (f"with {text}" for text in self._experiments())
-        word = self._word(row, table)
+        word = self._word(row, tables[0])
         if not row.averages:
             shares = [f"{100 * share:.3g} %" for share in (row.superiority_a, row.superiority_b)]
             gap = _estimate(row.superiority, 100, "percentage points")
             text = f"{row.method} is better than {row.baseline} in {name} in {shares[0]} of the runs {first} and in "
             text += f"{shares[1]} {second} (ties count half): the difference is {gap}"
-            return f"{head}{text} ({_basis(row, table)}){word}."
+            return f"{head}{text} ({_basis(row, tables)}){word}."
         each = row.averages[0]
         unit = self.info.unit if each.average == "difference" else "percentage points"
         gap, texts = (
@@ -112,7 +112,7 @@ class ImprovementComparison:
         text += f"{verb}by {texts[1]} {second}: the difference of the improvements is {gap}"
         if each.average != "difference":
             text += f", the ratio of the ratios {interval_text(*each.ratio, sign=False)}"
-        return f"{head}{text} ({_average(each)}, {_basis(row, table)}){word}."
+        return f"{head}{text} ({_average(each)}, {_basis(row, tables)}){word}."
 
     def _experiments(self) -> list[str]:
         """Name the two experiments by what differs, or by their directories."""
@@ -191,11 +191,13 @@ def _average(each: AverageDifference) -> str:
     )
 
 
-def _basis(row: ImprovementDifference, table: Trials) -> str:
-    """Say what the numbers rest on: runs, pairing and level."""
+def _basis(row: ImprovementDifference, tables: tuple[Trials, Trials]) -> str:
+    """Say what the numbers rest on: runs, pairing, level, and where the parameters of both methods come from."""
+    table = tables[0]
     simultaneous = "simultaneous " if row.level > table.confidence else ""
     level = f"{simultaneous}{100 * table.confidence:g} % intervals"
-    origin = pair_text(table, row.method, row.baseline)
+    origins = [pair_text(each, row.method, row.baseline) for each in tables]
+    origin = origins[0] if origins[0] == origins[1] else f"in A {origins[0] or '-'}; in B {origins[1] or '-'}"
     level += f"; {origin}" if origin else ""
     if row.paired:
         return f"{row.n_a} paired runs, {level}"

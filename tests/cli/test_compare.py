@@ -1,6 +1,7 @@
 """rmpc-bench compare: two directories run by run, and the difference of two improvements."""
 
 import shutil
+from dataclasses import replace
 
 import pytest
 from small_experiment import cli, ran, write
@@ -106,3 +107,14 @@ def test_other_seeds_are_not_paired(directories):
     ).to_frame()
     assert table["average"].tolist() == ["mean", "geometric"] and not table["paired"].any()
     assert table["verdict"].tolist() == ["", ""]
+
+
+def test_the_parameters_of_both_directories_are_named(directories):
+    """Once where they are alike; a method that is tuned in one of them only is not called tuned in the other."""
+    a, b = load_results(directories / "a"), load_results(directories / "wide")
+    (text,) = compare_improvements(a, b, "R-MPC").sentences
+    assert "intervals; both default, not tuned)" in text
+    words = {"S-MPC": "default", "R-MPC": "tuned (budget 9, 50 runs)"}
+    (text,) = compare_improvements(a, replace(b, trials=replace(b.trials, parameters=words)), "R-MPC").sentences
+    tuned = "R-MPC: tuned (budget 9, 50 runs), S-MPC: default, not tuned"
+    assert f"intervals; in A both default, not tuned; in B {tuned})" in text
