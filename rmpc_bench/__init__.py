@@ -34,6 +34,7 @@ _PUBLIC: dict[str, str] = {
     "drivers": "rmpc_bench.execution.evaluation",
     "requirements": "rmpc_bench.execution.evaluation",
     "ranks": "rmpc_bench.execution.evaluation",
+    "tuning": "rmpc_bench.execution.tuning_report",
     "compare_results": "rmpc_bench.execution.two_results",
     "compare_improvements": "rmpc_bench.execution.two_results",
     "judge": "rmpc_bench.execution.evaluation",

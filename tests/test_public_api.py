@@ -25,7 +25,8 @@ def test_public_names_are_the_documented_ones():
     assert set(rmpc_bench._PUBLIC) == {
         *("LinearModel", "Scenario", "Experiment", "Method", "Status", "Trials", "Results"),
         *("simulate", "run", "merge", "replay", "load_config", "load_results", "load_trials"),
-        *("summarise", "compare", "drivers", "requirements", "ranks", "judge", "figure", "publish", "pack", "verify"),
+        *("summarise", "compare", "drivers", "requirements", "ranks", "tuning"),
+        *("judge", "figure", "publish", "pack", "verify"),
         *("compare_results", "compare_improvements"),
         *("register", "plant", "model", "estimator", "controller"),
         *("single_run", "SolverError", "Estimator", "Controller", "Plant", "Metric", "Figure"),

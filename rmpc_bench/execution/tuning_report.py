@@ -21,9 +21,10 @@ def tuning(results: Results) -> TuningTable:
     --------
     >>> import rmpc_bench, tempfile
     >>> directory = tempfile.mkdtemp()
-    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4)
+    >>> changes = ["tune={budget: 3, runs: 2}", "methods.R-MPC.tune={estimator.c: [0.01, 1]}"]
+    >>> config = rmpc_bench.load_config("configs/quickstart.yaml", runs=4, overrides=changes)
     >>> results = rmpc_bench.run(config, directory=directory, jobs=1, only=["S-MPC", "R-MPC"])
-    >>> tuning(results).sentences
-    ()
+    >>> tuning(results).frame[["method", "parameter", "n_values", "n_runs"]].to_numpy().tolist()
+    [['R-MPC', 'estimator.c', 3, 2]]
     """
     return TuningTable(results.trials, results.tuning)
