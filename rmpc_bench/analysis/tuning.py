@@ -1,7 +1,7 @@
 """What tuning has gained: objectives of the default, the tuned and the best value, regret, and shares of failed runs.
 
 Regret  How much worse the tuned value is on the runs of the experiment than the best value that was tried, the default
-        included.  It is what a search with only these values loses because it sees other runs.
+        included.  It is what a search with only these values loses because it uses other runs.
 Equal   Objectives are compared with `DIGITS` digits, so that equal ones are equal on every CPU.
 """
 

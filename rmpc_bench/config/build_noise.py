@@ -95,7 +95,7 @@ class NoiseLaws:
 
 
 def _unfit(law: Noise, kind: str, channel: str) -> tuple[str, str]:
-    """Return why a law cannot be one of a channel, and the key to blame; empty where it can."""
+    """Return why a law cannot be one of a channel, and the key with the error; empty where it can."""
     if law.alters_output and channel != "measurement":
         return f"{kind!r} alters a measurement; put it under noise.measurement", ""
     if channel == "initial" and law.has_bursts:
