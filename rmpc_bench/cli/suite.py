@@ -11,6 +11,7 @@ import click
 from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.run import run
 from rmpc_bench.cli.run_request import Workers
+from rmpc_bench.cli.typed_files import from_here
 from rmpc_bench.config.known_files import known_configs, located, short_names
 
 FOLDER = "configs/suite/"
@@ -20,7 +21,10 @@ FOLDER = "configs/suite/"
 @click.command()
 @click.argument("names", nargs=-1, metavar="[SET]...")
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="Directory for the results; of several sets, above."
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="Directory for the results; with several sets, the directory above theirs.",
 )
 @click.option("-j", "--jobs", type=Workers(), help="Worker processes, or auto.  [default: execution.workers]")
 @click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the set.")
@@ -45,11 +49,20 @@ FOLDER = "configs/suite/"
 @own_code.allow_code_option
 @own_code.import_option
 @click.pass_context
-def suite(context: click.Context, /, names: tuple[str, ...], output: Path | None, **options: Any) -> None:
+def suite(
+    context: click.Context,
+    /,
+    names: tuple[str, ...],
+    output: Path | None,
+    add_methods: tuple[str, ...],
+    allow_code: tuple[Path, ...],
+    **options: Any,
+) -> None:
     """Run the sets of the suite, or continue them, and show the ranks of the methods.
 
     A set is a configuration in configs/suite, such as suite-1: estimators on published uncertain systems, tuned alike.
-    All sets are run unless some are named.  Every set is run by `rmpc-bench run`, which has further options.
+    All sets are run unless some are named.  Every set is run by `rmpc-bench run`, which has further options.  The file
+    of an added method is relative to the current directory.
     """
     places = [place for place in known_configs() if place.startswith(FOLDER)]
     chosen = [_place(name, places) for name in names] or places
@@ -58,7 +71,10 @@ def suite(context: click.Context, /, names: tuple[str, ...], output: Path | None
     codes = []
     for place in chosen:
         directory = output if output is None or len(chosen) == 1 else output / short_names(place)[1]
-        codes.append(_code(context, config=located(place), output=directory, **options))
+        config = located(place)
+        texts, files = from_here(add_methods, config)
+        added = {"add_methods": tuple(texts), "allow_code": (*allow_code, *files)}
+        codes.append(_code(context, config=config, output=directory, **added, **options))
     sys.exit(next((code for code in exits.MEANINGS if code in codes and code), 0))
 
 

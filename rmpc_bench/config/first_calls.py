@@ -42,8 +42,8 @@ class FirstCalls:
             files = tuple(each.references() for each in named.values())
             if not any(files):
                 continue
-            # Points of a sweep with the same files differ in numbers only, and so do the values that tuning tries.
-            key = method.name.partition("~")[0], files
+            # Points with the same files and sizes differ in numbers only, and so do the values that tuning tries.
+            key = method.name.partition("~")[0], files, plant.nx, plant.nu, plant.ny
             if key not in self._estimates:
                 # Imported here: a configuration without files of the user needs none of it.
                 from rmpc_bench.components.first_call import Sample

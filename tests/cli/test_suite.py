@@ -1,5 +1,7 @@
 """`rmpc-bench suite`: sets by name, one table of ranks, a method from a file, several sets, mistakes."""
 
+from pathlib import Path
+
 import pandas as pd
 import pytest
 from small_experiment import cli, text
@@ -48,6 +50,20 @@ def test_a_method_from_a_file_is_in_the_table(place):
     table = pd.read_csv(out / "ranks.csv")
     assert {*table["method"][table["axis"].isna()]} == {"mine", "S-MPC", "R-MPC"}
     assert (out / "tables" / "ranks.md").exists()
+
+
+def test_one_filter_for_systems_of_several_sizes(place):
+    """The first call of a file's component is made for every size of the plant."""
+    benchmarks = Path(__file__).parents[2] / "configs" / "benchmarks"
+    rows = [f"{{name: {name}, plant.from: {benchmarks / name}.yaml}}" for name in ("sayed2001", "f404")]
+    (place / "configs" / "suite" / "sizes.yaml").write_text(
+        f"version: 1\nname: sizes\nruns: 2\ntime: {{steps: 5}}\nplant: {{from: {benchmarks / 'sayed2001.yaml'}}}\n"
+        f"methods: {{KF: {{estimator: {{kind: kalman}}}}}}\nsweep: {{zip: [{', '.join(rows)}]}}\n"
+        "metrics: [estimation_mse]\nfigures: []\n"
+    )
+    done = suite("sizes", "--add-method", "mine: {estimator: {file: my_filter.py:design}}", "--dry-run")
+    assert done.exit_code == 0, done.output
+    assert "8 of 8 trials to compute (KF, mine)" in done.stdout
 
 
 def test_several_sets_have_a_directory_each(place):
