@@ -28,6 +28,9 @@ class Progress(Protocol):
     def advance(self, n: int) -> None:
         """Count ``n`` more trials as stored."""
 
+    def found(self, n: int) -> None:
+        """Count ``n`` trials as stored that an earlier session has computed; they say nothing of the rate."""
+
     def extend(self, n: int) -> None:
         """Add ``n`` trials to those that are to be computed."""
 
@@ -46,6 +49,9 @@ class Silent:
 
     def advance(self, n: int) -> None:
         """Count."""
+
+    def found(self, n: int) -> None:
+        """Count what an earlier session has computed."""
 
     def extend(self, n: int) -> None:
         """Count what is still to be computed."""
@@ -92,14 +98,19 @@ class Plain(Silent):
             self._shown = now
             self._show(now - self._started)
 
+    def found(self, n: int) -> None:
+        """Count what an earlier session has computed."""
+        self._done += n
+        self._before += n
+
     def extend(self, n: int) -> None:
         """Count what is still to be computed."""
         self._total += n
 
-    def _left(self, seconds: float) -> float:
-        """Return the time that is left at the rate since the start [s]."""
-        rate = (self._done - self._before) / max(seconds, 1e-9)
-        return (self._total - self._done) / max(rate, 1e-9)
+    def _left(self, seconds: float) -> float | None:
+        """Return the time that is left at the rate since the start [s]; None before a trial is finished."""
+        computed = self._done - self._before
+        return (self._total - self._done) * seconds / computed if computed else None
 
     def _begin(self) -> None:
         already = f", {self._done} stored already" if self._done else ""
@@ -107,7 +118,8 @@ class Plain(Silent):
 
     def _show(self, seconds: float) -> None:
         so_far = self._running.text() if self._running is not None else ""
-        line = f"{self._title}: {self._done} of {self._total} trials, {self._left(seconds):.0f} s left"
+        left = self._left(seconds)
+        line = f"{self._title}: {self._done} of {self._total} trials" + ("" if left is None else f", {left:.0f} s left")
         self.say(f"{line}; {so_far}" if so_far else line)
 
 
@@ -135,7 +147,8 @@ class JsonLines(Plain):
         self._write("start", experiment=self._title, **self._counts(0.0))
 
     def _show(self, seconds: float) -> None:
-        self._write("progress", **self._counts(seconds), left_seconds=round(self._left(seconds), 1))
+        left = self._left(seconds)
+        self._write("progress", **self._counts(seconds), left_seconds=None if left is None else round(left, 1))
 
     def _counts(self, seconds: float) -> dict[str, Any]:
         rows = self._running.rows() if self._running is not None else []
@@ -194,6 +207,10 @@ class Bar:
         if self._running is not None and now - self._shown >= SECONDS:
             self._shown = now
             self._rich.so_far = self._running.text()
+        self._rich.advance(self._task, n)
+
+    def found(self, n: int) -> None:
+        """Move the bar."""
         self._rich.advance(self._task, n)
 
     def extend(self, n: int) -> None:

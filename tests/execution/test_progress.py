@@ -48,6 +48,35 @@ def test_plain_without_anything_stored(capsys):
     assert capsys.readouterr().err.splitlines() == ["fig7: 2 trials", "fig7: 2 of 2 trials, 0 s left"]
 
 
+def test_the_time_left_is_that_of_computed_trials(capsys):
+    """What an earlier session has stored counts as done and not for the rate; before that no time is shown."""
+    clock = Clock()
+    shown = Plain(seconds=0.0, clock=clock)
+    shown.start("tuning", 100, 0)
+    shown.found(40)
+    clock.now += 5.0
+    shown.advance(0)
+    clock.now += 5.0
+    shown.advance(20)
+    assert capsys.readouterr().err.splitlines() == [
+        "tuning: 100 trials",
+        "tuning: 40 of 100 trials",
+        "tuning: 60 of 100 trials, 20 s left",
+    ]
+
+
+def test_json_lines_have_no_time_before_a_trial_is_computed(capsys):
+    clock = Clock()
+    shown = JsonLines(seconds=0.0, clock=clock)
+    shown.start("tuning", 10, 0)
+    shown.found(5)
+    shown.advance(0)
+    clock.now += 2.0
+    shown.advance(1)
+    lines = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert [(line["done"], line.get("left_seconds", "")) for line in lines] == [(0, ""), (5, None), (6, 8.0)]
+
+
 def test_silent_still_warns(capsys):
     """Only what must be said."""
     shown = Silent()

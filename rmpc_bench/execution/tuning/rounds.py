@@ -83,7 +83,7 @@ class Rounds:
         made = self._builder.build(trials, tested=tested)
         n_runs = self._plan.test_runs if tested else self._plan.protocol.runs
         lost = [trial for trial in trials if trial not in made.places]
-        self._progress.advance(len(lost) * n_runs)
+        self._progress.found(len(lost) * n_runs)
         found: dict[Trial, Array] = {trial: np.full(n_runs, np.nan) for trial in lost}
         if made.places:
             found |= self._computed(made, n_runs, tested=tested)
@@ -109,7 +109,7 @@ class Rounds:
         """Compute and store what is missing."""
         means, progress = self._means, self._progress
         tasks = pending(config, store, names)
-        progress.advance(n_trials - sum(len(task.runs) for task in tasks))
+        progress.found(n_trials - sum(len(task.runs) for task in tasks))
         if not tasks:
             return
         store.register(stored_methods(config, names))
