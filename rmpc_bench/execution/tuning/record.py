@@ -2,6 +2,9 @@
 
 It is kept beside the tables of the results: a search whose key is in it is not made again, also where no trial is
 stored.  Its numbers have six digits and do not depend on the machine; times are in a file of their own.
+
+Without regret the single tuning runs are needed for the chosen value only.  The other values then have their objective
+in place of their runs, which keeps the record of a large suite small.
 """
 
 from __future__ import annotations
@@ -47,6 +50,8 @@ class Found(NamedTuple):
     tested: str = ""
     """What identifies the runs of ``test``; empty without them."""
     test: Float[Array, "rows test_runs"] | None = None
+    is_short: bool = False
+    """Whether the rows of ``tuning`` but for the chosen one hold the objective at all runs."""
 
     @property
     def values(self) -> dict[str, float | int]:
@@ -101,8 +106,12 @@ def _read(path: Path) -> dict[str, Found]:
 def _found(entry: Mapping[str, Any]) -> Found:
     parameters = tuple(TunedParameter(**each) for each in entry["parameters"])
     candidates = np.array(entry["candidates"], dtype=float).reshape(-1, len(parameters))
-    chosen, test = int(entry["chosen"]), entry.get("test")
+    chosen, test, is_short = int(entry["chosen"]), entry.get("test"), "objectives" in entry
     tuning, stages = _matrix(entry["tuning"]), tuple(map(str, entry["stages"]))
+    if is_short:
+        own = tuning[0]
+        tuning = np.repeat(_matrix([entry["objectives"]]).T, len(own), axis=1)
+        tuning[chosen] = own
     if not (0 <= chosen < len(candidates) == len(stages) == len(tuning)):
         raise ValueError("its lists differ in length")
     return Found(
@@ -115,6 +124,7 @@ def _found(entry: Mapping[str, Any]) -> Found:
         tuple(None if each is None else float(each) for each in entry["default"]),
         "" if test is None else str(test["key"]),
         None if test is None else _matrix(test["values"]),
+        is_short,
     )
 
 
@@ -123,7 +133,12 @@ def _matrix(rows: Sequence[Sequence[float | None]]) -> Array:
 
 
 def write_record(
-    directory: Path, protocol: TuningProtocol, searches: Iterable[WantedSearch], found: Mapping[str, Found]
+    directory: Path,
+    protocol: TuningProtocol,
+    searches: Iterable[WantedSearch],
+    found: Mapping[str, Found],
+    *,
+    short: bool,
 ) -> None:
     """Write the record of a directory; searches that the configuration does not have any more are left out.
 
@@ -133,9 +148,12 @@ def write_record(
     protocol : how parameters are chosen
     searches : those of the configuration
     found : key -> what was found
+    short : whether, without runs of the experiment, the single runs are kept of the chosen values only
     """
     wanted = {search.key: None for search in searches if search.key in found}
-    entries = [f'  "{key}": {_entry(found[key])}' for key in wanted]
+    entries = [
+        f'  "{key}": {_entry(found[key], protocol if short and found[key].test is None else None)}' for key in wanted
+    ]
     head = json.dumps({"version": _VERSION, "protocol": vars(protocol)})[:-1]
     text = f'{head}, "searches": {{\n' + ",\n".join(entries) + "\n}}\n"
     path = directory / FILE
@@ -143,8 +161,11 @@ def write_record(
         replace_text(path, text)
 
 
-def _entry(found: Found) -> str:
-    """Write what a search has found with a line for every value, so that differences are short."""
+def _entry(found: Found, of_objectives: TuningProtocol | None) -> str:
+    """Write what a search has found with a line for every value, so that differences are short.
+
+    With a protocol the objectives take the place of the runs, but for those of the chosen value.
+    """
     head: dict[str, Any] = {
         "method": found.method,
         "parameters": [vars(each) for each in found.parameters],
@@ -153,7 +174,12 @@ def _entry(found: Found) -> str:
         "stages": found.stages,
         "candidates": found.candidates.tolist(),
     }
-    parts = [json.dumps(head)[1:-1], f'"tuning": {_rows(found.tuning)}']
+    tuning = found.tuning
+    if of_objectives is not None:
+        objectives = [float(f"{value:.6g}") for value in of_objectives.objective(tuning)]
+        head["objectives"] = [value if math.isfinite(value) else None for value in objectives]
+        tuning = tuning[found.chosen : found.chosen + 1]
+    parts = [json.dumps(head)[1:-1], f'"tuning": {_rows(tuning)}']
     if found.test is not None:
         parts.append(f'"test": {{"key": "{found.tested}", "values": {_rows(found.test)}}}')
     return "{" + ",\n   ".join(parts) + "}"

@@ -39,7 +39,7 @@ def with_known(config: ExperimentConfig, directory: Path) -> ExperimentConfig:
     """
     if config.tuning is None or not config.tuning.missing:
         return config
-    return _with_values(config, read_record(directory))
+    return _with_values(config, _usable(read_record(directory), config.tuning))
 
 
 def tuned(
@@ -75,7 +75,7 @@ def tuned(
     if plan_of is None:
         return config
     found = read_record(also) if also is not None else {}
-    found |= read_record(directory)
+    found = _usable(found | read_record(directory), plan_of)
     wanted = [each for each in plan_of.searches if only is None or each.method in only]
     once = {each.key: each for each in reversed(wanted)}
     missing = [each for key, each in once.items() if each.values is None and key not in found][::-1]
@@ -88,10 +88,15 @@ def tuned(
     try:
         if any(each.key in found for each in plan_of.searches):
             directory.mkdir(parents=True, exist_ok=True)
-            write_record(directory, plan_of.protocol, plan_of.searches, found)
+            write_record(directory, plan_of.protocol, plan_of.searches, found, short=not plan_of.regret)
     except OSError as error:
         raise WriteError(str(error)) from None
     return _with_values(config, found)
+
+
+def _usable(found: Mapping[str, Found], plan_of: TuningPlan) -> dict[str, Found]:
+    """Leave out short records where regret is wanted: ranks over other tuning runs need the runs of all values."""
+    return {key: each for key, each in found.items() if not (plan_of.regret and each.is_short)}
 
 
 def _refuse_another(config: ExperimentConfig, directory: Path) -> None:

@@ -56,7 +56,7 @@ def test_the_tuned_noise_is_the_true_one(tmp_path):
 
 def test_tuning_equals_brute_force_on_the_same_runs(tmp_path):
     """An ordinary experiment with the seed of the tuning has the metrics that tuning has seen, for every value."""
-    path = write(tmp_path, tune="{budget: 16, runs: 12, regret: false}")
+    path = write(tmp_path, tune="{budget: 16, runs: 12}")
     results = rmpc_bench.run(load_config(path), directory=tmp_path / "out", jobs=1)
     search = results.tuning.search("KFR")
     grid = np.unique([*np.geomspace(0.1, 100, 61), *search.candidates[:, 0]]).tolist()
@@ -178,6 +178,28 @@ def test_more_runs_of_the_experiment_tune_nothing_again(tmp_path, monkeypatch):
     for key in before:
         np.testing.assert_array_equal(before[key].tuning, after[key].tuning)
         np.testing.assert_array_equal(before[key].test, after[key].test[:, :8])
+
+
+def test_without_regret_the_record_is_short(tmp_path):
+    """It has the objective of every value and the runs of the chosen one; with regret the search is made again."""
+    tables = {}
+    for name in ("true", "false"):
+        (tmp_path / name).mkdir()
+        path = write(tmp_path / name, tune=f"{{budget: 7, runs: 12, regret: {name}}}")
+        run(path, tmp_path / name / "out", "-j", 1)
+        tables[name] = read_record(tmp_path / name / "out")
+    protocol = load_config(path).tuning.protocol
+    assert [*tables["true"]] == [*tables["false"]]
+    for key, found in tables["true"].items():
+        short = tables["false"][key]
+        assert short.is_short and not found.is_short and short.values == found.values
+        np.testing.assert_array_equal(short.tuning[short.chosen], found.tuning[found.chosen])
+        objectives = [protocol.objective(each.tuning) for each in (short, found)]
+        np.testing.assert_allclose(*objectives, rtol=1e-5)  # 6 digits
+    size = (tmp_path / "false/out/tuning.json").stat().st_size
+    assert 2 * size < (tmp_path / "true/out/tuning.json").stat().st_size
+    run(path, tmp_path / "false/out", "-j", 1, "-s", "tune.regret=true")
+    assert not any(each.is_short for each in read_record(tmp_path / "false/out").values())
 
 
 def test_the_resolved_configuration_is_the_tuned_one(finished):
