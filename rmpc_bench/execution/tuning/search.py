@@ -186,6 +186,21 @@ def _grid_golden(parameters: Sequence[TunedParameter], budget: int, evaluate: _E
     best = min(places, key=lambda z: (evaluate(row_at([parameter], [z]), "grid"), z))
     i = places.index(best)
     golden_section(objective, places[max(i - 1, 0)], best, places[min(i + 1, len(places) - 1)])
+    if parameter.integer:
+        _step_to_neighbours(parameter, evaluate)
+
+
+def _step_to_neighbours(parameter: TunedParameter, evaluate: _Evaluations) -> None:
+    """Go from the best integer to a better one beside it until there is none: golden section passes over some."""
+    best = min(evaluate.used, key=lambda row: evaluate(row, "golden"))
+    low, high = parameter.ends
+    while True:
+        beside = [(value,) for value in (best[0] - 1.0, best[0] + 1.0) if low <= value <= high]
+        evaluate.ask(Candidate(row, "golden") for row in beside)
+        better = min([best, *beside], key=lambda row: evaluate(row, "golden"))
+        if better == best:
+            return
+        best = better
 
 
 def golden_section(objective: Callable[[float], float], a: float, b: float, c: float) -> tuple[float, float]:

@@ -102,6 +102,16 @@ def test_a_budget_of_16_is_9_grid_points_and_7_golden_steps():
     assert abs(math.log(min(known, key=known.get)[0] / 0.0777)) <= width
 
 
+@pytest.mark.parametrize("high", [7.0, 12.0, 30.0])
+def test_the_best_integer_is_found_wherever_it_is(high):
+    """Oracle: all integers.  Golden section alone passes over 7 of 1 to 12, since equal values tell it no direction."""
+    window = TunedParameter("estimator.window", 1.0, high, integer=True)
+    for best in np.arange(1.0, high + 0.1, 0.3):
+        used, known, _ = searched([window], 16, lambda x, best=best: abs(x - best))
+        assert min(known.values()) == min(abs(x - best) for x in range(1, int(high) + 1))
+        assert len(used) == len(known) <= 16
+
+
 @pytest.mark.parametrize(("best", "end"), [(0.001, 0.01), (100.0, 10.0)])
 def test_an_optimum_outside_the_range_gives_its_end(best, end):
     """Golden section looks between the end and its neighbour, and does not leave the range."""
