@@ -35,7 +35,7 @@ from rmpc_bench.estimators.gain_schedule import (
     uncorrelated,
 )
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.numerics.linalg import as_matrix, psd_sqrt, symmetrise
+from rmpc_bench.numerics.linalg import as_matrix, nearly_equal, psd_sqrt, symmetrise
 from rmpc_bench.numerics.riccati import FilterStep, filter_step, unmeasured_step
 from rmpc_bench.types import Array, DesignError, Matrix, Model, NonNegative, Positive
 
@@ -43,7 +43,7 @@ Fraction: TypeAlias = Annotated[float, Gt(0), Lt(1)]
 _DIGITS = 1e-8
 """Relative accuracy of theta_max."""
 _STEADY = 1e-14
-"""Relative change of P_pred per step that counts as rounding."""
+"""Change of P_pred per step, relative to the standard deviations, that counts as rounding."""
 
 
 class Period(NamedTuple):
@@ -149,7 +149,7 @@ def _bound(content: tuple[object, ...], recursion: Recursion) -> float:
 
 def _is_steady(P_pred: Sequence[Array]) -> bool:
     """Whether the last change is of the size of rounding."""
-    return bool(np.abs(P_pred[-1] - P_pred[-2]).max() <= _STEADY * np.abs(P_pred[-1]).max())
+    return bool(nearly_equal(P_pred[-2], P_pred[-1], _STEADY))
 
 
 def inflated_by_weight(P: Float[Array, "nx nx"], weight: Float[Array, "nx nx"], theta: float) -> Float[Array, "nx nx"]:

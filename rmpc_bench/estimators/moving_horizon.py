@@ -42,7 +42,7 @@ from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.models.uncertain_linear import UncertainModel
 from rmpc_bench.numerics.intervals import Pairs
 from rmpc_bench.numerics.kl_ball import Inflation
-from rmpc_bench.numerics.linalg import at_sample, mv
+from rmpc_bench.numerics.linalg import at_sample, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
 from rmpc_bench.numerics.window_bounds import WindowBounds, WindowFit, WindowProgram
@@ -53,7 +53,7 @@ STATUS = {each: Status.OK if each.solved else Status.NOT_CONVERGED for each in Q
 STATUS |= {QpStatus.INFEASIBLE: Status.INFEASIBLE}
 """What a run becomes by the result of its quadratic program."""
 SETTLED = 1e-13
-"""Windows whose covariances differ by less, relative to the largest entry, share their matrices."""
+"""Windows whose covariances differ by less, relative to the standard deviations, share their matrices."""
 
 
 class HorizonState(NamedTuple):
@@ -170,8 +170,7 @@ class MovingHorizon(Estimator):
         near = ~np.isnan(state.y).any(axis=(1, 2))
         for sample, place in ((k - state.c.shape[1], 0), (min(k, len(self._covariances) - 1), -1)):
             common = self._covariances[sample]
-            far = np.abs(state.P_pred[:, place] - common).max(axis=(1, 2))
-            near &= far <= SETTLED * np.abs(common).max()
+            near &= nearly_equal(state.P_pred[:, place], common, SETTLED)
         return np.asarray(near)
 
     @property
@@ -235,7 +234,7 @@ class MovingHorizon(Estimator):
         for k in range(len(self._covariances)):
             first = max(k - N, 0)
             P_bar, before = self._covariances[first], self._covariances[made_for]
-            close = np.abs(P_bar - before).max() <= SETTLED * np.abs(before).max()
+            close = bool(nearly_equal(P_bar, before, SETTLED))
             shared = k > N and close and len(self.model.A) == 1 and (made_for > 0 or self.use_y0)
             if program is None or not shared:
                 try:

@@ -40,13 +40,13 @@ from rmpc_bench.estimators.gain_schedule import (
 )
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.noise_sets import stochastic_sets
-from rmpc_bench.numerics.linalg import psd_sqrt, symmetrise
+from rmpc_bench.numerics.linalg import nearly_equal, psd_sqrt, symmetrise
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
 from rmpc_bench.numerics.wasserstein import joint_factor, least_favourable
 from rmpc_bench.types import Array, Model, NonNegative, Positive
 
 _STEADY = 1e-13
-"""Relative change of P_pred per step that counts as rounding."""
+"""Change of P_pred per step, relative to the standard deviations, that counts as rounding."""
 
 
 class WassersteinStep(NamedTuple):
@@ -105,9 +105,8 @@ def design(
             refuse_overflow(P_pred)
             raise singular_innovation(k) from None
         P_pred.append(symmetrise(now.A.dot(steps[-1].P).dot(now.A.T) + now.Q_w))
-        change = np.abs(P_pred[-1] - P_pred[-2]).max()
         # P_pred of a steady filter is the same; a constant model is one object.
-        is_steady = k > 0 and not model.varies and bool(change <= _STEADY * np.abs(P_pred[-1]).max())
+        is_steady = k > 0 and not model.varies and bool(nearly_equal(P_pred[-2], P_pred[-1], _STEADY))
     refuse_overflow(P_pred)
     return _schedule(model, models, x0, P_pred[:-1], steps, form)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import ceil, log2
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -108,6 +109,16 @@ def psd_sqrt(P: Float[Array, "*k n n"]) -> Float[Array, "*k n n"]:
     lam, U = np.linalg.eigh(symmetrise(P))
     root: Array = (U * np.sqrt(np.maximum(lam, 0.0))[..., None, :]) @ U.mT
     return root
+
+
+def nearly_equal(P: Float[Array, "*k n n"], other: Float[Array, "n n"], tolerance: float) -> Any:
+    """Whether covariances agree: |P_ij - other_ij| <= tolerance (other_ii other_jj)^1/2, False for NaN.
+
+    Every entry is compared with the size that it may have, so that the result does not depend on the units of the
+    states.  The result is a Boolean, or an array of them for a stack P.
+    """
+    size = np.sqrt(np.maximum(other.diagonal(), 0.0))
+    return (np.abs(P - other) <= tolerance * np.outer(size, size)).all(axis=(-2, -1))
 
 
 def discretise(
