@@ -8,7 +8,7 @@ from conftest import ROUND
 from scipy import stats
 
 from rmpc_bench.analysis.loss_differences import Losses
-from rmpc_bench.analysis.ranks import group_intervals, ranks
+from rmpc_bench.analysis.ranks import group_intervals, interval_of, ranks
 
 
 def losses(logs, failed=None):
@@ -141,8 +141,21 @@ def test_groups_of_points():
             assert low < gap.per_run.mean() < high
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_interval_of_skewed_differences_contains_that_of_student(sign):
+    """Oracle: scipy's t interval, to which the level of the family belongs; the bootstrap moves the end of the tail."""
+    per_run = sign * np.random.default_rng(6).lognormal(size=40)
+    low, high = interval_of(per_run, 0.99, seed=1)
+    expected = stats.ttest_1samp(per_run, 0).confidence_interval(0.99)
+    inner, outer = (low, high) if sign > 0 else (high, low)
+    near, far = (expected.low, expected.high) if sign > 0 else (expected.high, expected.low)
+    assert inner == pytest.approx(near, abs=1e-10)  # the digits that intervals keep
+    assert abs(outer) > 1.02 * abs(far)
+
+
 SETTINGS = {
     "eight equal": (np.zeros(8), "normal"),
+    "eight equal, skewed": (np.zeros(8), "skewed"),
     "well separated": (np.arange(8) * 1.0, "normal"),
     "ties in pairs": (np.repeat(np.arange(4) * 0.08, 2), "normal"),
     "ties in pairs, skewed": (np.repeat(np.arange(4) * 0.08, 2), "skewed"),
