@@ -28,8 +28,8 @@ def tuned_config(request: Request, config: ExperimentConfig, directory: Path) ->
 
     return tuned(
         config,
-        request.place(directory),
-        also=None if request.shard is None else directory,
+        directory,
+        shard=request.shard,
         only=request.only or None,
         means=Means(request.jobs, request.engine_name, request.scheduler, request.accept_versions),
         progress=choose(request.how_progress),
@@ -52,5 +52,6 @@ def tuning_line(config: ExperimentConfig, only: Collection[str] | None = None) -
         return []
     tuning, tested = config.tuning.n_trials(list(names))
     points = f"{len(config.points)} points x " if config.paths else ""
-    size = f"{points}{len(names)} methods x {protocol.budget} values x {protocol.runs} runs"
+    methods = f"{len(names)} method{'s' if len(names) > 1 else ''}"
+    size = f"{points}{methods} x {protocol.budget} values x {protocol.runs} runs"
     return [f"at most {tuning:,} trials ({size})" + (f", and {tested:,} for the regret" if tested else "")]

@@ -14,11 +14,11 @@ import platform
 import threading
 import time
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Int8
@@ -91,8 +91,78 @@ def extent_of(config: ExperimentConfig, methods: Collection[str]) -> Extent:
     return Extent(*given, tuple(columns.values()), config.n_trials())
 
 
-class ProgressFile:
-    """Writes progress.json of a computation; the context manager is the time in which it runs.
+class Following:
+    """Writes progress.json every few seconds; the context manager is the time in which trials are computed.
+
+    Parameters
+    ----------
+    directory : where the file is
+    constant : what does not change while they are computed
+    total, done : number of trials, with those that are stored; number of those
+    every : time between two writings [s]
+    """
+
+    end = FINISHED
+    """State in the last file, where nothing was interrupted."""
+
+    def __init__(
+        self, directory: Path, constant: Mapping[str, Any], total: int, done: int, every: float = EVERY
+    ) -> None:
+        self._path, self._every = directory / FILE, every
+        self.total, self.done = total, done
+        self._before, self._start = done, time.monotonic()
+        self._constant = {**constant, "host": platform.node(), "pid": os.getpid(), "started": _now()}
+        self._lock, self._end = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+
+    def __enter__(self) -> Self:
+        """Write the file for the first time."""
+        self._write(RUNNING)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Write the end and its reason."""
+        self._end.set()
+        self._thread.join()
+        self._write(self.end if kind is None else INTERRUPTED, "" if kind is None else kind.__name__)
+
+    def results(self) -> dict[str, Any]:
+        """Return what the trials say so far: ``failed``, ``metric`` and ``means``."""
+        raise NotImplementedError
+
+    def _follow(self) -> None:
+        while not self._end.wait(self._every):
+            self._write(RUNNING)
+
+    def _write(self, state: str, why: str = "") -> None:
+        with self._lock:
+            data = self._data(state, why)
+        write(self._path, data)
+
+    def _data(self, state: str, why: str) -> dict[str, Any]:
+        seconds = time.monotonic() - self._start
+        rate = (self.done - self._before) / max(seconds, 1e-9)
+        left = self.total - self.done
+        return {
+            **self._constant,
+            "state": state,
+            "why": why,
+            "updated": _now(),
+            "every": self._every,
+            "total": self.total,
+            "done": self.done,
+            "seconds": round(seconds, 3),
+            "rate": float(f"{rate:.4g}"),
+            "left_seconds": float(f"{left / rate:.4g}") if rate > 0.0 and state == RUNNING else None,
+            **self.results(),
+        }
+
+
+class ProgressFile(Following):
+    """Writes progress.json of the trials of an experiment.
 
     Parameters
     ----------
@@ -116,15 +186,8 @@ class ProgressFile:
         shard: Shard | None = None,
         every: float = EVERY,
     ) -> None:
-        self._path, self._extent, self._runs, self._store, self._every = directory / FILE, extent, runs, store, every
-        self.total = len(extent.columns) * len(runs)
-        """Number of trials, with those that are stored."""
-        self.done = self.total - n_left
-        """Number of trials that are stored."""
-        self._before, self._start = self.done, time.monotonic()
-        self._failed, self._means = Counter[str](), dict[tuple[int, str], RunningMean]()
-        self._columns = {(column.point, column.method): column for column in extent.columns}
-        self._constant = {
+        total = len(extent.columns) * len(runs)
+        constant = {
             "name": extent.name,
             "experiment": extent.experiment,
             "shard": None if shard is None else shard.name,
@@ -132,12 +195,11 @@ class ProgressFile:
             "n_runs": extent.n_runs,
             "all_trials": extent.n_trials,
             "methods": list(extent.methods),
-            "host": platform.node(),
-            "pid": os.getpid(),
-            "started": _now(),
         }
-        self._lock, self._end = threading.Lock(), threading.Event()
-        self._thread = threading.Thread(target=self._follow, daemon=True)
+        super().__init__(directory, constant, total, total - n_left, every)
+        self._extent, self._runs, self._store = extent, runs, store
+        self._failed, self._means = Counter[str](), dict[tuple[int, str], RunningMean]()
+        self._columns = {(column.point, column.method): column for column in extent.columns}
 
     def is_up_to_date(self) -> bool:
         """Whether the file of an earlier session says that all trials are stored, as they are."""
@@ -160,20 +222,10 @@ class ProgressFile:
         before = self._means.get((column.point, column.method), RunningMean())
         self._means[column.point, column.method] = before.joined(mean_of(values))
 
-    def __enter__(self) -> ProgressFile:
-        """Write the file for the first time."""
+    def __enter__(self) -> Self:
+        """Count what is stored, and write the file for the first time."""
         self._count_stored()
-        self._write(RUNNING)
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Write the end and its reason."""
-        self._end.set()
-        self._thread.join()
-        self._write(FINISHED if kind is None else INTERRUPTED, "" if kind is None else kind.__name__)
+        return super().__enter__()
 
     def note(self, done: Done) -> None:
         """Count a finished task.
@@ -196,31 +248,10 @@ class ProgressFile:
             first = self._runs.start
             self._constant["runs"] = [first, first + self.total // max(len(self._extent.columns), 1)]
 
-    def _follow(self) -> None:
-        while not self._end.wait(self._every):
-            self._write(RUNNING)
-
-    def _write(self, state: str, why: str = "") -> None:
-        with self._lock:
-            data = self._data(state, why)
-        write(self._path, data)
-
-    def _data(self, state: str, why: str) -> dict[str, Any]:
-        seconds = time.monotonic() - self._start
-        rate = (self.done - self._before) / max(seconds, 1e-9)
-        left = self.total - self.done
+    def results(self) -> dict[str, Any]:
+        """Return the failed trials, and the means of the primary metric."""
         return {
-            **self._constant,
-            "state": state,
-            "why": why,
-            "updated": _now(),
-            "every": self._every,
-            "total": self.total,
-            "done": self.done,
             "failed": dict(sorted(self._failed.items())),
-            "seconds": round(seconds, 3),
-            "rate": float(f"{rate:.4g}"),
-            "left_seconds": float(f"{left / rate:.4g}") if rate > 0.0 and state == RUNNING else None,
             "metric": self._extent.primary,
             "means": [
                 {"point": column.title, "method": column.method, **_finite(self._means[place])}

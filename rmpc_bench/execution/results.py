@@ -156,9 +156,8 @@ def run(
         from rmpc_bench.execution.tuning.rounds import Means
         from rmpc_bench.execution.tuning.tune import tuned
 
-        here, also = (place, None) if part is None else (part.directory(place), place)
         means = Means(jobs, engine, scheduler, accept_versions)
-        config = tuned(config, here, also=also, only=only, means=means, progress=progress)
+        config = tuned(config, place, shard=part, only=only, means=means, progress=progress)
     compute(
         config,
         place,

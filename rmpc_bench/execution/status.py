@@ -46,6 +46,7 @@ class ShardStatus:
     rate : finished trials per second in the last session
     left_seconds : time until the end at this rate [s]; None where it is not known
     why : name of the exception that has ended the session
+    stage : the tuning whose trials are counted, in words; empty where they are those of the experiment
     """
 
     name: str
@@ -60,6 +61,7 @@ class ShardStatus:
     rate: float = 0.0
     left_seconds: float | None = None
     why: str = ""
+    stage: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class ExperimentStatus:
     shards : the shards; one without a name if the experiment is not divided
     metric : the primary metric
     means : (point of the sweep in words, method, mean so far)
-    total, done : trials of all shards, and those that are stored
+    total, done : trials of all shards, and those that are stored; of a shard that tunes first, those of its tuning
     """
 
     name: str
@@ -204,7 +206,9 @@ def _absent(found: Mapping[Shard, Mapping[str, Any]], newest: Mapping[str, Any])
     """Return the shards of the newest division that have no file; others have computed the same runs before."""
     count = int(newest["shard"].partition("-of-")[2])
     missing = [shard for number in range(1, count + 1) if (shard := Shard(number, count)) not in found]
-    n_runs, n_columns = newest["n_runs"], newest["total"] // max(newest["runs"][1] - newest["runs"][0], 1)
+    n_runs, n_here = newest["n_runs"], newest["runs"][1] - newest["runs"][0]
+    tunes = newest.get("stage", "")
+    n_columns = newest["all_trials"] // n_runs if tunes else newest["total"] // max(n_here, 1)
     runs = {shard: shard.runs(n_runs) for shard in missing}
     return [
         ShardStatus(shard.name, ABSENT, (each.start, each.stop), n_columns * len(each), 0, {})
@@ -228,6 +232,7 @@ def _shard_status(name: str, data: Mapping[str, Any], now: datetime) -> ShardSta
         rate=float(data["rate"]),
         left_seconds=float(data["left_seconds"]) if state == RUNNING and data["left_seconds"] is not None else None,
         why=str(data["why"]),
+        stage=str(data.get("stage", "")),
     )
 
 
@@ -303,7 +308,7 @@ def _shard_lines(shards: Sequence[ShardStatus]) -> list[str]:
             "-" if shard.runs is None or shard.runs[0] == shard.runs[1] else f"{shard.runs[0]} to {shard.runs[1] - 1}",
             f"{shard.done} of {shard.total}",
             str(sum(shard.failed.values())),
-            _state_text(shard),
+            _state_text(shard) + (f"; {shard.stage}" if shard.stage else ""),
         )
         for shard in shards
     ]

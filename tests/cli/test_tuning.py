@@ -13,6 +13,7 @@ from small_experiment import cli, ran, spied
 from tuned_experiment import record, run, write
 
 from rmpc_bench import load_config, load_results
+from rmpc_bench.execution.status import read_status
 from rmpc_bench.execution.tuning.record import read_record
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
@@ -56,7 +57,7 @@ def test_progress_names_the_tuning(finished):
 def test_check_and_dry_run_name_its_trials(tmp_path):
     path = write(tmp_path)
     shown = cli("check", path).stdout
-    assert "  tuning        at most 30 trials (1 methods x 6 values x 5 runs), and 56 for the regret" in shown
+    assert "  tuning        at most 30 trials (1 method x 6 values x 5 runs), and 56 for the regret" in shown
     plan = cli("run", path, "-o", tmp_path / "out", "-n").stdout
     assert "tuning comes first: at most 30 trials" in plan and not (tmp_path / "out").exists()
 
@@ -151,6 +152,10 @@ def test_an_error_in_the_tuning_loses_nothing(finished, tmp_path, monkeypatch):
     monkeypatch.setattr(rounds, "store_block", full)
     assert cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none").exit_code != 0
     assert not (tmp_path / "out" / "tuning.json").exists()
+    [part] = read_status(tmp_path / "out").shards
+    assert (part.state, part.why, part.done, part.total) == ("interrupted", "OSError", 25, 86)
+    shown = cli("status", tmp_path / "out").stdout
+    assert "interrupted (OSError)" in shown and "; tuning: 1 method x 6 values, 5 runs" in shown
     monkeypatch.setattr(rounds, "store_block", store_block)
     blocks = spied(monkeypatch)
     assert ran(path, tmp_path / "out") == (whole / "trials.csv").read_bytes()
@@ -158,6 +163,8 @@ def test_an_error_in_the_tuning_loses_nothing(finished, tmp_path, monkeypatch):
     assert stored == [f"KFR~{number}" for number in range(5)]
     assert {name for name, runs in blocks if runs == [0, 1, 2, 3, 4]} == {"KFR~5"}
     assert record(tmp_path / "out") == record(whole)
+    [part] = read_status(tmp_path / "out").shards
+    assert (part.state, part.stage, part.done, part.total) == ("finished", "", 16, 16)
 
 
 @pytest.mark.slow
@@ -203,6 +210,26 @@ def test_shards_tune_alike(finished, tmp_path):
     assert record(tmp_path / "out") == record(whole)
     assert (tmp_path / "out" / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
     assert load_results(tmp_path / "out").tuning.search("KFR").values == load_results(whole).tuning.search("KFR").values
+
+
+def test_status_shows_the_tuning_of_a_shard(tmp_path, monkeypatch):
+    """Its trials are counted; a shard that is not there has those of the experiment."""
+    from rmpc_bench.execution.tuning import tune
+
+    seen = []
+
+    def test(rounds, searches, found, tested):
+        seen.append(read_status(tmp_path / "out"))
+        raise OSError("no space left")
+
+    monkeypatch.setattr(tune, "_test", test)
+    path = write(tmp_path)
+    assert cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none", "--shard", "1/2").exit_code != 0
+    [here, other] = seen[0].shards
+    assert (here.name, here.state, here.runs, here.total) == ("1-of-2", "running", (0, 4), 86)
+    assert here.stage == "tuning: 1 method x 6 values, 5 runs"
+    # The filter with its default is the other one, so far.
+    assert (other.state, other.runs, other.total) == ("absent", (4, 8), 4)
 
 
 def test_shards_use_the_record_of_their_directory(finished, tmp_path, monkeypatch):

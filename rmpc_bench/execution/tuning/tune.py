@@ -14,10 +14,12 @@ from rmpc_bench.config.tuning_round import Trial
 from rmpc_bench.execution.database import FILE as STORE
 from rmpc_bench.execution.database import WriteError
 from rmpc_bench.execution.progress import Progress, Silent
+from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.tuning.record import Found, add_seconds, read_record, write_record
 from rmpc_bench.execution.tuning.rounds import Means, Rounds, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
+from rmpc_bench.execution.tuning.tuning_progress import TuningProgress
 from rmpc_bench.types import Array
 
 _Evaluated = dict[str, dict[Row, Array]]
@@ -46,7 +48,7 @@ def tuned(
     config: ExperimentConfig,
     directory: Path,
     *,
-    also: Path | None = None,
+    shard: Shard | None = None,
     only: Collection[str] | None = None,
     means: Means | None = None,
     progress: Progress | None = None,
@@ -58,8 +60,8 @@ def tuned(
     Parameters
     ----------
     config : from `load_config`
-    directory : where tuning.json and the trials of the tuning lie or will lie
-    also : another directory whose tuning.json is used, such as that of the whole experiment for a shard
+    directory : of the results; tuning.json and the trials of the tuning lie or will lie in it, or in that of a shard
+    shard : the shard that is computed, which uses the tuning.json of the whole experiment too; None for all runs
     only : names of the methods to tune; all unless given
     means : how trials are computed
     progress : display
@@ -74,8 +76,11 @@ def tuned(
     plan_of = config.tuning
     if plan_of is None:
         return config
-    found = read_record(also) if also is not None else {}
-    found = _usable(found | read_record(directory), plan_of)
+    known = read_record(directory)
+    if shard is not None:
+        directory = shard.directory(directory)
+        known |= read_record(directory)
+    found = _usable(known, plan_of)
     wanted = [each for each in plan_of.searches if only is None or each.method in only]
     once = {each.key: each for each in reversed(wanted)}
     missing = [each for key, each in once.items() if each.values is None and key not in found][::-1]
@@ -84,7 +89,8 @@ def tuned(
     untested = untested[::-1] if plan_of.regret else []
     if missing or untested:
         _refuse_another(config, directory)
-        found |= _searched(config, plan_of, directory, missing, untested, found, means or Means(), progress or Silent())
+        shown = _progress(config, plan_of, directory, shard, missing, untested, progress or Silent())
+        found |= _searched(config, plan_of, directory, missing, untested, found, means or Means(), shown)
     try:
         if any(each.key in found for each in plan_of.searches):
             directory.mkdir(parents=True, exist_ok=True)
@@ -129,22 +135,35 @@ def _searched(
     untested: Sequence[WantedSearch],
     known: Mapping[str, Found],
     means: Means,
-    progress: Progress,
+    progress: TuningProgress,
 ) -> dict[str, Found]:
     """Make the missing searches, and compute all values of the untested ones on the runs of the experiment."""
-    rounds, protocol = Rounds(config, directory, means, progress), plan_of.protocol
-    n_test = (protocol.budget + 1) * plan_of.test_runs
-    total = len(missing) * protocol.budget * protocol.runs + len(untested) * n_test
-    progress.start(_title(plan_of, missing, untested), total, 0)
+    rounds = Rounds(config, directory, means, progress)
     try:
-        found = {**known, **_tune(rounds, plan_of, missing)}
-        tested = digest([config.hash, plan_of.test_runs])
-        found |= _test(rounds, untested, found, tested)
+        with progress:
+            found = {**known, **_tune(rounds, plan_of, missing)}
+            tested = digest([config.hash, plan_of.test_runs])
+            found |= _test(rounds, untested, found, tested)
     finally:
-        progress.stop()
         if rounds.seconds:
             add_seconds(directory, rounds.seconds)
     return found
+
+
+def _progress(
+    config: ExperimentConfig,
+    plan_of: TuningPlan,
+    directory: Path,
+    shard: Shard | None,
+    missing: Sequence[WantedSearch],
+    untested: Sequence[WantedSearch],
+    display: Progress,
+) -> TuningProgress:
+    """Return what counts the trials; a search whose values round to equal ones has fewer."""
+    protocol = plan_of.protocol
+    n_test = (protocol.budget + 1) * plan_of.test_runs
+    total = len(missing) * protocol.budget * protocol.runs + len(untested) * n_test
+    return TuningProgress(directory, config, shard, display, _title(plan_of, missing, untested), total)
 
 
 def _title(plan_of: TuningPlan, missing: Sequence[WantedSearch], untested: Sequence[WantedSearch]) -> str:
