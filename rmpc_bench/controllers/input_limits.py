@@ -7,7 +7,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from rmpc_bench.controllers.limits import Bounds, Pairs
+from rmpc_bench.controllers.limits import Bounds
+from rmpc_bench.numerics.intervals import Pairs
 
 AntiWindup: TypeAlias = Literal["back-calculation", "clamping", "none"]
 

@@ -10,18 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.models.linear import LinearModel
+from rmpc_bench.numerics.intervals import Pairs, interval_of
 from rmpc_bench.types import Array, Count, DesignError, Model, NonNegative, PlantInfo, Positive
 from rmpc_bench.types.issue import no_such_component, unknown
 
-Pair: TypeAlias = tuple[float | None, float | None]
-Pairs: TypeAlias = Pair | list[Pair]
-"""[low, high] for all, or one pair each; None where there is no bound."""
 Fallback = Literal["clip", "hold", "stop"]
 
 
@@ -108,19 +106,7 @@ def bounds_of(pairs: Pairs | None, n: int, key: str) -> Bounds:
     DesignError
         If the number of pairs does not fit, a lower bound is not below the upper one, or no bound is finite.
     """
-    if pairs is None:
-        return Bounds(np.full(n, -np.inf), np.full(n, np.inf))
-    listed: list[Any] = [pairs] * n if pairs and not isinstance(pairs[0], list | tuple) else list(pairs)
-    if len(listed) != n:
-        raise DesignError(f"has {len(listed)} pairs, and {n} {'is' if n == 1 else 'are'} required, or one for all", key)
-    ends = (-np.inf, np.inf)
-    filled = [[end if each is None else each for each, end in zip(pair, ends, strict=True)] for pair in listed]
-    for low, high in filled:
-        if not low < high:
-            raise DesignError(f"the lower bound {low:g} must be below the upper bound {high:g}", key)
-    if not np.isfinite(filled).any():
-        raise DesignError("has no bound; give a number in place of a null", key)
-    return Bounds(*np.ascontiguousarray(np.array(filled, dtype=float).T))
+    return Bounds(*interval_of(pairs, n, key, distinct=True))
 
 
 def refuse_unused(limits: Limits, soft: Mapping[str, SoftLimit] | None) -> None:

@@ -34,7 +34,7 @@ class Interval(NamedTuple):
         return Interval(self.low + by, self.high + by)
 
 
-def interval_of(pairs: Pairs | None, n: int, key: str) -> Interval:
+def interval_of(pairs: Pairs | None, n: int, key: str, *, distinct: bool = False) -> Interval:
     """Return bounds of n coordinates; infinite without pairs.
 
     Parameters
@@ -42,11 +42,12 @@ def interval_of(pairs: Pairs | None, n: int, key: str) -> Interval:
     pairs : one pair for all coordinates, or one each
     n : number of coordinates
     key : the key, for messages
+    distinct : whether a lower bound must be below the upper one; else they may be equal
 
     Raises
     ------
     DesignError
-        If the number of pairs does not fit, a lower bound exceeds the upper one, a bound is not a number or infinite on
+        If the number of pairs does not fit, a lower bound is too large, a bound is not a number or infinite on
         the wrong side, or no bound is finite.
 
     Examples
@@ -62,8 +63,9 @@ def interval_of(pairs: Pairs | None, n: int, key: str) -> Interval:
     ends = (-np.inf, np.inf)
     filled = [[end if each is None else each for each, end in zip(pair, ends, strict=True)] for pair in listed]
     for low, high in filled:
-        if not low <= high:
-            raise DesignError(f"the lower bound {low:g} must not exceed the upper bound {high:g}", key)
+        if not (low < high or (low == high and not distinct)):
+            relation = "be below" if distinct else "not exceed"
+            raise DesignError(f"the lower bound {low:g} must {relation} the upper bound {high:g}", key)
         if low == np.inf or high == -np.inf:
             raise DesignError(f"no number satisfies the bounds [{low:g}, {high:g}]", key)
     if not np.isfinite(filled).any():
