@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.noise.bursts import BurstyNoise, CenteredNoise, RandomBursts, with_bursts
+from rmpc_bench.noise.parameters import spread_root, vector
 from rmpc_bench.numerics.burst_times import Burst
-from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
-from rmpc_bench.types import Array, DesignError, Matrix, NonNegative, Positive
+from rmpc_bench.types import Array, Matrix, NonNegative, Positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +64,5 @@ def gaussian(
     DesignError
         If both or none of std and cov are given, a size does not fit, or a burst does not fit into its window.
     """
-    if (std is None) == (cov is None):
-        raise DesignError("give either std or cov")
-    try:
-        root = (
-            np.diag(as_vector(std, n)) if std is not None else psd_sqrt(as_covariance(0.0 if cov is None else cov, n))
-        )
-        steady = Gaussian(as_vector(mean, n), scale * root)
-    except ValueError as error:
-        raise DesignError(str(error)) from None
-    return with_bursts(steady, bursts, Ts)
+    root = scale * spread_root(n, std, cov)
+    return with_bursts(Gaussian(vector("mean", mean, n), root), bursts, Ts)
