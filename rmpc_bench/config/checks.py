@@ -13,7 +13,7 @@ from rmpc_bench.config.labels import labels_of
 from rmpc_bench.config.left_out import Inherited, drop_statistics, leave_out
 from rmpc_bench.config.requirements import check_requirements
 from rmpc_bench.config.result_layout import layout_of
-from rmpc_bench.config.sections import Statistics
+from rmpc_bench.config.statistics_section import Statistics
 from rmpc_bench.config.stop_checks import check_stop
 from rmpc_bench.config.sweep import Sweep
 from rmpc_bench.config.sweep_point import SweepPoint

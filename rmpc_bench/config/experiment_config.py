@@ -13,7 +13,8 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import ModelFacts
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.report_section import ReportKeys
-from rmpc_bench.config.sections import Execution, Statistics
+from rmpc_bench.config.sections import Execution
+from rmpc_bench.config.statistics_section import Statistics
 from rmpc_bench.config.stop_section import StopKeys
 from rmpc_bench.config.sweep_point import SweepPoint, digest
 from rmpc_bench.config.sweep_section import METHOD_COMPONENTS, NAME

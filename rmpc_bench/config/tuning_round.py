@@ -12,7 +12,7 @@ from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.first_calls import FirstCalls
 from rmpc_bench.config.own_code import OwnCode
-from rmpc_bench.config.sections import Statistics
+from rmpc_bench.config.statistics_section import Statistics
 from rmpc_bench.config.sweep import SweptTree
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.tree import Items, Map, join, locate_key
