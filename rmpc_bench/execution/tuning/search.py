@@ -3,36 +3,24 @@
 A search is a function of the evaluations so far: the same call after an interruption asks for the same values.  Inside,
 every parameter is a number z from 0 to 1 along its range, on its scale.  Values are rounded to four significant digits
 without their offset, so that another CPU tries the same ones, and an equal value is evaluated once.
-
-Source  J. Kiefer, "Sequential minimax search for a maximum", Proc. AMS 4 (1953), 502-506, the golden section;
-        J. A. Nelder and R. Mead, "A simplex method for function minimization", Comput. J. 7 (1965), 308-313;
-        J. H. Halton, Numer. Math. 2 (1960), 84-90, the quasi-random points.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
+from rmpc_bench.numerics.direct_search import first_simplex, golden_section, halton, minimise
 from rmpc_bench.types import Array
 from rmpc_bench.types.tuning import TunedParameter
 
 DIGITS = 4
 """Significant digits of a value that is tried, without its offset."""
-GOLDEN = (3.0 - math.sqrt(5.0)) / 2.0
-"""Share of an interval at which golden section places a point."""
 GRID_SHARE = 9.0 / 16.0
 """Share of the budget for the grid: 9 of 16 values."""
-SIMPLEX = 0.15
-"""Edge of the first simplex of Nelder and Mead, as a share of every range."""
-MOST_STEPS = 100
-"""Steps of golden section, which may meet values that are known already."""
 LARGEST = 1e300
 """Stands for an infinite objective in Nelder and Mead's method, which takes differences."""
-_PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 Row = tuple[float, ...]
 """A value for every parameter, the offset added."""
@@ -203,64 +191,6 @@ def _step_to_neighbours(parameter: TunedParameter, evaluate: _Evaluations) -> No
         best = better
 
 
-def golden_section(objective: Callable[[float], float], a: float, b: float, c: float) -> tuple[float, float]:
-    """Minimise a function between a and c by golden section, until it raises or the interval has no width.
-
-    Parameters
-    ----------
-    objective : function of one number
-    a, b, c : ends of the interval, and a point in it with a known smaller value; at an end where none is known inside
-
-    Returns
-    -------
-    the best place and its objective
-    """
-    if a < b < c:
-        # The first new point divides the larger part.
-        left, right = (b, b + GOLDEN * (c - b)) if c - b > b - a else (b - GOLDEN * (b - a), b)
-    else:
-        left, right = a + GOLDEN * (c - a), c - GOLDEN * (c - a)
-    for _ in range(MOST_STEPS):
-        if not a < left < right < c:
-            break
-        # The left value first, as where both are new.
-        at_left, at_right = objective(left), objective(right)
-        if at_left <= at_right:
-            c, right = right, left
-            left = right - GOLDEN * (right - a)
-        else:
-            a, left = left, right
-            right = left + GOLDEN * (c - left)
-    best = min((left, right), key=objective)
-    return best, objective(best)
-
-
-def halton(n: int, dimensions: int, start: int = 0) -> Iterator[Row]:
-    """Yield points of the Halton sequence without its first point, the origin.
-
-    Parameters
-    ----------
-    n : number of points
-    dimensions : coordinates of a point, at most ten
-    start : number of points that are left out
-
-    Examples
-    --------
-    >>> [*halton(3, 1)]
-    [(0.5,), (0.25,), (0.75,)]
-    """
-    for index in range(start + 1, start + n + 1):
-        yield tuple(_radical_inverse(index, base) for base in _PRIMES[:dimensions])
-
-
-def _radical_inverse(index: int, base: int) -> float:
-    numerator, denominator = 0, 1
-    while index:
-        index, digit = divmod(index, base)
-        numerator, denominator = numerator * base + digit, denominator * base
-    return numerator / denominator
-
-
 def _quasi_random(parameters: Sequence[TunedParameter], budget: int, evaluate: _Evaluations, start: int) -> None:
     """Spend the whole budget on quasi-random points."""
     points = halton(_most_points(budget), len(parameters), start)
@@ -294,31 +224,6 @@ def _distinct(parameters: Sequence[TunedParameter], n: int, start: int) -> list[
         if len(found) == n:
             break
     return [*found.values()]
-
-
-def first_simplex(place: Row) -> list[Row]:
-    """Return a place and, for every coordinate, one that differs in it and is in the unit cube."""
-    moved = [z + SIMPLEX if z + SIMPLEX <= 1.0 else z - SIMPLEX for z in place]
-    return [place, *((*place[:i], z, *place[i + 1 :]) for i, z in enumerate(moved))]
-
-
-def minimise(objective: Callable[[Array], float], simplex: Sequence[Row], most: int) -> Array:
-    """Minimise a function in the unit cube by Nelder and Mead's method of SciPy.
-
-    Parameters
-    ----------
-    objective : function of a place
-    simplex : its first vertices
-    most : largest number of evaluations
-    """
-    # Imported where it is used: a configuration is checked without it.
-    from scipy.optimize import minimize
-
-    vertices = np.array(simplex)
-    options = {"initial_simplex": vertices, "maxfev": most, "xatol": 1e-4, "fatol": 0.0}
-    bounds = [(0.0, 1.0)] * vertices.shape[1]
-    found = minimize(objective, vertices[0], method="Nelder-Mead", bounds=bounds, options=options)
-    return np.asarray(found.x)
 
 
 _SEARCHES: Mapping[str, Callable[[Sequence[TunedParameter], int, _Evaluations, int], None]] = {

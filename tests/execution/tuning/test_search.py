@@ -8,16 +8,8 @@ from conftest import ROUND
 from scipy import optimize
 from scipy.stats import qmc
 
-from rmpc_bench.execution.tuning.search import (
-    GOLDEN,
-    first_simplex,
-    golden_section,
-    halton,
-    minimise,
-    plan,
-    row_at,
-    value_at,
-)
+from rmpc_bench.execution.tuning.search import plan, row_at, value_at
+from rmpc_bench.numerics.direct_search import GOLDEN, first_simplex, golden_section, halton, minimise
 from rmpc_bench.types.tuning import TunedParameter
 
 RADIUS = TunedParameter("estimator.radius", 0.01, 10.0)
