@@ -11,6 +11,7 @@ from rmpc_bench.config.tree import Map, locate_key, split
 from rmpc_bench.config.tune_section import SMOKE_BUDGET
 from rmpc_bench.registry import unknown
 from rmpc_bench.types import Problem
+from rmpc_bench.types.tuning import MOST_PARAMETERS
 
 BEST_AT = {"zero": 0, "one": 1}
 """Direction of a metric that has its best value inside of its range -> this value."""
@@ -67,6 +68,11 @@ def check_tuning(drafts: Sequence[DraftConfig], points: Sequence[SweepPoint | No
 
 
 def _check_search(draft: DraftConfig, names: Sequence[str]) -> None:
+    for name in names:
+        n = len(draft.tuned[name].parameters) if name in draft.tuned else 0
+        if n > MOST_PARAMETERS:
+            message = f"has {n} parameters; at most {MOST_PARAMETERS} are chosen together, so leave some out"
+            draft.note(["methods", name, "tune"], message, key=True)
     tune = draft.values["tune"]
     for name in names if tune is not None and tune.search == "grid-golden" else ():
         if name in draft.tuned and len(draft.tuned[name].parameters) > 1:

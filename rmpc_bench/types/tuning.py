@@ -15,6 +15,8 @@ from rmpc_bench.types.basics import Array
 
 AS_PUBLISHED, DEFAULT = "as published", "default"
 """What is said of the parameters of a method that is not tuned."""
+MOST_PARAMETERS = 10
+"""Largest number of parameters of a method that are chosen together: a budget of this bench says little of more."""
 _QUANTILE = re.compile(r"quantile\s+([0-9]+(?:\.[0-9]+)?)\s*%")
 
 

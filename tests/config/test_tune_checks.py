@@ -6,7 +6,9 @@ from tuned_experiment import KEYS, write
 from rmpc_bench import load_config
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
+from rmpc_bench.numerics.direct_search import MOST_DIMENSIONS
 from rmpc_bench.types import ConfigError
+from rmpc_bench.types.tuning import MOST_PARAMETERS
 
 LINES = [*KEYS]
 
@@ -72,3 +74,13 @@ def test_a_wrong_source_of_parameters_is_reported_at_its_place(tmp_path, given, 
     assert found.path == f"methods.KF.parameters{path}" and message in found.message
     column = len("methods: ") + methods.index(given) + given.index(where) + 1
     assert (found.line, found.column) == (LINES.index("methods") + 1, column)
+
+
+def test_more_parameters_than_the_search_has_dimensions_for_are_refused(tmp_path):
+    names = ("A", "B", "C", "P_w", "P_v", "M_w", "M_v", "w_mean", "v_mean", "scale.process", "scale.measurement")
+    ranges = {n: ", ".join(f"model.{name}: [0.1, 0.9]" for name in names[:n]) for n in (10, 11)}
+    methods = {n: f"{{KF: {{estimator: {{kind: kalman}}, tune: {{{text}}}}}}}" for n, text in ranges.items()}
+    found = problem(write(tmp_path, methods=methods[11]))
+    assert found.path == "methods.KF.tune" and "has 11 parameters; at most 10 are chosen together" in found.message
+    assert len(load_config(write(tmp_path, methods=methods[10])).tuning.searches[0].parameters) == 10
+    assert MOST_PARAMETERS <= MOST_DIMENSIONS
