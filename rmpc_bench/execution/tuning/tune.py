@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.sweep_point import digest
@@ -21,6 +22,7 @@ from rmpc_bench.execution.tuning.rounds import Means, Rounds, by_key
 from rmpc_bench.execution.tuning.search import Candidate, Row, plan
 from rmpc_bench.execution.tuning.tuning_progress import TuningProgress
 from rmpc_bench.types import Array
+from rmpc_bench.types.tuning import TuningProtocol
 
 _Evaluated = dict[str, dict[Row, Array]]
 """Key of a search -> values -> metric of every tuning run."""
@@ -183,7 +185,7 @@ def _tune(rounds: Rounds, plan_of: TuningPlan, searches: Sequence[WantedSearch])
         used: dict[str, tuple[Candidate, ...]] = {}
         for search in searches:
             values = evaluated.setdefault(search.key, {})
-            known = {row: float(protocol.objective(runs)) for row, runs in values.items()}
+            known = {row: float(_objectives(protocol, runs)) for row, runs in values.items()}
             # The stream of tuning also says where the quasi-random points begin.
             wanted, used[search.key] = plan(
                 search.parameters, protocol.budget, protocol.search, known, start=protocol.seed
@@ -208,9 +210,17 @@ def _chosen(
         np.array([each.row for each in used]),
         tuple(each.stage for each in used),
         tuning,
-        int(np.argmin(plan_of.protocol.objective(tuning))),
+        int(np.argmin(_objectives(plan_of.protocol, tuning))),
         search.default,
     )
+
+
+def _objectives(protocol: TuningProtocol, values: Float[Array, "... runs"]) -> Float[Array, ...]:
+    """Return objectives with the digits with which the report compares them: the choice is the same on every CPU."""
+    # pandas is imported where something is tuned.
+    from rmpc_bench.analysis.tuning import objectives
+
+    return objectives(protocol, values)
 
 
 def _test(

@@ -11,8 +11,10 @@ from tuned_experiment import KEYS, STD, record, run, write
 import rmpc_bench
 from rmpc_bench import load_config, load_results
 from rmpc_bench.config.tuning_plan import tuning_seed
+from rmpc_bench.execution.tuning import tune
 from rmpc_bench.execution.tuning.record import read_record, read_seconds
 from rmpc_bench.execution.tuning.rounds import rounded
+from rmpc_bench.execution.tuning.search import Candidate
 from rmpc_bench.types.tuning import TuningProtocol
 
 KFR = "{estimator: {kind: kalman}, tune: {model.P_v: [0.01, 1000]}}"
@@ -274,6 +276,15 @@ def test_a_value_without_a_design_counts_as_failed(tmp_path):
     assert np.isfinite(search.objectives[search.chosen])
     np.testing.assert_array_equal(np.isnan(search.test[:-1]).all(axis=1), failed)
     assert search.candidates[failed].min() > search.values["estimator.theta"]
+
+
+def test_the_last_bits_of_an_objective_choose_nothing(finished):
+    """Sums in another order are another number, also on another CPU; the first of equal values is chosen."""
+    plan, rows = load_config(finished[0]).tuning, [np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.2, 0.1])]
+    assert plan.protocol.objective(rows[0]) != plan.protocol.objective(rows[1])
+    used = [Candidate((1.0,), "grid"), Candidate((2.0,), "grid")]
+    found = tune._chosen(plan, plan.searches[0], used, {each.row: row for each, row in zip(used, rows, strict=True)})
+    assert found.chosen == 0
 
 
 def test_failed_runs_are_a_penalty_on_the_statistic():
