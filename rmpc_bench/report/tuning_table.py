@@ -75,8 +75,9 @@ class TuningTable:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """Content of tuning.csv: one row per point, method and parameter; empty where no method is tuned."""
-        if self.tuning is None:
+        """Content of tuning.csv: one row per point, method and parameter; empty where nothing is known."""
+        # The record of a tuning may be missing, and a command may compute the other methods only.
+        if self.tuning is None or not self.tuning.searches:
             return pd.DataFrame()
         table = tuning_frame(self.tuning)
         table = table.join(

@@ -1,6 +1,8 @@
 """Tuning on the command line: what is shown, what is computed once, interruption, shards and archives."""
 
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +15,7 @@ from small_experiment import cli, ran, spied
 from tuned_experiment import record, run, write
 
 from rmpc_bench import load_config, load_results
+from rmpc_bench.execution.database import StoreError
 from rmpc_bench.execution.status import read_status
 from rmpc_bench.execution.tuning.record import read_record
 
@@ -300,11 +303,33 @@ def test_another_experiment_in_the_directory_is_refused_before_the_tuning(tmp_pa
 def test_a_damaged_record_is_named(tmp_path):
     path = write(tmp_path)
     (tmp_path / "out").mkdir()
-    for text in ("{}", "[1", '{"version": 1, "searches": {"a": {"method": "KFR"}}}', '{"version": 2, "searches": {}}'):
+    texts = ('{"a": {"method": "KFR"}}', "[]", '{"a": []}')
+    searches = [f'{{"version": 1, "searches": {text}}}' for text in texts]
+    for text in ("{}", "[1", *searches, '{"version": 2, "searches": {}}'):
         (tmp_path / "out" / "tuning.json").write_text(text)
         result = cli("run", path, "-o", tmp_path / "out", "-j", 1, "--progress", "none")
         assert result.exit_code != 0
         assert "tuning.json: is no record of a tuning" in result.stderr and "Traceback" not in result.output
+
+
+def test_runs_of_a_record_that_do_not_fit_its_values_are_named(finished, tmp_path):
+    data = json.loads(record(finished[1]))
+    [search] = data["searches"].values()
+    search["test"]["values"].pop()
+    (tmp_path / "tuning.json").write_text(json.dumps(data))
+    with pytest.raises(StoreError, match="is no record of a tuning .its lists differ in length"):
+        read_record(tmp_path)
+
+
+def test_results_without_a_record_of_the_tuning_are_reported(finished, tmp_path):
+    """The methods that are not tuned were computed alone, or the record was removed."""
+    path, whole, _ = finished
+    shown = cli("run", path, "-o", tmp_path / "part", "-j", 1, "--progress", "none", "--only", "KF")
+    assert shown.exit_code == 0 and "KF" in shown.stdout and not (tmp_path / "part" / "tuning.csv").exists()
+    shutil.copytree(whole, tmp_path / "out")
+    (tmp_path / "out" / "tuning.json").unlink()
+    assert cli("report", tmp_path / "out").exit_code == 0
+    assert not (tmp_path / "out" / "tuning.csv").exists() and (tmp_path / "out" / "summary.csv").exists()
 
 
 def test_no_value_with_a_design_is_an_error_of_the_file(tmp_path):

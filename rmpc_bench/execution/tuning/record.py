@@ -98,7 +98,7 @@ def _read(path: Path) -> dict[str, Found]:
         if data["version"] != _VERSION:
             raise ValueError("another version of the bench has written it")
         return {str(key): _found(entry) for key, entry in data["searches"].items()}
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
         text = f"{path}: is no record of a tuning ({error}); remove the file, and `rmpc-bench run` tunes again"
         raise StoreError(text) from None
 
@@ -114,6 +114,9 @@ def _found(entry: Mapping[str, Any]) -> Found:
         tuning[chosen] = own
     if not (0 <= chosen < len(candidates) == len(stages) == len(tuning)):
         raise ValueError("its lists differ in length")
+    values = None if test is None else _matrix(test["values"])
+    if values is not None and len(values) != len(candidates) + 1:
+        raise ValueError("its lists differ in length")
     return Found(
         str(entry["method"]),
         parameters,
@@ -123,7 +126,7 @@ def _found(entry: Mapping[str, Any]) -> Found:
         chosen,
         tuple(None if each is None else float(each) for each in entry["default"]),
         "" if test is None else str(test["key"]),
-        None if test is None else _matrix(test["values"]),
+        values,
         is_short,
     )
 
