@@ -56,6 +56,29 @@ A_k^F = A + H_A F_x(k) G_x""",
     + "\n"
     + _GAIN
     + r", \quad P_{k+1|k} = A (I - L_k C) P_{k|k-1} A^\top + Q_w",
+    ("estimators", "directional-kalman"): _GAIN
+    + r""", \quad
+P_{k+1|k} = A P_{k|k} A^\top + Q_w + q H_A H_A^\top""",
+    ("estimators", "fading-kalman"): _GAIN
+    + r""", \quad
+P_{k+1|k} = \alpha^2 A P_{k|k} A^\top + Q_w""",
+    ("estimators", "wasserstein-kalman"): r"""\max_S \mathrm{tr} (S_{xx} - S_{xy} S_{yy}^{-1} S_{yx})
+\quad \mathrm{with} \quad \mathrm{tr} \left( S + \Sigma - 2 (\Sigma^{1/2} S \Sigma^{1/2})^{1/2} \right)
+\le \rho^2, \quad L_k = S_{xy} S_{yy}^{-1}""",
+    ("estimators", "h-infinity"): r"""P_{k+1|k} = A (P_{k|k-1}^{-1} - \theta W + C^\top R_v^{-1} C)^{-1} A^\top
++ Q_w, \quad \theta = 1 / \gamma^2""",
+    ("estimators", "student-kalman"): r"""\lambda = \frac{\nu + n_y}{\nu + r^\top R_v^{-1} r +
+\mathrm{tr} (R_v^{-1} C P_{k|k} C^\top)}, \quad r = y_k - C \hat x_{k|k}, \quad R_v \to R_v / \lambda""",
+    ("estimators", "huber-kalman"): r"""\hat x_{k|k} = \arg \min_x \frac{1}{2} (x - \hat x_{k|k-1})^\top
+P_{k|k-1}^{-1} (x - \hat x_{k|k-1}) + \sum_j \rho_k \left( (R_v^{-1/2} (y_k - C x))_j \right)""",
+    ("estimators", "correntropy-kalman"): r"""R_v \to T \mathrm{diag}(w_j)^{-1} T^\top, \quad
+w_j = \exp \left( - \frac{r_j^2}{2 \sigma^2} \right), \quad r = T^{-1} (y_k - C \hat x_{k|k}), \quad T T^\top = R_v""",
+    ("estimators", "gated-kalman"): r"""\hat x_{k|k} = \hat x_{k|k-1} + L_k e_k \quad \mathrm{if} \quad
+e_k^\top S_k^{-1} e_k \le g, \quad \mathrm{else} \quad \hat x_{k|k} = \hat x_{k|k-1}""",
+    ("estimators", "moving-horizon"): r"""\min \Vert x_{k-N} - \bar x \Vert^2_{\bar P^{-1}}
++ \sum_j \Vert w_j \Vert^2_{Q_w^{-1}} + \sum_j \Vert y_j - C x_j \Vert^2_{R_v^{-1}}, \quad
+w_j \in [\underline w, \overline w], \quad v_j \in [\underline v, \overline v], \quad
+x_j \in [\underline x, \overline x]""",
     ("estimators", "control-lqe"): r"\hat x_{k|k} = \hat x_{k|k-1} + L (y_k - C \hat x_{k|k-1}), \quad"
     + "\n"
     + r"P = A (I - L C) P A^\top + Q_w, \quad L = P C^\top (C P C^\top + R_v)^{-1}",
@@ -121,6 +144,15 @@ r_k = v_2 \quad \mathrm{otherwise}""",
     ): r"u_k = \mathrm{low} + (\mathrm{high} - \mathrm{low}) b_{\lfloor k / n \rfloor}, \quad b = 0, 1",
     ("inputs", "sine"): r"u_k = \bar u + a \sin \left( 2 \pi k T_s / T + \varphi \right)",
     ("inputs", "steps"): r"u_k = v_i \quad \mathrm{for\ } t_i \le k T_s \lt t_{i+1}",
+    ("noises", "student-t"): r"w = \bar w + s z \sqrt{\nu / \chi^2_\nu}, \quad z \sim \mathcal{N}(0, I)",
+    ("noises", "outliers"): r"""w = \bar w + f^b z, \quad z \sim \mathcal{N}(0, s^2 \Sigma), \quad
+b \sim \mathrm{Bernoulli}(p)""",
+    ("noises", "half-normal"): r"w = c + s |z|, \quad z \sim \mathcal{N}(0, I)",
+    ("noises", "drift"): r"w_{k+1} = w_k + s z_k, \quad z_k \sim \mathcal{N}(0, \Sigma)",
+    ("noises", "coloured"): r"""w_{k+1} = a w_k + \sqrt{1 - a^2} s z_k, \quad z_k \sim \mathcal{N}(0, \Sigma), \quad
+a = e^{-T_s / \tau}""",
+    ("noises", "quantised"): r"y = o + q \mathrm{round} \left( \frac{y - o}{q} \right)",
+    ("noises", "missing"): r"P(y_k \ \mathrm{is\ missing}) = p",
     ("noises", "corners"): r"w = c + \mathrm{diag}(\rho) u, \quad u_i = \pm 1",
     ("noises", "ellipsoid"): r"w = c + s L u, \quad L L^\top = M, \quad (w - c)^\top M^{-1} (w - c) \le s^2",
     ("noises", "gaussian"): r"w \sim \mathcal{N}(\bar w, s^2 \Sigma)",

@@ -12,6 +12,7 @@ EXAMPLES: dict[str, str] = {
     "seed": "seed: 20180418",
     "runs": "runs: 200",
     "stop": "stop: {resolve: 2%, min_runs: 100, max_runs: 2000}        # or {decide: claims, max_runs: 3200}",
+    "tune": "tune: {budget: 16, runs: 40, metric: mse, statistic: mean}        # ranges are in the methods",
     "time": "time: {step: 0.1, duration: 20}        # or {steps: 1500}",
     "plugins": "plugins: [my_filter.py]",
     "requires": "requires: [filterpy, do-mpc]",

@@ -23,7 +23,15 @@ from rmpc_bench.config.tree import plain
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-ELSEWHERE = ("cluster.md", "tutorial.md", "tuning.md", "suite.md", "own-components.md", "libraries.md", "constraints.md")
+ELSEWHERE = (
+    "cluster.md",
+    "tutorial.md",
+    "tuning.md",
+    "suite.md",
+    "own-components.md",
+    "libraries.md",
+    "constraints.md",
+)
 """Pages with commands that other files of this folder follow."""
 LONG = ("examples.md",)
 """Pages whose commands take minutes of processor time."""

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from docs.followed_page import follow
 
@@ -71,3 +73,42 @@ def test_the_commands_of_the_page(tmp_path):
     assert planned.code == 0 and "56" in planned.out, planned.out + planned.err
     assert added.code == 0, added.out + added.err
     assert "mine" in added.out
+
+
+def kept(name):
+    """A table of the kept results of the set."""
+    return pd.read_csv(ROOT / "results" / "suite" / "suite-1" / name)
+
+
+def test_the_table_of_the_readme_is_the_kept_one():
+    """Rank, ratio, ratios of the noise worlds and counts of systems, in the order of the ranks."""
+    rows = re.findall(r"^\| .+ \| \d+ to \d+ \|.*$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    shown = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+    ranks = kept("ranks.csv")
+    whole = ranks[ranks.axis.isna()]
+    assert [row[1] for row in shown] == [f"{each.rank_low:.0f} to {each.rank_high:.0f}" for each in whole.itertuples()]
+    names = ("as modelled", "scaled", "heavy-tailed", "biased")
+    worlds = [ranks[ranks.value == name].set_index("method") for name in names]
+    for row, each in zip(shown, whole.itertuples(), strict=True):
+        numbers = [float(text) for text in re.findall(r"[\d.]+", row[2])]
+        assert numbers == [round(value, 3) for value in (each.ratio, each.ratio_low, each.ratio_high)][: len(numbers)]
+        if each.method == "KF-R":
+            assert row[2:] == ["1"] * 5 + ["-"]
+            continue
+        for cell, world in zip(row[3:7], worlds, strict=True):
+            one = world.loc[each.method]
+            assert float(cell.rstrip(" ?")) == float(f"{one.ratio:.3g}"), (each.method, cell)
+            assert cell.endswith("?") == (one.ratio_low < 1 < one.ratio_high)
+        assert row[7] == f"{each.better:.0f}/{each.worse:.0f}"
+
+
+def test_the_share_of_one_system_is_the_stated_one():
+    """The geometric means without simon-motor, from the kept comparisons; and the ends of ranges."""
+    compared = kept("comparisons.csv")
+    others = compared[compared["name"] != "simon-motor"]
+    logs = np.log1p(others.geometric_pct / 100).groupby(others.method).mean()
+    stated = re.search(r"Without it the ratios to KF-R are (.+?)\. These", TEXT.replace("\n", " "))
+    found = {method: float(number) for number, method in re.findall(r"([\d.]+) \(([\w-]+)\)", stated[1])}
+    assert found == {method: round(float(np.exp(value)), 2) for method, value in logs.items()}
+    ends = kept("tuning.csv").end_of_range
+    assert f"{int(ends.sum())} of {len(ends)}" in TEXT
