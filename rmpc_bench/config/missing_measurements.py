@@ -9,15 +9,25 @@ from rmpc_bench.simulation.scenario import Scenario
 from rmpc_bench.types import Method
 
 BRIDGING = (
+    "correntropy-kalman",
+    "directional-kalman",
+    "extended-kalman",
     "fading-kalman",
+    "gated-kalman",
+    "h-infinity",
+    "huber-kalman",
     "kalman",
     "kalman-disturbance",
     "kalman-predictor",
     "lmmse",
     "lp-window",
+    "moving-horizon",
     "oracle",
     "risk-sensitive",
     "robust-kalman",
+    "student-kalman",
+    "unscented-kalman",
+    "wasserstein-kalman",
 )
 """Kinds of estimators that predict where a measurement is missing; those of other kinds may do so as well."""
 

@@ -126,7 +126,14 @@ def test_kinds_that_the_message_names_bridge():
     """Oracle: the designs of these kinds, as far as a linear model has no further keys."""
     assert set(BRIDGING) <= set(registry.names("estimators"))
     model = LinearModel(np.array([[0.9]]), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)))
-    keys = {"fading-kalman": {"alpha": 1.1}, "risk-sensitive": {"theta": 0.01}, "robust-kalman": {"c": 0.1}}
+    keys = {
+        "directional-kalman": {"q": 1.0, "direction": 1.0},
+        "fading-kalman": {"alpha": 1.1},
+        "h-infinity": {"fraction": 0.5},
+        "risk-sensitive": {"theta": 0.01},
+        "robust-kalman": {"c": 0.1},
+        "wasserstein-kalman": {"radius": 0.1},
+    }
     start = {"x0": np.zeros(1), "P0": np.eye(1)}
     for kind in set(BRIDGING) - {"oracle", "lmmse", "lp-window"}:
         assert estimator(kind, model, n_steps=3, **start, **keys.get(kind, {})).bridges_missing, kind
