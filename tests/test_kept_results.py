@@ -1,9 +1,13 @@
 """Results under version control: which files are kept, and that nothing else is."""
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
 
+import pytest
+
+from rmpc_bench import load_config
 from rmpc_bench.config import reader
 
 ROOT = Path(__file__).parents[1]
@@ -46,3 +50,27 @@ def test_git_keeps_these_files_and_no_others(tmp_path):
     command = ["git", "check-attr", "diff", f"{place}/figures/boxplot.svg", f"{place}/summary.csv"]
     attributes = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.splitlines()
     assert [line.rsplit(" ", 1)[1] for line in attributes] == ["unset", "unspecified"]
+
+
+RECORDS = sorted((ROOT / "results").glob("*/*/claims.json"))
+OF_SYSTEMS = [each for each in RECORDS if each.parents[1].name == "benchmarks"]
+
+
+def hashes(record):
+    """Return the hash of a kept record and that of its configuration."""
+    config = ROOT / "configs" / record.parents[1].name / f"{record.parent.name}.yaml"
+    return json.loads(record.read_text(encoding="utf-8"))["experiment"]["hash"], load_config(config).hash
+
+
+@pytest.mark.parametrize("record", OF_SYSTEMS, ids=lambda each: each.parent.name)
+def test_kept_results_are_those_of_their_configuration(record):
+    """A key that is added to a component must not change the hash of experiments that do not use it."""
+    kept, now = hashes(record)
+    assert kept == now
+
+
+@pytest.mark.slow
+def test_all_kept_results_are_those_of_their_configurations():
+    """All experiments of which claims are kept."""
+    wrong = [str(record.parent) for record in RECORDS if len(set(hashes(record))) > 1]
+    assert RECORDS and not wrong

@@ -20,12 +20,14 @@ from rmpc_bench.simulation.scenario import Experiment
 
 ADDED_LATER: Mapping[tuple[str, str], Any] = {
     ("estimators", "form"): "filter",
+    ("estimators/lmmse", "form"): "predictor",
     ("estimators", "noise"): "nominal",
     ("estimators", "use_y0"): True,
     ("metrics", "of"): "output",
+    ("models", "scale"): None,
 }
-"""Keys that were added after trials had been stored.  Their defaults are left out of the hash, so earlier trials stay
-valid."""
+"""Keys of a group, or of one kind, that were added after trials had been stored.  Their defaults are left out of the
+hash, so earlier trials stay valid."""
 
 
 def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> SweepPoint:
@@ -80,7 +82,7 @@ def _shared(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> dict[st
     terms |= {f"initial.{i}": term for i, term in enumerate(draft.initial["laws"])}
     if draft.model is not None and any(term.same is not None for term in terms.values()):
         # The noise of the plant does not depend on the disturbances of the design model.
-        common["model"] = draft.model.without_shared().resolved(without_path)
+        common["model"] = _without_later(draft.model, draft.model.without_shared().resolved(without_path))
         roles["model"] = draft.model
     # An edit of an estimator in the file of the plant is no other experiment.
     code = own.identity({**roles, **{role: term.law for role, term in terms.items()}}, whole=False)
@@ -131,9 +133,15 @@ def set_keys(component: Component, write: Writer = as_given) -> dict[str, Any]:
     component : a valid component
     write : returns what stands for something in a file of the user
     """
-    later = {name: value for (group, name), value in ADDED_LATER.items() if group == component.group}
-    keys = component.resolved(write)
-    return {name: value for name, value in keys.items() if value is not None and later.get(name) != value}
+    keys = _without_later(component, component.resolved(write))
+    return {name: value for name, value in keys.items() if value is not None}
+
+
+def _without_later(component: Component, keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave out the keys of ADDED_LATER that have their default."""
+    groups = (component.group, f"{component.group}/{component.kind}")
+    later = {name: value for group in groups for (at, name), value in ADDED_LATER.items() if at == group}
+    return {name: value for name, value in keys.items() if name not in later or later[name] != value}
 
 
 def uncertainty_data(draft: DraftConfig, *, canonical: bool = True) -> dict[str, Any]:

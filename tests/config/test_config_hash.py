@@ -1,6 +1,7 @@
 """What identifies an experiment and a method, and the configuration that is written back."""
 
 import pytest
+import tuned_experiment
 from small_experiment import write
 
 from rmpc_bench import load_config
@@ -167,3 +168,20 @@ def test_the_resolved_smoke_configuration_loads_to_the_same(tmp_path):
 def test_a_large_seed_is_kept_to_the_last_digit(load, seed):
     """Seeds do not go through floating point."""
     assert load(seed=seed).experiment.scenario.seed == seed
+
+
+def test_a_default_that_was_added_to_one_kind_is_left_out_of_the_hash(tmp_path):
+    """`lmmse` is a predictor by default, other filters use the latest measurement; stored trials name neither."""
+    plant = "{kind: uncertain-linear, A: 0.9, C: 1, Bw: 1, Dv: 1, H_A: 0.1, G_x: 1}"
+    keys = {"plant": plant, "model": "{from: plant, W: 1, V: 1}", "noise": "same", "tune": None}
+    kinds = "lmmse: {estimator: {kind: lmmse%s}}, KF: {estimator: {kind: kalman%s}}"
+    points = {}
+    for form in ("", ", form: predictor", ", form: filter"):
+        path = tuned_experiment.write(tmp_path, **keys, methods=f"{{{kinds % (form, form)}}}")
+        points[form] = load_config(path).points[0]
+    keys_of = {name: {form: point.method_keys[name] for form, point in points.items()} for name in ("lmmse", "KF")}
+    assert keys_of["lmmse"][""] == keys_of["lmmse"][", form: predictor"] != keys_of["lmmse"][", form: filter"]
+    assert keys_of["KF"][""] == keys_of["KF"][", form: filter"] != keys_of["KF"][", form: predictor"]
+    estimators = [points[""].methods[name]["estimator"] for name in ("lmmse", "KF")]
+    assert not any("form" in each for each in estimators)
+    assert "scale" not in points[""].shared["model"] and "scale" not in points[""].methods["KF"]["model"]
