@@ -66,8 +66,9 @@ def page_context(source: PageSource) -> dict[str, Any]:
     trials = source.trials
     parts = [
         section("summary", "Summary", [paragraph(headline(source.tables), "lead")]),
-        section("result", "Result", _result_figures(source)),
+        # Before the figures, which have a panel for every point of the sweep.
         section("ranks", "Ranks over all points", rank_blocks(source.ranks, trials.all_methods), "Ranks"),
+        section("result", "Result", _result_figures(source)),
         section("table", "Table", _table_blocks(source)),
         section("drivers", "What drives the differences", _driver_blocks(source)),
         section("claims", "What the paper says" if _has_paper(source) else "Claims", claim_blocks(source)),
