@@ -66,7 +66,7 @@ CASES = [
     ("noise", "{process: {same: {scale: -1}}}", "-1", "noise.process.same.scale", "must be >= 0 (got -1)"),
     ("noise", "{process: {same: {scal: 1}}}", "scal", "noise.process.same.scal", "did you mean 'scale'?"),
     ("noise", "{process: {gaussian: {}}}", "{}", "noise.process.gaussian", "give either std or cov"),
-    ("noise", "{process: {gaussian: {std: [1, 2]}}}", "{std", "noise.process.gaussian", "4 numbers are required"),
+    ("noise", "{process: {gaussian: {std: [1, 2]}}}", "[1, 2]", "noise.process.gaussian.std", "4 numbers are required"),
     ("initial", "{x: [1, 2]}", "[1, 2]", "initial.x", "a number or 4 numbers are required"),
     ("initial", "{x0: 1}", "x0", "initial.x0", "known key"),
     ("initial", "{P: -1}", "-1", "initial.P", "must be positive semidefinite (smallest eigenvalue -1)"),
@@ -188,7 +188,7 @@ def test_all_mistakes_at_once_sorted_by_place(mistakes):
     assert {each[2] for each in found} >= {
         "seed",
         "plant.perturb.J_x",
-        "noise.measurement.gaussian",
+        "noise.measurement.gaussian.std",
         "controller.Hu",
         "methods.a.estimator.c",
         "methods.b.estimator.kind",

@@ -97,12 +97,24 @@ KEYS = {
     "lqg": {"Q_x": 1.0, "Q_i": 0.1, "R_u": 0.1},
     "pid": {"Kp": 1.0, "on": "estimate"},
 }
-ESTIMATOR_KEYS = {"robust-kalman": {"c": 0.1}, "risk-sensitive": {"theta": 0.1}, "robust-h-infinity": {"alpha": 0.1}}
+ESTIMATOR_KEYS = {
+    "directional-kalman": {"q": 1.0, "direction": 1.0},
+    "fading-kalman": {"alpha": 1.1},
+    "h-infinity": {"fraction": 0.5},
+    "risk-sensitive": {"theta": 0.1},
+    "robust-h-infinity": {"alpha": 0.1},
+    "robust-kalman": {"c": 0.1},
+    "wasserstein-kalman": {"radius": 0.1},
+}
+NONLINEAR = ("extended-kalman", "unscented-kalman")
+"""Estimators for nonlinear models."""
+LINEAR = [
+    *(("estimators", kind) for kind in registry.names("estimators") if kind not in NONLINEAR),
+    *(("controllers", kind) for kind in registry.names("controllers")),
+]
 
 
-@pytest.mark.parametrize(
-    ("group", "kind"), [(group, kind) for group in ("estimators", "controllers") for kind in registry.names(group)]
-)
+@pytest.mark.parametrize(("group", "kind"), LINEAR)
 def test_linear_methods_refuse_a_nonlinear_model_with_the_way_out(group, kind):
     """Over the registry; the message names `linearise`."""
     import inspect
