@@ -66,7 +66,7 @@ ERRORS = {
         "must be at most Hp = 3 (got 10)",
     ),
     "a negative variance": (
-        servo(noise="{measurement: {gaussian: {cov: -1}}}"), "noise.measurement.gaussian", "{cov",
+        servo(noise="{measurement: {gaussian: {cov: -1}}}"), "noise.measurement.gaussian.cov", "-1",
         "must be positive semidefinite (smallest eigenvalue -1)",
     ),
     "both std and cov": (

@@ -131,6 +131,9 @@ def test_mistakes(tmp_path, keys, place, message):
 
 Q = "Q_x: 1, R_u: 0.1"
 ESTIMATORS = dict.fromkeys(registry.names("estimators"), "") | {
+    "directional-kalman": "q: 1, direction: 1",
+    "fading-kalman": "alpha: 1.1",
+    "wasserstein-kalman": "radius: 0.1",
     "robust-kalman": "c: 0.1",
     "risk-sensitive": "theta: 0.01",
     "robust-h-infinity": "alpha: 0.1",
