@@ -138,6 +138,17 @@ ESTIMATORS = {
     "mixed": {},
     "set-membership": {},
     "kalman-disturbance": {"drift": 0.01},
+    "directional-kalman": {"q": 0.01, "direction": 1.0},
+    "fading-kalman": {"alpha": 1.01},
+    "wasserstein-kalman": {"radius": 0.01},
+    "h-infinity": {"fraction": 0.5},
+    "student-kalman": {},
+    "huber-kalman": {},
+    "correntropy-kalman": {},
+    "gated-kalman": {},
+    "extended-kalman": {},
+    "unscented-kalman": {},
+    "moving-horizon": {"window": 3},
     "control-lqe": {},
 }
 """Keys of every registered estimator; a new kind gets a line here."""

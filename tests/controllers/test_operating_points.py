@@ -41,6 +41,17 @@ ESTIMATORS = {
     "mixed": [{"M0": np.eye(3)}],
     "set-membership": [{"M0": np.eye(3)}, {"M0": np.eye(3), "update": "maksarov-norton", "level": 0.9999}],
     "kalman-disturbance": [{}],
+    "directional-kalman": [{"q": 0.01, "direction": 1.0}],
+    "fading-kalman": [{"alpha": 1.01}],
+    "wasserstein-kalman": [{"radius": 0.01}],
+    "h-infinity": [{"fraction": 0.5}],
+    "student-kalman": [{}],
+    "huber-kalman": [{}],
+    "correntropy-kalman": [{}],
+    "gated-kalman": [{}],
+    "extended-kalman": [{}],
+    "unscented-kalman": [{}],
+    "moving-horizon": [{"window": 3}],
     "control-lqe": [{}],
 }
 """Parameters of the estimators that support an operating point."""
