@@ -81,7 +81,7 @@ def test_figures_that_only_the_page_has_are_no_files_of_other_formats(stored, tm
         (["--font", "tmies"], "--font: must be one of dejavu, stix, times (got 'tmies')"),
         (["--style", "journal"], "--style: must be one of bench, paper"),
         (["--format", "png,jpg"], "--format: must be one of svg, pdf, png, pgf (got 'jpg')"),
-        (["--columns", "men"], "--columns: must be one of mean, median,"),
+        (["--columns", "men"], "--columns: must be one of mean, lost, median,"),
         (["--metric", "msee"], "--metric: 'msee' is not a known metric of this experiment; did you mean 'mse'?"),
         (["--order", "S-MCP"], "--order: 'S-MCP' is not a known method; did you mean 'S-MPC'?"),
         (["--order", "R-MPC,R-MPC"], "--order: order must name each entry once"),

@@ -40,8 +40,11 @@ LONG = {
     "belda2017/exp2.yaml",
     "belda2017/fair.yaml",
     "belda2017/sensitivity.yaml",
+    "estimators/friction-tuned.yaml",
+    "estimators/outliers.yaml",
     "ma2025/ablation.yaml",
     "ma2025/certificate.yaml",
+    "suite/suite-1.yaml",
 }
 """Two runs of theirs take eight seconds or more; `make smoke` runs them as well."""
 
@@ -68,13 +71,14 @@ def test_there_are_configurations():
 def test_two_runs_of_a_few_steps(name, tmp_path):
     """Every method completes two short runs with a value for every metric, at up to four points of a sweep.
 
-    Where only exact moments are evaluated, there are these and no runs.  A method that solves no quadratic programs has
-    no shares of them.
+    What is tuned runs at all points.  Where only exact moments are evaluated, there are these and no runs.  A method
+    that solves no quadratic programs has no shares of them.
     """
     skip_without_libraries(ROOT / name)
     config = load_config(ROOT / name, runs=2, smoke=True)
     check_names(config, name)
-    config = replace(config, points=config.points[:: max(1, len(config.points) // 4)][:4])
+    if config.tuning is None:
+        config = replace(config, points=config.points[:: max(1, len(config.points) // 4)][:4])
     trials = run(config, directory=tmp_path, jobs=1).trials
     assert trials.methods == tuple(config.methods)
     n_runs = 2 if "runs" in config.evaluate else 0
