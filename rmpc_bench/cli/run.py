@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rmpc_bench.cli import exits, own_code
-from rmpc_bench.cli.run_request import Request, ShardOption, Workers, check_division
+from rmpc_bench.cli import exits, own_code, run_options
+from rmpc_bench.cli.run_request import Request, ShardOption, check_division
 from rmpc_bench.cli.tuning import tuned_config, tuning_line
 from rmpc_bench.execution.interrupts import held
 from rmpc_bench.regular_file import noted
@@ -26,23 +26,17 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("config", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Directory for the results.")
-@click.option("-j", "--jobs", type=Workers(), help="Worker processes, or auto.  [default: execution.workers]")
+@run_options.jobs
 @click.option("-s", "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Replace one value of the file.")
-@click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the file.")
+@run_options.n_runs
 @click.option("--only", multiple=True, metavar="METHOD", help="Compute this method only; may be repeated.")
-@click.option(
-    "--add-method",
-    "add_methods",
-    multiple=True,
-    metavar="'NAME: {...}'",
-    help="Add a method to those of the file; the directory keeps it.  May be repeated.",
-)
-@click.option("--smoke", is_flag=True, help="Use the size of the section `smoke`; results go to results/smoke.")
+@run_options.add_method
+@run_options.smoke
 @click.option("--strict", is_flag=True, help="Exit with 1 if the finding of a claim differs from its record.")
-@click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
+@run_options.fresh
 @click.option("--accept-versions", is_flag=True, help="Use rows that other versions of a library have computed.")
 @click.option("--if-installed", is_flag=True, help="Skip a configuration if a library under `requires` is missing.")
-@click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
+@run_options.dry_run
 @click.option(
     "--engine",
     type=click.Choice(["joblib", "serial", "dask"]),
@@ -58,14 +52,8 @@ if TYPE_CHECKING:
 )
 @click.option("--missing", is_flag=True, help="Take the trials of all shards, and compute the runs that are missing.")
 @click.option("--no-report", is_flag=True, help="Compute trials; write no tables, figures or claims.")
-@click.option(
-    "--progress",
-    type=click.Choice(["auto", "bar", "plain", "json", "none"]),
-    default="auto",
-    show_default=True,
-    help="How progress is shown on stderr: a bar, lines, a JSON object per line, or not at all.",
-)
-@click.option("-q", "--quiet", is_flag=True, help="Show errors and the result only.")
+@run_options.progress
+@run_options.quiet
 @click.option(
     "-v",
     "--verbose",

@@ -8,9 +8,8 @@ from typing import Any
 
 import click
 
-from rmpc_bench.cli import exits, own_code
+from rmpc_bench.cli import exits, own_code, run_options
 from rmpc_bench.cli.run import run
-from rmpc_bench.cli.run_request import Workers
 from rmpc_bench.cli.typed_files import from_here
 from rmpc_bench.config.known_files import known_configs, located, short_names
 
@@ -26,26 +25,14 @@ FOLDER = "configs/suite/"
     type=click.Path(path_type=Path),
     help="Directory for the results; with several sets, the directory above theirs.",
 )
-@click.option("-j", "--jobs", type=Workers(), help="Worker processes, or auto.  [default: execution.workers]")
-@click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the set.")
-@click.option(
-    "--add-method",
-    "add_methods",
-    multiple=True,
-    metavar="'NAME: {...}'",
-    help="Add a method to those of the set; the directory keeps it.  May be repeated.",
-)
-@click.option("--smoke", is_flag=True, help="Use the size of the section `smoke`; results go to results/smoke.")
-@click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")
-@click.option("-n", "--dry-run", is_flag=True, help="Print the number of trials to compute, and stop.")
-@click.option(
-    "--progress",
-    type=click.Choice(["auto", "bar", "plain", "json", "none"]),
-    default="auto",
-    show_default=True,
-    help="How progress is shown on stderr: a bar, lines, a JSON object per line, or not at all.",
-)
-@click.option("-q", "--quiet", is_flag=True, help="Show errors and the result only.")
+@run_options.jobs
+@run_options.n_runs
+@run_options.add_method
+@run_options.smoke
+@run_options.fresh
+@run_options.dry_run
+@run_options.progress
+@run_options.quiet
 @own_code.allow_code_option
 @own_code.import_option
 @click.pass_context

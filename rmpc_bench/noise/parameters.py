@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -15,6 +17,15 @@ Share: TypeAlias = Annotated[float, Ge(0), Le(1)]
 """A probability."""
 
 
+@contextmanager
+def _naming(key: str) -> Iterator[None]:
+    """Raise an error of a value as one that names its key."""
+    try:
+        yield
+    except ValueError as error:
+        raise DesignError(str(error), key) from None
+
+
 def vector(name: str, value: float | list[float], n: int) -> Float[Array, " n"]:
     """Expand a number (for every coordinate) or one per coordinate.
 
@@ -23,10 +34,8 @@ def vector(name: str, value: float | list[float], n: int) -> Float[Array, " n"]:
     DesignError
         If the length does not fit; it names the key.
     """
-    try:
+    with _naming(name):
         return as_vector(value, n)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
 
 
 def matrix(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
@@ -37,10 +46,8 @@ def matrix(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
     DesignError
         If the size does not fit; it names the key.
     """
-    try:
+    with _naming(name):
         return as_matrix(value, n)
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
 
 
 def psd_root(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
@@ -51,10 +58,8 @@ def psd_root(name: str, value: Matrix | Array, n: int) -> Float[Array, "n n"]:
     DesignError
         If the size does not fit or the matrix is not positive semidefinite; it names the key.
     """
-    try:
+    with _naming(name):
         return psd_sqrt(as_covariance(value, n))
-    except ValueError as error:
-        raise DesignError(str(error), name) from None
 
 
 def spread_root(
