@@ -18,6 +18,10 @@ HEAVY = {
     "benchmarks/wang2021.yaml",
     "benchmarks/wkf2018.yaml",
     "benchmarks/xie1994.yaml",
+    "examples/control.yaml",
+    "examples/do-mpc.yaml",
+    "examples/filterpy.yaml",
+    "examples/libraries.yaml",
     "examples/pendulum.yaml",
     "ma2025/ablation.yaml",
     "souto2011/alpha.yaml",
@@ -25,6 +29,7 @@ HEAVY = {
     "souto2011/comparison.yaml",
     "souto2011/guarantee.yaml",
     "souto2011/table.yaml",
+    "suite/suite-1.yaml",
     "zenere2017/interpretations-sim2.yaml",
     "zenere2017/sim2.yaml",
     "zenere2018/interpretations-sim2.yaml",
@@ -33,7 +38,7 @@ HEAVY = {
     "zenere2018/rivals-tuning.yaml",
     "zenere2018/signs.yaml",
 }
-"""Designs of theirs at full size take two to ten seconds: searches, 10,000 steps, many points."""
+"""Designs of theirs at full size take two to ten seconds: searches, 10,000 steps, many points, other libraries."""
 LONG = {
     "belda2017/bounds.yaml",
     "belda2017/correlation.yaml",
@@ -42,11 +47,15 @@ LONG = {
     "belda2017/sensitivity.yaml",
     "estimators/friction-tuned.yaml",
     "estimators/outliers.yaml",
+    "examples/control.yaml",
+    "examples/do-mpc.yaml",
+    "examples/libraries.yaml",
+    "examples/pendulum.yaml",
     "ma2025/ablation.yaml",
     "ma2025/certificate.yaml",
     "suite/suite-1.yaml",
 }
-"""Two runs of theirs take eight seconds or more; `make smoke` runs them as well."""
+"""Two runs of theirs take five seconds or more; `make smoke` runs them as well."""
 
 
 def marked(slow):
