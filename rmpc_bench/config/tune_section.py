@@ -6,11 +6,21 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, Len
+from pydantic import AfterValidator
 
 from rmpc_bench.types import Count, NonNegative
 from rmpc_bench.types.tuning import TunedParameter, TuningProtocol, level_of
 
 Text = Annotated[str, Len(1)]
+
+
+def _statistic(text: str) -> str:
+    """Return the text; raise a ValueError if it is no statistic."""
+    level_of(text)
+    return text
+
+
+Statistic = Annotated[Text, AfterValidator(_statistic)]
 SMOKE_BUDGET = 3
 """Values that a smoke run tries for each method."""
 
@@ -55,16 +65,12 @@ class TuneKeys:
     budget: Annotated[int, Ge(1), Le(10_000)] = 16
     runs: Count = 40
     metric: Text | None = None
-    statistic: Text = "mean"
+    statistic: Statistic = "mean"
     penalty: NonNegative = 10.0
     seed: Annotated[int, Ge(0), Le(2**32 - 1)] = 0
     search: Literal["auto", "grid-golden", "nelder-mead", "quasi-random"] = "auto"
     regret: bool = True
     values: list[ValueRow] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        """Refuse a statistic that is none."""
-        level_of(self.statistic)
 
     def protocol(self, metric: str) -> TuningProtocol:
         """Return the protocol with the name of its metric."""

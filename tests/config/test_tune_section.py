@@ -60,8 +60,8 @@ def test_a_wrong_range_is_reported_at_its_place(tmp_path, given, estimator, wher
 SECTIONS = [
     ("{budget: 0}", "tune.budget", "must be >= 1 (got 0)"),
     ("{runs: 0}", "tune.runs", "must be >= 1"),
-    ("{statistic: best}", "tune", "must be mean, median or a quantile such as 'quantile 90%'"),
-    ("{statistic: quantile 100%}", "tune", "must be mean, median or a quantile"),
+    ("{statistic: best}", "tune.statistic", "must be mean, median or a quantile such as 'quantile 90%'"),
+    ("{statistic: quantile 100%}", "tune.statistic", "must be mean, median or a quantile"),
     ("{penalty: -1}", "tune.penalty", "must be >= 0"),
     ("{search: grid}", "tune.search", "grid-golden"),
     ("{metric: mse}", "tune.metric", "metric of this configuration"),
