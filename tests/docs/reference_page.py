@@ -190,10 +190,10 @@ def _files() -> list[str]:
 def _verb(verb: str) -> list[str]:
     command = main.get_command(click.Context(main), verb)
     assert command is not None
-    context = click.Context(command, info_name=f"rmpc-bench {verb}")
+    # A command keeps the names of its help option from the first context, also for the tests that follow.
+    context = click.Context(command, info_name=f"rmpc-bench {verb}", **main.context_settings)
     usage = " ".join([context.command_path, *command.collect_usage_pieces(context)])
     options = [param for param in command.get_params(context) if isinstance(param, click.Option)]
-    # The names of this option depend on the commands that this process has called before.
     records = [option.get_help_record(context) for option in options if "--help" not in option.opts]
     rows = [(code(" ".join(each[0].split())), text(each[1])) for each in records if each]
     paragraphs = [text(each) for each in inspect.cleandoc(command.help or "").split("\n\n")]

@@ -57,7 +57,8 @@ def test_verbs_and_options_exist(page):
         verb, *arguments = shlex.split(line.replace("\\|", "|"))[1:]
         command = main.get_command(group, verb)
         assert command is not None, line
-        known = {name for param in command.get_params(click.Context(command)) for name in param.opts}
+        context = click.Context(command, **main.context_settings)
+        known = {name for param in command.get_params(context) for name in param.opts}
         options = {argument.partition("=")[0] for argument in arguments if re.match(r"--?[a-z]", argument)}
         assert options <= known, (line, options - known)
 
