@@ -7,13 +7,13 @@ import click
 from rmpc_bench.cli.run_request import Workers
 
 jobs = click.option("-j", "--jobs", type=Workers(), help="Worker processes, or auto.  [default: execution.workers]")
-n_runs = click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the file.")
+n_runs = click.option("--runs", type=click.IntRange(min=1), help="Number of runs; replaces that of the configuration.")
 add_method = click.option(
     "--add-method",
     "add_methods",
     multiple=True,
     metavar="'NAME: {...}'",
-    help="Add a method to those of the file; the directory keeps it.  May be repeated.",
+    help="Add a method to those of the configuration; the directory keeps it.  May be repeated.",
 )
 smoke = click.option("--smoke", is_flag=True, help="Use the size of the section `smoke`; results go to results/smoke.")
 fresh = click.option("--fresh", is_flag=True, help="Rename an existing results directory and compute everything again.")

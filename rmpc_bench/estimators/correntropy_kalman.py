@@ -9,7 +9,7 @@ Order   If R_v is not diagonal, x_hat depends on the order of the outputs (white
         with `both` on the order of the states.
 Method  Reweighting until the residuals of the run change by less than 1e-11, at most 200 times.
 Limit   sigma -> infinity is `kalman`.
-Cost    As `huber-kalman` for one output; for two outputs about twice as much.
+Cost    As estimators/weighted.py.
 Fails   Design error if R_v is singular.  The loss is not convex: there may be several fixed points.  An estimate far
         from the state can give every measurement a weight of almost 0, and then stays wrong: compare medians and the
         share of lost runs, not means alone.

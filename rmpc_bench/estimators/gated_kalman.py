@@ -6,7 +6,7 @@ Source  Standard, for example Bar-Shalom, Li and Kirubarajan (2001), validation 
 Assumed All outputs of a sample are used or none.  With missing outputs, e' S^-1 e and the number of degrees of freedom
         are those of the others; a gate given as a number stays.
 Limit   A large gate is `kalman`.
-Cost    As `huber-kalman`.
+Cost    As estimators/weighted.py.
 Fails   Design error if R_v is singular.  P takes the noise of a used measurement as Gaussian: it is too small with
         outliers below the gate.  After a sudden change of the state, or by chance, all measurements can be outside the
         gate, so that x_hat is no longer corrected; P_pred of an unstable or integrating plant then grows until a

@@ -17,9 +17,9 @@ Limit   Without bounds, or as long as none is active, it is `kalman` for every w
         P is that of the Kalman filter: the covariance without bounds, and a design matrix where bounds are active.
         A missing measurement (NaN) is left out; the run then has matrices of its own until its covariances are those of
         the other runs again.
-Cost    Two states, one bounded noise, N = 10, blocks of 50: 6 us per run and step (`make perf`), where four of five
-        windows need a quadratic program.  A step of a run with matrices of its own takes about 1 ms, and the design
-        as much per step until the covariance of the Kalman filter is constant.
+Cost    Two states, one bounded noise, N = 10, blocks of 50: 6 us per run and step (`make perf`).  A run with matrices
+        of its own sets up every window anew, which takes much longer; so does the design at every step until the
+        covariance of the Kalman filter is constant.
 Fails   Design error: a covariance of an innovation is singular, or bounds that no noise satisfies.  Status
         `infeasible`: no window satisfies the bounds (those of w alone can be satisfied if they contain its mean);
         `not-converged`: the solver fails.

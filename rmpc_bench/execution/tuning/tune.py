@@ -89,13 +89,13 @@ def tuned(
     tested = digest([config.hash, plan_of.test_runs])
     untested = [each for key, each in once.items() if each in missing or (key in found and found[key].tested != tested)]
     untested = untested[::-1] if plan_of.regret else []
+    _make(directory)
     if missing or untested:
         _refuse_another(config, directory)
         shown = _progress(config, plan_of, directory, shard, missing, untested, progress or Silent())
         found |= _searched(config, plan_of, directory, missing, untested, found, means or Means(), shown)
     try:
         if any(each.key in found for each in plan_of.searches):
-            directory.mkdir(parents=True, exist_ok=True)
             write_record(directory, plan_of.protocol, plan_of.searches, found, short=not plan_of.regret)
     except OSError as error:
         raise WriteError(str(error)) from None
@@ -113,6 +113,14 @@ def _refuse_another(config: ExperimentConfig, directory: Path) -> None:
         with Store(directory, writable=False) as store:
             if store.meta("experiment") is not None:
                 store.check(config.hash, config.shared, config.own.names())
+
+
+def _make(directory: Path) -> None:
+    """Make the directory: progress.json is written into it before the first trial."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(str(error)) from None
 
 
 def _with_values(config: ExperimentConfig, found: Mapping[str, Found]) -> ExperimentConfig:

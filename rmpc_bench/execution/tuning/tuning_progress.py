@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -51,9 +50,6 @@ class TuningProgress(Following):
     def __enter__(self) -> Self:
         """Begin with the display and the file."""
         self._display.start(self._title, self.total, 0)
-        # The first trials make the directory; whether it can be made is said by their store.
-        with suppress(OSError):
-            self._path.parent.mkdir(parents=True, exist_ok=True)
         return super().__enter__()
 
     def __exit__(
