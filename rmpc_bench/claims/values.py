@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 from rmpc_bench.analysis.intervals import difference
 from rmpc_bench.types import Array
@@ -54,7 +54,7 @@ class Value:
         """Whether a series has the same entry at all k, which is then stored once; a cut to one sample has not."""
         return self.cut is None and len(self.array) == 1
 
-    def of(self, array: npt.ArrayLike) -> Value:
+    def of(self, array: ArrayLike) -> Value:
         """Return another array for the same runs or samples."""
         return replace(self, array=np.asarray(array))
 

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Protocol, TypeAlias
 
-import numpy.typing as npt
+import numpy as np
 from annotated_types import Ge, Gt, Le
 
-Array: TypeAlias = npt.NDArray[Any]
+# Not `NDArray`: since NumPy 2.5 it is a type alias object, which jaxtyping refuses.
+Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]
 Matrix: TypeAlias = float | list[float] | list[list[float]]
 """A number (times the identity), a list (the diagonal) or a matrix."""
 
