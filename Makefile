@@ -5,7 +5,7 @@ EXTRAS ?= dev
 STAMP := $(VENV)/.installed-$(EXTRAS)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-slow smoke site docs lint type perf perf-large clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
+.PHONY: help setup run test test-slow dist-check smoke site docs lint type perf perf-large clean zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained benchmarks estimators wkf2018 papers suite
 
 help:  ## show the targets
 	@grep -E '^[a-z0-9 -]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 24
@@ -24,6 +24,9 @@ test: setup  ## run the default tests, on all cores
 
 test-slow: setup  ## run the tests that take minutes
 	$(BIN)/python -m pytest -m slow
+
+dist-check: setup  ## install the wheel into fresh environments of every Python on this machine, with the newest and the lowest libraries, and run it
+	PYTHONPATH=tests $(BIN)/python -m dist_check
 
 smoke: setup  ## run every configuration at its small size; those without their libraries are named and skipped
 	@for config in $$(find configs -name '*.yaml' | sort); do $(BIN)/rmpc-bench run $$config --smoke --fresh --if-installed || exit; done
