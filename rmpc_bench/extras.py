@@ -52,20 +52,20 @@ def missing(extra: str) -> str:
     Examples
     --------
     >>> missing("do-mpc")
-    "the library do_mpc is not installed; pip install 'rmpc-bench[do-mpc]' installs it"
+    "the library do_mpc is not installed; in a clone, pip install '.[do-mpc]' installs it"
     """
-    return f"the library {EXTRAS[extra]} is not installed; {install(extra)} installs it"
+    return f"the library {EXTRAS[extra]} is not installed; in a clone, {install(extra)} installs it"
 
 
 def install(*extras: str) -> str:
-    """Return the command that installs some extras.
+    """Return the command that installs some extras; it needs a clone, because no index has the package yet.
 
     Examples
     --------
     >>> print(install("filterpy", "do-mpc"))
-    pip install 'rmpc-bench[filterpy,do-mpc]'
+    pip install '.[filterpy,do-mpc]'
     """
-    return f"pip install 'rmpc-bench[{','.join(extras)}]'"
+    return f"pip install '.[{','.join(extras)}]'"
 
 
 def need(group: str, kind: str) -> str:
@@ -79,7 +79,7 @@ def need(group: str, kind: str) -> str:
     extra = NEEDED_BY.get((group, kind))
     if extra is None:
         return ""
-    return f"needs rmpc-bench[{extra}]" + ("" if is_installed(extra) else ", which is not installed")
+    return f"needs the extra {extra}" + ("" if is_installed(extra) else ", which is not installed")
 
 
 def missing_for(group: str, kind: str) -> str:

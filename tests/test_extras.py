@@ -18,7 +18,7 @@ from rmpc_bench.types import ConfigError
 OPTIONAL = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))["project"][
     "optional-dependencies"
 ]
-MESSAGE = "the library filterpy is not installed; pip install 'rmpc-bench[filterpy]' installs it"
+MESSAGE = "the library filterpy is not installed; in a clone, pip install '.[filterpy]' installs it"
 AT_IMPORT = """
 import numpy as np
 import filterpy.kalman
@@ -117,11 +117,11 @@ def test_a_built_in_kind_without_its_library(tmp_path, monkeypatch):
 def test_such_a_kind_is_listed_and_described(monkeypatch):
     monkeypatch.setitem(extras.NEEDED_BY, ("estimators", "kalman"), "filterpy")
     hide(monkeypatch, "filterpy")
-    needs = "kalman  needs rmpc-bench[filterpy], which is not installed"
+    needs = "kalman  needs the extra filterpy, which is not installed"
     assert needs in cli("list", "estimators").stdout.splitlines()
     assert cli("describe", "estimators/kalman").stdout.startswith(f"estimators/{needs}\n")
     monkeypatch.setattr(extras, "is_installed", lambda extra: True)
-    assert "kalman  needs rmpc-bench[filterpy]" in cli("list", "estimators").stdout.splitlines()
+    assert "kalman  needs the extra filterpy" in cli("list", "estimators").stdout.splitlines()
 
 
 def test_a_file_that_imports_it(tmp_path, monkeypatch):

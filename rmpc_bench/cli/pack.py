@@ -25,13 +25,14 @@ def pack(directory: Path, output: Path, authors: tuple[str, ...], licence: str) 
     """
     from rmpc_bench.execution.pack import pack as pack_results
     from rmpc_bench.execution.pack_archive import ArchiveError
+    from rmpc_bench.extras import install
 
     try:
         written = pack_results(directory, output, authors=authors, licence=licence)
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != "rocrate":
             raise
-        click.echo("pack needs the library rocrate: pip install 'rmpc-bench[pack]'", err=True)
+        click.echo(f"pack needs the library rocrate; in a clone, {install('pack')} installs it", err=True)
         return exits.USAGE
     except ArchiveError as error:
         click.echo(str(error), err=True)

@@ -20,7 +20,7 @@ def test_list_of_a_group(group):
     lines = cli("list", group).stdout.splitlines()
     assert [line.split()[0] for line in lines] == registry.names(group)
     assert [line for line in lines if " " in line] == [
-        f"{kind}  needs rmpc-bench[{extra}]" + ("" if is_installed(extra) else ", which is not installed")
+        f"{kind}  needs the extra {extra}" + ("" if is_installed(extra) else ", which is not installed")
         for (of, kind), extra in sorted(NEEDED_BY.items())
         if of == group
     ]

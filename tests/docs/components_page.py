@@ -72,9 +72,7 @@ def _component(group: str, kind: str) -> list[str]:
     form = f"`{group[:-1]}: {{{kind}: ..}}`" if kind in SHORT_FORMS.get(group, ()) else ""
     short = [f"Short form: {form}"] if form else []
     extra = NEEDED_BY.get((group, kind))
-    short += (
-        [f"Needs a library: `pip install 'rmpc-bench[{extra}]'`; see [libraries.md](libraries.md)."] if extra else []
-    )
+    short += [f"Needs a library: `pip install '.[{extra}]'`; see [libraries.md](libraries.md)."] if extra else []
     equation = EQUATIONS.get((group, kind), "")
     formula = [f"$$\n{equation.strip()}\n$$"] if equation else []
     return [heading(3, kind, group, kind), *_texts(manual, formula), *_picture(group, kind), *short, *keys, *examples]

@@ -32,6 +32,7 @@ from rmpc_bench.execution.engines.worker_process import STOPPED
 from rmpc_bench.execution.interrupts import held
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.worker_error import WorkerError
+from rmpc_bench.extras import install
 from rmpc_bench.simulation.scenario import Experiment
 
 WINDOW = 4
@@ -110,7 +111,7 @@ class _Cluster:
 
             from rmpc_bench.execution.engines.dask_plugin import ExperimentPlugin
         except ModuleNotFoundError as error:
-            raise WorkerError(f"engine dask: {error}; pip install 'rmpc-bench[dask]'") from None
+            raise WorkerError(f"engine dask: {error}; in a clone, {install('dask')} installs it") from None
         # Its classes have no annotations.
         dask: Any = distributed
         try:
