@@ -20,6 +20,7 @@ import time
 import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -58,15 +59,15 @@ class Outcome(NamedTuple):
     """What an environment has and what it computed."""
 
     name: str
-    versions: str
+    libraries: str  # with versions
     seconds: float
     trials: dict[str, str]  # place of a trials.csv -> start of its SHA-256
 
 
-def supported() -> list[str]:
-    """Return the Pythons that pyproject.toml names, such as 3.11, the lowest first."""
-    classifiers = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["classifiers"]
-    return [name.rpartition(" ")[2] for name in classifiers if re.search(r"Python :: 3\.\d+$", name)]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+PYTHONS = [name.rpartition(" ")[2] for name in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", name)]
+"""Pythons that the project names, such as 3.11, the lowest first."""
+DIRECT = {re.split(r"[<>=!~;\[ ]", requirement)[0] for requirement in PROJECT["dependencies"]}
 
 
 def call(command: list[str | Path], directory: Path, *, fails: bool = False) -> str:
@@ -90,12 +91,10 @@ def interpreters(lowest: str) -> Iterator[tuple[str, Path]]:
         places += [path for folder in FOLDERS for path in sorted(folder.glob(f"*/bin/{name}"))]
         # One of PATH may be a stub of a version manager, or lack the standard library.
         ask = ["-c", "import ssl, sqlite3, sys; sys.exit(sys.implementation.name != 'cpython')"]
-        found = (place for place in places if place.is_file() and not _status([str(place), *ask]))
-        yield from ((f"3.{minor}", place) for place in list(found)[:1])
-
-
-def _status(command: list[str]) -> int:
-    return subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+        for place in filter(Path.is_file, places):
+            if subprocess.run([place, *ask], capture_output=True).returncode == 0:
+                yield f"3.{minor}", place
+                break
 
 
 def build(directory: Path) -> Path:
@@ -116,9 +115,10 @@ def tried(name: str, python: Path, wheel: Path, directory: Path) -> Outcome:
     started = time.perf_counter()
     directory.mkdir()
     inside = directory / "venv" / "bin" / "python"
-    resolution = ["--resolution", "lowest-direct"] if name.endswith("lowest") else []
+    # The requirements of a wheel are direct ones only where they are given beside it.
+    lowest = ["--resolution", "lowest-direct", "-r", ROOT / "pyproject.toml"] if name.endswith("lowest") else []
     call([UV, "venv", "--quiet", "--python", python, inside.parents[1]], directory)
-    call([UV, "pip", "install", "--quiet", "--compile-bytecode", "--python", inside, *resolution, wheel], directory)
+    call([UV, "pip", "install", "--quiet", "--compile-bytecode", "--python", inside, *lowest, wheel], directory)
     site = Path(call([inside, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], directory).strip())
     (site / "warnings_are_errors.pth").write_text(FILTER, encoding="utf-8")
     for category in CATEGORIES:
@@ -129,26 +129,25 @@ def tried(name: str, python: Path, wheel: Path, directory: Path) -> Outcome:
     for command in (*COMMANDS, *paper):
         call([inside.with_name("rmpc-bench"), *command.split()], work)
     for store in work.rglob("trials.sqlite"):
-        texts = [text for (text,) in sqlite3.connect(store).execute("SELECT text FROM warnings")]
+        with closing(sqlite3.connect(store)) as connection:
+            texts = [text for (text,) in connection.execute("SELECT text FROM warnings")]
         if any(text.startswith(CATEGORIES) for text in texts):
             raise Failure(f"{store.relative_to(work)}: {texts}")
     found = {path.relative_to(work).parent.as_posix(): path for path in sorted(work.rglob("trials.csv"))}
     trials = {place: hashlib.sha256(path.read_bytes()).hexdigest()[:12] for place, path in found.items()}
-    frozen = call([UV, "pip", "freeze", "--quiet", "--python", inside], directory).split("\n")
-    versions = ", ".join(line.replace("==", " ") for line in frozen if "==" in line)
-    return Outcome(name, versions, time.perf_counter() - started, trials)
+    frozen = call([UV, "pip", "freeze", "--quiet", "--python", inside], directory).splitlines()
+    return Outcome(name, " ".join(line for line in frozen if "==" in line), time.perf_counter() - started, trials)
 
 
 def main() -> int:
     """Check the distribution, print a paragraph per environment, and return the exit code."""
-    pythons = supported()
-    found = dict(interpreters(pythons[0]))
+    found = dict(interpreters(PYTHONS[0]))
     with TemporaryDirectory() as folder:
         directory = Path(folder)
         try:
             wheel = build(directory)
             work = [(f"Python {name}, newest", path) for name, path in found.items()]
-            work += [(f"Python {name}, lowest", found[name]) for name in pythons[:1] if name in found]
+            work += [(f"Python {name}, lowest", found[name]) for name in PYTHONS[:1] if name in found]
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 places = (directory / f"{number}" for number in range(len(work)))
                 done = [*pool.map(lambda job, place: tried(*job, wheel, place), work, places)]
@@ -157,12 +156,16 @@ def main() -> int:
             return 1
     groups: dict[str, set[str]] = {}
     for each in done:
-        print(f"{each.name}: ok in {each.seconds:.0f} s with {each.versions}")
+        direct = [library for library in each.libraries.split() if library.partition("==")[0] in DIRECT]
+        print(f"{each.name}: ok in {each.seconds:.0f} s with {' '.join(direct)}")
         print(*(f"    {digest}  {place}/trials.csv" for place, digest in each.trials.items()), sep="\n")
-        groups.setdefault(each.versions, set()).add(str(each.trials))
-    print(*(f"Python {name}: no interpreter found" for name in pythons if name not in found), sep="\n")
-    different = [versions for versions, trials in groups.items() if len(trials) > 1]
-    print(*(f"dist-check failed: different trials with {versions}" for versions in different), sep="\n")
+        groups.setdefault(each.libraries, set()).add(str(each.trials))
+    for name in PYTHONS:
+        if name not in found:
+            print(f"Python {name}: no interpreter found")
+    different = [libraries for libraries, trials in groups.items() if len(trials) > 1]
+    for libraries in different:
+        print(f"dist-check failed: Pythons give different trials with {libraries}")
     return 1 if different or not found else 0
 
 

@@ -1,6 +1,7 @@
 """The canonical hash of Python code."""
 
 import ast
+import sys
 
 import pytest
 
@@ -89,7 +90,8 @@ def test_fields_that_later_versions_of_python_add_do_not_count():
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             node._fields = (*node._fields, "type_params")
             node.type_params = []
-    assert "type_params=[]" in ast.dump(tree)
+    # From 3.13 on, a dump leaves out empty lists.
+    assert "type_params=[]" in ast.dump(tree, **({"show_empty": True} if sys.version_info >= (3, 13) else {}))
     assert syntax_hash(tree) == hashed(CODE)
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -147,7 +148,7 @@ def test_a_run_that_leaves_its_bounds_has_a_reason(tmp_path):
 
     path = written(tmp_path, bounds="{h2: [0.0001, 0.1], pump: [0, 30]}")
     cli("run", str(path), "-o", str(tmp_path / "out"), "-j", "1")
-    with sqlite3.connect(tmp_path / "out" / "trials.sqlite") as store:
+    with closing(sqlite3.connect(tmp_path / "out" / "trials.sqlite")) as store:
         texts = [row[0] for row in store.execute("SELECT failure FROM failures")]
     messages = [json.loads(each)["message"] for each in texts]
     assert messages and all(each.startswith("h2 left its bounds [0.0001, 0.1] m at ") for each in messages)
