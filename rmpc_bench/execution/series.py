@@ -34,11 +34,10 @@ class SeriesReader:
         """Series of some methods at one point of the sweep, with the columns `COLUMNS`."""
         key = tuple((name, point.methods[name].series_key) for name in methods)
         if key not in self._cache and len(methods) > 1:
-            parts = [self.at_point(point, [name]) for name in methods]
-            self._cache[key] = pd.concat(parts, ignore_index=True)
+            self._cache[key] = _joined([self.at_point(point, [name]) for name in methods])
         elif key not in self._cache:
             parts = [*self._of_design(point, methods[0]), *self._of_ensemble(point, methods[0])] if methods else []
-            self._cache[key] = pd.concat(parts or [pd.DataFrame(columns=COLUMNS)], ignore_index=True)
+            self._cache[key] = _joined(parts or [pd.DataFrame(columns=COLUMNS)])
         return self._cache[key]
 
     def of_sweep(self, methods: Sequence[str]) -> pd.DataFrame:
@@ -53,7 +52,7 @@ class SeriesReader:
                 if tuple(where.values()) not in seen:
                     seen.add(tuple(where.values()))
                     parts.append(with_point(self.at_point(point, [name]), where))
-        return pd.concat(parts, ignore_index=True)
+        return _joined(parts)
 
     def _of_design(self, point: StoredPoint, method: str) -> list[pd.DataFrame]:
         """Gains, covariances, multipliers of a design over k."""
@@ -76,6 +75,11 @@ class SeriesReader:
             sampled = signals(Moments(mean, cov), point.nx) if n > 1 else {}
             parts += [_long(method, name, values, n) for name, values in sampled.items()]
         return parts
+
+
+def _joined(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Join tables; whether one without rows changes the type of a column depends on the version of pandas."""
+    return pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
 
 
 def with_point(frame: pd.DataFrame, point: Mapping[str, str]) -> pd.DataFrame:
