@@ -95,6 +95,7 @@ MAY_IMPORT = {
         "regular_file",
     },
     "execution": {
+        "extras",
         "config",
         "components",
         "simulation",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -162,7 +162,7 @@ class Trials:
         frames = [table.frame.assign(run=table.frame["run"] + n * n_runs) for n, table in enumerate(self.points)]
         return replace(
             self,
-            frame=pd.concat(frames, ignore_index=True).drop(columns=list(self.paths), errors="ignore"),
+            frame=stacked_rows(frames).drop(columns=list(self.paths), errors="ignore"),
             series=self.series.iloc[:0],
             paths=(),
             points=(),
@@ -329,6 +329,11 @@ class Trials:
         values = np.full((len(samples), *(entries.max(axis=0) + 1)), np.nan)
         values[(position, *entries.T)] = rows["value"].to_numpy(dtype=float)
         return values
+
+
+def stacked_rows(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Join tables; whether one without rows changes the type of a column depends on the version of pandas."""
+    return pd.concat([table for table in tables if len(table)] or tables[:1], ignore_index=True)
 
 
 def _indices(component: str) -> tuple[int, ...]:

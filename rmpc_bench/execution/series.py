@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from rmpc_bench.analysis.trials import stacked_rows
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import StoredExperiment, StoredPoint
 from rmpc_bench.simulation.ensemble import joined
@@ -34,10 +35,10 @@ class SeriesReader:
         """Series of some methods at one point of the sweep, with the columns `COLUMNS`."""
         key = tuple((name, point.methods[name].series_key) for name in methods)
         if key not in self._cache and len(methods) > 1:
-            self._cache[key] = _joined([self.at_point(point, [name]) for name in methods])
+            self._cache[key] = stacked_rows([self.at_point(point, [name]) for name in methods])
         elif key not in self._cache:
             parts = [*self._of_design(point, methods[0]), *self._of_ensemble(point, methods[0])] if methods else []
-            self._cache[key] = _joined(parts or [pd.DataFrame(columns=COLUMNS)])
+            self._cache[key] = stacked_rows(parts or [pd.DataFrame(columns=COLUMNS)])
         return self._cache[key]
 
     def of_sweep(self, methods: Sequence[str]) -> pd.DataFrame:
@@ -52,7 +53,7 @@ class SeriesReader:
                 if tuple(where.values()) not in seen:
                     seen.add(tuple(where.values()))
                     parts.append(with_point(self.at_point(point, [name]), where))
-        return _joined(parts)
+        return stacked_rows(parts)
 
     def _of_design(self, point: StoredPoint, method: str) -> list[pd.DataFrame]:
         """Gains, covariances, multipliers of a design over k."""
@@ -75,11 +76,6 @@ class SeriesReader:
             sampled = signals(Moments(mean, cov), point.nx) if n > 1 else {}
             parts += [_long(method, name, values, n) for name, values in sampled.items()]
         return parts
-
-
-def _joined(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Join tables; whether one without rows changes the type of a column depends on the version of pandas."""
-    return pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
 
 
 def with_point(frame: pd.DataFrame, point: Mapping[str, str]) -> pd.DataFrame:

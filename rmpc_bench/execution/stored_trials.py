@@ -11,7 +11,7 @@ import pandas as pd
 from rmpc_bench.analysis.looks import number_of_look
 from rmpc_bench.analysis.run_groups import RunGroups
 from rmpc_bench.analysis.run_notes import RunNotes
-from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.trials import Trials, stacked_rows
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.database import MissingError
 from rmpc_bench.execution.other_code import rows_kept_apart
@@ -57,7 +57,7 @@ def _joined(experiment: StoredExperiment, tables: Sequence[Trials], series: Seri
     return replace(
         tables[0],
         methods=methods,
-        frame=pd.concat([with_point(table.frame, table.point) for table in tables], ignore_index=True),
+        frame=stacked_rows([with_point(table.frame, table.point) for table in tables]),
         series=series.of_sweep(methods),
         baseline=experiment.baseline if experiment.baseline in methods else methods[0],
         traces={},
@@ -87,7 +87,7 @@ def _table(
         methods=methods,
         labels=experiment.labels,
         metrics=point.metrics,
-        frame=pd.concat(frames.values(), ignore_index=True),
+        frame=stacked_rows([*frames.values()]),
         series=series.at_point(point, methods),
         baseline=experiment.baseline if experiment.baseline in methods else (*methods, "")[0],
         confidence=experiment.level,
@@ -175,7 +175,7 @@ def uncertainty(experiment: StoredExperiment, store: Store) -> pd.DataFrame:
     for point in experiment.points:
         table = _quantities(experiment, point, store, cached)
         tables.append(with_point(table, point.coordinates) if point.coordinates else table)
-    return pd.concat(tables, ignore_index=True)
+    return stacked_rows(tables)
 
 
 def _quantities(

@@ -12,7 +12,7 @@ import pandas as pd
 
 from rmpc_bench.analysis import statistics
 from rmpc_bench.analysis.comparison import Levels, comparisons, levels
-from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.analysis.trials import Trials, stacked_rows
 from rmpc_bench.report.csv_file import write_csv
 from rmpc_bench.report.ensemble_table import ensemble_markdown, ensemble_screen
 from rmpc_bench.report.latex import ALL_METRICS, WIDTH, latex_tables
@@ -159,7 +159,7 @@ def stacked(parts: Sequence[tuple[Trials, pd.DataFrame]]) -> pd.DataFrame:
         for column, (path, value) in enumerate(trials.point.items()):
             frame.insert(column, path, value)
         tables.append(frame)
-    return pd.concat(tables, ignore_index=True)
+    return stacked_rows(tables)
 
 
 def summarise(trials: Trials) -> Summary:

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 
 # Not `NDArray`: since NumPy 2.5 it is a type alias object, which jaxtyping refuses.
-Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]
+Array: TypeAlias = np.ndarray[tuple[Any, ...], np.dtype[Any]]
 Matrix: TypeAlias = float | list[float] | list[list[float]]
 """A number (times the identity), a list (the diagonal) or a matrix."""
 
