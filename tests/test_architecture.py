@@ -26,7 +26,7 @@ MAY_IMPORT = {
     # A plant may be a recorded one.
     "plants": DESIGNS | {"recordings"},
     # The files of users that a component reads itself.
-    "recordings": {"types"},
+    "recordings": {"types", "received"},
     "estimators": DESIGNS,
     "controllers": DESIGNS,
     "metrics": {"numerics", "types"},
@@ -51,6 +51,8 @@ MAY_IMPORT = {
     "replaced_file": set(),
     "regular_file": set(),
     # A name that is replaced or refused is said where a notebook shows it.
+    # Files that somebody else may have made are opened here.
+    "received": {"types", "replaced_file", "regular_file"},
     "registry": {"notices", "types", "installed"},
     "installed": set(),
     "extras": set(),
@@ -66,6 +68,7 @@ MAY_IMPORT = {
         "numerics",
         "types",
         "extras",
+        "received",
         # Exports build a configuration and simulate its plant.
         "config",
         "simulation",
@@ -73,7 +76,7 @@ MAY_IMPORT = {
         "rmpc_bench",
     },
     # A user's file is named before its code runs, for programs and notebooks too.
-    "components": {"registry", "installed", "extras", "notices", "types", "numerics", "models"},
+    "components": {"received", "registry", "installed", "extras", "notices", "types", "numerics", "models"},
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},
     # Pictures and tables are files.
@@ -93,6 +96,7 @@ MAY_IMPORT = {
         "types",
         "rmpc_bench",
         "regular_file",
+        "received",
     },
     "execution": {
         "extras",
@@ -105,6 +109,7 @@ MAY_IMPORT = {
         "report",
         "replaced_file",
         "regular_file",
+        "received",
         "types",
         "numerics",  # whether compiled code is kept in a file
         "rmpc_bench",  # for the version

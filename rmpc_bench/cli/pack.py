@@ -24,8 +24,8 @@ def pack(directory: Path, output: Path, authors: tuple[str, ...], licence: str) 
     figures and claims, the report, and the hash of every file.
     """
     from rmpc_bench.execution.pack import pack as pack_results
-    from rmpc_bench.execution.pack_archive import ArchiveError
     from rmpc_bench.extras import install
+    from rmpc_bench.received.archive import ArchiveError
 
     try:
         written = pack_results(directory, output, authors=authors, licence=licence)

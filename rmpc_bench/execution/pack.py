@@ -22,10 +22,10 @@ from rmpc_bench.config.relocation import COPIES, renamed
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import manifest
-from rmpc_bench.execution.pack_archive import METADATA, VERIFIED, ArchiveError, json_bytes, write_archive
 from rmpc_bench.execution.pack_metadata import CITATION, Contents, citation, crate
 from rmpc_bench.execution.results import Results, load_results
 from rmpc_bench.execution.runner import CONFIG, RESOLVED
+from rmpc_bench.received.archive import METADATA, VERIFIED, ArchiveError, json_bytes, write_archive
 from rmpc_bench.report.summary import trials_csv
 
 DATA = "data"

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import rmpc_bench
 from rmpc_bench.claims.papers import IDENTIFIERS
-from rmpc_bench.execution.pack_archive import VERIFIED
 from rmpc_bench.execution.stored_experiment import StoredExperiment
+from rmpc_bench.received.archive import VERIFIED
 
 CITATION = "CITATION.cff"
 PROFILE = "https://w3id.org/ro/wfrun/process/0.5"

@@ -19,7 +19,6 @@ from rmpc_bench.components.source import data_hash
 from rmpc_bench.config.load import load_config
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.evaluation import judge, summarise
-from rmpc_bench.execution.pack_archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.execution.pack_claim import only_claim
 from rmpc_bench.execution.pack_environment import environment, other_versions
 from rmpc_bench.execution.pack_rows import (
@@ -35,6 +34,7 @@ from rmpc_bench.execution.results import Results, run
 from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.execution.verification import Verification
+from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 
 if TYPE_CHECKING:

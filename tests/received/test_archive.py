@@ -8,7 +8,7 @@ import zipfile
 import packed
 import pytest
 
-from rmpc_bench.execution.pack_archive import (
+from rmpc_bench.received.archive import (
     METADATA,
     VERIFIED,
     ArchiveError,
