@@ -10,6 +10,7 @@ from typing import Any
 
 from rmpc_bench.components.process_directory import process_directory
 from rmpc_bench.extras import library
+from rmpc_bench.received.consent import refused
 from rmpc_bench.types import DesignError, Signals
 from rmpc_bench.types.issue import unknown
 
@@ -56,6 +57,8 @@ class Unit:
 @cache
 def loaded(path: str) -> Any:
     """Extract a file into a temporary directory of this process, and load its library."""
+    if reason := refused(path):
+        raise DesignError(reason, "fmu")
     fmpy = library("fmu")
     found = fmpy.read_model_description(path)
     directory = fmpy.extract(path, process_directory("rmpc-bench-fmu"))
@@ -93,6 +96,8 @@ def described(files: Sequence[Any], signals: Signals, p: Sequence[str], named: M
         raise DesignError(text, "fmu")
     try:
         loaded(path)
+    except DesignError:
+        raise
     except Exception as error:
         raise DesignError(f"{files[0].name} cannot be loaded ({type(error).__name__}: {error})", "fmu") from error
     known = {each.name: each for each in found.modelVariables}

@@ -25,6 +25,7 @@ from rmpc_bench.adapters.gymnasium_trials import (
 from rmpc_bench.components.environment_run import Access, EnvironmentRun
 from rmpc_bench.models.ode_names import Names, check_output, names_of, refuse_shared
 from rmpc_bench.plants.ode_design import bounds_by_name
+from rmpc_bench.received.consent import reason_against_module
 from rmpc_bench.types import Array, DesignError, Parameters, Signals
 from rmpc_bench.types.issue import unknown
 
@@ -70,6 +71,10 @@ def designed(
         If there is no such environment, or a key does not fit it.
     """
     nominal = Parameters({name: float(value) for name, value in parameters.items()})
+    # An option may name an environment, too.
+    for key, value in (("env", keys.env), *((f"options.{name}", each) for name, each in keys.options.items())):
+        if isinstance(value, str) and (reason := reason_against_module(value)):
+            raise DesignError(reason, key)
     # The first import of the library: a missing one is reported with its extra.
     inner = attempt("env", lambda: access_to.made(keys.env, keys.options, {})).unwrapped
     keywords = () if set_parameters else access_to.keywords_of(inner, [*nominal])

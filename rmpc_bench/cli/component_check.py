@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rmpc_bench.components.consent import NO_CODE
+from rmpc_bench.received.consent import NO_CODE
 
 if TYPE_CHECKING:
     from rmpc_bench.conformance.linear_system import LinearSystem

@@ -1,6 +1,6 @@
-"""Consent to the code of a configuration: which Python files it may load.
+"""Consent to the code of a configuration: which files with code it may load.
 
-The user who names a configuration agrees to the Python files in its directory and below.  Every other file needs
+The user who names a configuration agrees to the files in its directory and below.  Every other file needs
 `--allow-code`.  Symbolic links are resolved first.  Every file is named on stderr before its code runs.
 """
 
@@ -19,10 +19,8 @@ from rmpc_bench.components.designs import DesignFunction, loaded_design
 from rmpc_bench.components.loading import load
 from rmpc_bench.components.probe import check_import
 from rmpc_bench.components.source import read_source
+from rmpc_bench.received.consent import accepted, is_code, reason_against
 from rmpc_bench.types.issue import nearest
-
-NO_CODE = "RMPC_BENCH_NO_CODE"
-"""Environment variable that refuses all Python files when it is 1."""
 
 _OPTIONS = ("-s ", "--add-method ")
 """Starts of the file name in the place of a value that was given on the command line."""
@@ -144,11 +142,7 @@ class CodeAccess:
             With the way out.
         """
         path, file = reference.path, reference.file
-        if os.environ.get(NO_CODE) == "1":
-            raise CodeError(f"{file}: Python files are not loaded, because {NO_CODE}=1 is set")
-        if self.directory is None and not self.allowed:
-            raise CodeError(f"{file}: a configuration that is no file in a directory may load no Python file")
-        self._refuse_outside(path, file)
+        self._refuse(path, file)
         if not path.is_file():
             raise CodeError(_missing(file, path, "*.py"))
         try:
@@ -157,24 +151,21 @@ class CodeAccess:
             # Reported when the file is loaded.
             return
         for each in imported:
-            self._refuse_outside(each.path.resolve(), f"{each.place}, which {file} imports,")
+            self._refuse(each.path.resolve(), f"{each.place}, which {file} imports,")
 
-    def _refuse_outside(self, path: Path, file: str) -> None:
-        """Refuse a file that nobody has agreed to; symbolic links are resolved."""
-        roots = [*self.allowed, *([] if self.directory is None else [self.directory.resolve()])]
-        if not any(path.is_relative_to(root) for root in roots):
-            raise CodeError(
-                f"{file} is outside the directory of the configuration; its code runs only if you allow it: "
-                f"--allow-code {_quoted(path)}"
-            )
+    def _refuse(self, path: Path, file: str) -> None:
+        """Refuse a file that nobody has agreed to."""
+        here = [] if self.directory is None else [self.directory.resolve()]
+        if reason := reason_against(path, file, [*self.allowed, *here]):
+            raise CodeError(reason)
 
     def data(self, text: str, written_in: str) -> DataReference:
-        """Return the data files that a path or a pattern names.
+        """Return the data files that a path or a pattern names; those that can execute are files with code.
 
         Raises
         ------
         CodeError
-            If there are none.
+            If there are none, or one has code that may not be loaded.
         """
         base = self.base(written_in)
         pattern = base / text
@@ -187,6 +178,10 @@ class CodeAccess:
         files = tuple(path.resolve() for path in sorted({*found}) if path.is_file())
         if not files:
             raise CodeError(_missing(text, pattern, "*"))
+        code = [self.file(os.path.relpath(path, base.resolve()), written_in) for path in files if is_code(path)]
+        for each in code:
+            self._refuse(each.path, each.file)
+        name_files(code)
         return DataReference(self._relative(pattern, text), files)
 
     def _relative(self, path: Path, text: str) -> str:
@@ -206,6 +201,7 @@ def name_files(references: Iterable[CodeReference]) -> None:
         if (reference.path, short) not in _named and reference.path not in new:
             new[reference.path] = f"{reference.file} (sha {short})"
             _named.add((reference.path, short))
+            accepted.add(reference.path)
     if new:
         notices.say(f"code  {' '.join(new.values())}")
 
@@ -225,11 +221,3 @@ def _missing(text: str, path: Path, pattern: str) -> str:
     names = sorted(each.name for each in path.parent.glob(pattern) if each.is_file())
     near = nearest(path.name, names)
     return f"there is no file {text}" + (f"; did you mean {near!r}?" if near else "")
-
-
-def _quoted(path: Path) -> str:
-    """Write a path as a shell takes it, relative to the current directory where that is shorter."""
-    import shlex
-
-    relative = os.path.relpath(path)
-    return shlex.quote(relative if len(relative) < len(str(path)) else str(path))

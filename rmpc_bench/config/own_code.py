@@ -22,6 +22,7 @@ from rmpc_bench.components.reached import reached_text
 from rmpc_bench.components.source import Source, data_hash, read_source
 from rmpc_bench.config.component import Component
 from rmpc_bench.extras import COMPUTES_WITH, EXTRAS, NEEDED_BY
+from rmpc_bench.received.consent import is_code
 from rmpc_bench.types import Problem
 
 
@@ -153,6 +154,10 @@ class OwnCode:
 
     def _data_files(self, component: Component) -> tuple[Path, ...]:
         self.patterns |= {each.text for each in component.data()}
+        for each in component.data():
+            # A directory of results has copies of files that execute, since nobody has agreed to those elsewhere.
+            if len(each.paths) == 1 and is_code(each.paths[0]):
+                self.read(each.text, each.paths[0])
         files = component.data_files()
         if files:
             self._with_data |= {reference.path for reference in component.references()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import subprocess
 from collections.abc import Callable, Collection, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -17,6 +16,7 @@ import rmpc_bench
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.libraries import OF_THE_BENCH, all_versions
+from rmpc_bench.received.consent import commit_of
 from rmpc_bench.regular_file import text_of
 from rmpc_bench.replaced_file import replace_text
 
@@ -61,7 +61,7 @@ class Session:
             **({"libraries": libraries} if libraries else {}),
             **code_version(),
             "blas": _blas(),
-            "git": _git(self._config.path.parent),
+            "git": commit_of(self._config.path.parent),
             "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
             "looks": looks(self._path.parent),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
@@ -149,16 +149,3 @@ def _blas() -> list[dict[str, Any]]:
 
     wanted = ("user_api", "internal_api", "version", "architecture")
     return [{key: info.get(key) for key in wanted} for info in threadpool_info()]
-
-
-def _git(directory: Path) -> dict[str, Any] | None:
-    """Return the commit of the repository of the configuration, and whether there are uncommitted changes."""
-
-    def git(*arguments: str) -> str:
-        command = ["git", "-C", str(directory), *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-
-    try:
-        return {"commit": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
-    except (OSError, subprocess.SubprocessError):
-        return None

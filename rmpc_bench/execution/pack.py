@@ -25,7 +25,8 @@ from rmpc_bench.execution import manifest
 from rmpc_bench.execution.pack_metadata import CITATION, Contents, citation, crate
 from rmpc_bench.execution.results import Results, load_results
 from rmpc_bench.execution.runner import CONFIG, RESOLVED
-from rmpc_bench.received.archive import METADATA, VERIFIED, ArchiveError, json_bytes, write_archive
+from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes, write_archive
+from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.report.summary import trials_csv
 
 DATA = "data"
@@ -181,7 +182,7 @@ def _data_files(config: ExperimentConfig, contents: Mapping[str, Path | bytes]) 
     base = config.own.access.base("")
     for number, text in enumerate(sorted(config.own.patterns)):
         start, rest = _split_pattern(text)
-        if text == rest and f"{start}{rest}" in contents:
+        if text in contents:
             continue
         names[text] = f"{DATA}/{number}/{rest}"
         for path in _matching(base, start, rest):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import rmpc_bench
 from rmpc_bench.claims.papers import IDENTIFIERS
 from rmpc_bench.execution.stored_experiment import StoredExperiment
-from rmpc_bench.received.archive import VERIFIED
+from rmpc_bench.received.consent import VERIFIED
 
 CITATION = "CITATION.cff"
 PROFILE = "https://w3id.org/ro/wfrun/process/0.5"

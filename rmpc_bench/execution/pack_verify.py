@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +33,8 @@ from rmpc_bench.execution.results import Results, run
 from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.execution.verification import Verification
-from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
+from rmpc_bench.received.archive import ArchiveError, note_verification, open_archive
+from rmpc_bench.received.consent import reason_against_archive
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 
 if TYPE_CHECKING:
@@ -86,12 +86,12 @@ def verify(
     True
     """
     archive = open_archive(Path(path))
-    if simulate:
-        _refuse_code(archive, allow_code)
     with TemporaryDirectory() as temporary:
         place, again = Path(temporary) / "packed", Path(temporary) / "again"
         place.mkdir()
         files = archive.extract(place)
+        if simulate and (reason := reason_against_archive(archive.path, archive.code(place), allow_code)):
+            raise ArchiveError(reason)
         packed = _Packed(place, archive.path)
         if simulate:
             found = packed.beside(runs, claim, again, jobs, progress)
@@ -100,23 +100,6 @@ def verify(
         found = replace(found, path=archive.path, files=files, versions=tuple(other_versions(packed.manifest)))
     note_verification(archive.path, {**environment(), **found.record()})
     return found
-
-
-def _refuse_code(archive: Archive, allow_code: Sequence[str | Path]) -> None:
-    """Refuse an archive with Python files that nobody has agreed to.
-
-    Raises
-    ------
-    ArchiveError
-        With the files and the way out.
-    """
-    here = archive.path.resolve()
-    if archive.code and not any(here.is_relative_to(Path(each).resolve()) for each in allow_code):
-        listed = ", ".join(f"{name} (sha {archive.hashes.get(name, 'unknown')[:6]})" for name in archive.code[:10])
-        raise ArchiveError(
-            f"{archive.path}: has Python files: {listed}\nto let them run: "
-            f"--allow-code {shlex.quote(str(archive.path))}; --no-run compares the files without running anything"
-        )
 
 
 class _Extent(NamedTuple):

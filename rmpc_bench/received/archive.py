@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import stat
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -16,20 +18,24 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from rmpc_bench.received.consent import VERIFIED, is_code
 from rmpc_bench.replaced_file import replaced
 
 METADATA = "ro-crate-metadata.json"
-VERIFIED = "verified_on.json"
-"""The file to which every verification appends a record; it has no hash."""
 DATE = (1980, 1, 1, 0, 0, 0)
 """Date of every entry, so that equal results give equal archives."""
-MOST_ENTRIES = 100_000
+MOST_ENTRIES = 20_000
+MOST_METADATA = 10_000_000
+"""Largest size of a file that is read as JSON [bytes]."""
+LONGEST_NAME = 500
 MOST_BYTES = 8_000_000_000
 MOST_EXPANSION = 200
 """Largest ratio of content to archive, for archives with more than `ALWAYS_ALLOWED` bytes of content."""
 ALWAYS_ALLOWED = 100_000_000
-CODE = (".py", ".pyc", ".pyw", ".pyd", ".so", ".dll", ".dylib", ".pth")
-"""Endings of files that Python can run."""
+_OF_GIT = re.compile(r"(\.git|git~\d+)[. ]*", re.IGNORECASE)
+"""Names of the directory of git, as other systems than Linux understand them, too."""
+_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, struct.error)
+"""Errors of the library zipfile for a file that is no proper archive."""
 _FILE = 0o644 << 16
 _BLOCK = 1 << 20
 
@@ -53,10 +59,9 @@ class Archive:
     names: tuple[str, ...]
     hashes: Mapping[str, str]
 
-    @property
-    def code(self) -> tuple[str, ...]:
-        """The files that Python can run."""
-        return tuple(name for name in self.names if name.lower().endswith(CODE))
+    def code(self, directory: Path) -> dict[str, str]:
+        """Return the files that can execute, with their stated hashes, after they were taken out into a directory."""
+        return {name: self.hashes.get(name, "unknown") for name in self.names if is_code(directory / name)}
 
     def extract(self, directory: Path) -> tuple[str, ...]:
         """Write all files into a directory and compare their hashes with the metadata.
@@ -97,7 +102,7 @@ def open_archive(path: Path) -> Archive:
         names = _checked_names(file, path)
         if METADATA not in names:
             raise ArchiveError(f"{path}: there is no {METADATA}; make archives with `rmpc-bench pack`")
-        hashes = _hashes(_json(_content(file, METADATA), path, METADATA), path)
+        hashes = _hashes(_json(file, path, METADATA), path)
     return Archive(path, tuple(names), hashes)
 
 
@@ -131,7 +136,7 @@ def verifications(path: Path) -> list[dict[str, Any]]:
     with _opened(path) as file:
         if VERIFIED not in file.namelist():
             return []
-        records = _json(_content(file, VERIFIED), path, VERIFIED)
+        records = _json(file, path, VERIFIED)
     return [each for each in records if isinstance(each, dict)] if isinstance(records, list) else []
 
 
@@ -177,7 +182,7 @@ def _blocks(content: Path | bytes) -> Iterator[bytes]:
 def _opened(path: Path) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(path)
-    except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+    except _DAMAGED as error:
         raise ArchiveError(f"{path}: is not a zip archive ({error})") from None
     except OSError as error:
         raise ArchiveError(f"{path}: cannot be read ({error.strerror or error})") from None
@@ -200,8 +205,12 @@ def _checked_names(file: zipfile.ZipFile, path: Path) -> list[str]:
         if reason:
             raise ArchiveError(f"{path}: the entry {entry.filename[:200]!r} {reason}; nothing was taken out")
     names = [entry.filename for entry in files]
-    if len({*names}) < len(names):
+    known = {name.casefold() for name in names}
+    # Not every system distinguishes capital letters.
+    if len(known) < len(names):
         raise ArchiveError(f"{path}: has two entries of one name; nothing was taken out")
+    if clash := {str(above) for name in known for above in PurePosixPath(name).parents} & known:
+        raise ArchiveError(f"{path}: {min(clash)[:200]!r} is a file and a directory; nothing was taken out")
     size, packed = sum(entry.file_size for entry in files), path.stat().st_size
     if size > min(MOST_BYTES, max(ALWAYS_ALLOWED, MOST_EXPANSION * packed)):
         raise ArchiveError(f"{path}: would fill {size / 1e6:.0f} MB from {packed / 1e6:.1f} MB; nothing was taken out")
@@ -216,6 +225,12 @@ def _reason_against(entry: zipfile.ZipInfo) -> str:
         return "has a name that not every system accepts"
     if path.is_absolute() or ".." in path.parts or not path.parts or path.as_posix() != name.rstrip("/"):
         return "has a name that leads out of the directory or is not plain"
+    if len(name.encode()) > LONGEST_NAME or any(len(part.encode()) > 200 for part in path.parts):
+        return "has too long a name"
+    if any(_OF_GIT.fullmatch(part) for part in path.parts):
+        return "belongs to a git repository, whose settings can run commands"
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        return "is compressed by another method than deflate"
     mode = entry.external_attr >> 16
     if mode and not (stat.S_ISREG(mode) or stat.S_ISDIR(mode) or stat.S_IFMT(mode) == 0):
         return "is no regular file"
@@ -233,22 +248,19 @@ def _copy(file: zipfile.ZipFile, name: str, target: Path) -> str:
                     raise ArchiveError(f"{file.filename}: the entry {name!r} is longer than it states")
                 digest.update(block)
                 written.write(block)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    except _DAMAGED as error:
         raise ArchiveError(f"{file.filename}: {name}: cannot be read ({error})") from None
-    except ValueError as error:
-        raise ArchiveError(f"{file.filename}: {name}: {error}") from None
     return digest.hexdigest()
 
 
-def _content(file: zipfile.ZipFile, name: str) -> bytes:
+def _json(file: zipfile.ZipFile, path: Path, name: str) -> Any:
+    """Read an entry of limited size as JSON."""
+    if file.getinfo(name).file_size > MOST_METADATA:
+        raise ArchiveError(f"{path}: {name}: is larger than {MOST_METADATA / 1e6:g} MB")
     try:
-        return file.read(name)
-    except Exception as error:
-        # zlib.error and others of the decompression have no common class.
-        raise ArchiveError(f"{file.filename}: {name}: cannot be read ({error})") from None
-
-
-def _json(content: bytes, path: Path, name: str) -> Any:
+        content = file.read(name)
+    except _DAMAGED as error:
+        raise ArchiveError(f"{path}: {name}: cannot be read ({error})") from None
     try:
         return json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -256,19 +268,19 @@ def _json(content: bytes, path: Path, name: str) -> Any:
 
 
 def _hashes(metadata: Any, path: Path) -> dict[str, str]:
-    """Return file -> SHA-256 from the entities of an RO-Crate.
-
-    Raises
-    ------
-    ArchiveError
-        If there are none.
-    """
-    graph = metadata.get("@graph", []) if isinstance(metadata, dict) else []
-    found = {
-        str(entity["@id"]): str(entity["sha256"])
-        for entity in (graph if isinstance(graph, list) else [])
-        if isinstance(entity, dict) and "@id" in entity and "sha256" in entity
-    }
+    """Return file -> SHA-256 from the entities of an RO-Crate; anything but plain names and hashes is refused."""
+    graph = metadata.get("@graph") if isinstance(metadata, dict) else None
+    entities = [each for each in graph if isinstance(each, dict)] if isinstance(graph, list) else []
+    found: dict[str, str] = {}
+    for entity in entities:
+        if "sha256" not in entity:
+            continue
+        name, digest = entity.get("@id"), entity["sha256"]
+        if not isinstance(name, str) or not name or _reason_against(_entry(name)) or name in found:
+            raise ArchiveError(f"{path}: {METADATA}: '@id' must be the name of one file (got {str(name)[:100]!r})")
+        if not isinstance(digest, str) or not re.fullmatch("[0-9a-f]{64}", digest):
+            raise ArchiveError(f"{path}: {METADATA}: 'sha256' of {name!r} must have 64 hexadecimal digits")
+        found[name] = digest
     if not found:
         raise ArchiveError(f"{path}: {METADATA} names no file with its hash; make archives with `rmpc-bench pack`")
     return found

@@ -9,6 +9,7 @@ from small_experiment import write
 from rmpc_bench import __version__, load_config
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.manifest import Session
+from rmpc_bench.received.consent import commit_of
 
 
 @pytest.fixture
@@ -47,7 +48,7 @@ def test_what_is_noted(tmp_path, config):
 
 def test_commit_of_the_configuration(tmp_path, config):
     """Outside a repository there is none; inside, the commit and whether it is all."""
-    assert set(manifest._git(tmp_path / "nowhere") or {}) <= {"commit", "dirty"}
+    assert set(commit_of(tmp_path / "nowhere") or {}) <= {"commit", "dirty"}
     sit(tmp_path, config)
     git = manifest.read(tmp_path)["git"]
     assert git is None or set(git) == {"commit", "dirty"}

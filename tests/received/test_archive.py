@@ -10,13 +10,13 @@ import pytest
 
 from rmpc_bench.received.archive import (
     METADATA,
-    VERIFIED,
     ArchiveError,
     note_verification,
     open_archive,
     verifications,
     write_archive,
 )
+from rmpc_bench.received.consent import VERIFIED
 
 TEXT = b"method,run\nA,0\n"
 GRAPH = b'{"@graph": [{"@id": "trials.csv", "sha256": "%s"}]}'
