@@ -8,10 +8,8 @@ resolved configuration needs no file.  File names are relative to the file in wh
 
 from __future__ import annotations
 
-import csv
 import difflib
 from collections.abc import Mapping
-from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +18,11 @@ import numpy as np
 from rmpc_bench.config.known_files import MAX_NAME, is_file_name
 from rmpc_bench.config.tree import Items, Map, Mark, join, locate
 from rmpc_bench.expressions import quantity
+from rmpc_bench.received.arrays import MAX_ENTRIES, ArrayFileError, matrices
 from rmpc_bench.regular_file import content_of
 from rmpc_bench.types import Array, ConfigError, Problem
 
 SUFFIXES = (".mat", ".npz", ".csv")
-MAX_UNPACKED = 100_000_000
-"""Largest size of all arrays of an archive [bytes]."""
 SECTIONS_WITHOUT_MATRICES = ("input", "plugins", "claims")
 """Sections in which the key `file` has another meaning."""
 SYSTEM = {"models": {"A": "A", "B": "B", "C": "C", "Q": "P_w", "R": "P_v"}, "plants": {"A": "A", "B": "B", "C": "C"}}
@@ -154,9 +151,8 @@ def _is_system(node: Map) -> bool:
 
 
 def _read(file: Path, text: str) -> Mapping[str, Array]:
-    readers = {".mat": _read_mat, ".npz": _read_npz, ".csv": _read_csv}
     suffix = file.suffix.lower()
-    if suffix not in readers:
+    if suffix not in SUFFIXES:
         raise _FileError(f"{text}: the ending must be one of {', '.join(SUFFIXES)}")
     if not is_file_name(text):
         raise _FileError(f"the name of a file has at most {MAX_NAME} characters (got {len(text)})")
@@ -164,51 +160,11 @@ def _read(file: Path, text: str) -> Mapping[str, Array]:
         near = difflib.get_close_matches(file.name, [each.name for each in file.parent.glob(f"*{suffix}")], n=1)
         raise _FileError(f"{text}: there is no such file" + (f"; did you mean {near[0]!r}?" if near else ""))
     try:
-        return readers[suffix](content_of(file), file.stem)
-    except _FileError as error:
+        return matrices(content_of(file), suffix, file.stem)
+    except ArrayFileError as error:
         raise _FileError(f"{text}: {error}") from None
     except OSError as error:
         raise _FileError(f"{text}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, TypeError, KeyError) as error:
-        raise _FileError(f"{text}: cannot be read ({error})") from None
-
-
-def _read_mat(content: bytes, stem: str) -> Mapping[str, Array]:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        found = loadmat(BytesIO(content))
-    except NotImplementedError:
-        message = "is a file of MATLAB version 7.3 (HDF5); save it with save('file.mat', ..., '-v7')"
-        raise _FileError(message) from None
-    except MatReadError as error:
-        raise _FileError(f"is not a MATLAB file ({error})") from None
-    return {name: np.asarray(value) for name, value in found.items() if not name.startswith("__")}
-
-
-def _read_npz(content: bytes, stem: str) -> Mapping[str, Array]:
-    from zipfile import BadZipFile, ZipFile
-
-    try:
-        with ZipFile(BytesIO(content)) as archive:
-            size = sum(each.file_size for each in archive.infolist())
-        if size > MAX_UNPACKED:
-            raise _FileError(f"has arrays of {size / 1e6:.0f} MB; they must have at most {MAX_UNPACKED / 1e6:g} MB")
-        with np.load(BytesIO(content), allow_pickle=False) as found:
-            return {name: found[name] for name in found.files}
-    except (BadZipFile, AttributeError):
-        raise _FileError("is not an archive of numpy.savez") from None
-
-
-def _read_csv(content: bytes, stem: str) -> Mapping[str, Array]:
-    lines = StringIO(content.decode("utf-8-sig"), newline="")
-    rows = [row for row in csv.reader(lines) if any(cell.strip() for cell in row)]
-    try:
-        matrix = np.array([[float(cell) for cell in row] for row in rows])
-    except ValueError:
-        raise _FileError("must have rows of equally many numbers, with commas between them and no heading") from None
-    return {stem: matrix}
 
 
 def _named(content: Mapping[str, Array], name: str, text: str) -> Array:
@@ -230,6 +186,8 @@ def _numbers(matrix: Array, mark: Mark) -> Any:
     is_real = matrix.dtype.kind in "biuf"
     if not is_real or matrix.ndim > 2 or not matrix.size or not np.isfinite(matrix).all():
         raise _FileError(f"must be a matrix of finite real numbers (got shape {matrix.shape} of type {matrix.dtype})")
+    if matrix.size > MAX_ENTRIES:
+        raise _FileError(f"must have at most {MAX_ENTRIES} entries (got {matrix.size})")
     return _marked(matrix.astype(float).tolist(), mark)
 
 

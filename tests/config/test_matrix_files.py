@@ -100,7 +100,7 @@ def test_a_name_in_an_override_is_relative_to_the_configuration(directory, tmp_p
         ("{file: text.npz, name: A}", "text.npz: "),
         ("{file: complex.npz}", "must be a matrix of finite real numbers (got shape (1,) of type complex128)"),
         ("{file: nan.npz}", "must be a matrix of finite real numbers"),
-        ("{file: object.npz}", "object.npz: cannot be read"),
+        ("{file: object.npz}", "object.npz: A.npy has Python objects"),
     ],
 )
 def test_a_file_without_the_matrix_is_an_error_at_its_name(directory, value, text):
