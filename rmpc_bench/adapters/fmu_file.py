@@ -68,20 +68,7 @@ def loaded(path: str) -> Any:
 
 
 def described(files: Sequence[Any], signals: Signals, p: Sequence[str], named: Mapping[str, str]) -> tuple[Unit, str]:
-    """Return a file with the variables that a plant uses, and a text about it.
-
-    Parameters
-    ----------
-    files : the one file
-    signals : of the plant
-    p : names of the parameters
-    named : name -> name in the file, where it is another one
-
-    Raises
-    ------
-    DesignError
-        If it is no co-simulation unit for this machine, or a variable is not there.
-    """
+    """Return a file with the variables that a plant uses, and a text about it."""
     if len(files) != 1:
         raise DesignError(f"must be one file (got {len(files)})", "fmu")
     path, fmpy = str(files[0]), library("fmu")

@@ -22,14 +22,7 @@ NO_LIMIT = -1
 
 
 def made(env: Any, options: Mapping[str, Any], given: Mapping[str, float]) -> Any:
-    """Make an environment without time limit and without the checks of Gymnasium at every call.
-
-    Parameters
-    ----------
-    env : its ID, or a class or function that returns one
-    options : keywords of its class
-    given : parameters that are keywords of its class, too
-    """
+    """Make an environment without time limit and without the checks of Gymnasium at every call."""
     keywords = {**options, **given}
     if not isinstance(env, str):
         return env(**keywords)
@@ -41,15 +34,7 @@ def made(env: Any, options: Mapping[str, Any], given: Mapping[str, float]) -> An
 def with_parameters(
     p: Parameters, *, env: Any, options: Mapping[str, Any], keywords: Sequence[str], change: Callable[..., Any] | None
 ) -> Any:
-    """Make the environment of a run.
-
-    Parameters
-    ----------
-    p : parameters of the run
-    env, options : as for `made`
-    keywords : parameters that are keywords of its class; the others are attributes
-    change : function(environment, p) that sets the parameters in place of the attributes
-    """
+    """Make the environment of a run; parameters that are no keywords are attributes, unless `change` sets them."""
     found = made(env, options, {name: p[name] for name in keywords})
     if change is not None:
         change(found.unwrapped, p)
@@ -79,19 +64,7 @@ def nearest(u: Float[Array, " nu"], *, values: Float[Array, " actions"], first: 
 
 
 def action_of(space: Any, action: Any, nu: int | None) -> tuple[Callable[..., Any], Array, Array]:
-    """Return the function from u to an action, and the limits of u.
-
-    Parameters
-    ----------
-    space : of the actions
-    action : the key: values of u of the discrete actions, or a function from u to an action; None for a box
-    nu : number of inputs; None where it is not given
-
-    Raises
-    ------
-    DesignError
-        If the actions are neither a box nor mapped.
-    """
+    """Return the function from u to an action, and the limits of u."""
     spaces = library("gymnasium", "spaces")
     if callable(action):
         if nu is None:
@@ -134,13 +107,7 @@ def _assign(inner: Any, x: Array, *, path: str) -> None:
 
 
 def observed(x: Array, p: Parameters, observation: Any, *, entries: Sequence[tuple[bool, int]]) -> Array:
-    """Return entries of the state and of the observation.
-
-    Parameters
-    ----------
-    x, p, observation : of one sample
-    entries : whether an entry is one of the state, and its index
-    """
+    """Return entries; each is an index with whether it is one of the state or of the observation."""
     seen = np.asarray(observation, dtype=float).ravel()
     return np.array([x[i] if of_state else seen[i] for of_state, i in entries])
 

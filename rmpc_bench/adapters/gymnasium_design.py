@@ -63,13 +63,7 @@ def designed(
     ends: bool,
     bounds: Mapping[str, tuple[float, float]],
 ) -> EnvironmentPlant:
-    """Try an environment and return the plant.
-
-    Raises
-    ------
-    DesignError
-        If there is no such environment, or a key does not fit it.
-    """
+    """Try an environment and return the plant."""
     nominal = Parameters({name: float(value) for name, value in parameters.items()})
     # An option may name an environment, too.
     for key, value in (("env", keys.env), *((f"options.{name}", each) for name, each in keys.options.items())):

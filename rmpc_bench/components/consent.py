@@ -49,36 +49,19 @@ class CodeAccess:
 
     @classmethod
     def of(cls, config: str | Path, allow_code: Sequence[str | Path] = ()) -> CodeAccess:
-        """Return what a configuration may load.
-
-        Parameters
-        ----------
-        config : its file
-        allow_code : further files or directories, relative to the current directory
-        """
+        """Return what a configuration may load; further files are relative to the current directory."""
         path = Path(config)
         directory = path.absolute().parent if path.is_file() else None
         return cls(directory, tuple(Path(each).resolve() for each in allow_code))
 
     def base(self, written_in: str) -> Path:
-        """Return the directory that a path is relative to.
-
-        Parameters
-        ----------
-        written_in : file in which the path stands; an override stands in the configuration
-        """
+        """Return the directory that a path is relative to; an override stands in the configuration."""
         if not written_in or written_in.startswith(_OPTIONS):
             return self.directory or Path.cwd()
         return Path(written_in).absolute().parent
 
     def reference(self, text: str, written_in: str) -> CodeReference:
-        """Return what a text names; the file need not exist.
-
-        Raises
-        ------
-        CodeError
-            If the text does not have the form ``PATH.py:NAME``.
-        """
+        """Return what a text ``PATH.py:NAME`` names; the file need not exist."""
         parts = split_reference(text)
         if parts is None:
             raise CodeError(f"must name something in a Python file, PATH.py:NAME (got {text!r})")
@@ -92,13 +75,7 @@ class CodeAccess:
         return CodeReference(path.resolve(), "", f"{self._relative(path, text)}:")
 
     def load(self, reference: CodeReference) -> Any:
-        """Return the object that a reference names, after naming its file on stderr.
-
-        Raises
-        ------
-        CodeError
-            If the file may not be loaded or cannot be, or has no such name.
-        """
+        """Return the object that a reference names, after naming its file on stderr."""
         return self._once("", reference, lambda: load(reference))
 
     def design(self, group: str, reference: CodeReference) -> DesignFunction:
@@ -134,13 +111,7 @@ class CodeAccess:
         return found
 
     def check(self, reference: CodeReference) -> None:
-        """Refuse a file that is not there or that may not be loaded.
-
-        Raises
-        ------
-        CodeError
-            With the way out.
-        """
+        """Refuse a file that is not there or that may not be loaded."""
         path, file = reference.path, reference.file
         self._refuse(path, file)
         if not path.is_file():
@@ -160,13 +131,7 @@ class CodeAccess:
             raise CodeError(reason)
 
     def data(self, text: str, written_in: str) -> DataReference:
-        """Return the data files that a path or a pattern names; those that can execute are files with code.
-
-        Raises
-        ------
-        CodeError
-            If there are none, or one has code that may not be loaded.
-        """
+        """Return the data files that a path or a pattern names; those that can execute are files with code."""
         base = self.base(written_in)
         pattern = base / text
         if has_magic(text) and not pattern.exists():

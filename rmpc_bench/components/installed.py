@@ -23,14 +23,6 @@ def local_directory(module: str) -> Path | None:
 
     Such a module is found through PYTHONPATH, the current directory or an editable installation: its source may change
     while its version does not.
-
-    Parameters
-    ----------
-    module : name without dots
-
-    Returns
-    -------
-    None for a module of the standard library, an installed one, one of the bench itself, and one that is not there
     """
     if is_standard(module) or module in _found_installed:
         return None
@@ -61,12 +53,7 @@ def _is_installed(directory: Path) -> bool:
 
 @lru_cache(maxsize=256)
 def distribution_of(module: str) -> tuple[str, str] | None:
-    """Return name and version of the distribution that provides a module; None where there is none.
-
-    Parameters
-    ----------
-    module : name without dots
-    """
+    """Return name and version of the distribution that provides a module; None where there is none."""
     from importlib.metadata import PackageNotFoundError, packages_distributions, version
 
     try:

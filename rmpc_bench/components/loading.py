@@ -19,17 +19,7 @@ from rmpc_bench.types.issue import unknown
 
 
 def load(reference: CodeReference) -> Any:
-    """Return the object that a reference names; its file is imported where that has not been done.
-
-    Parameters
-    ----------
-    reference : what to load; whether it may be loaded was asked before (`consent`)
-
-    Raises
-    ------
-    CodeError
-        If the file cannot be imported or has no such name.
-    """
+    """Return the object that a reference names; its file is imported where that has not been done."""
     found: Any = module_of(reference.path)
     for number, name in enumerate(reference.name.split(".")):
         with user_code(reference.path):
@@ -44,17 +34,7 @@ def load(reference: CodeReference) -> Any:
 
 
 def module_of(path: Path) -> ModuleType:
-    """Import a Python file as a private module.
-
-    Parameters
-    ----------
-    path : absolute, symbolic links resolved
-
-    Raises
-    ------
-    CodeError
-        If it cannot be imported.
-    """
+    """Import a Python file as a private module."""
     package = package_of(path.parent)
     with user_code(path):
         return import_module(f"{package.name}.{module_name(path.stem)}")
@@ -75,10 +55,6 @@ def user_code(path: Path | None = None) -> Iterator[None]:
 
     A DesignError is the component's own message and stays one.  `SystemExit` and a `KeyboardInterrupt` that the code
     raises count as its errors; Ctrl-C ends the program as always.
-
-    Parameters
-    ----------
-    path : file to blame where no line of the user's code took part
     """
     with noted_signals() as signals:
         try:
@@ -115,13 +91,7 @@ def described(error: BaseException) -> str:
 
 
 def place_of(error: BaseException, path: Path | None = None) -> Place | None:
-    """Return the last place in the user's files that an exception came through.
-
-    Parameters
-    ----------
-    error : with its traceback
-    path : file to blame where there is no such place; None for no place
-    """
+    """Return the last place in the user's files that an exception came through."""
     if isinstance(error, SyntaxError) and error.filename is not None and is_source(error.filename):
         return Place(shown_path(error.filename), error.lineno or 1, error.offset or 1)
     frames = user_frames(error.__traceback__)

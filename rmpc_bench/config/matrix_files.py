@@ -36,18 +36,7 @@ class _FileError(Exception):
 
 
 def with_matrices(tree: Map, path: Path) -> Map:
-    """Replace the names of matrix files by the numbers in them.
-
-    Parameters
-    ----------
-    tree : a configuration
-    path : its file; names in overrides are relative to its directory
-
-    Raises
-    ------
-    ConfigError
-        If a file cannot be read or does not contain the matrix: all such errors, each at the name of the file.
-    """
+    """Replace the names of matrix files by the numbers in them."""
     reader = _Reader(tree, path)
     result = tree.copy()
     for key, value in tree.items():
@@ -176,13 +165,7 @@ def _named(content: Mapping[str, Array], name: str, text: str) -> Array:
 
 
 def _numbers(matrix: Array, mark: Mark) -> Any:
-    """Return an array of a file as a configuration writes it: rows, a flat list or a number.
-
-    Raises
-    ------
-    _FileError
-        If it is no matrix of finite real numbers.
-    """
+    """Return an array of a file as a configuration writes it: rows, a flat list or a number."""
     is_real = matrix.dtype.kind in "biuf"
     if not is_real or matrix.ndim > 2 or not matrix.size or not np.isfinite(matrix).all():
         raise _FileError(f"must be a matrix of finite real numbers (got shape {matrix.shape} of type {matrix.dtype})")

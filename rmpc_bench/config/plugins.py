@@ -15,18 +15,7 @@ KEY = "plugins"
 
 
 def load_plugins(tree: Map, access: CodeAccess) -> None:
-    """Name the files with code of a configuration on stderr, and run its plugins.
-
-    Parameters
-    ----------
-    tree : a configuration
-    access : which files may be loaded
-
-    Raises
-    ------
-    ConfigError
-        If a plugin may not be loaded or cannot be.
-    """
+    """Name the files with code of a configuration on stderr, and run its plugins."""
     problems: list[Problem] = []
     plugins: list[tuple[CodeReference, Mark, str]] = []
     given = tree.get(KEY)

@@ -25,27 +25,14 @@ class PlacedText(str):
 
     @classmethod
     def of(cls, text: str, access: CodeAccess, written_in: str) -> PlacedText:
-        """Return a text with its place.
-
-        Parameters
-        ----------
-        text : of the value
-        access : what the configuration may load
-        written_in : the file it stands in
-        """
+        """Return a text with its place."""
         made = cls(text)
         made.access, made.written_in = access, written_in
         return made
 
 
 def read_function(value: Any) -> Any:
-    """Read the value of a key annotated as `UserFunction`: the reference, after loading it once.
-
-    Raises
-    ------
-    CodeError
-        If it is no reference, or the object cannot be loaded.
-    """
+    """Read the value of a key annotated as `UserFunction`: the reference, after loading it once."""
     if not isinstance(value, str):
         # A program may pass the function itself.
         if callable(value) or isinstance(value, CodeReference):
@@ -59,24 +46,12 @@ def read_function(value: Any) -> Any:
 
 
 def read_function_or_text(value: Any) -> Any:
-    """Read the value of a key annotated as `UserFunctionOrText`: a text without the form of a reference stays one.
-
-    Raises
-    ------
-    CodeError
-        If it is a reference, and the object cannot be loaded.
-    """
+    """Read the value of a key annotated as `UserFunctionOrText`: a text without the form of a reference stays one."""
     return str(value) if isinstance(value, str) and not is_reference(str(value)) else read_function(value)
 
 
 def read_data(value: Any) -> Any:
-    """Read the value of a key annotated as `DataFiles`.
-
-    Raises
-    ------
-    CodeError
-        If there are no such files.
-    """
+    """Read the value of a key annotated as `DataFiles`."""
     if isinstance(value, DataReference):
         return value
     if not isinstance(value, str):
@@ -87,14 +62,7 @@ def read_data(value: Any) -> Any:
 
 
 def placed(tree: Map, keys: Collection[str], access: CodeAccess) -> Map:
-    """Return a component in which the texts that name files have their place.
-
-    Parameters
-    ----------
-    tree : keys of the component
-    keys : those with values that name files
-    access : what the configuration may load
-    """
+    """Return a component in which the texts that name files have their place."""
     result = tree.copy()
     for key in keys:
         if key in tree:
@@ -148,13 +116,7 @@ _TEXTS = ("label", "title", "name")
 
 
 def named_in(tree: Map, access: CodeAccess) -> list[CodeReference]:
-    """Return everything in Python files that the components of a configuration name, in order.
-
-    Parameters
-    ----------
-    tree : a configuration
-    access : what it may load; references that it may not load are left out
-    """
+    """Return everything in Python files that the components of a configuration name, in order."""
     found: dict[CodeReference, None] = {}
     for text, written_in in _texts({key: tree[key] for key in SECTIONS_WITH_CODE if key in tree}, tree.mark.file):
         reference = access.reference(text, written_in)

@@ -129,13 +129,7 @@ def pack(
 
 
 def _refuse_stale(results: Results, directory: Path) -> None:
-    """Refuse a directory of which files are missing or belong to other trials than the stored ones.
-
-    Raises
-    ------
-    ArchiveError
-        With the command that writes them again.
-    """
+    """Refuse a directory of which files are missing or belong to other trials than the stored ones."""
     way_out = f"`rmpc-bench report {directory}` writes it again"
     for name in NEEDED:
         if not (directory / name).exists():
@@ -148,13 +142,7 @@ def _refuse_stale(results: Results, directory: Path) -> None:
 
 
 def _files(directory: Path) -> Iterator[tuple[str, Path]]:
-    """Yield the files to pack with their names.
-
-    Raises
-    ------
-    ArchiveError
-        If one of them is no regular file, as its content would come from elsewhere.
-    """
+    """Yield the files to pack with their names."""
     named = [directory / name for name in FILES if (directory / name).exists()]
     for folder in FOLDERS:
         top = directory / folder
@@ -170,13 +158,7 @@ def _files(directory: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _data_files(config: ExperimentConfig, contents: Mapping[str, Path | bytes]) -> dict[str, Path | bytes]:
-    """Return the data files of the user, and a resolved configuration that names them in the archive.
-
-    Parameters
-    ----------
-    config : the resolved configuration of a directory
-    contents : what is packed already
-    """
+    """Return the data files of the user, and a resolved configuration that names them in the archive."""
     found: dict[str, Path | bytes] = {}
     names: dict[str, str] = {}
     base = config.own.access.base("")

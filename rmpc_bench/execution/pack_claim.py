@@ -14,23 +14,7 @@ from rmpc_bench.types.sweep_points import lies_at
 
 
 def only_claim(config: ExperimentConfig, name: str, methods: Collection[str]) -> tuple[ExperimentConfig, list[str]]:
-    """Reduce an experiment to what a claim needs.
-
-    Parameters
-    ----------
-    config : the experiment
-    name : `id` of the claim, or its number in claims.md, from 1 on
-    methods : methods that are packed
-
-    Returns
-    -------
-    the experiment with the points and the claim only, and the methods
-
-    Raises
-    ------
-    ArchiveError
-        If there is no such claim, or it needs no run.
-    """
+    """Reduce an experiment to what a claim needs."""
     claim = _named(config.claims, name)
     wanted = list(_needed(claim))
     names = [method for method in config.methods if method in methods and method in {each for each, _ in wanted}]

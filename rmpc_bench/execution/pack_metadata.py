@@ -108,13 +108,7 @@ class Contents(NamedTuple):
 
 
 def crate(contents: Contents) -> dict[str, Any]:
-    """Return the content of ro-crate-metadata.json.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If the library rocrate is not installed.
-    """
+    """Return the content of ro-crate-metadata.json."""
     from rocrate.model import ContextEntity
     from rocrate.rocrate import ROCrate
 

@@ -21,7 +21,8 @@ _SPECIAL = {
     "}": r"\}",
     "$": r"\$",
 }
-_FORMULA = re.compile(r"((?<!\\)\$(?:\\.|[^$\\])*\$)")
+_FORMULA = re.compile(r"((?<!\\)\$(?:\\(?!text\b).|[^$\\])*\$)")
+r"""A formula.  Inside ``\text{..}`` matplotlib leaves every command to LaTeX, so that one with it is plain text."""
 
 
 def latex_program() -> str | None:

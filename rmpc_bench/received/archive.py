@@ -29,7 +29,7 @@ MOST_METADATA = 10_000_000
 """Largest size of a file that is read as JSON [bytes]."""
 LONGEST_NAME = 500
 MOST_BYTES = 8_000_000_000
-MOST_EXPANSION = 200
+MOST_EXPANSION = 30
 """Largest ratio of content to archive, for archives with more than `ALWAYS_ALLOWED` bytes of content."""
 ALWAYS_ALLOWED = 100_000_000
 _OF_GIT = re.compile(r"(\.git|git~\d+)[. ]*", re.IGNORECASE)
@@ -64,16 +64,7 @@ class Archive:
         return {name: self.hashes.get(name, "unknown") for name in self.names if is_code(directory / name)}
 
     def extract(self, directory: Path) -> tuple[str, ...]:
-        """Write all files into a directory and compare their hashes with the metadata.
-
-        Parameters
-        ----------
-        directory : an empty directory
-
-        Returns
-        -------
-        what is wrong, such as ``trials.csv: its content is not what was packed``, sorted by file
-        """
+        """Write all files into a directory and compare their hashes with the metadata."""
         found: dict[str, str] = {}
         with _opened(self.path) as file:
             for name in self.names:
@@ -91,13 +82,7 @@ class Archive:
 
 
 def open_archive(path: Path) -> Archive:
-    """Check an archive; nothing is taken out.
-
-    Raises
-    ------
-    ArchiveError
-        If it cannot be read, was not made by `pack`, or its names or sizes are not accepted.
-    """
+    """Check an archive; nothing is taken out."""
     with _opened(path) as file:
         names = _checked_names(file, path)
         if METADATA not in names:
@@ -107,28 +92,19 @@ def open_archive(path: Path) -> Archive:
 
 
 def write_archive(path: Path, contents: Mapping[str, Path | bytes]) -> None:
-    """Write an archive; equal contents give equal bytes.
-
-    Parameters
-    ----------
-    path : the archive, replaced as a whole
-    contents : name -> file or content; the metadata come first
-
-    Raises
-    ------
-    ArchiveError
-        If a name is one that `open_archive` refuses.
-    """
+    """Write an archive; equal contents give equal bytes."""
     for name in contents:
         reason = _reason_against(_entry(name))
         if reason:
             raise ArchiveError(f"{path}: the file {name!r} {reason}; rename the method or figure that it belongs to")
-    with replaced(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as file:
-        for name in sorted(contents, key=lambda each: (each != METADATA, each)):
-            content = contents[name]
-            with file.open(_entry(name), "w", force_zip64=True) as target:
-                for block in _blocks(content):
-                    target.write(block)
+    with replaced(path) as partial:
+        with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as file:
+            for name in sorted(contents, key=lambda each: (each != METADATA, each)):
+                with file.open(_entry(name), "w", force_zip64=True) as target:
+                    for block in _blocks(contents[name]):
+                        target.write(block)
+        # What `verify` does not take out is not packed.
+        open_archive(partial)
 
 
 def verifications(path: Path) -> list[dict[str, Any]]:
@@ -141,13 +117,7 @@ def verifications(path: Path) -> list[dict[str, Any]]:
 
 
 def note_verification(path: Path, record: Mapping[str, Any]) -> None:
-    """Append a record to the verifications of an archive, which is replaced as a whole; all other files stay.
-
-    Raises
-    ------
-    OSError
-        If the archive cannot be replaced.
-    """
+    """Append a record to the verifications of an archive, which is replaced as a whole; all other files stay."""
     records = [*verifications(path), dict(record)]
     with _opened(path) as file, replaced(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as new:
         for entry in file.infolist():
@@ -189,13 +159,7 @@ def _opened(path: Path) -> zipfile.ZipFile:
 
 
 def _checked_names(file: zipfile.ZipFile, path: Path) -> list[str]:
-    """Return the names of all files of an archive.
-
-    Raises
-    ------
-    ArchiveError
-        If one of them would be written outside of the directory, or there is too much to take out.
-    """
+    """Return the names of all files of an archive."""
     entries = file.infolist()
     if len(entries) > MOST_ENTRIES:
         raise ArchiveError(f"{path}: has {len(entries)} entries, more than {MOST_ENTRIES}")

@@ -40,26 +40,14 @@ class ArrayFileError(ValueError):
 
 
 def matrices(content: bytes, suffix: str, stem: str) -> dict[str, Array]:
-    """Return the arrays of a file by their names; the only one of a .csv file has the name of the file.
-
-    Raises
-    ------
-    ArrayFileError
-        If it is no such file.
-    """
+    """Return the arrays of a file by their names; the only one of a .csv file has the name of the file."""
     if suffix == ".csv":
         return {stem: _csv_matrix(content)}
     return _mat(content) if suffix == ".mat" else _npz(BytesIO(content), len(content))
 
 
 def columns(file: Path) -> dict[str, Float[Array, " samples"]]:
-    """Return the columns of a .csv or .npz file by their names.
-
-    Raises
-    ------
-    ArrayFileError
-        If it is no such file, or has columns of different lengths.
-    """
+    """Return the columns of a .csv or .npz file by their names."""
     if file.exists() and not file.is_file():
         raise ArrayFileError("is not a regular file")
     try:

@@ -81,21 +81,7 @@ def _input(
 def inputs(
     sampling: Sampling, given: Float[Array, "rows nu"], n_steps: int, file: Path, how: Resample | None
 ) -> Float[Array, "samples nu"]:
-    """Return the inputs u(0)..u(N-1) of a recorded run.
-
-    Parameters
-    ----------
-    sampling : of the file
-    given : recorded values
-    n_steps : number of control periods N
-    file : for the messages
-    how : see `Sampling.values`
-
-    Raises
-    ------
-    DesignError
-        If there are fewer samples, or one is missing.
-    """
+    """Return the inputs u(0)..u(N-1) of a recorded run."""
     u = sampling.values(given, how)[:n_steps]
     if len(u) < n_steps:
         raise DesignError(f"{file.name}: has {len(u)} samples, and the experiment needs the input at {n_steps}")

@@ -25,21 +25,7 @@ Columns = Mapping[str, Float[Array, " samples"]]
 
 
 def read_table(file: Path) -> Columns:
-    """Read a file.
-
-    Parameters
-    ----------
-    file : with the ending .csv or .npz
-
-    Returns
-    -------
-    Name -> column; all columns have the same length.
-
-    Raises
-    ------
-    DesignError
-        If the file is not such a table; the message begins with its name.
-    """
+    """Read a file."""
     try:
         if file.suffix.lower() not in ENDINGS:
             raise ArrayFileError(f"the ending must be one of {', '.join(ENDINGS)}")
@@ -49,20 +35,7 @@ def read_table(file: Path) -> Columns:
 
 
 def columns_of(table: Columns, names: str | Sequence[str], file: Path, key: str) -> Float[Array, "samples n"]:
-    """Return the columns of some names, side by side.
-
-    Parameters
-    ----------
-    table : of a file
-    names : names of columns; ``y`` stands for y.0, y.1 and so on where there is no column of this name
-    file : for the messages
-    key : of the configuration, for the messages
-
-    Raises
-    ------
-    DesignError
-        If there is no such column.
-    """
+    """Return the columns of some names, side by side."""
     found = []
     for name in [names] if isinstance(names, str) else names:
         numbered = [f"{name}.{i}" for i in range(len(table)) if f"{name}.{i}" in table]

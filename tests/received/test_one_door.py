@@ -1,0 +1,103 @@
+"""Files that somebody else may have made are opened in the room `received` only; read from the sources."""
+
+import ast
+
+from test_architecture import FILES, calls, imports, trees
+
+READERS = {
+    "sqlite3.connect",
+    "zipfile.ZipFile",
+    "ZipFile",
+    "zipfile.is_zipfile",
+    "np.load",
+    "np.loadtxt",
+    "np.genfromtxt",
+    "np.fromfile",
+    "loadmat",
+    "pd.read_csv",
+    "csv.reader",
+    "csv.DictReader",
+    "json.load",
+    "json.loads",
+    "zlib.decompress",
+    "pickle.load",
+    "pickle.loads",
+    "marshal.loads",
+    "tarfile.open",
+    "shutil.unpack_archive",
+    "joblib.load",
+}
+# File -> what it opens.  The stores and JSON files of results: to be emptied when `received` reads them.
+NOT_YET = {
+    "execution/database.py": {"sqlite3.connect"},
+    "execution/journal_tables.py": {"json.loads"},
+    "execution/libraries.py": {"json.loads"},
+    "execution/manifest.py": {"json.loads"},
+    "execution/merging.py": {"json.loads"},
+    "execution/pack_rows.py": {"csv.reader", "pd.read_csv"},
+    "execution/pack_verify.py": {"json.loads"},
+    "execution/progress_file.py": {"json.loads"},
+    "execution/published_state.py": {"json.loads"},
+    "execution/setting_differences.py": {"json.loads"},
+    "execution/shard_rows.py": {"json.loads"},
+    "execution/site.py": {"json.loads"},
+    "execution/store.py": {"json.loads", "zlib.decompress"},
+    "execution/store_file.py": {"sqlite3.connect"},
+    "execution/stored_experiment.py": {"json.loads"},
+    "execution/stored_stop.py": {"json.loads"},
+    "execution/tuning/record.py": {"json.loads"},
+}
+# What one process of the bench sends to another, through a pipe or a temporary file of its own.
+BETWEEN_OWN_PROCESSES = {
+    "components/probe.py": {"pickle.loads"},
+    "components/probe_process.py": {"pickle.loads"},
+    "components/transport.py": {"pickle.loads"},
+    "conformance/checking.py": {"pickle.load"},
+    "conformance/metrics.py": {"pickle.loads"},
+    "conformance/noises.py": {"pickle.loads"},
+    "conformance/outcome.py": {"pickle.loads"},
+    "conformance/references.py": {"pickle.loads"},
+    "conformance/replay.py": {"pickle.load"},
+    "conformance/separate_process.py": {"pickle.loads"},
+    "conformance/subject.py": {"pickle.loads"},
+    "conformance/supervisor.py": {"pickle.load"},
+    "execution/pilot.py": {"json.loads"},
+}
+
+
+def opened(tree):
+    """Return the readers that a file calls; text that it has just written itself is no file."""
+    found = set()
+    for text, node in calls(tree):
+        writes = any(isinstance(each, ast.Constant) and each.value in ("w", "x", "a") for each in node.args[1:])
+        own = bool(node.args) and isinstance(node.args[0], ast.Call) and ast.unparse(node.args[0].func) == "json.dumps"
+        if text in READERS and not writes and not own:
+            found.add(text)
+    return found
+
+
+def starts_git(tree):
+    """Whether a file starts programs and has the word git."""
+    words = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    return "git" in words and any(name.startswith("subprocess") for name in imports(tree))
+
+
+def test_no_other_room_opens_what_somebody_else_made():
+    found = {file: opened(tree) for file, tree in trees().items() if not file.startswith("received/")}
+    assert {file: names for file, names in found.items() if names} == NOT_YET | BETWEEN_OWN_PROCESSES
+
+
+def test_one_function_starts_git():
+    files = {file for file, tree in trees().items() if starts_git(tree)}
+    assert files == {"received/consent.py"}
+
+
+def test_nothing_is_unpickled_or_imported_in_the_room():
+    text = "".join(FILES[file].read_text(encoding="utf-8") for file in FILES if file.startswith("received/"))
+    assert not any(word in text for word in ("pickle.load", "import_module", "exec(", "eval(", "allow_pickle=True"))
+
+
+def test_the_check_sees_a_reader():
+    tree = ast.parse("import json\ndef f(p):\n    return json.loads(p.read_text()), json.loads(json.dumps(p))")
+    assert opened(tree) == {"json.loads"} and opened(ast.parse("zipfile.ZipFile(p, 'w')")) == set()
+    assert starts_git(ast.parse("import subprocess\nsubprocess.run(['git', 'status'])"))
