@@ -21,6 +21,12 @@ def write(path, names):
     return path
 
 
+def metadata(names):
+    """Return the description of files with their hashes."""
+    graph = [{"@id": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in names.items()]
+    return json.dumps({"@graph": graph}).encode()
+
+
 def altered(path, to, *, honest=False, **changes):
     """Copy an archive with other contents of some files; `honest` states the hashes of the new contents."""
     found = contents(path)

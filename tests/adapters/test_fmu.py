@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import numpy as np
+import packed
 import pytest
 
 pytest.importorskip("fmpy")
@@ -15,9 +16,11 @@ if shutil.which("gcc") is None:
 
 from adapters.fmu_units import NAMES, build
 from plants import tanks
+from small_experiment import cli, ran
 
 from rmpc_bench import load_config, run
 from rmpc_bench.adapters.fmu import plant
+from rmpc_bench.adapters.fmu_file import loaded
 from rmpc_bench.components.single_design import run_info
 from rmpc_bench.conformance import PlantExample, check_component
 from rmpc_bench.plants.ode import design as ode_plant
@@ -207,3 +210,27 @@ def test_extracted_files_are_removed_at_the_end_of_a_process(tmp_path):
     found = subprocess.run(command, env={**os.environ, "TMPDIR": str(tmp_path / "temporary")}, capture_output=True)
     assert found.returncode == 0, found.stderr
     assert [*(tmp_path / "temporary").rglob("*.so")] == []
+
+
+def test_results_have_a_copy_of_the_unit_and_their_archive_needs_consent(tmp_path, monkeypatch):
+    """The original is gone.  Nothing of the unit runs without consent, and nothing at all with NO_CODE."""
+    build(tmp_path / "unit", 2)
+    (tmp_path / "unit" / "unit.yaml").write_text(CONFIGURATION.replace("paper: tests\n", ""))
+    out, archive = tmp_path / "out", tmp_path / "unit.zip"
+    ran(tmp_path / "unit" / "unit.yaml", out)
+    shutil.rmtree(tmp_path / "unit")
+    (copied,) = out.glob("code/*/tanks2.fmu")
+    done = cli("pack", out, "-o", archive)
+    assert done.exit_code == 0 and f"code  {copied.relative_to(out)} (sha " in done.stderr, done.output
+    assert sum(name.endswith(".fmu") for name in packed.contents(archive)) == 1
+    refused = cli("verify", archive, "-j", 1)
+    assert refused.exit_code == 2 and "tanks2.fmu (sha" in refused.stderr
+    found = cli("verify", archive, "-j", 1, "--allow-code", archive)
+    assert found.exit_code == 0 and "reproduced" in found.stdout, found.output
+    monkeypatch.setenv("RMPC_BENCH_NO_CODE", "1")
+    for command in (("verify", archive, "--allow-code", archive), ("pack", out, "-o", tmp_path / "x.zip")):
+        refused = cli(*command)
+        assert refused.exit_code == 2 and "files with code are not loaded, because RMPC" in refused.stderr
+    loaded.cache_clear()
+    with pytest.raises(DesignError, match="RMPC_BENCH_NO_CODE=1"):
+        loaded(str(copied))

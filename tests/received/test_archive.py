@@ -1,6 +1,7 @@
 """Archives from elsewhere: what is taken out, and what is refused before a byte is written."""
 
 import hashlib
+import json
 import stat
 import struct
 import zipfile
@@ -54,7 +55,12 @@ def test_changed_missing_and_added_files_are_named(good, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["../evil.txt", "/etc/evil.txt", "a/../../evil.txt", "a\\..\\evil.txt", "C:evil.txt", "a//b", "./a", "line\nfeed"],
+    [
+        *("../evil.txt", "/etc/evil.txt", "a/../../evil.txt", "a\\..\\evil.txt", "C:evil.txt", "a//b", "./a"),
+        *("line\nfeed", "a\u202eb", "a\u200bb", "\x1b]0;x\x07", "d/" * 260 + "a", "a" * 201, "\u00e9" * 101),
+        *(".git", ".git/config", ".GIT/config", "a/.Git/hooks/x", "a/.git", ".git./config", ".git /config", ".git. ."),
+        *("git~1/config", "a/GIT~1/config", "GIT~12/x", ".git::$INDEX_ALLOCATION/config", ".g\u200cit/config", ".git/"),
+    ],
 )
 def test_a_name_that_leads_elsewhere_is_refused(good, tmp_path, name):
     path = packed.write(tmp_path / "evil.zip", packed.contents(good) | {name: b"x"})
@@ -95,6 +101,92 @@ def test_an_entry_is_not_longer_than_it_states(good, tmp_path):
     with pytest.raises(ArchiveError, match=r"zeros\.csv"):
         archive.extract(tmp_path / "x")
     assert (tmp_path / "x" / "zeros.csv").stat().st_size <= 10
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_another_compression_is_refused(good, method):
+    """LZMA may ask for gigabytes."""
+    with zipfile.ZipFile(good, "a", method) as file:
+        file.writestr("more.csv", TEXT)
+    with pytest.raises(ArchiveError, match="another method than deflate"):
+        open_archive(good)
+
+
+def test_a_file_that_is_a_directory_too_is_refused(good, tmp_path):
+    for names in (("a", "a/b"), ("A", "a/b"), ("a/b/c", "a/B")):
+        path = packed.write(tmp_path / "x.zip", packed.contents(good) | dict.fromkeys(names, b""))
+        with pytest.raises(ArchiveError, match="is a file and a directory; nothing was taken out"):
+            open_archive(path)
+    path = packed.write(tmp_path / "x.zip", packed.contents(good) | {"Trials.csv": b""})
+    with pytest.raises(ArchiveError, match="two entries of one name"):
+        open_archive(path)
+
+
+def test_entries_that_share_their_bytes(good, tmp_path):
+    """Their stated sizes count, not the bytes that they share."""
+    path = packed.write(tmp_path / "x.zip", packed.contents(good) | {f"{i}.csv": bytes(1_000_000) for i in range(120)})
+    with zipfile.ZipFile(path) as file:
+        first = file.getinfo("0.csv").header_offset
+        offsets = [entry.header_offset for entry in file.infolist() if entry.filename[0].isdigit()]
+    content = path.read_bytes()
+    for offset in offsets[1:]:
+        content = content.replace(struct.pack("<L", offset) + b"", struct.pack("<L", first))
+    path.write_bytes(content)
+    with pytest.raises(ArchiveError, match="would fill 120 MB|cannot be read|not a zip"):
+        open_archive(path).extract(tmp_path / "x")
+
+
+def test_many_entries_are_refused(tmp_path):
+    path = packed.write(tmp_path / "x.zip", {str(number): b"" for number in range(20_001)})
+    with pytest.raises(ArchiveError, match="has 20001 entries, more than 20000"):
+        open_archive(path)
+
+
+ENTITY = {"@id": "trials.csv", "sha256": SHA}
+
+
+@pytest.mark.parametrize("name", ["@id", "sha256"])
+@pytest.mark.parametrize(
+    "value", [None, 3, 1e400, [], {}, "", "../x", "\x1b[2J", ".git/config", True, "a" * 64, "A" * 64]
+)
+def test_a_field_of_the_metadata_of_another_type(good, tmp_path, name, value):
+    """No value but a plain name or a hash is used; the message has no escape of a terminal."""
+    text = json.dumps({"@graph": [ENTITY | {name: value}]})
+    path = packed.write(tmp_path / "x.zip", packed.contents(good) | {METADATA: text.encode()})
+    try:
+        open_archive(path)
+    except ArchiveError as error:
+        assert f"{METADATA}: '{name}'" in str(error) and str(error).isprintable()
+    else:
+        assert value.lower() == "a" * 64
+
+
+def test_metadata_of_any_shape_end_in_a_message(good, tmp_path):
+    graphs = [None, 3, "x", {}, [], [3, None, "x", []], [ENTITY, ENTITY]]
+    texts = [json.dumps({"@graph": each}) for each in graphs] + [
+        "[" * 200_000,
+        '{"@graph": ' + "[" * 200_000,
+        "NaN",
+        "\ud800",
+    ]
+    for text in texts:
+        content = text.encode(errors="surrogatepass")
+        path = packed.write(tmp_path / "x.zip", packed.contents(good) | {METADATA: content})
+        with pytest.raises(ArchiveError, match=METADATA):
+            open_archive(path)
+    path = packed.write(tmp_path / "x.zip", packed.contents(good) | {METADATA: b" " * 11_000_000})
+    with pytest.raises(ArchiveError, match="is larger than 10 MB"):
+        open_archive(path)
+
+
+def test_what_can_execute_is_listed_with_its_hash(tmp_path):
+    names = {"a.py": b"x", "data/0/run.csv": b"\x7fELF", "trials.csv": TEXT}
+    path = tmp_path / "x.zip"
+    write_archive(path, {METADATA: packed.metadata(names), **names})
+    archive = open_archive(path)
+    archive.extract(tmp_path / "x")
+    hashes = {name: hashlib.sha256(names[name]).hexdigest() for name in ("a.py", "data/0/run.csv")}
+    assert archive.code(tmp_path / "x") == hashes
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"\0" * 1000])
