@@ -28,7 +28,7 @@ def allow_code_option(command: Command) -> Command:
         multiple=True,
         type=click.Path(exists=True, path_type=Path),
         metavar="PATH",
-        help="Load Python files from here, too: a file or a directory; may be repeated.",
+        help="Load files with code from here, too: a file or a directory; may be repeated.",
     )(command)
 
 

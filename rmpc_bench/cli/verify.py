@@ -26,7 +26,7 @@ def verify(
 
     Compares the hash of every file, statuses, metrics (relative difference at most 1e-9), the digits of the tables, and
     the findings of the claims.  The exit code is 1 when something differs.  The outcome is appended to the archive, in
-    verified_on.json.  Python files in the archive run only with --allow-code FILE.
+    verified_on.json.  Files with code in the archive, FMUs included, run only with --allow-code FILE.
     """
     if no_run and (runs is not None or claim):
         raise click.UsageError("--no-run computes nothing: leave out --runs and --claim")
