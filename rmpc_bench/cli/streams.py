@@ -1,11 +1,14 @@
 """Standard streams of the program: one that is closed, or that no process reads, is no error.
 
+Much of what is written comes from files, so the characters that a terminal obeys are written as escapes, here only.
+
 With a closed descriptor the next file that is opened, such as the trial store, would get its number and receive the
 messages.  A reader that ends early (``| head``) or a lost terminal must not end a computation either.
 """
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import sys
@@ -42,6 +45,22 @@ class _Messages(io.FileIO):
             return memoryview(data).nbytes
 
 
+class _Visible(io.TextIOWrapper):
+    """A text stream that writes escapes for control and direction characters."""
+
+    unfiltered: io.TextIOWrapper
+    """Stream on the same file for the bar, which moves the cursor and filters its texts itself."""
+
+    def write(self, text: str) -> int:
+        """Write what a terminal can show."""
+        if not text.replace("\n", "").isprintable():
+            # Only now: `types` imports NumPy.
+            from rmpc_bench.types.texts import visible
+
+            text = visible(text)
+        return super().write(text)
+
+
 def usable_streams() -> None:
     """Open closed streams on the null device, and drop what is written where no process reads.
 
@@ -62,11 +81,14 @@ def usable_streams() -> None:
 
 
 def _text(raw: io.FileIO, old: Any, *, errors: str = "strict", line_buffering: bool = False) -> io.TextIOWrapper:
-    """Return a text stream with the encoding and buffering of the one in whose place it is."""
+    """Return a text stream with the buffering and, except for ASCII, the encoding of the one in whose place it is."""
     encoding = getattr(old, "encoding", None) or "utf-8"
-    return io.TextIOWrapper(
-        io.BufferedWriter(raw),
-        encoding=encoding,
-        errors=getattr(old, "errors", None) or errors,
-        line_buffering=line_buffering or raw.isatty(),
-    )
+    options: dict[str, Any] = {
+        # click would write to the buffer of an ASCII stream, in UTF-8.
+        "encoding": "utf-8" if codecs.lookup(encoding).name == "ascii" else encoding,
+        "errors": getattr(old, "errors", None) or errors,
+        "line_buffering": line_buffering or raw.isatty(),
+    }
+    made = _Visible(io.BufferedWriter(raw), **options)
+    made.unfiltered = io.TextIOWrapper(made.buffer, **options)
+    return made

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -36,6 +37,10 @@ class Parameter(NamedTuple):
     is_default: bool
 
 
+_Kinds = frozenset[tuple[str, str]]
+"""Path and kind of every component of a method."""
+
+
 class LabelError(ValueError):
     """A template that cannot be filled in."""
 
@@ -52,11 +57,12 @@ def labels_of(drafts: Sequence[DraftConfig], inherited: Callable[[Mark], bool] |
     labels = {}
     points = {name: [_parameters(draft.methods[name]) for draft in drafts if name in draft.methods]
               for name in first.methods}  # fmt: skip
+    varied = _varied([each[0] for each in points.values()])
     for name, components in first.methods.items():
         labels[name] = name
         try:
             if components.label is None:
-                labels[name] = _derived(name, points)
+                labels[name] = _derived(name, points[name], varied)
             elif _is_valid(components):
                 labels[name] = fill(components.label, name, points[name])
         except LabelError as error:
@@ -65,7 +71,7 @@ def labels_of(drafts: Sequence[DraftConfig], inherited: Callable[[Mark], bool] |
                 first.note(path, str(error))
                 continue
             components.label = None
-            labels[name] = _derived(name, points)
+            labels[name] = _derived(name, points[name], varied)
             first.left_out.append(f"label of {name}: {error}")
     return labels
 
@@ -148,19 +154,29 @@ def _complete(path: str, known: Mapping[str, Parameter], method: str) -> str:
     return path if path in ends else ends[0]
 
 
-def _derived(name: str, points: Mapping[str, Sequence[Mapping[str, Parameter]]]) -> str:
-    """Make the label of a method without a template."""
-    own = points[name][0]
-    group = [point[0] for other, point in points.items() if other != name and point and _kinds(point[0]) == _kinds(own)]
-    differing = [
-        path for path, (value, is_default) in own.items()
-        if not is_default and any(other.get(path, Parameter(None, True)).value != value for other in group)
-    ]  # fmt: skip
-    if any(point.get(path) != own[path] for path in differing for point in points[name]):
+def _varied(methods: Sequence[Mapping[str, Parameter]]) -> dict[_Kinds, dict[str, bool]]:
+    """Return the paths whose values differ between methods of the same kinds, each with whether one is a list."""
+    groups = defaultdict[_Kinds, list[Mapping[str, Parameter]]](list)
+    for method in methods:
+        groups[_kinds(method)].append(method)
+    varied = defaultdict[_Kinds, dict[str, bool]](dict)
+    for kinds, group in groups.items():
+        for path in dict.fromkeys(path for each in group for path in each):
+            values = [each[path].value if path in each else None for each in group]
+            if any(value != values[0] for value in values[1:]):
+                varied[kinds][path] = any(isinstance(value, list) for value in values)
+    return varied
+
+
+def _derived(name: str, points: Sequence[Mapping[str, Parameter]], varied: Mapping[_Kinds, dict[str, bool]]) -> str:
+    """Make the label of a method without a template, from its parameters at every point."""
+    own = points[0]
+    is_list = varied[_kinds(own)]
+    differing = [path for path in own if path in is_list and not own[path].is_default]
+    if any(point.get(path) != own[path] for path in differing for point in points):
         return name
     values = {path: own[path].value for path in differing if not _is_in_name(path, own[path].value, name)}
-    lists = any(path in each and isinstance(each[path].value, list) for path in values for each in (own, *group))
-    if lists or len(values) > MAX_ADDED:
+    if any(is_list[path] for path in values) or len(values) > MAX_ADDED:
         return name
     return ", ".join([name, *(_equation(path.rpartition(".")[2], value) for path, value in values.items())])
 
@@ -181,8 +197,8 @@ def _equation(key: str, value: Any) -> str:
     return key if value is True else f"{key} = {written(value, math=False)}"
 
 
-def _kinds(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
-    return {path: value for path, (value, _) in parameters.items() if path.rpartition(".")[2] == "kind"}
+def _kinds(parameters: Mapping[str, Parameter]) -> _Kinds:
+    return frozenset((path, str(value)) for path, (value, _) in parameters.items() if path.endswith(".kind"))
 
 
 def _parameters(components: MethodComponents) -> dict[str, Parameter]:

@@ -20,6 +20,7 @@ import yaml  # type: ignore[import-untyped]
 from rmpc_bench.config.tree import DELETE, MAX_DEPTH, Items, Map, Mark, join, scalar, split
 from rmpc_bench.regular_file import content_of
 from rmpc_bench.types import ConfigError, Problem
+from rmpc_bench.types.texts import refused_in_name, refused_in_text
 
 MAX_NODES = 100_000
 _CORE = "tag:yaml.org,2002:"
@@ -226,6 +227,8 @@ class _TreeBuilder:
             return self._deletion(text, mark)
         if not text.isascii() and re.search("[\ud800-\udfff]", text):
             self._problem(mark, "half of a surrogate pair is not a character; write \\U and eight digits")
+        elif refused := (refused_in_name if self.stack and self.stack[-1].wants_key else refused_in_text)(text):
+            self._problem(mark, refused)
         try:
             if event.tag is None:
                 return scalar(text) if event.implicit[0] else text

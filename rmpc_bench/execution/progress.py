@@ -175,6 +175,16 @@ class Bar:
         from rich.progress import Progress as Rich
         from rich.text import Text
 
+        from rmpc_bench.types.texts import visible
+
+        class Visible(Console):
+            """A terminal that gets escapes for control and direction characters, except for those of the bar."""
+
+            def render(self, *args: Any, **kwargs: Any) -> Iterator[Any]:
+                """Yield the pieces to write."""
+                for piece in super().render(*args, **kwargs):
+                    yield piece if piece.control else piece._replace(text=visible(piece.text))
+
         class WithComparison(Rich):
             """The bar, and a line below it."""
 
@@ -192,7 +202,9 @@ class Bar:
             MofNCompleteColumn(),
             TimeRemainingColumn(),
         ]
-        self._rich = WithComparison(*columns, console=Console(stderr=True), transient=True)
+        self._rich = WithComparison(
+            *columns, console=Visible(file=getattr(sys.stderr, "unfiltered", sys.stderr)), transient=True
+        )
         self._clock, self._shown = clock, -math.inf
 
     def start(self, title: str, total: int, done: int, running: RunningComparison | None = None) -> None:
