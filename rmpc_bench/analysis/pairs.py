@@ -50,9 +50,7 @@ def is_signed(trials: Trials, info: MetricInfo) -> bool:
     """Whether the differences of a metric have its unit instead of per cent: 0 is best, or some values are negative."""
     if info.direction == "zero":
         return True
-    if info.direction == "one":
-        return False
-    return any(bool((trials.column(info.name, method) < 0).any()) for method in trials.methods)
+    return info.direction != "one" and trials.has_negative(info.name)
 
 
 @dataclass(frozen=True, eq=False)

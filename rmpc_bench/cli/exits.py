@@ -25,8 +25,8 @@ CANNOT_WRITE = 74
 INTERRUPTED = 130
 TERMINATED = 143
 MEANINGS: Mapping[int, str] = {
-    INTERRUPTED: "Ctrl-C; everything finished is saved",
-    TERMINATED: "SIGTERM; everything finished is saved",
+    INTERRUPTED: "Ctrl-C; finished blocks of a run are stored",
+    TERMINATED: "SIGTERM; finished blocks of a run are stored",
     CANNOT_WRITE: "results cannot be written",
     INTERNAL: "internal error",
     OCCUPIED: "the directory holds another experiment, another process writes to it, or versions of libraries differ",
@@ -39,6 +39,16 @@ MEANINGS: Mapping[int, str] = {
     0: "otherwise",
 }
 """Meaning of every exit code, in the order of precedence."""
+
+_LEFT: Mapping[str, str] = {
+    "run": "finished blocks are stored, the same command continues",
+    "merge": "the shards are unchanged, the same command joins them again",
+    "report": "stored trials are unchanged, the same command writes the report again",
+    "pack": "the results are unchanged, the same command packs them again",
+    "verify": "nothing was verified, the same command starts again",
+}
+"""What an interrupted command leaves."""
+_UNCHANGED = "this command changes no results"
 
 P = ParamSpec("P")
 
@@ -62,7 +72,7 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
         except (click.exceptions.Exit, click.ClickException, BrokenPipeError):
             raise  # click ends these as every other program does
         except BaseException as error:  # the last place where anything can be caught
-            code = _explain(error)
+            code = _explain(error, command.__name__)
         sys.exit(code)
 
     return wrapper
@@ -106,11 +116,11 @@ def code_of(written: Publication, *, strict: bool) -> int:
     return FINDING_DIFFERS if strict and written.differing else 0
 
 
-def _explain(error: BaseException) -> int:
+def _explain(error: BaseException, verb: str) -> int:
     if isinstance(error, KeyboardInterrupt):
-        return _say("interrupted; finished blocks are stored, the same command continues", INTERRUPTED)
+        return _say(f"interrupted; {_LEFT.get(verb, _UNCHANGED)}", INTERRUPTED)
     if isinstance(error, Terminated):
-        return _say("terminated; finished blocks are stored, the same command continues", TERMINATED)
+        return _say(f"terminated; {_LEFT.get(verb, _UNCHANGED)}", TERMINATED)
     # Only now: an import that was interrupted must not be begun again.
     from rmpc_bench.execution.database import MissingError, StoreError, WriteError
     from rmpc_bench.execution.worker_error import WorkerError

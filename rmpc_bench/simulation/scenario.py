@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -354,11 +355,15 @@ class Experiment:
         """Columns of the metrics."""
         return tuple(metric.info(self.metric_layout) for metric in self.metrics)
 
-    @property
+    @cached_property
     def oracles(self) -> frozenset[str]:
         """Names of the methods with an oracle estimator."""
         return frozenset(method.name for method in self.methods if method.estimator.knows_uncertainty)
 
     def method(self, name: str) -> Method:
         """Look a method up by its name."""
-        return next(method for method in self.methods if method.name == name)
+        return self._by_name[name]
+
+    @cached_property
+    def _by_name(self) -> dict[str, Method]:
+        return {method.name: method for method in self.methods}

@@ -20,18 +20,18 @@ def handlers():
         signal.signal(number, handler)
 
 
-def code_of(outcome):
+def code_of(outcome, name="run"):
     """Exit code of a verb that returns or raises something."""
 
-    @exits.guarded
     def verb():
         """Do it."""
         if isinstance(outcome, BaseException):
             raise outcome
         return outcome
 
+    verb.__name__ = name
     with pytest.raises(SystemExit) as caught:
-        verb()
+        exits.guarded(verb)()
     return caught.value.code
 
 
@@ -55,6 +55,24 @@ def test_exit_codes(capsys, outcome, code, text):
     captured = capsys.readouterr()
     assert captured.out == "" and text in captured.err
     assert ("Traceback" in captured.err) == (code == 70)
+
+
+@pytest.mark.parametrize("outcome", [KeyboardInterrupt(), exits.Terminated()])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("check", "this command changes no results"),
+        ("list_", "this command changes no results"),
+        ("report", "stored trials are unchanged, the same command writes the report again"),
+        ("merge", "the shards are unchanged, the same command joins them again"),
+        ("pack", "the results are unchanged, the same command packs them again"),
+        ("verify", "nothing was verified, the same command starts again"),
+    ],
+)
+def test_what_an_interrupted_command_leaves(capsys, outcome, name, text):
+    """A command that stores no block does not speak of blocks."""
+    code_of(outcome, name)
+    assert capsys.readouterr().err.partition("; ")[2].strip() == text
 
 
 def test_wrong_usage_is_clicks_own(monkeypatch):
