@@ -4,6 +4,7 @@ import logging
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import numpy as np
@@ -118,6 +119,8 @@ class FakeFuture:
 class FakeCluster:
     """A cluster without processes."""
 
+    is_lost = False
+
     def __init__(self, lost):
         self._lost, self._n = lost, 0
 
@@ -142,6 +145,40 @@ def test_a_scheduler_that_is_not_there(monkeypatch):
     monkeypatch.setattr(engine, "CONNECT", 1.0)
     with pytest.raises(WorkerError, match=r"no connection to the scheduler at tcp://127.0.0.1:9"):
         [*dask_cluster([made], queue_of(made, 1), 2, "tcp://127.0.0.1:9")]
+
+
+OWN_CLUSTER = """
+import distributed, time
+cluster = distributed.LocalCluster(
+    n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address="127.0.0.1:0"
+)
+print(cluster.scheduler_address, flush=True)
+time.sleep(100.0)
+"""
+
+
+def test_a_scheduler_that_is_killed(monkeypatch, capfd):
+    """One sentence soon, without a word of dask's own; what was finished before has been handed over."""
+    monkeypatch.setattr(engine, "PATIENCE", 2.0)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    command = [sys.executable, "-c", OWN_CLUSTER]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        made, found, notes = made_of(Slow(0.05), 200), [], []
+        address = process.stdout.readline().strip()
+        queue = queue_of(made, 1)
+        with pytest.raises(WorkerError, match=f"the scheduler at {address} was lost.*; finished blocks are stored"):
+            for done in dask_cluster([made], queue, 1, address, note=lambda text, end: notes.append(text)):
+                if not found:
+                    os.killpg(process.pid, signal.SIGKILL)
+                    killed = time.monotonic()
+                found.append(done)
+        assert time.monotonic() - killed < 15.0
+        assert 0 < len(found) < 200 and notes[0] == "the connection to the dask scheduler was lost"
+        assert "Traceback" not in capfd.readouterr().err
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def test_an_experiment_that_a_worker_cannot_load(scheduler):

@@ -14,7 +14,7 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -43,8 +43,10 @@ BETWEEN = 1.0
 """Time between two looks at the workers of the cluster [s]."""
 CONNECT = 30.0
 """Time for one connection to a scheduler [s]."""
-PATIENCE = 120.0
-"""Time for connecting to a scheduler again [s]."""
+AGAIN = 10.0
+"""Time for one connection while the cluster computes [s]."""
+PATIENCE = 15.0
+"""Time for connecting to a lost scheduler again [s]."""
 MAX_RENEWALS = 5
 """How often the connection may be lost before the next result."""
 
@@ -103,17 +105,25 @@ class _Cluster:
         self._client: Any = None
         self._local: Any = None
         self._stopped: dict[int, float] = {}
+        self._settings = ExitStack()
+        self.where = scheduler or "this machine"
 
-    def connect(self) -> None:
-        """Connect, and describe the experiment to all workers."""
+    def connect(self, seconds: float | None = None) -> None:
+        """Connect within a time [s], and describe the experiment to all workers."""
         try:
             import distributed
+            from dask import config
 
             from rmpc_bench.execution.engines.dask_plugin import ExperimentPlugin
         except ModuleNotFoundError as error:
             raise WorkerError(f"engine dask: {error}; in a clone, {install('dask')} installs it") from None
         # Its classes have no annotations.
         dask: Any = distributed
+        # A lost scheduler is to be noticed soon, and said here instead of in the log of dask.
+        self._settings.close()
+        self._settings.enter_context(config.set({"distributed.comm.timeouts.connect": f"{AGAIN} s"}))
+        for name in ("distributed", "distributed.client"):
+            self._settings.enter_context(dask.utils.silence_logging_cmgr(logging.CRITICAL, name))
         try:
             if self._scheduler is None and self._local is None:
                 # An interruption before the assignment would leave processes that nobody ends.
@@ -126,26 +136,35 @@ class _Cluster:
                         memory_limit=0,
                         silence_logs=logging.CRITICAL,
                     )
-            self._client = dask.Client(self._scheduler or self._local, set_as_default=False, timeout=CONNECT)
+            self._client = dask.Client(self._scheduler or self._local, set_as_default=False, timeout=seconds or CONNECT)
             plugin = ExperimentPlugin(self._setup, local=self._local is not None)
             self._client.register_plugin(plugin, name=self._setup.key)
         except (OSError, TimeoutError, ValueError) as error:
-            where = self._scheduler or "this machine"
-            raise WorkerError(f"engine dask: no connection to the scheduler at {where}: {error}") from None
+            raise WorkerError(f"engine dask: no connection to the scheduler at {self.where}: {error}") from None
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the client of dask is without its scheduler."""
+        return bool(self._client.status != "running")
 
     def reconnect(self) -> None:
-        """Connect to the same scheduler again, which may be starting."""
+        """Connect to the same scheduler again, which may be starting.
+
+        Raises
+        ------
+        WorkerError
+            If it does not answer.
+        """
         until = time.monotonic() + PATIENCE
-        while True:
+        while (left := until - time.monotonic()) > 0:
             self._disconnect()
-            try:
-                self.connect()
-            except WorkerError:
-                if time.monotonic() > until:
-                    raise
-                time.sleep(1.0)
-            else:
-                return
+            with suppress(WorkerError):
+                return self.connect(left)
+            time.sleep(min(1.0, PATIENCE / 10))
+        raise WorkerError(
+            f"engine dask: the scheduler at {self.where} was lost, and has not answered again for {PATIENCE:g} s; "
+            "finished blocks are stored: start a scheduler and give the same command with its address"
+        )
 
     def submit(self, jobs: Sequence[Job]) -> Any:
         """Return a future with the report on jobs."""
@@ -185,6 +204,7 @@ class _Cluster:
         if self._local is not None:
             with suppress(Exception):
                 self._local.close(timeout=5)
+        self._settings.close()
 
 
 class _Futures:
@@ -222,6 +242,8 @@ class _Futures:
         if now - self._looked < BETWEEN:
             return
         self._looked = now
+        if self._cluster.is_lost:
+            self._renew([])
         self._n_threads = self._cluster.n_threads()
         self._queue.workers = max(self._n_threads, 1)
         for end in self._cluster.replace_stopped():
@@ -263,6 +285,9 @@ class _Futures:
         except WorkerError:
             raise
         except Exception as error:
+            if self._cluster.is_lost:
+                self._renew(jobs)
+                return
             self._errors += 1
             if self._errors == MAX_STARTS:
                 raise WorkerError(f"engine dask: {type(error).__name__}: {error}") from None
@@ -294,6 +319,6 @@ class _Futures:
             raise WorkerError("engine dask: the connection to the scheduler was lost several times")
         end = End("the connection to the dask scheduler was lost", outside=True)
         self._note(end.message, end)
-        self._left.extendleft([jobs, *(each for _, each in self._jobs.values())])
+        self._left.extendleft(each for each in [jobs, *(each for _, each in self._jobs.values())] if each)
         self._jobs.clear()
         self._cluster.reconnect()
