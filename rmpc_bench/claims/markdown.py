@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 
 from rmpc_bench.analysis.rounding import significant_text
@@ -12,8 +11,8 @@ from rmpc_bench.claims.comparison import ComparisonResult
 from rmpc_bench.claims.evidence import evidence, number_text
 from rmpc_bench.claims.size import Size
 from rmpc_bench.claims.verdict import ClaimVerdict
+from rmpc_bench.types.texts import inert_markdown
 
-_TAG = re.compile(r"<(?=[A-Za-z/!?])")
 INFORMATIONAL = "For information only: the configuration was modified or did not run at full size."
 _SECTIONS = ("What the paper says", "Additional results", "Suspected misprints")
 
@@ -156,7 +155,7 @@ def _line(text: str) -> str:
 
 def _text(text: str) -> str:
     """Write a text on one line, without HTML, code and links; formulas stay as they are."""
-    return _TAG.sub("&lt;", _line(text)).replace("`", "&#96;").replace("](", "]&#40;")
+    return inert_markdown(_line(text)).replace("`", "&#96;")
 
 
 def _code(text: str) -> str:

@@ -14,6 +14,7 @@ from rmpc_bench.report.sentences import explanation, sentence
 from rmpc_bench.report.summary import stacked
 from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.types import DesignError
+from rmpc_bench.types.texts import inert_markdown
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class ComparisonTable:
     def to_markdown(self) -> str:
         """Return the table with its notes as Markdown, ending with a line end."""
         columns = {str(name): [_cell(value) for value in self.frame[name]] for name in self.frame.columns}
-        return "\n".join([markdown_table(columns), "", *self.notes, ""])
+        return inert_markdown("\n".join([markdown_table(columns), "", *self.notes, ""]))
 
     def __str__(self) -> str:
         return "\n".join([*self.sentences, *self.notes])

@@ -14,6 +14,7 @@ from rmpc_bench.report.driver_sentences import method_sentences
 from rmpc_bench.report.summary import stacked
 from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.report.turning_sentences import turning_sentences
+from rmpc_bench.types.texts import inert_markdown
 
 MOST_POINTS = 12
 """Points of a sweep whose drivers stand on the page; drivers.csv has all."""
@@ -68,7 +69,7 @@ class DriversTable:
         parts += [f"{left} more point{'s' * (left > 1)} of the sweep: drivers.csv"] if left else []
         parts += [EXPLANATION] if parts else []
         parts += ["\n".join(f"- {text}" for text in self.turns)] if self.turns else []
-        return "\n\n".join(parts) + "\n" if parts else ""
+        return inert_markdown("\n\n".join(parts)) + "\n" if parts else ""
 
     def to_screen(self) -> list[str]:
         """Return the lines at the end of a run, the first one beginning with ``driven by``; none without drivers."""

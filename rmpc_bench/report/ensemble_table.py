@@ -6,7 +6,9 @@ import numpy as np
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
+from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.types import Array
+from rmpc_bench.types.texts import inert_markdown
 
 
 def ensemble_rows(trials: Trials) -> list[list[str]]:
@@ -53,9 +55,10 @@ def ensemble_screen(trials: Trials) -> str:
 
 def ensemble_markdown(trials: Trials) -> str:
     """Lay the table out as Markdown; empty where there is none."""
-    rows = ["| " + " | ".join(row) + " |" for row in ensemble_rows(trials)]
+    rows = ensemble_rows(trials)
     if not rows:
         return ""
     title = f": {trials.title}" if trials.title else ""
-    head = f"## Ensemble of the error at the end{title}"
-    return "\n".join([head, "", rows[0], "|" + " --- |" * 6, *rows[1:], "", "Bias, variance and P by component.", ""])
+    head = inert_markdown(f"## Ensemble of the error at the end{title}")
+    table = markdown_table(dict(zip(rows[0], zip(*rows[1:], strict=True), strict=True)))
+    return "\n".join([head, "", table, "", "Bias, variance and P by component.", ""])

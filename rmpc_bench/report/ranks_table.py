@@ -18,6 +18,7 @@ from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.figures.labels import marked
 from rmpc_bench.report.run_notes import short_time
 from rmpc_bench.report.tables import markdown_table
+from rmpc_bench.types.texts import inert_markdown
 
 _NUMBERS = ["ratio", "ratio_low", "ratio_high", "smallest", "largest"]
 COLUMNS = [
@@ -149,8 +150,8 @@ class RanksTable:
         """Return the table with its legend; empty without ranks."""
         if not self.columns:
             return ""
-        lines = [f"- {text}" for text in self.legend]
-        return "\n\n".join([f"# {self.trials.name}: ranks", markdown_table(self.columns), "\n".join(lines)]) + "\n"
+        parts = [f"# {self.trials.name}: ranks", markdown_table(self.columns)]
+        return inert_markdown("\n\n".join([*parts, "\n".join(f"- {text}" for text in self.legend)])) + "\n"
 
     def to_screen(self) -> str:
         """Return the table as plain text; empty without ranks."""

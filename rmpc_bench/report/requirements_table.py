@@ -16,6 +16,7 @@ from rmpc_bench.report.requirement_cells import difference as _difference
 from rmpc_bench.report.requirement_cells import share as _share
 from rmpc_bench.report.summary import stacked
 from rmpc_bench.report.tables import markdown_table
+from rmpc_bench.types.texts import inert_markdown
 
 _SHARES = ["pass_pct", "pass_low", "pass_high", "difference_pct", "difference_low", "difference_high"]
 
@@ -57,7 +58,7 @@ class RequirementsTable:
                 parts += [f"# {trials.title}"] * bool(trials.title)
                 parts.append(markdown_table(requirement_columns(trials, frame)))
         parts += [REQUIREMENTS_NOTE] if parts else []
-        return "\n\n".join(parts) + "\n" if parts else ""
+        return inert_markdown("\n\n".join(parts)) + "\n" if parts else ""
 
     def __str__(self) -> str:
         return "\n".join(self.sentences)

@@ -72,10 +72,14 @@ def to_markdown(text: str) -> str:
             mathml(formula[1])
         except FormulaError:
             continue
-        # A formula in a cell of a table must not end the cell.
-        found += [_literal(line[end : formula.start()]), formula[0].replace("|", r"\vert ")]
+        found += [_literal(line[end : formula.start()]), _inert(formula[0])]
         end = formula.end()
     return _LIST_MARK.sub(r"\1\\\2", "".join([*found, _literal(line[end:])]))
+
+
+def _inert(formula: str) -> str:
+    """Write a formula so that it neither ends the cell of a table nor begins a tag, a link or code."""
+    return formula.replace("|", r"\vert ").replace("<", r"\lt ").replace("](", "] (").replace("`", "'")
 
 
 def _literal(text: str) -> str:

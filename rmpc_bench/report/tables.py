@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
@@ -19,8 +18,8 @@ from rmpc_bench.report.run_notes import STEP_TIMES, failed_cells, held_cells, no
 from rmpc_bench.report.sentences import AVERAGES, explanation, sentence
 from rmpc_bench.report.worst_runs import worst_runs_columns
 from rmpc_bench.types import MetricInfo, Status
+from rmpc_bench.types.texts import inert_markdown
 
-_TAG = re.compile(r"<(?=[A-Za-z/!?])")
 GAPS = {"mean": 4, "median": 3, "change": 4, "other": 3, "won": 5, "n": 3, "verdict": 3}
 """Blanks before each column of the screen."""
 
@@ -103,7 +102,7 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
     Markdown, ending with a line end
     """
     runs, level = len(trials.runs), 100 * trials.confidence
-    name = f"{trials.name}: {trials.title}" if trials.title else trials.name
+    name = f"{trials.name}: {' '.join(trials.title.split())}" if trials.title else trials.name
     size = f"{_count(runs, 'run')} per method, seed {trials.seed}, intervals at {level:g} %."
     parts = [f"# {name}", f"One run of each method at each of {runs} points, all there are." if trials.alike else size]
     for info in trials.metrics:
@@ -126,7 +125,7 @@ def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.Data
         ("Checks that are meant to fail", declared_lines(trials)),
     ):
         parts += [f"## {head}", "\n".join(lines)] if lines else []
-    return "\n\n".join([*parts, *notes_markdown(trials)]) + "\n"
+    return inert_markdown("\n\n".join([*parts, *notes_markdown(trials)])) + "\n"
 
 
 def metric_columns(table: MetricTable) -> dict[str, list[str]]:
@@ -170,8 +169,7 @@ def markdown_table(columns: Mapping[str, Sequence[str]]) -> str:
 
 
 def _cell(text: str) -> str:
-    """Write the text of a cell without HTML and links; formulas and code stay as they are."""
-    return _TAG.sub("&lt;", text).replace("\n", " ").replace("|", r"\|").replace("](", "]&#40;")
+    return inert_markdown(text.replace("\n", " ")).replace("|", r"\|")
 
 
 def legend(table: MetricTable, *, on_screen: bool) -> list[str]:

@@ -16,6 +16,7 @@ from rmpc_bench.analysis.tuning_ranks import TuningRanks, tuning_ranks
 from rmpc_bench.report.tables import markdown_table
 from rmpc_bench.report.tuning_cells import objective_text, percent, rank_columns, rank_text, value_columns, value_text
 from rmpc_bench.report.tuning_sentences import EXPLANATION, end_sentences, rank_sentences, search_sentence
+from rmpc_bench.types.texts import inert_markdown
 from rmpc_bench.types.tuning import Tuning
 
 MOST_POINTS = 6
@@ -181,7 +182,7 @@ class TuningTable:
             parts += [markdown_table(ranks)] if ranks else []
             parts.append("\n".join(f"- {text}" for text in sentences))
         parts += [f"{self.n_left} more point{'s' * (self.n_left > 1)} of the sweep: tuning.csv"] if self.n_left else []
-        return "\n\n".join([*parts, EXPLANATION]) + "\n"
+        return inert_markdown("\n\n".join([*parts, EXPLANATION])) + "\n"
 
     def to_screen(self) -> list[str]:
         """Return the lines at the end of a run, the first one beginning with ``tuning``; none without tuning."""

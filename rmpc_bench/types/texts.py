@@ -1,4 +1,4 @@
-"""The characters that names and texts of a file must not contain, and how a screen shows them.
+"""What names and texts of a file must not contain, and what a screen and a page show of them.
 
 A name contains no character that a reader cannot see, since two names would look alike.  A text may, because some
 scripts and emoji need joiners.  Neither contains a control character or one that changes the direction of writing.
@@ -11,6 +11,8 @@ import unicodedata
 
 _DIRECTION = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _REFUSED = re.compile(f"[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff{_DIRECTION}]")
+_TAG = re.compile(r"<(?=[A-Za-z/!?])")
+_DEFINITION = re.compile(r"^([\s\d>#*.+)-]*\[[^\]\n]*\]):", re.MULTILINE)
 _UNSEEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
@@ -48,6 +50,17 @@ def visible(text: str) -> str:
     a\x1b[2Jb\u202e
     """
     return _REFUSED.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def inert_markdown(text: str) -> str:
+    r"""Return Markdown without HTML, links, images and definitions of links; formulas, code and tables stay.
+
+    Examples
+    --------
+    >>> inert_markdown("<b>a</b> [b](c) $x < 1$")
+    '&lt;b>a&lt;/b> [b]&#40;c) $x < 1$'
+    """
+    return _DEFINITION.sub(r"\1&#58;", _TAG.sub("&lt;", text).replace("](", "]&#40;"))
 
 
 def _said(character: str) -> str:

@@ -1,0 +1,100 @@
+"""Names and texts of a stranger in every file that a run writes: they stay texts."""
+
+import re
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import pytest
+from small_experiment import ran, write
+
+from rmpc_bench.types.texts import inert_markdown
+
+TAG, LINK = "<script>alert(1)</script>", "[l](javascript:alert(2))"
+COMMANDS = r"$\href{javascript:alert(3)}{x}$ \input{x} \write18{id} % $"
+METHODS = {
+    TAG: "{estimator: {kind: kalman}}",
+    '\\" onload=\\"alert(4)': "{estimator: {kind: robust-kalman, c: 0.1}, label: '"
+    + f"</title>{TAG} {COMMANDS}"
+    + "'}",
+    "=1+1": "{estimator: {kind: robust-kalman, c: 0.2}, label: '$a<script>[b](javascript:c)`d$'}",
+}
+CLAIM = "{says: 'S %s %s', source: '<i>Sec</i>', quote: '`%s`', assumptions: ['a %s'], check: 'mse[%s] < mse[=1+1]'}"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Run an experiment whose names are hostile, and return its directory."""
+    directory = tmp_path_factory.mktemp("hostile")
+    path = write(
+        directory,
+        title=f"'T {TAG} {LINK} {COMMANDS}'",
+        methods="{" + ", ".join(f'"{name}": {keys}' for name, keys in METHODS.items()) + "}",
+        evaluate="[runs, ensemble]",
+        figures="[boxplot]",
+        claims="[" + CLAIM % (TAG, LINK, TAG, TAG, TAG) + "]",
+    )
+    ran(path, directory / "out")
+    return directory / "out"
+
+
+def test_markdown(files):
+    """Outside of code no tag begins, and no link leaves the directory."""
+    pages = sorted(files.rglob("*.md"))
+    assert {"summary.md", "drivers.md", "claims.md", "report.md"} <= {page.name for page in pages}
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        text = re.sub(r"^(`{3,}).*?^\1$", "", text, flags=re.DOTALL | re.MULTILINE)
+        text = re.sub(r"(`+)(?!`).+?(?<!`)\1(?!`)", "", text)
+        text = re.sub(r"</?(?:details|summary)>", "", text)  # the page's own
+        assert "alert(1)" in text
+        assert not re.search(r"(?<!\\)<[A-Za-z/!?]", text), page
+        assert not re.search(r"(?<!\\)\]\(javascript", text), page
+
+
+class Elements(HTMLParser):
+    """Collects the elements of a page and their attributes."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attributes):
+        """Collect an element."""
+        self.found.append((tag, dict(attributes)))
+
+
+def test_pages_and_figures(files):
+    """The page has its own script only, no element acts on events, and a figure has no script."""
+    page = Elements()
+    page.feed((files / "report.html").read_text(encoding="utf-8"))
+    assert [tag for tag, _ in page.found].count("script") == 1
+    assert not [key for _, attributes in page.found for key in attributes if key.startswith("on")]
+    assert not [value for _, attributes in page.found if (value := attributes.get("href", "")).startswith("javascript")]
+    for figure in files.rglob("*.svg"):
+        for element in ElementTree.parse(figure).iter():
+            assert not element.tag.endswith("}script") and not [key for key in element.attrib if key.startswith("on")]
+
+
+def test_latex(files):
+    """Commands of a label are printed as text."""
+    tables = sorted((files / "tables").glob("*.tex"))
+    assert tables
+    for table in tables:
+        assert not re.search(r"^[^%].*\\(input|write|href)\b", table.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_csv_is_as_given(files):
+    """A spreadsheet may take `=1+1` for a formula: docs/security.md says so."""
+    assert "\n=1+1,mse," in (files / "summary.csv").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("text", ["a < b, $x<1$", "| a | [0.1, 0.2] (n) |", "- a [1, 2]; b: c", "`a` **b**"])
+def test_honest_markdown_stays(text):
+    """Comparisons, intervals, tables and marks."""
+    assert inert_markdown(text) == text
+
+
+@pytest.mark.parametrize("text", ["<b>", "</b>", "<!-- x", "<?x", "[a](b)", "![a](b)", "[a]: b", "- [a]: b"])
+def test_marks_that_are_no_text(text):
+    """Tags, links, images, and definitions of links."""
+    assert inert_markdown(text) != text
