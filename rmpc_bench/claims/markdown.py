@@ -154,8 +154,11 @@ def _line(text: str) -> str:
 
 
 def _text(text: str) -> str:
-    """Write a text on one line, without HTML, code and links; formulas stay as they are."""
-    return inert_markdown(_line(text)).replace("`", "&#96;")
+    """Write a text on one line, without HTML and links; formulas stay, and so does code that ends in the text."""
+    line = inert_markdown(_line(text))
+    # A backtick without another one would take the next code of this project for text.
+    is_closed = line.count("`") % 2 == 0 and "``" not in line and "\\`" not in line
+    return line if is_closed else line.replace("`", "&#96;")
 
 
 def _code(text: str) -> str:

@@ -18,7 +18,7 @@ METHODS = {
     + "'}",
     "=1+1": "{estimator: {kind: robust-kalman, c: 0.2}, label: '$a<script>[b](javascript:c)`d$'}",
 }
-CLAIM = "{says: 'S %s %s', source: '<i>Sec</i>', quote: '`%s`', assumptions: ['a %s'], check: 'mse[%s] < mse[=1+1]'}"
+CLAIM = "{says: 'S %s %s', source: '<i>Sec</i>', quote: '`%s`', assumptions: ['a `%s'], check: 'mse[%s] < mse[=1+1]'}"
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +49,12 @@ def test_markdown(files):
         assert "alert(1)" in text
         assert not re.search(r"(?<!\\)<[A-Za-z/!?]", text), page
         assert not re.search(r"(?<!\\)\]\(javascript", text), page
+
+
+def test_code_in_claims(files):
+    """A closed pair of backticks stays code; a single one would take the next expression for text."""
+    text = (files / "claims.md").read_text(encoding="utf-8")
+    assert '- quote: "`&lt;script>' in text and "  - a &#96;&lt;script>" in text
 
 
 class Elements(HTMLParser):
