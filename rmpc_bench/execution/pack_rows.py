@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from rmpc_bench.analysis.trials import Trials
+from rmpc_bench.received.arrays import check_width
 from rmpc_bench.types import Array
 
 TOLERANCE = 1e-9
@@ -33,6 +34,7 @@ def read_rows(path: Path) -> pd.DataFrame:
     ValueError
         If a number cannot be read, or there is no column `method`.
     """
+    check_width(path)
     table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
     texts = {*_TEXT, *table.columns[: list(table.columns).index("method")]}
     kinds = {name: np.int64 if name in _COUNTS else np.float64 for name in table if name not in texts}

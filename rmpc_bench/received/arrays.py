@@ -62,6 +62,14 @@ def columns(file: Path) -> dict[str, Float[Array, " samples"]]:
     return table
 
 
+def check_width(file: Path) -> None:
+    """Refuse a .csv file with too many columns, for which the readers of libraries need hours."""
+    with file.open("rb") as opened:
+        n_columns = 1 + max((line.count(b",") for line in opened), default=0)
+    if n_columns > MAX_COLUMNS:
+        raise ArrayFileError(f"{file.name} has {n_columns} columns, more than {MAX_COLUMNS}")
+
+
 def _npz_columns(file: Path) -> dict[str, Array]:
     """One column per array of numbers, or per column of it; others are left out."""
     table: dict[str, Array] = {}

@@ -133,7 +133,8 @@ def _is_installed(name: str) -> bool:
     places = [Path(each).resolve() for each in inside]
     if not places or places[0] in accepted:
         return bool(places)
-    sites = [Path(each).resolve() for each in (*site.getsitepackages(), site.getusersitepackages())]
+    named = [each for each in sys.path if Path(each).name in ("site-packages", "dist-packages")]
+    sites = [Path(each).resolve() for each in (*site.getsitepackages(), site.getusersitepackages(), *named)]
     if places[0].parent in sites:
         return name in packages_distributions()
     return any(places[0].is_relative_to(root) for root in _editable_roots(map(str, sites)))

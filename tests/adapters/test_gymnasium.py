@@ -180,7 +180,7 @@ def test_wrappers_of_a_registration_stay():
     [
         ({"env": "Pendulumm-v1"}, "env", "Did you mean: `Pendulum`?"),
         ({"env": "Pendulum-v1", "options": {"gg": 1}}, "env", "unexpected keyword argument 'gg'"),
-        ({"env": "no_such_package:Name-v0"}, "env", "No module named 'no_such_package'"),
+        ({"env": "no_such_package:Name-v0"}, "env", "no_such_package belongs to no installed distribution"),
         ({"env": "CartPole-v1"}, "action", "2 discrete actions"),
         ({"env": "CartPole-v1", "action": [1.0]}, "action", "has 1 values; the environment has 2 actions"),
         ({"env": "Pendulum-v1", "parameters": {"mm": 1.0}}, "parameters.mm", "did you mean 'm'?"),

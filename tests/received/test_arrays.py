@@ -13,6 +13,7 @@ import pytest
 import scipy.io
 import scipy.sparse
 
+from rmpc_bench.execution.pack_rows import read_rows
 from rmpc_bench.received.arrays import MAX_COLUMNS, MAX_ENTRIES, ArrayFileError, columns, matrices
 
 VALUES = {
@@ -151,6 +152,14 @@ def test_a_table_that_is_none_is_refused_at_once(tmp_path, name):
     with pytest.raises(ArrayFileError, match=text):
         columns(path)
     assert time.process_time() - start < 2.0
+
+
+def test_packed_rows_with_too_many_columns_are_refused(tmp_path):
+    """pandas needs more than ten minutes for 700,000 columns."""
+    path = tmp_path / "trials.csv"
+    path.write_text("method,run," + ",".join(f"c{i}" for i in range(700_000)) + "\n")
+    with pytest.raises(ArrayFileError, match=r"trials\.csv has 700002 columns, more than 10000"):
+        read_rows(path)
 
 
 def test_columns_of_a_table(tmp_path):
