@@ -19,13 +19,7 @@ if TYPE_CHECKING:
 
 
 def distance_from_best(values: Array, direction: str) -> Array:
-    """Return what is compared: the value, its size if 0 is best, max(value, 1/value) if 1 is best.
-
-    Parameters
-    ----------
-    values : (...) values of a metric
-    direction : of the metric, see `Direction`
-    """
+    """Return what is compared: the value, its size if 0 is best, max(value, 1/value) if 1 is best."""
     if direction == "zero":
         return np.abs(values)
     if direction == "one":
@@ -35,13 +29,7 @@ def distance_from_best(values: Array, direction: str) -> Array:
 
 
 def name_of_distance(info: MetricInfo, words: str = "") -> str:
-    """Name the quantity that `distance_from_best` returns.
-
-    Parameters
-    ----------
-    info : the metric
-    words : what stands for the metric; its label, else its name, if empty
-    """
+    """Name the quantity that `distance_from_best` returns, with `words` for the metric if there are any."""
     words = words or info.label or info.name
     return {"zero": f"|{words}|", "one": f"max({words}, 1/{words})"}.get(info.direction, words)
 

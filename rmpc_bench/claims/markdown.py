@@ -18,17 +18,9 @@ _SECTIONS = ("What the paper says", "Additional results", "Suspected misprints")
 
 
 def claims_markdown(verdicts: Iterable[ClaimVerdict], *, informational: bool, ending: str = "svg") -> str:
-    """Write claims.md.
+    """Write claims.md, with a line of its own for `informational` findings, of a changed or smaller experiment.
 
-    Parameters
-    ----------
-    verdicts : the verdicts; additional results and suspected misprints are moved behind the statements of the paper
-    informational : True when the configuration was modified or not at full size
-    ending : of the files of figures, to which the claims refer
-
-    Returns
-    -------
-    Markdown, ending with a newline
+    Additional results and suspected misprints are behind the statements of the paper; figures end with `ending`.
     """
     ordered = sorted(verdicts, key=lambda verdict: _SECTIONS.index(_section(verdict.claim)))
     lines = [INFORMATIONAL, ""] if informational else []

@@ -79,14 +79,7 @@ def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
 
 
 def show(written: Publication, seconds: float | None = None, *, notes: bool = True) -> None:
-    """Print what was published: the summary on stdout, what is missing in it on stderr.
-
-    Parameters
-    ----------
-    written : what `publish` has returned
-    seconds : how long the run took [s]; left out unless given
-    notes : whether to print to stderr
-    """
+    """Print the summary of what was published on stdout, with the duration [s], and what is missing on stderr."""
     if notes:
         for text in notes_of(written):
             click.echo(text, err=True)
@@ -101,13 +94,7 @@ def notes_of(written: Publication) -> list[str]:
 
 
 def code_of(written: Publication, *, strict: bool) -> int:
-    """Return the exit code of published results: failed runs, then a stopping rule, then findings.
-
-    Parameters
-    ----------
-    written : what `publish` has returned
-    strict : whether a finding that differs from its record counts
-    """
+    """Return the exit code of results: failed runs, then a stopping rule, then, with `strict`, findings that differ."""
     if written.results.trials.n_failed_trials > written.results.experiment.max_failures:
         return TOO_MANY_FAILURES
     stop = written.results.experiment.stop

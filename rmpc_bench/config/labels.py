@@ -46,12 +46,9 @@ class LabelError(ValueError):
 
 
 def labels_of(drafts: Sequence[DraftConfig], inherited: Callable[[Mark], bool] | None = None) -> dict[str, str]:
-    """Return the label of every method; an error in a template is added to the problems of the first draft.
+    """Return the label of every method at all points; an error in a template is a problem of the first draft.
 
-    Parameters
-    ----------
-    drafts : the sections of every point of the sweep; the labels are the same at all points
-    inherited : whether the value at a place is inherited; such a template is dropped where it cannot be filled in
+    A template at an inherited place is dropped where it cannot be filled in.
     """
     first = drafts[0]
     labels = {}
@@ -77,19 +74,7 @@ def labels_of(drafts: Sequence[DraftConfig], inherited: Callable[[Mark], bool] |
 
 
 def fill(template: str, method: str, points: Sequence[Mapping[str, Parameter]]) -> str:
-    """Return a template with the values of its parameters.
-
-    Parameters
-    ----------
-    template : the label as given
-    method : name of the method, for messages
-    points : parameters of the method at every point of the sweep, by their path
-
-    Raises
-    ------
-    LabelError
-        If a parameter is unknown, ambiguous or swept, or a brace is not closed; with the column in the template.
-    """
+    """Return a template with the values of the method, which its parameters have at every point; else LabelError."""
 
     def value(found: re.Match[str]) -> str:
         before = _PARAMETER.sub("", template[: found.start()]).replace(r"\$", "")
@@ -108,12 +93,7 @@ def fill(template: str, method: str, points: Sequence[Mapping[str, Parameter]]) 
 
 
 def written(value: Any, *, math: bool) -> str:
-    r"""Write a value as papers do: powers of ten below 1, plain decimals, else a mantissa and a power.
-
-    Parameters
-    ----------
-    value : plain data
-    math : whether the text stands inside a formula
+    r"""Write plain data as papers do: powers of ten below 1, plain decimals, else a mantissa and a power.
 
     Examples
     --------

@@ -31,34 +31,15 @@ EXTENDS = "extends"
 
 
 def parse(text: str, file: str, *, column: int = 1, may_extend: bool = False) -> Any:
-    """Read a text that holds one document.
+    """Read a text that holds one document; the value of an alias is shared, not copied.
 
-    Parameters
-    ----------
-    text : the YAML text
-    file : the name that errors and marks show
-    column : column of the first character of the text
-    may_extend : whether the text is a configuration, which may extend another one
-
-    Returns
-    -------
-    Map, Items or scalar.  The value of an alias is shared, not copied.
+    Places in it begin at `column` of `file`; a text that `may_extend` is a configuration, which may extend another one.
     """
     return _TreeBuilder(text.removeprefix("\ufeff"), file, column, may_extend).build()
 
 
 def load(path: str | Path) -> Any:
-    """Read a file.
-
-    Parameters
-    ----------
-    path : the YAML file
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read or is not valid YAML; the messages show the path as given.
-    """
+    """Read a file; a ConfigError, which shows the path as given, says why it is not valid YAML."""
     where = Path(path)
     try:
         return parse(content_of(where).decode("utf-8-sig"), str(path), may_extend=True)
@@ -87,17 +68,7 @@ class Override(NamedTuple):
 
 
 def parse_override(text: str) -> Override:
-    """Read the PATH=VALUE of ``-s``.
-
-    Parameters
-    ----------
-    text : what the user typed; the first ``=`` ends PATH, and VALUE is a YAML document (empty: null)
-
-    Raises
-    ------
-    ConfigError
-        If there is no ``=``, or PATH or VALUE cannot be read.
-    """
+    """Read the PATH=VALUE of ``-s``: the first ``=`` ends PATH, and VALUE is a YAML document (empty: null)."""
     path, equals, value = text.partition("=")
     file = f"-s {text}"
     if not equals:

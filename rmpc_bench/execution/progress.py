@@ -72,13 +72,7 @@ class Quiet(Silent):
 
 
 class Plain(Silent):
-    """A line every few seconds, for logs.
-
-    Parameters
-    ----------
-    seconds : time between two lines [s]
-    clock : returns the time [s]
-    """
+    """A line every few seconds [s], for logs; `clock` returns the time [s]."""
 
     def __init__(self, seconds: float = 5.0, clock: Callable[[], float] = time.monotonic) -> None:
         self._seconds, self._clock = seconds, clock
@@ -124,13 +118,7 @@ class Plain(Silent):
 
 
 class JsonLines(Plain):
-    """One JSON object per line, for programs: `event` is start, progress, message or stop.
-
-    Parameters
-    ----------
-    seconds : time between two lines [s]
-    clock : returns the time [s]
-    """
+    """One JSON object per line, for programs: `event` is start, progress, message or stop."""
 
     def __init__(self, seconds: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(seconds, clock)
@@ -244,10 +232,7 @@ HOW = ("auto", "bar", "plain", "json", "none")
 
 
 def choose(how: str) -> Progress:
-    """Return the display for one of `HOW`; ``auto`` is a bar on a terminal that can draw one, else plain lines.
-
-    ``quiet`` shows no messages either.
-    """
+    """Return the display for one of `HOW`; ``auto`` is a bar on a terminal that can draw one, else plain lines."""
     if how == "auto":
         how = "bar" if sys.stderr.isatty() and os.environ.get("TERM") != "dumb" else "plain"
     kinds: dict[str, Callable[[], Progress]]

@@ -12,12 +12,7 @@ from rmpc_bench.types.texts import inert_markdown
 
 
 def ensemble_rows(trials: Trials) -> list[list[str]]:
-    """Return a head and a row per method; nothing where no moments were evaluated.
-
-    Parameters
-    ----------
-    trials : the table of one point
-    """
+    """Return a head and a row per method of one point; nothing where no moments were evaluated."""
     rows = [["error at the end", "bias x - x_hat", "variance", "mean square", "reported covariance", ""]]
     for method in trials.methods:
         mean, cov, P = (_last(trials, quantity, method) for quantity in ("mean(e)", "cov(e)", "P"))

@@ -21,13 +21,7 @@ _LIST_MARK = re.compile(r"^(\s*)([-+]|\d+[.)])(?=\s)")
 def to_html(text: str) -> str:
     r"""Write a text as HTML; formulas become MathML, and one that is not covered stays as it is.
 
-    Parameters
-    ----------
-    text : plain text with formulas as ``$..$``; ``\$`` is a dollar sign
-
-    Returns
-    -------
-    HTML in which everything else is escaped; numbers have a minus sign, and intervals are not broken
+    Numbers have a minus sign, intervals are not broken, and ``\$`` is a dollar sign.
 
     Examples
     --------
@@ -55,10 +49,6 @@ def _plain(text: str) -> str:
 
 def to_markdown(text: str) -> str:
     r"""Write a text as Markdown of one line; formulas stay, as code hosts set them, and everything else is escaped.
-
-    Parameters
-    ----------
-    text : plain text with formulas as ``$..$``
 
     Examples
     --------
@@ -88,10 +78,6 @@ def _literal(text: str) -> str:
 
 def plain_text(text: str) -> str:
     r"""Write a text without the marks of formulas, for readers who hear it.
-
-    Parameters
-    ----------
-    text : plain text with formulas as ``$..$``
 
     Examples
     --------

@@ -27,21 +27,11 @@ BEST = {"zero": "best at 0", "one": "best at 1"}
 
 
 def screen(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame, metric: str) -> str:
-    """Lay out one metric as the plain text shown at the end of a run.
+    """Lay out one metric as the plain text shown at the end of a run, without a line end after the last line.
 
-    Parameters
-    ----------
-    trials : the table of trials
-    summary : of `rmpc_bench.analysis.statistics`
-    comparisons : of `rmpc_bench.analysis.comparison`
-    metric : name of the metric, the primary one as a rule
-
-    Returns
-    -------
-    a header, a line per method and a legend, without a line end after the last.  Runs failed and the runs that
-    comparisons rest on are there only where a run failed; the second average only where it contradicts the first;
-    where an event does not occur in a run, the share of these runs stands in place of the mean.  Without verdicts, as
-    after a smoke run, it has sizes and statuses only
+    Runs failed and the runs that comparisons rest on are there only where a run failed; the second average only where
+    it contradicts the first; where an event does not occur in a run, the share of these runs stands in place of the
+    mean.  Without verdicts, as after a smoke run, it has sizes and statuses only.
     """
     table = metric_table(trials, summary, comparisons, next(info for info in trials.metrics if info.name == metric))
     names = [line.method for line in table.lines]
@@ -89,18 +79,7 @@ def _laid_out(columns: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def summary_markdown(trials: Trials, summary: pd.DataFrame, comparisons: pd.DataFrame) -> str:
-    """Write the page of tables: per metric a table and its sentences, then the worst and the failed runs.
-
-    Parameters
-    ----------
-    trials : the table of trials
-    summary : of `rmpc_bench.analysis.statistics`
-    comparisons : of `rmpc_bench.analysis.comparison`
-
-    Returns
-    -------
-    Markdown, ending with a line end
-    """
+    """Write the page of tables: per metric a table and its sentences, then the worst and the failed runs."""
     runs, level = len(trials.runs), 100 * trials.confidence
     name = f"{trials.name}: {' '.join(trials.title.split())}" if trials.title else trials.name
     size = f"{_count(runs, 'run')} per method, seed {trials.seed}, intervals at {level:g} %."

@@ -62,20 +62,9 @@ def dask_cluster(
 ) -> Generator[Done]:
     """Do the tasks on a dask cluster; closing the generator ends the processes that it has started.
 
-    Parameters
-    ----------
-    experiments : one per point of the sweep
-    queue : what to do
-    workers : how many workers to start on this machine
-    scheduler : address of a scheduler, whose workers are used; None to start workers on this machine
-    limits : of time and memory, for each of the bench's processes
-    logs : directory that gets the output of components; None to let it pass to the output of the dask workers
-    note : gets a line and the end of every process that has ended early
-
-    Raises
-    ------
-    WorkerError
-        If distributed is not installed, the scheduler cannot be reached, or the workers cannot load the experiment.
+    Without the address of a `scheduler` it starts `workers` on this machine.  The output of components goes to files in
+    `logs`, and `note` gets a line and the end of every process that has ended early.  A WorkerError says that
+    distributed is not installed, the scheduler cannot be reached, or the workers cannot load the experiment.
     """
     queue.at_least(SECONDS)
     where = None if logs is None else logs.absolute()
@@ -91,14 +80,7 @@ def dask_cluster(
 
 
 class _Cluster:
-    """Connection to a scheduler, or to workers on this machine.
-
-    Parameters
-    ----------
-    setup : the experiment
-    scheduler : address of the scheduler; None to start workers on this machine
-    workers : how many of them
-    """
+    """Connection to a scheduler, or to workers on this machine, to which an experiment is described."""
 
     def __init__(self, setup: Setup, scheduler: str | None, workers: int) -> None:
         self._setup, self._scheduler, self._workers = setup, scheduler, workers
@@ -148,13 +130,7 @@ class _Cluster:
         return bool(self._client.status != "running")
 
     def reconnect(self) -> None:
-        """Connect to the same scheduler again, which may be starting.
-
-        Raises
-        ------
-        WorkerError
-            If it does not answer.
-        """
+        """Connect to the same scheduler again, which may be starting; WorkerError if it does not answer."""
         until = time.monotonic() + PATIENCE
         while (left := until - time.monotonic()) > 0:
             self._disconnect()
@@ -208,14 +184,7 @@ class _Cluster:
 
 
 class _Futures:
-    """The futures that are not finished, and the jobs that are left.
-
-    Parameters
-    ----------
-    cluster : where they are computed
-    queue : what to do
-    note : gets a line and the end of every process that has ended early
-    """
+    """The futures that are not finished, and the jobs that are left; `note` gets the ends of processes."""
 
     def __init__(self, cluster: _Cluster, queue: TaskQueue, note: Note) -> None:
         self._cluster, self._queue, self._note = cluster, queue, note
