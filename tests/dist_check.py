@@ -2,8 +2,9 @@
 
 Makes the source archive and, from it, the wheel.  Installs the wheel into a fresh environment outside the checkout,
 with the newest libraries for every Python of the machine, and with the lowest ones for the lowest Python, and runs the
-commands of a first day there.  A DeprecationWarning or FutureWarning that a call of this package causes is an error in
-these environments, in every process.  Environments with the same libraries must give the same trials.
+commands that a new user gives first.  A DeprecationWarning or FutureWarning that a call of this package causes is an
+error in these environments, in every process.  Environments with the same versions of the libraries that the project
+names must give the same trials.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ PYTHONS = [name.rpartition(" ")[2] for name in PROJECT["classifiers"] if re.sear
 """Pythons that the project names, such as 3.11, the lowest first."""
 BOUNDS = dict(requirement.split(">=") for requirement in PROJECT["dependencies"])
 PAPER = [f"run ma2025/{path.stem} --smoke" for path in sorted((ROOT / "configs" / "ma2025").glob("*.yaml"))]
-FIRST_DAY = "run quickstart; check --deep quickstart; describe kalman; init tanks; run tanks.yaml --smoke"
-COMMANDS = [*FIRST_DAY.split("; "), "run zenere2018/fig7 --smoke", *PAPER]
+FIRST = "run quickstart; check --deep quickstart; describe kalman; init tanks; run tanks.yaml --smoke"
+COMMANDS = [*FIRST.split("; "), "run zenere2018/fig7 --smoke", *PAPER]
 CATEGORIES = ("DeprecationWarning", "FutureWarning")
 FILTERS = (rf"warnings.filterwarnings('error', '', {name}, r'rmpc_bench(\.|$)')" for name in CATEGORIES)
 HOOK = "; ".join(["import warnings", *FILTERS])
@@ -44,20 +45,21 @@ PROBE = "import warnings; warnings.warn_explicit('', {}, '', 1, 'rmpc_bench.prob
 
 
 class Failure(Exception):
-    """A part of the check went otherwise than it should."""
+    """A step of the check failed."""
 
 
 class Outcome(NamedTuple):
     """What an environment has and what it computed."""
 
     name: str
-    versions: dict[str, str]
     seconds: float
-    trials: dict[str, str]  # place of a trials.csv -> start of its SHA-256
+    versions: str = ""  # of the dependencies that the project names
+    trials: str = ""  # a line per trials.csv: start of its SHA-256, and its place
+    failure: str = ""
 
 
 def call(command: list[str | Path], directory: Path, *, fails: bool = False) -> str:
-    """Run a command and return what it printed; a failure that was not expected ends the check."""
+    """Run a command and return what it printed; Failure if it fails or, with `fails`, if it succeeds."""
     dropped = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV")
     environment = {name: value for name, value in os.environ.items() if name not in dropped}
     environment["NUMBA_CACHE_DIR"] = str(directory / "numba")
@@ -74,8 +76,9 @@ def interpreters() -> Iterator[tuple[str, Path]]:
         name = f"python3.{minor}"
         places = [Path(folder) / name for folder in os.environ["PATH"].split(os.pathsep)]
         places += [path for folder in FOLDERS for path in sorted(folder.glob(f"*/bin/{name}"))]
-        # One of PATH may be a stub of a version manager, or lack the standard library.
-        ask = ["-c", "import ssl, sqlite3, sys; sys.exit(sys.implementation.name != 'cpython')"]
+        # One of PATH may be a stub of a version manager, lack the standard library, or come before its release.
+        good = "sys.implementation.name == 'cpython' and sys.version_info.releaselevel == 'final'"
+        ask = ["-c", f"import ssl, sqlite3, sys; sys.exit(not ({good}))"]
         for place in filter(Path.is_file, places):
             if subprocess.run([place, *ask], capture_output=True).returncode == 0:
                 yield f"3.{minor}", place
@@ -98,11 +101,11 @@ def build(directory: Path) -> Path:
 def install(python: Path, wheel: Path, directory: Path, *, lowest: bool) -> tuple[Path, dict[str, str]]:
     """Install the wheel into a fresh environment in which warnings are errors; return its Python and its libraries."""
     inside = directory / "venv" / "bin" / "python"
-    # The requirements of a wheel are direct ones only where they are given beside it.
+    # For uv the requirements of a wheel are indirect; those of pyproject.toml are direct.
     direct = ["--resolution", "lowest-direct", "-r", ROOT / "pyproject.toml"] if lowest else []
     call([UV, "venv", "--quiet", "--python", python, inside.parents[1]], directory)
     call([UV, "pip", "install", "--quiet", "--compile-bytecode", "--python", inside, *direct, wheel], directory)
-    frozen = call([UV, "pip", "freeze", "--quiet", "--python", inside], directory).splitlines()
+    frozen = call([UV, "pip", "freeze", "--python", inside], directory).splitlines()
     versions = dict(line.split("==") for line in frozen if "==" in line)
     higher = [name for name, bound in BOUNDS.items() if lowest and not versions[name].startswith(bound)]
     if higher:
@@ -114,44 +117,56 @@ def install(python: Path, wheel: Path, directory: Path, *, lowest: bool) -> tupl
     return inside, versions
 
 
-def tried(name: str, python: Path, wheel: Path, directory: Path) -> Outcome:
-    """Install the wheel, run the commands, and look for warnings that a simulation has counted."""
-    started, work = time.perf_counter(), directory / "work"
-    work.mkdir(parents=True)
-    inside, versions = install(python, wheel, directory, lowest=name.endswith("lowest"))
+def checked(name: str, python: Path, wheel: Path, directory: Path) -> Outcome:
+    """Check one environment; a failure belongs to its outcome, so that the others are checked as well."""
+    started, direct, trials, failure = time.perf_counter(), "", "", ""
+    (directory / "work").mkdir(parents=True)
+    try:
+        inside, versions = install(python, wheel, directory, lowest=name.endswith("lowest"))
+        direct = " ".join(f"{library} {versions[library]}" for library in BOUNDS)
+        trials = computed(inside.with_name("rmpc-bench"), directory / "work")
+    except Failure as error:
+        failure = str(error)
+    return Outcome(name, time.perf_counter() - started, direct, trials, failure)
+
+
+def computed(program: Path, work: Path) -> str:
+    """Run the commands, look for warnings that a simulation has counted, and return the trials as text."""
     for command in COMMANDS:
-        call([inside.with_name("rmpc-bench"), *command.split()], work)
+        call([program, *command.split()], work)
     for store in work.rglob("trials.sqlite"):
         with closing(sqlite3.connect(store)) as connection:
             texts = [text for (text,) in connection.execute("SELECT text FROM warnings")]
         if any(text.startswith(CATEGORIES) for text in texts):
             raise Failure(f"{store.relative_to(work)}: {texts}")
-    found = {path.relative_to(work).parent.as_posix(): path for path in sorted(work.rglob("trials.csv"))}
-    trials = {place: hashlib.sha256(path.read_bytes()).hexdigest()[:12] for place, path in found.items()}
-    return Outcome(name, versions, time.perf_counter() - started, trials)
+    found = [(hashlib.sha256(path.read_bytes()).hexdigest()[:12], path) for path in sorted(work.rglob("trials.csv"))]
+    return "\n".join(f"    {digest}  {path.relative_to(work)}" for digest, path in found)
 
 
 def main() -> int:
     """Check the distribution, print a paragraph per environment, and return the exit code."""
-    found, groups = dict(interpreters()), {}
+    found = dict(interpreters())
     work = [(f"Python {name}, newest", path) for name, path in found.items()]
     work += [(f"Python {name}, lowest", found[name]) for name in PYTHONS[:1] if name in found]
+    print("Pythons not found:", ", ".join(name for name in PYTHONS if name not in found) or "none")
     with TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
             wheel = build(Path(folder))
-            done = [*pool.map(lambda job, n: tried(*job, wheel, Path(folder, str(n))), work, range(len(work)))]
         except Failure as failure:
-            print(f"dist-check failed: {failure}", file=sys.stderr)
+            print(f"dist-check failed: {failure}")
             return 1
-    for each in done:
-        direct = " ".join(f"{name} {each.versions[name]}" for name in BOUNDS)
-        print(f"{each.name}: ok in {each.seconds:.0f} s with {direct}")
-        print(*(f"    {digest}  {place}/trials.csv" for place, digest in each.trials.items()), sep="\n")
-        groups.setdefault(str(each.versions), set()).add(str(each.trials))
-    print("Pythons not found:", ", ".join(name for name in PYTHONS if name not in found) or "none")
-    different = [versions for versions, trials in groups.items() if len(trials) > 1]
-    print("different trials with the same libraries:", "; ".join(different) or "none")
-    return 1 if different or not found else 0
+        outcomes = [*pool.map(lambda job, n: checked(*job, wheel, Path(folder, str(n))), work, range(len(work)))]
+    groups: dict[str, list[Outcome]] = {}
+    for each in outcomes:
+        print(f"{each.name}: {'FAILED' if each.failure else 'ok'} in {each.seconds:.0f} s with {each.versions}")
+        print(each.failure or each.trials)
+        groups.setdefault(each.versions, []).append(each)
+    different = False
+    for group in (each for each in groups.values() if len(each) > 1):
+        same = len({each.trials for each in group}) == 1
+        print(f"trials {'equal' if same else 'DIFFERENT'}: {'; '.join(each.name for each in group)}")
+        different |= not same
+    return 1 if different or not found or any(each.failure for each in outcomes) else 0
 
 
 if __name__ == "__main__":

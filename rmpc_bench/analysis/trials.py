@@ -341,7 +341,7 @@ class Trials:
 
 
 def stacked_rows(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Join tables; whether one without rows changes the type of a column depends on the version of pandas."""
+    """Join the tables that have rows: pandas versions differ in the types of columns that empty tables cause."""
     return pd.concat([table for table in tables if len(table)] or tables[:1], ignore_index=True)
 
 
