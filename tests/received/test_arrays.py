@@ -67,6 +67,7 @@ def saved(values, **options):
     return stream.getvalue()
 
 
+@pytest.mark.filterwarnings("ignore:The default value for `spmatrix`:DeprecationWarning")  # of the oracle, SciPy 1.18
 @pytest.mark.parametrize("options", [{}, {"do_compression": True}, {"format": "4"}])
 def test_numbers_of_matlab_files(options):
     """Oracle: SciPy reads the same from its own files; what are no full matrices of numbers have no numbers."""
