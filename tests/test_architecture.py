@@ -49,10 +49,9 @@ MAY_IMPORT = {
     "diagnostics": {"simulation", "noise", "numerics", "types"},
     "notices": set(),
     "replaced_file": set(),
-    "regular_file": set(),
+    # Everything stored or received is read here, before any room that uses it.
     # A name that is replaced or refused is said where a notebook shows it.
-    # Files that somebody else may have made are opened here.
-    "received": {"types", "replaced_file", "regular_file"},
+    "received": {"types", "replaced_file"},
     "registry": {"notices", "types", "installed"},
     "installed": set(),
     "extras": set(),
@@ -95,7 +94,6 @@ MAY_IMPORT = {
         "models",  # the key `disturbance` of every model
         "types",
         "rmpc_bench",
-        "regular_file",
         "received",
     },
     "execution": {
@@ -108,7 +106,6 @@ MAY_IMPORT = {
         "figures",
         "report",
         "replaced_file",
-        "regular_file",
         "received",
         "types",
         "numerics",  # whether compiled code is kept in a file

@@ -30,7 +30,7 @@ MEANINGS: Mapping[int, str] = {
     CANNOT_WRITE: "results cannot be written",
     INTERNAL: "internal error",
     OCCUPIED: "the directory holds another experiment, another process writes to it, or versions of libraries differ",
-    USAGE: "an option or the configuration is wrong",
+    USAGE: "an option or the configuration is wrong, or a stored file is damaged",
     TOO_MANY_FAILURES: "more runs have failed than `execution.max_failures`",
     STOP_UNMET: "the rule under `stop` is not met with `max_runs`",
     FINDING_DIFFERS: "a difference: with `--strict` the finding of a claim differs from its record, `compare` finds "
@@ -103,6 +103,13 @@ def code_of(written: Publication, *, strict: bool) -> int:
     return FINDING_DIFFERS if strict and written.differing else 0
 
 
+def code_of_store(error: Exception) -> int:
+    """Return the exit code of a directory that cannot be used: it is damaged, or it holds something else."""
+    from rmpc_bench.received.plain_files import DamagedError
+
+    return USAGE if isinstance(error, DamagedError) else OCCUPIED
+
+
 def _explain(error: BaseException, verb: str) -> int:
     if isinstance(error, KeyboardInterrupt):
         return _say(f"interrupted; {_LEFT.get(verb, _UNCHANGED)}", INTERRUPTED)
@@ -116,7 +123,7 @@ def _explain(error: BaseException, verb: str) -> int:
     if isinstance(error, ConfigError | MissingError | WorkerError):
         return _say(error, USAGE)
     if isinstance(error, StoreError):
-        return _say(error, OCCUPIED)
+        return _say(error, code_of_store(error))
     if isinstance(error, WriteError):
         return _say(f"results cannot be written: {error}; what was stored before is intact", CANNOT_WRITE)
     own = _own_code(error)

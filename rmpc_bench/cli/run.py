@@ -15,7 +15,7 @@ from rmpc_bench.cli import exits, own_code, run_options
 from rmpc_bench.cli.run_request import Request, ShardOption, check_division
 from rmpc_bench.cli.tuning import tuned_config, tuning_line
 from rmpc_bench.execution.interrupts import held
-from rmpc_bench.regular_file import noted
+from rmpc_bench.received.plain_files import noted
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -103,7 +103,7 @@ def run(**options: Any) -> int:
         return _run_all(request, config, directory, started, read)
     except StoreError as error:
         click.echo(f"{error}\nfor a new directory: {request.command(_free(directory))}", err=True)
-        return exits.OCCUPIED
+        return exits.code_of_store(error)
 
 
 def _is_skipped(config: Path) -> bool:
@@ -318,7 +318,8 @@ def _planned_runs(config: ExperimentConfig, stop: StoredStop | None, request: Re
 
 def _set_aside(directory: Path) -> None:
     """Rename a directory; nothing is ever deleted."""
-    from rmpc_bench.execution.store_file import FILE, StoreError, is_in_use, is_there
+    from rmpc_bench.received.plain_files import StoreError
+    from rmpc_bench.received.store import FILE, is_in_use, is_there
 
     if is_there(directory):  # without a store, whole or damaged, the directory counts as new
         if directory.resolve() in (Path.cwd(), *Path.cwd().parents):

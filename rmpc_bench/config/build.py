@@ -6,7 +6,6 @@ errors are reported at once.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import cast
 
@@ -26,6 +25,7 @@ from rmpc_bench.config.plausibility import warnings_of
 from rmpc_bench.config.recorded_data import metric_problem, refuse_runs
 from rmpc_bench.config.sweep_point import SweepPoint
 from rmpc_bench.config.uncertain_parameter import UncertainParameter
+from rmpc_bench.received.names import wrong_metric
 from rmpc_bench.registry import unknown
 from rmpc_bench.simulation.adversary import worst_sequence
 from rmpc_bench.simulation.moments import exact_laws
@@ -182,7 +182,7 @@ class _ExperimentBuilder:
             elif name in ("method", "run", "status", "n_failed"):
                 message = f"{name!r} is a column of the tables already; choose another name"
                 self.draft.note(["metrics", number], message)
-            elif not re.fullmatch(r"[A-Za-z_]\w*", name):
+            elif wrong_metric(name):
                 self.draft.note(["metrics", number], f"{name!r} is no name: letters, digits and _, since claims use it")
             names.add(name)
         return tuple(metric for metric in made if metric is not None)

@@ -11,7 +11,7 @@ from rmpc_bench.claims.claim import FINDINGS
 from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.config.reader import load
 from rmpc_bench.config.tree import Map
-from rmpc_bench.regular_file import text_of
+from rmpc_bench.received.plain_files import text_of
 from rmpc_bench.types import ConfigError
 
 

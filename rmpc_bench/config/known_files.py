@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import rmpc_bench
-from rmpc_bench.regular_file import note_absent
+from rmpc_bench.received.plain_files import note_absent
 
 FOLDER = "configs"
 SUFFIX = ".yaml"

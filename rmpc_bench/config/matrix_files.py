@@ -19,7 +19,7 @@ from rmpc_bench.config.known_files import MAX_NAME, is_file_name
 from rmpc_bench.config.tree import Items, Map, Mark, join, locate
 from rmpc_bench.expressions import quantity
 from rmpc_bench.received.arrays import MAX_ENTRIES, ArrayFileError, matrices
-from rmpc_bench.regular_file import content_of
+from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.types import Array, ConfigError, Problem
 
 SUFFIXES = (".mat", ".npz", ".csv")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -14,6 +13,7 @@ from rmpc_bench.config.key_errors import shown
 from rmpc_bench.config.short_forms import with_kind
 from rmpc_bench.config.tree import Map, locate_key, merge
 from rmpc_bench.config.tuned_methods import read_tuned
+from rmpc_bench.received.names import wrong_method
 from rmpc_bench.types import Count
 from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT, TuningProtocol
 
@@ -50,10 +50,8 @@ def read_method_section(draft: DraftConfig) -> None:
         draft.note(["methods"], "there must be at least one method")
     for name, own in (methods or {}).items():
         path: list[str | int] = ["methods", name]
-        if not name.strip() or re.search(r"[\[\],\n]", name):
-            draft.note(
-                path, "the name of a method must not be empty or contain brackets, commas or line breaks", key=True
-            )
+        if wrong_method(name):
+            draft.note(path, wrong_method(name), key=True)
         if own is None:
             own = Map(mark=locate_key(draft.tree, path))
         if not isinstance(own, Map):

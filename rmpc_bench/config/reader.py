@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import yaml  # type: ignore[import-untyped]
 
 from rmpc_bench.config.tree import DELETE, MAX_DEPTH, Items, Map, Mark, join, scalar, split
-from rmpc_bench.regular_file import content_of
+from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.types import ConfigError, Problem
 from rmpc_bench.types.texts import refused_in_name, refused_in_text
 

@@ -16,13 +16,14 @@ from rmpc_bench.config.stop_section import StopKeys
 from rmpc_bench.config.tune_section import TuneKeys
 from rmpc_bench.expressions.quantity import number
 from rmpc_bench.expressions.units import n_bytes, seconds
+from rmpc_bench.received.names import EXPERIMENT
 from rmpc_bench.types import Count, NonNegative, Positive
 
 MAX_STEPS = 1_000_000
 MAX_RUNS = 10_000_000
 """Larger numbers are out of the supported range: their arrays would not fit into memory."""
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+Name = Annotated[str, Field(pattern=EXPERIMENT)]
 Text = Annotated[str, Len(1)]
 
 

@@ -12,9 +12,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
-from rmpc_bench.execution.damage import decoded
 from rmpc_bench.execution.database import Database
 from rmpc_bench.execution.timed_writes import TimedWrites
+from rmpc_bench.received.store import decoded
 from rmpc_bench.types import Array
 
 SIZE = 1000
@@ -72,7 +72,7 @@ class Columns:
 
     def read(self, column: Column, n_runs: int) -> tuple[Int[Array, " stored"], Shaped[Array, " stored"]]:
         """Return the stored runs below a number, in their order, and their values."""
-        query = "SELECT number, stored, data FROM chunks WHERE column = ? AND number <= ? ORDER BY number"
+        query = "SELECT number AS chunk, stored, data FROM chunks WHERE column = ? AND number <= ? ORDER BY number"
         runs, parts = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=_TYPES[column.kind])]
         with self._reading():
             rows = self._database.read(query, (self._find(column), (n_runs - 1) // SIZE))
@@ -100,7 +100,7 @@ class Columns:
 
     def stored(self, column: Column, n_runs: int) -> Bool[Array, " n_runs"]:
         """Return which of the first runs have a value."""
-        query = "SELECT number, stored, length(data) FROM chunks WHERE column = ? AND number <= ?"
+        query = "SELECT number AS chunk, stored, length(data) AS length FROM chunks WHERE column = ? AND number <= ?"
         found = np.zeros(n_runs, dtype=bool)
         with self._reading():
             rows = self._database.read(query, (self._find(column), (n_runs - 1) // SIZE))
@@ -113,10 +113,12 @@ class Columns:
 
     def stop(self, column: Column) -> int:
         """Return the number after the last run that has a value; 0 if none has one."""
-        query = "SELECT number, length(data) FROM chunks WHERE column = ? ORDER BY number DESC LIMIT 1"
+        query = (
+            "SELECT number AS chunk, length(data) AS length FROM chunks WHERE column = ? ORDER BY number DESC LIMIT 1"
+        )
         with self._reading():
             rows = self._database.read(query, (self._find(column),))
-        return sum(group * SIZE + length // _TYPES[column.kind].itemsize for group, length in rows)
+        return sum(group * SIZE + min(length // _TYPES[column.kind].itemsize, SIZE) for group, length in rows)
 
     def names(self, kind: Kind, owner: str) -> list[str]:
         """Return the names of the columns of a kind that belong to a key, sorted."""

@@ -12,6 +12,7 @@ from jaxtyping import Int
 from rmpc_bench.execution.chunks import ranges
 from rmpc_bench.execution.database import Statement
 from rmpc_bench.execution.durations import Durations
+from rmpc_bench.received.plain_files import STORED, checked
 from rmpc_bench.types import Array, Journal, RunFailure, Status
 
 WORDS = {int(status): status.word for status in Status}
@@ -70,7 +71,8 @@ def read_failures(read: Read, method: int, n_runs: int) -> list[RunFailure]:
     n_runs : runs from this one on are left out
     """
     rows = read("SELECT failure FROM failures WHERE method = ? AND run < ? ORDER BY run", (method, n_runs))
-    return [RunFailure(**json.loads(text)) for (text,) in rows]
+    found = [checked(text.encode(), STORED["failures.failure"], any_text=True) for (text,) in rows]
+    return [RunFailure(**{name: each[name] for name in RunFailure._fields if name in each}) for each in found]
 
 
 def read_failed_steps(read: Read, method: int, n_runs: int) -> dict[int, dict[str, int]]:
@@ -101,5 +103,7 @@ def read_durations(read: Read, method: int, n_runs: int) -> dict[str, Durations]
     found: dict[str, Durations] = {}
     query = "SELECT phase, largest, counts FROM durations WHERE method = ? AND first < ? ORDER BY phase, first"
     for phase, largest, counts in read(query, (method, n_runs)):
-        found.setdefault(phase, Durations()).add(Durations(Counter(dict(json.loads(counts))), largest))
+        found.setdefault(phase, Durations()).add(
+            Durations(Counter(dict(checked(counts.encode(), STORED["durations.counts"]))), largest)
+        )
     return found

@@ -83,8 +83,7 @@ def _here(config: ExperimentConfig, methods: Collection[str]) -> dict[str, tuple
 
 def _stored(store: Store) -> dict[str, dict[str, list[str]]]:
     """Return key of the trials -> library -> the versions that have computed them."""
-    found: dict[str, dict[str, list[str]]] = json.loads(store.meta(_KEY) or "{}")
-    return found
+    return store.data(_KEY)
 
 
 def _note(store: Store, stored: dict[str, dict[str, list[str]]], here: dict[str, tuple[str, dict[str, str]]]) -> None:

@@ -17,7 +17,7 @@ from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.execution.libraries import OF_THE_BENCH, all_versions
 from rmpc_bench.received.consent import commit_of
-from rmpc_bench.regular_file import text_of
+from rmpc_bench.received.plain_files import MANIFEST, json_of
 from rmpc_bench.replaced_file import replace_text
 
 FILE = "manifest.json"
@@ -81,18 +81,15 @@ class Session:
 
 
 def read(directory: Path) -> dict[str, Any]:
-    """Return the manifest of a directory; empty when there is none that can be read."""
-    try:
-        data = json.loads(text_of(directory / FILE))
-    except (OSError, ValueError):
-        return {}
-    return data if isinstance(data, dict) else {}
+    """Return the manifest of a directory; empty where there is none."""
+    found: dict[str, Any] = json_of(directory / FILE, MANIFEST, "remove the file, and `rmpc-bench run` writes it") or {}
+    return found
 
 
 def looks(directory: Path) -> list[int]:
     """Return the numbers of runs at which verdicts were published, in the order of time."""
-    found = read(directory).get("looks", [])
-    return [n for n in found if isinstance(n, int)] if isinstance(found, list) else []
+    found: list[int] = read(directory).get("looks", [])
+    return found
 
 
 def note_look(directory: Path, n_runs: int) -> None:
@@ -116,8 +113,8 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
     """
     here, parts = read(directory), {name: read(place) for name, place in shards.items()}
     first = next((part for part in parts.values() if part), {})
-    own = [session for session in _sessions(here) if session.get("shard") not in shards]
-    of_shards = [{"shard": name} | session for name, part in parts.items() for session in _sessions(part)]
+    own = [session for session in here.get("sessions", []) if session.get("shard") not in shards]
+    of_shards = [{"shard": name} | session for name, part in parts.items() for session in part.get("sessions", [])]
     _write(directory / FILE, {**first, **here, "looks": looks(directory), "sessions": [*own, *of_shards]})
     found: dict[str, dict[str, list[str]]] = {}
     for name, part in parts.items():
@@ -129,11 +126,6 @@ def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
         for library, versions in found.items()
         if len(versions) > 1
     ]
-
-
-def _sessions(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    found = data.get("sessions", [])
-    return [session for session in found if isinstance(session, dict)] if isinstance(found, list) else []
 
 
 def _write(path: Path, data: dict[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -116,7 +115,7 @@ def _read(directory: Path, *, partial: bool, say: Callable[[str], None]) -> tupl
     finished: _Finished = {}
     for shard, store in readable_shards(directory, say, also_running=not partial, also_damaged=not partial):
         experiment = read_experiment(store)
-        parts.append(_ShardRecord(shard, experiment, json.loads(store.meta(LIBRARIES) or "{}"), store.file_names()))
+        parts.append(_ShardRecord(shard, experiment, store.data(LIBRARIES), store.file_names()))
         _add_finished(finished, experiment, store)
     if parts and (directory / FILE).exists():
         with Store(directory, writable=False) as store:
@@ -249,7 +248,7 @@ def _copy(
     ):
         if shard not in taken:
             continue
-        store.claim(experiment.hash, json.loads(other.meta("shared") or "{}"), other.file_names())
+        store.claim(experiment.hash, other.data("shared"), other.file_names())
         store.copy_from(other)
         join_libraries(store, other)
         here = _array_names(read_experiment(other)) & wanted

@@ -35,6 +35,7 @@ from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.execution.verification import Verification
 from rmpc_bench.received.archive import ArchiveError, note_verification, open_archive
 from rmpc_bench.received.consent import reason_against_archive
+from rmpc_bench.received.plain_files import CLAIMS, DamagedError, json_of
 from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 
 if TYPE_CHECKING:
@@ -200,8 +201,8 @@ class _Packed:
     def _claims(self) -> list[ClaimRecord]:
         file = self._directory / "claims.json"
         try:
-            claims: list[ClaimRecord] = json.loads(file.read_text(encoding="utf-8"))["claims"] if file.exists() else []
-        except (ValueError, KeyError, TypeError) as error:
+            claims: list[ClaimRecord] = (json_of(file, CLAIMS, "pack the results again") or {"claims": []})["claims"]
+        except DamagedError as error:
             raise ArchiveError(f"{self._path}: claims.json cannot be read ({error})") from None
         return claims
 

@@ -19,7 +19,7 @@ from rmpc_bench.execution.results import Results
 from rmpc_bench.figures.rendering import Rendering
 from rmpc_bench.figures.sweep_points import MOST_PANELS
 from rmpc_bench.figures.tuning import MOST_METHODS
-from rmpc_bench.regular_file import text_of
+from rmpc_bench.received.plain_files import text_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.page.context import page_context

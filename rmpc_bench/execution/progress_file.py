@@ -28,6 +28,7 @@ from rmpc_bench.execution.engines.tasks import Done
 from rmpc_bench.execution.running_mean import RunningMean, mean_of
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.store import Store
+from rmpc_bench.received.plain_files import PROGRESS, DamagedError, json_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.types import Array, Status
 
@@ -203,7 +204,10 @@ class ProgressFile(Following):
 
     def is_up_to_date(self) -> bool:
         """Whether the file of an earlier session says that all trials are stored, as they are."""
-        data = read(self._path.parent) or {}
+        try:
+            data = read(self._path.parent) or {}
+        except DamagedError:
+            return False
         return data.get("state") == FINISHED and data.get("done") == data.get("total") == self.total == self.done
 
     def _count_stored(self) -> None:
@@ -283,11 +287,8 @@ def write(path: Path, data: dict[str, Any]) -> None:
 
 def read(directory: Path) -> dict[str, Any] | None:
     """Return the content of progress.json; None where there is no such file."""
-    try:
-        data = json.loads((directory / FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return data if isinstance(data, dict) else None
+    found: dict[str, Any] | None = json_of(directory / FILE, PROGRESS, "`rmpc-bench run` writes it again")
+    return found
 
 
 def _now() -> str:

@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rmpc_bench
-from rmpc_bench.execution.store_file import FILE as STORE
-from rmpc_bench.regular_file import content_of
+from rmpc_bench.received.plain_files import DamagedError, content_of, json_of
+from rmpc_bench.received.store import FILE as STORE
 from rmpc_bench.replaced_file import replace_text
 
 if TYPE_CHECKING:
@@ -39,6 +39,14 @@ TUNING = "tuning.json"
 """Record of a tuning, from which values of the configuration come."""
 _LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "jinja2", "fonttools", "pydantic", "pyyaml")
 """Libraries that decide what is in the configuration and in the derived files."""
+_TEXTS = dict.fromkeys(("head", "tail"), str)
+_SHAPE = {
+    "fingerprint": str,
+    "state": (str, None),
+    "command": {"arguments": [str], "read": {str: str}, "beside": [str]},
+    "shown": {**_TEXTS, "said": list, "notes": list, "timed": bool, "uncompared": bool, "codes": [int]},
+    "files": {str: [int]},
+}
 _COUNTER = slice(24, 28)
 """Bytes of an SQLite file that count its changes."""
 
@@ -96,7 +104,7 @@ class Command:
     Parameters
     ----------
     arguments : everything given that decides the configuration and what is shown
-    read : absolute path -> SHA-256 of a file; empty for one that is not there, see `regular_file.noted`
+    read : absolute path -> SHA-256 of a file; empty for one that is not there, see `plain_files.noted`
     beside : all configurations in the directory of the first one, as claims name those of other files
     """
 
@@ -155,8 +163,8 @@ def up_to_date(config: ExperimentConfig, directory: Path, options: Collection[st
 def _shown(directory: Path, is_same: Callable[[Mapping[str, Any], Path], bool]) -> Shown | None:
     """Return what a directory has to show if it was made from the same and all its files are as they were written."""
     try:
-        data = json.loads(content_of(directory / FILE))
-        if not is_same(data, directory):
+        data = json_of(directory / FILE, _SHAPE, "")
+        if data is None or not is_same(data, directory):
             return None
         files: Mapping[str, Any] = data["files"]
         # `status` reads it; what it says changes without a change of the results.
@@ -164,8 +172,8 @@ def _shown(directory: Path, is_same: Callable[[Mapping[str, Any], Path], bool]) 
         if any(_mark(directory / name) != mark for name, mark in files.items()):
             return None
         return Shown(**data["shown"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        # There is no such file, or not one of this version.
+    except (OSError, TypeError, DamagedError):
+        # It is not one of this version; it is written again.
         return None
 
 

@@ -36,7 +36,7 @@ from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.numerics.code_cache import cache_remark
-from rmpc_bench.regular_file import content_of
+from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.replaced_file import replace_text, replaced
 from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.recording import kept

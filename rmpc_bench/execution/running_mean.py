@@ -32,7 +32,7 @@ class RunningMean(NamedTuple):
             return RunningMean(n_other=self.n_other + other.n_other)
         difference = other.mean - self.mean
         mean = self.mean + difference * other.n / n
-        m2 = self.m2 + other.m2 + difference**2 * self.n * other.n / n
+        m2 = self.m2 + other.m2 + difference * difference * self.n * other.n / n
         return RunningMean(n, mean, m2, self.n_other + other.n_other)
 
 

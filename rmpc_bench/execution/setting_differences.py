@@ -121,8 +121,7 @@ def _text(value: Any) -> str:
 
 def _shared(directory: Path) -> dict[str, Any]:
     with Store(directory, writable=False) as store:
-        found = json.loads(store.meta("shared") or "{}")
-    return found if isinstance(found, dict) else {}
+        return store.data("shared")
 
 
 def _resolved(directory: Path) -> dict[str, Any]:

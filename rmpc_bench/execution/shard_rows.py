@@ -116,7 +116,7 @@ def readable_shards(
 
 def join_libraries(store: Store, other: Store) -> None:
     """Note the versions of libraries that have computed the rows of another store."""
-    here, there = json.loads(store.meta(LIBRARIES) or "{}"), json.loads(other.meta(LIBRARIES) or "{}")
+    here, there = store.data(LIBRARIES), other.data(LIBRARIES)
     joined = {key: dict(libraries) for key, libraries in here.items()}
     for key, libraries in there.items():
         before = joined.setdefault(key, {})

@@ -16,8 +16,8 @@ FOLDER = "shards"
 """Directory of the shards in a results directory."""
 MOST_SHIFT = 0.1
 """How far the end of a shard may move to the end of a group of runs, as a share of the runs of a shard."""
-_TEXT = re.compile(r"(\d+)/(\d+)")
-_NAME = re.compile(r"([1-9]\d*)-of-([1-9]\d*)")
+_TEXT = re.compile(r"(\d{1,5})/(\d{1,5})")
+_NAME = re.compile(r"([1-9]\d{0,4})-of-([1-9]\d{0,4})")
 
 
 class Shard(NamedTuple):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import rmpc_bench
-from rmpc_bench.claims.claim import Finding
+from rmpc_bench.claims.claim import FINDINGS
 from rmpc_bench.claims.record import ClaimsRecord
 from rmpc_bench.claims.table import claims_record
 from rmpc_bench.execution.page_files import PAGE
 from rmpc_bench.execution.publish import Publication, experiment_record
-from rmpc_bench.regular_file import text_of
+from rmpc_bench.received import plain_files
+from rmpc_bench.received.plain_files import json_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.report.page.headline import headline
 from rmpc_bench.report.page.index_page import KINDS, IndexEntry, index_context
@@ -31,33 +31,10 @@ class KeptClaims(NamedTuple):
 
 
 def kept_claims(directory: Path) -> KeptClaims | None:
-    """Read the claims.json of a directory; None where there is none, or none that can be read.
-
-    Parameters
-    ----------
-    directory : of an experiment
-    """
-    try:
-        data: Any = json.loads(text_of(directory / CLAIMS))
-        usable = _is_usable(data)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None
-    return KeptClaims(directory, data) if usable else None
-
-
-def _is_usable(data: Any) -> bool:
-    """Whether all that an index shows is there; a file of another version may lack some of it."""
-    experiment = data["experiment"]
-    texts = [experiment["name"], experiment["title"], experiment["command"]]
-    for claim in data["claims"]:
-        texts += [claim["statement"], claim["source"], claim["id"] or "", Finding(claim["joined"]).value]
-        if claim["kind"] not in KINDS:
-            return False
-    return (
-        isinstance(experiment["runs"], int)
-        and isinstance(experiment["final"], bool)
-        and all(isinstance(text, str) for text in texts)
-    )
+    """Read the claims.json of a directory of an experiment; None where there is none, or one of another version."""
+    data: Any = json_of(directory / CLAIMS, plain_files.CLAIMS, "`rmpc-bench report` of its trials writes it again")
+    words = [(claim["kind"] in KINDS, claim["joined"] in FINDINGS) for claim in data["claims"]] if data else []
+    return KeptClaims(directory, data) if data and all(map(all, words)) else None
 
 
 def write_site(published: Sequence[Publication | KeptClaims], to: Path) -> list[Path]:

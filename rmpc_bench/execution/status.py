@@ -149,28 +149,22 @@ def read_status(directory: str | Path, *, now: datetime | None = None) -> Experi
     Raises
     ------
     MissingError
-        If there is no progress.json, or another program has written it.
+        If there is no progress.json.
+    DamagedError
+        If another program has written it.
     """
-    place = Path(directory)
-    try:
-        return _read(place, now or datetime.now(UTC))
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        text = f"{place}: a {FILE} is damaged, or another version has written it ({type(error).__name__}: {error})"
-        raise MissingError(f"{text}; `rmpc-bench run` writes it again") from None
-
-
-def _read(place: Path, now: datetime) -> ExperimentStatus:
+    place, now = Path(directory), now or datetime.now(UTC)
     whole = read(place)
     found = {shard: data for shard, path in shards_in(place, FILE).items() if (data := read(path)) is not None}
     if whole is None and not found:
         raise MissingError(f"{place}: there is no {FILE}; `rmpc-bench run` writes it while it computes")
-    newest = max(found.values(), key=_updated, default=None)
-    if newest is None or (whole is not None and _updated(whole) >= _updated(newest)):
+    newest = max(found, key=lambda shard: _updated(found[shard]), default=None)
+    if newest is None or (whole is not None and _updated(whole) >= _updated(found[newest])):
         assert whole is not None
         return _status(place, whole, [(_shard_status("", whole, now), whole)], [])
-    absent = _absent(found, newest)
+    absent = _absent(found, newest.total)
     shards = [(_shard_status(shard.name, data, now), data) for shard, data in found.items()]
-    return _status(place, newest, shards, absent)
+    return _status(place, found[newest], shards, absent)
 
 
 def _status(
@@ -182,15 +176,15 @@ def _status(
     means: dict[tuple[str, str], RunningMean] = {}
     for _, data in shards:
         for each in data.get("means", []):
-            mean = RunningMean(int(each["n"]), _float(each["mean"]), _float(each["m2"]), int(each["n_other"]))
-            key = str(each["point"]), str(each["method"])
+            mean = RunningMean(each["n"], _float(each["mean"]), _float(each["m2"]), each["n_other"])
+            key = each["point"], each["method"]
             means[key] = means.get(key, RunningMean()).joined(mean)
     shown = sorted([*(shard for shard, _ in shards), *absent], key=_order)
     return ExperimentStatus(
-        name=str(first["name"]),
+        name=first["name"],
         directory=directory,
         shards=tuple(shown),
-        metric=str(first["metric"]),
+        metric=first["metric"],
         means=tuple((*key, mean) for key, mean in means.items()),
         total=sum(shard.total for shard in shown),
         done=sum(shard.done for shard in shown),
@@ -202,9 +196,9 @@ def _order(shard: ShardStatus) -> tuple[int, int]:
     return (int(count), int(number)) if count else (0, 0)
 
 
-def _absent(found: Mapping[Shard, Mapping[str, Any]], newest: Mapping[str, Any]) -> list[ShardStatus]:
+def _absent(found: Mapping[Shard, Mapping[str, Any]], count: int) -> list[ShardStatus]:
     """Return the shards of the newest division that have no file; others have computed the same runs before."""
-    count = int(newest["shard"].partition("-of-")[2])
+    newest = max((data for shard, data in found.items() if shard.total == count), key=_updated)
     missing = [shard for number in range(1, count + 1) if (shard := Shard(number, count)) not in found]
     n_runs, n_here = newest["n_runs"], newest["runs"][1] - newest["runs"][0]
     tunes = newest.get("stage", "")
@@ -222,17 +216,11 @@ def _shard_status(name: str, data: Mapping[str, Any], now: datetime) -> ShardSta
     return ShardStatus(
         name=name,
         state=state,
-        runs=(int(data["runs"][0]), int(data["runs"][1])),
-        total=int(data["total"]),
-        done=int(data["done"]),
-        failed={str(word): int(n) for word, n in data["failed"].items()},
-        host=str(data["host"]),
-        pid=int(data["pid"]),
+        runs=(data["runs"][0], data["runs"][1]),
+        **{key: data[key] for key in ("total", "done", "failed", "host", "pid", "rate", "why")},
         age_seconds=age,
-        rate=float(data["rate"]),
-        left_seconds=float(data["left_seconds"]) if state == RUNNING and data["left_seconds"] is not None else None,
-        why=str(data["why"]),
-        stage=str(data.get("stage", "")),
+        left_seconds=data["left_seconds"] if state == RUNNING else None,
+        stage=data.get("stage", ""),
     )
 
 

@@ -19,8 +19,7 @@ import numpy as np
 from jaxtyping import Int, Int8
 
 from rmpc_bench.execution.chunks import Column, Columns
-from rmpc_bench.execution.damage import damage, decoded
-from rmpc_bench.execution.database import Database, Statement, StoreError, WriteError
+from rmpc_bench.execution.database import FILE, Database, Statement, StoreError, WriteError
 from rmpc_bench.execution.differences import Names, differences
 from rmpc_bench.execution.durations import Durations
 from rmpc_bench.execution.ensemble_table import as_array, as_bytes, read_groups, with_stored_runs
@@ -30,6 +29,8 @@ from rmpc_bench.execution.store_copy import Opened, copy_rows
 from rmpc_bench.execution.stored_method import StoredMethod
 from rmpc_bench.execution.stored_runs import covered, rows_of_others, runs_with, without_traces
 from rmpc_bench.execution.timed_writes import TimedWrites
+from rmpc_bench.received.plain_files import STORED, checked
+from rmpc_bench.received.store import array_of, damaged, decoded
 from rmpc_bench.simulation.closed_loop import Block
 from rmpc_bench.simulation.ensemble import Group
 from rmpc_bench.simulation.scenario import Recording
@@ -61,6 +62,7 @@ class Store:
         self._database = Database(directory, writable=writable)
         self._writes = TimedWrites(self._database)
         self._columns = Columns(self._database, self._writes)
+        self._unpacked: dict[str, int] = {}
 
     def __enter__(self) -> Store:
         """Return itself."""
@@ -102,6 +104,18 @@ class Store:
         rows = self._read("SELECT value FROM meta WHERE key = ?", (key,))
         return str(rows[0][0]) if rows else None
 
+    def data(self, key: str) -> dict[str, Any]:
+        """Read plain data that was set with `set_meta`; empty where there are none."""
+        found: dict[str, Any] = self._checked(key, self.meta(key) or "{}")
+        return found
+
+    def _checked(self, what: str, text: str) -> Any:
+        """Return the value of a JSON text of the store."""
+        try:
+            return checked(text.encode(), STORED[what])
+        except ValueError as error:
+            raise damaged(self.directory, f"{what}: {error}") from None
+
     def set_meta(self, key: str, value: str) -> None:
         """Set a value."""
         self._write([("INSERT OR REPLACE INTO meta VALUES (?, ?)", [(key, value)])])
@@ -130,7 +144,11 @@ class Store:
         rows = self._read("SELECT shape, data FROM arrays WHERE name = ?", (name,))
         with decoded(self.directory):
             [(shape, data)] = rows
-            return as_array(zlib.decompress(data)).reshape(json.loads(shape))
+            # Numbers that hardly change take little room, so that much more than the size of the file may be honest.
+            most = 25_000_000 + 3 * (self.directory / FILE).stat().st_size - sum(self._unpacked.values())
+            array = array_of(shape, data, most + self._unpacked.get(name, 0))
+            self._unpacked[name] = array.size
+            return array
 
     def has_trials(self, method: str) -> bool:
         """Whether a run of a method is stored."""
@@ -148,7 +166,7 @@ class Store:
         ----------
         also : the same of the configuration
         """
-        return {**json.loads(self.meta("files") or "{}"), **(also or {})}
+        return {**self.data("files"), **(also or {})}
 
     def claim(self, experiment: str, shared: Mapping[str, Any], files: Names | None = None) -> None:
         """Assign the directory to an experiment, or check that it already belongs to it.
@@ -180,8 +198,8 @@ class Store:
             If it belongs to another one, with the differences.
         """
         if self.meta("experiment") != experiment:
-            before, after = json.loads(self.meta("shared") or "{}"), json.loads(json.dumps(shared))
-            lines = differences(before, after, self.file_names(files))
+            with decoded(self.directory):
+                lines = differences(self.data("shared"), json.loads(json.dumps(shared)), self.file_names(files))
             raise StoreError(f"{self.directory} holds another experiment:\n" + "\n".join(f"  {line}" for line in lines))
 
     def register(self, methods: Iterable[StoredMethod]) -> None:
@@ -210,7 +228,8 @@ class Store:
         the codes that have computed a run, and the number of runs that exactly these have computed
         """
         query = "SELECT key, code FROM methods JOIN keys ON number = method WHERE definition = ? ORDER BY method"
-        others = {key: json.loads(code) for key, code in self._read(query, (method.definition,)) if key not in current}
+        rows = self._read(query, (method.definition,))
+        others = {key: self._checked("methods.code", code) for key, code in rows if key not in current}
         return rows_of_others(self._columns, method.key, others, n_runs)
 
     def finished(
@@ -328,7 +347,8 @@ class Store:
 
     def warnings(self, method: str, n_runs: int) -> dict[str, int]:
         """Text of a warning of a component -> how often it was given, the most frequent one first."""
-        query = "SELECT text, sum(n) FROM warnings WHERE method = ? AND first < ? GROUP BY text ORDER BY 2 DESC, text"
+        counted = "SELECT text, sum(n) AS n FROM warnings WHERE method = ? AND first < ?"
+        query = f"{counted} GROUP BY text ORDER BY 2 DESC, text"
         return dict(self._read(query, (self._number(method), n_runs)))
 
     def durations(self, method: str, n_runs: int) -> dict[str, Durations]:
@@ -340,7 +360,7 @@ class Store:
         """Run indices and numbers of the statuses of a method, in the order of the runs."""
         runs, status = self._columns.read(Column("status", method), n_runs)
         if len(status) and not 0 <= status.min() <= status.max() < len(WORDS):
-            raise StoreError(damage(self.directory, "a status has no meaning"))
+            raise damaged(self.directory, "a status has no meaning")
         return runs, status
 
     def column(self, method: str, n_runs: int) -> tuple[list[int], list[str]]:

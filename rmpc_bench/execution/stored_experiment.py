@@ -7,27 +7,29 @@ else of the experiment: they build no design and load no code, and they need no 
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, get_args
 
 from rmpc_bench.claims.claim import Claim
 from rmpc_bench.claims.papers import usual_parameters
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.report_section import ReportKeys
 from rmpc_bench.config.sweep_point import key_of_trials
-from rmpc_bench.execution.database import MissingError, StoreError
+from rmpc_bench.execution.database import FILE, MissingError
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_method import StoredMethod, each_once
 from rmpc_bench.execution.stored_stop import StoredStop, read_looks
+from rmpc_bench.received.names import wrong_experiment, wrong_method, wrong_metric
+from rmpc_bench.received.store import MOST_RUNS, damaged
 from rmpc_bench.simulation.scenario import Recording
 from rmpc_bench.types import MetricInfo
+from rmpc_bench.types.metric import Direction
 from rmpc_bench.types.requirement import Requirement
 from rmpc_bench.types.tuning import StoredTuning
 
 KEY = "layout"
-METRIC_NAME = re.compile(r"[A-Za-z_]\w{0,199}")
 WAY_OUT = "`rmpc-bench run` with its configuration adds it and computes nothing again"
 
 
@@ -226,51 +228,91 @@ class StoredExperiment:
 
 
 def write_experiment(store: Store, experiment: StoredExperiment, arrays: Mapping[str, Any]) -> None:
-    """Store what reports need of an experiment in place of what is there.
-
-    Parameters
-    ----------
-    store : an open store
-    experiment : the record
-    arrays : the arrays that it names
-
-    Raises
-    ------
-    WriteError
-        If it cannot be written.
-    """
+    """Store what reports need of an experiment in place of what is there, with the arrays that it names."""
     store.set_layout(KEY, json.dumps(asdict(experiment)), arrays)
 
 
 def added_methods(store: Store) -> dict[str, str]:
     """Return the methods that the command line has added to an experiment -> their texts."""
-    text = store.meta(KEY)
-    found = json.loads(text).get("added", {}) if text is not None else {}
-    return {str(name): str(method) for name, method in found.items()}
+    found = store.data(KEY).get("added", {})
+    return {str(name): str(method) for name, method in found.items()} if isinstance(found, dict) else {}
 
 
 def read_experiment(store: Store) -> StoredExperiment:
     """Read what reports need of the experiment that a store belongs to.
 
-    Raises
-    ------
-    MissingError
-        If it is missing, because an earlier version wrote the store, or because the writer never came to it.
+    `MissingError` where it is missing, because an earlier version wrote the store, or because the writer never came to
+    it; `DamagedError` where a name or a number is none that a configuration may have.
     """
     # pydantic is imported by the commands that need it only.
     from pydantic import TypeAdapter, ValidationError
 
-    text = store.meta(KEY)
-    if text is None:
+    data = store.data(KEY)
+    if not data:
         raise MissingError(f"{store.directory}: an earlier version wrote it without what a report needs; {WAY_OUT}")
     try:
-        found = TypeAdapter(StoredExperiment).validate_python(json.loads(text))
-        if all(METRIC_NAME.fullmatch(metric.name) for point in found.points for metric in point.metrics):
-            return _with_looks(found, store)
-        # Files have the names of metrics, and a store of somebody else may hold `../../name`.
-        raise StoreError(f"{store.directory}: the store is damaged: a metric has no valid name")
-    except (ValidationError, ValueError, RecursionError):
-        raise MissingError(f"{store.directory}: another version has written what a report needs; {WAY_OUT}") from None
+        found = TypeAdapter(StoredExperiment).validate_python(data)
+    except (ValidationError, ValueError, RecursionError) as error:
+        first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": (), "msg": str(error)}
+        where = f"layout.{'.'.join(map(str, first['loc']))}: {first['msg']}"[:200]
+        text = f"{store.directory / FILE}: another version has written what a report needs ({where})"
+        raise MissingError(f"{text}; {WAY_OUT}") from None
+    if wrong := next(_wrong(found), ""):
+        raise damaged(store.directory, f"layout.{wrong}")
+    return _with_looks(found, store)
+
+
+def _wrong(found: StoredExperiment) -> Iterator[str]:
+    """Say which fields a configuration could not have: files have the names of experiments, papers and metrics."""
+    for key, text in (("name", found.name), ("paper", found.paper)):
+        if text is not None and wrong_experiment(text):
+            yield f"{key} {wrong_experiment(text)} (got {text[:60]!r})"
+    if not found.points or not found.points[0].methods or not found.points[0].metrics:
+        yield "points: there must be a point with a method and a metric"
+        return
+    for number, point in enumerate(found.points):
+        yield from (f"points.{number}.{text}" for text in _wrong_point(found, point))
+    methods, metrics = found.methods, [metric.name for metric in found.points[0].metrics]
+    for key, names, known in (
+        ("baseline", [found.baseline], methods),
+        ("primary", [found.primary], metrics),
+        ("report.order", found.report.order or [], methods),
+        ("report.metrics", found.report.metrics or [], metrics),
+        ("requirements", [each.metric for each in found.requirements], metrics),
+        ("average", [found.average], ("geometric", "mean", "both")),
+        ("headline", [found.headline], ("geometric", "mean")),
+    ):
+        for name in names:
+            if name not in known:
+                yield f"{key} names {name[:60]!r}, which is none of {', '.join(known)[:200]}"
+    numbers = {"n_runs": found.n_runs - 1, "max_failures": found.max_failures}
+    if not (0 < found.confidence < 1 and 0 <= found.relevant < math.inf):
+        yield f"confidence or relevant is out of range (got {found.confidence}, {found.relevant})"
+    if found.stop is not None:
+        numbers |= {"stop.max_runs": found.stop.max_runs, "stop.looks.wanted": found.stop.looks.wanted}
+    yield from _out_of_range(numbers)
+
+
+def _wrong_point(found: StoredExperiment, point: StoredPoint) -> Iterator[str]:
+    yield from _out_of_range({"nx": point.nx, "n_steps": point.n_steps - 1, "n_recorded": point.n_recorded})
+    if not 0 <= point.Ts < math.inf or not 0 <= point.seed < 2**63:
+        yield f"Ts or seed is out of range (got {point.Ts}, {str(point.seed)[:60]})"
+    for metric in point.metrics:
+        if wrong_metric(metric.name):
+            yield f"metrics: a metric has no valid name: {wrong_metric(metric.name)} (got {metric.name[:60]!r})"
+        if metric.direction not in get_args(Direction) or metric.name not in point.metric_keys:
+            yield f"metrics.{metric.name}: has no direction, or no key"
+    for name in point.methods:
+        if wrong_method(name):
+            yield f"methods: {wrong_method(name)} (got {name[:60]!r})"
+    if not {*point.coordinates} >= {*found.paths} or (found.alike and [*point.methods] != [*found.methods]):
+        yield "coordinates or methods differ from those of the experiment"
+
+
+def _out_of_range(numbers: Mapping[str, int]) -> Iterator[str]:
+    for key, number in numbers.items():
+        if not 0 <= number <= MOST_RUNS:
+            yield f"{key} is out of range (up to {MOST_RUNS})"
 
 
 def _with_looks(experiment: StoredExperiment, store: Store) -> StoredExperiment:

@@ -105,22 +105,11 @@ def note_looks(store: Store, looks: Looks) -> None:
 
 
 def read_looks(store: Store) -> Looks | None:
-    """Return the looks that a store has, of whatever rule; None where there is none.
-
-    Parameters
-    ----------
-    store : an open store
-    """
+    """Return the looks that a store has, of whatever rule; None where there is none."""
+    data = store.data(KEY)
     try:
-        data = json.loads(store.meta(KEY) or "null")
-        if data is None:
-            return None
-        numbers, texts = [*data["runs"], data["wanted"]], [data["key"], *data["open"]]
-        # Somebody else may have written the store.
-        if not (all(type(n) is int and n >= 0 for n in numbers) and all(isinstance(text, str) for text in texts)):
-            return None
-        return Looks(data["key"], tuple(data["runs"]), data["wanted"], bool(data["is_met"]), tuple(data["open"]))
-    except (TypeError, ValueError, KeyError):
+        return Looks(data["key"], tuple(data["runs"]), data["wanted"], data["is_met"], tuple(data["open"]))
+    except KeyError:
         # Another version has written it; the looks are taken again.
         return None
 

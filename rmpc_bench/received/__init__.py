@@ -1,1 +1,11 @@
-"""The door for files that somebody else may have made: each is read here, with its types, sizes and names checked."""
+"""Everything stored or received is read here: types, sizes and names are checked before anything uses a value.
+
+| format | read by |
+|---|---|
+| regular files of limited size, JSON: manifest, progress, published, tuning, claims | `plain_files` |
+| trials.sqlite | `store` |
+| names in them, as in a configuration | `names` |
+| archives of `pack` | `archive` |
+| arrays and tables: .npz, .mat, .csv | `arrays` |
+| what may execute; the one start of git | `consent` |
+"""

@@ -24,7 +24,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import unquote, urlparse
 
-from rmpc_bench.regular_file import text_of
+from rmpc_bench.received.plain_files import text_of
 
 NO_CODE = "RMPC_BENCH_NO_CODE"
 """Environment variable that refuses everything that could execute when it is 1."""

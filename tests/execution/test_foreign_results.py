@@ -12,7 +12,7 @@ from small_experiment import cli, ran, write
 
 from rmpc_bench import load_results
 from rmpc_bench.execution.database import MissingError, StoreError, WriteError
-from rmpc_bench.execution.store_file import FILE
+from rmpc_bench.received.store import FILE
 
 HOSTILE = "<script>alert(1)</script>|`x`$\\input{/etc/passwd}$ =HYPERLINK(1) ![](http://x) %"
 KEYS = {
@@ -50,7 +50,7 @@ def outside(place):
 
 def test_symbolic_links_at_every_file(place):
     """Each is replaced by a file, or read; what it leads to stays as it is."""
-    files = [path for path in place.rglob("*") if path.is_file() and path.name != FILE]
+    files = [path for path in place.rglob("*") if path.is_file() and path.name not in (FILE, "manifest.json")]
     for file in files:
         file.unlink()
         file.symlink_to(place.parent / "precious")
@@ -67,6 +67,9 @@ def test_pipes_at_every_file(place):
     for file in [path for path in place.rglob("*") if path.is_file() and path.name != FILE]:
         file.unlink()
         os.mkfifo(file)
+    result = cli("report", place)
+    assert result.exit_code == 2 and "manifest.json: is not a regular file" in result.stderr
+    (place / "manifest.json").unlink()
     assert cli("report", place).exit_code == 0
 
 
@@ -113,7 +116,7 @@ def test_a_metric_named_like_a_path(place):
         text = text.replace('[["mse"', '[["../../evil"')
         connection.execute("UPDATE meta SET value = ? WHERE key = 'layout'", (text,))
     result = cli("report", place)
-    assert result.exit_code == 5 and "a metric has no valid name" in result.stderr
+    assert result.exit_code == 2 and "a metric has no valid name" in result.stderr
     assert outside(place) == before
 
 
@@ -145,5 +148,5 @@ def test_blobs_of_a_wrong_length(place, table, cut):
         # A status is one byte: runs seem to be missing.
         assert result.exit_code in (0, 2, 5)
     else:
-        assert result.exit_code == 5 and "the store is damaged" in result.stderr, result.output
+        assert result.exit_code == 2 and "the store is damaged" in result.stderr, result.output
     assert "Traceback" not in result.stderr

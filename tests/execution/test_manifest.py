@@ -10,6 +10,7 @@ from rmpc_bench import __version__, load_config
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.manifest import Session
 from rmpc_bench.received.consent import commit_of
+from rmpc_bench.received.plain_files import DamagedError
 
 
 @pytest.fixture
@@ -82,12 +83,13 @@ def test_other_versions_are_said(tmp_path, config):
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "\x00"])
-def test_a_broken_manifest_is_begun_again(tmp_path, config, text):
-    """It is not worth losing trials for."""
+def test_a_broken_manifest_is_refused(tmp_path, config, text):
+    """It has the number of looks; the message says what removes it."""
     (tmp_path / "manifest.json").write_text(text)
-    assert manifest.read(tmp_path) == {}
-    sit(tmp_path, config)
-    assert len(manifest.read(tmp_path)["sessions"]) == 1
+    with pytest.raises(DamagedError, match="manifest.json: .*remove the file"):
+        with Session(tmp_path, config, (), print):
+            pass
+    assert (tmp_path / "manifest.json").read_text() == text
 
 
 def test_no_manifest(tmp_path):
@@ -96,7 +98,7 @@ def test_no_manifest(tmp_path):
 
 
 def test_looks_are_kept_from_session_to_session(tmp_path, config):
-    """Each number of runs once, in the order of time; without a manifest, or with a broken list, there are none."""
+    """Each number of runs once, in the order of time; a broken list of them is an error."""
     manifest.note_look(tmp_path, 200)
     assert manifest.looks(tmp_path) == []
     sit(tmp_path, config)
@@ -105,4 +107,5 @@ def test_looks_are_kept_from_session_to_session(tmp_path, config):
     sit(tmp_path, config)
     assert manifest.looks(tmp_path) == [200, 400]
     (tmp_path / "manifest.json").write_text('{"looks": 7}')
-    assert manifest.looks(tmp_path) == []
+    with pytest.raises(DamagedError, match="looks: must be a list"):
+        manifest.looks(tmp_path)

@@ -67,10 +67,10 @@ def test_texts_of_kept_findings_are_escaped(site):
 
 @pytest.mark.parametrize("change", [{"claims": None}, {"claims": [{"kind": "other"}]}, {"experiment": {"name": "a"}}])
 def test_findings_of_another_version_are_not_used(site, tmp_path, change):
-    """The directory is then one without a store: exit code 2 and its name."""
+    """Exit code 2, the file and what it lacks."""
     tiny = tmp_path / "tiny"
     shutil.copytree(site / "p" / "tiny", tiny)
     record = json.loads((tiny / "claims.json").read_text()) | change
     (tiny / "claims.json").write_text(json.dumps(record))
     result = cli("report", tiny, tiny, "--to", tmp_path / "to")
-    assert result.exit_code == 2 and "there is no trials.sqlite" in result.stderr
+    assert result.exit_code == 2 and "claims.json: " in result.stderr

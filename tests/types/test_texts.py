@@ -40,3 +40,9 @@ def test_what_is_shown_can_be_shown():
     assert shown == "a\\x1b]0;pwn\\x07\tb\\u202e\n\\udc80"
     assert visible(shown) == shown
     assert not any(refused_in_text(visible(each)) for each in ALL)
+
+
+def test_stored_files_refuse_the_same_characters():
+    """Otherwise results of an accepted configuration could not be read again."""
+    every = "".join(map(chr, range(0x110000)))
+    assert HIDDEN.findall(every) == [each for each in every if refused_in_text(each)]

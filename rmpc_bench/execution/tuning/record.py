@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.execution.database import StoreError
 from rmpc_bench.execution.shards import FOLDER as SHARDS
-from rmpc_bench.regular_file import text_of
+from rmpc_bench.received import plain_files
+from rmpc_bench.received.plain_files import TUNING, DamagedError, json_of, text_of
 from rmpc_bench.replaced_file import replace_text
 from rmpc_bench.types import Array
 from rmpc_bench.types.tuning import TunedParameter, TuningProtocol, TuningSearch
@@ -93,14 +93,14 @@ def read_record(directory: Path) -> dict[str, Found]:
 
 
 def _read(path: Path) -> dict[str, Found]:
+    way_out = "remove the file, and `rmpc-bench run` tunes again"
+    data = json_of(path, TUNING, way_out, MAX_BYTES) or {"version": None}
     try:
-        data = json.loads(text_of(path, MAX_BYTES))
         if data["version"] != _VERSION:
             raise ValueError("another version of the bench has written it")
         return {str(key): _found(entry) for key, entry in data["searches"].items()}
-    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
-        text = f"{path}: is no record of a tuning ({error}); remove the file, and `rmpc-bench run` tunes again"
-        raise StoreError(text) from None
+    except (ArithmeticError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise DamagedError(f"{path}: is no record of a tuning ({error}); {way_out}") from None
 
 
 def _found(entry: Mapping[str, Any]) -> Found:
@@ -195,11 +195,8 @@ def _rows(values: Float[Array, "n runs"]) -> str:
 
 def read_seconds(directory: Path) -> dict[str, float]:
     """Return key of a search -> computing time of its trials [s]; empty where it is not known."""
-    try:
-        data = json.loads(text_of(directory / FOLDER / SECONDS))
-        return {str(key): float(value) for key, value in data.items()}
-    except (OSError, ValueError, TypeError, AttributeError):
-        return {}
+    found: dict[str, float] = json_of(directory / FOLDER / SECONDS, plain_files.SECONDS, "remove the file") or {}
+    return found
 
 
 def add_seconds(directory: Path, seconds: Mapping[str, float]) -> None:

@@ -11,7 +11,7 @@ from stored_rows import n_stored
 
 from rmpc_bench.execution.database import Database
 from rmpc_bench.execution.store import Store
-from rmpc_bench.execution.store_file import FILE, FORMAT, MissingError, StoreError, check_file, is_in_use
+from rmpc_bench.received.store import FILE, FORMAT, MissingError, StoreError, check_file, is_in_use
 
 FIRST_FORMAT = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -146,7 +146,7 @@ def test_a_look_at_the_file_keeps_the_lock(tmp_path):
     import subprocess
     import sys
 
-    code = "import sys; from pathlib import Path; from rmpc_bench.execution.store_file import is_in_use"
+    code = "import sys; from pathlib import Path; from rmpc_bench.received.store import is_in_use"
     code += "; sys.exit(is_in_use(Path(sys.argv[1])))"
     with Store(tmp_path):
         check_file(tmp_path / FILE, writable=True)

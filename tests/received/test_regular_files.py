@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_experiment import KEYS, cli, write
 
-from rmpc_bench.regular_file import MAX_BYTES, content_of
+from rmpc_bench.received.plain_files import MAX_BYTES, content_of
 from rmpc_bench.types.errors import MAX_QUOTED, shortened
 
 SPECIAL = {

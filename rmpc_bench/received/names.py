@@ -1,0 +1,46 @@
+"""Rules for names: those of a stored layout pass the same checks as those of a configuration.
+
+Files have the names of experiments, papers, metrics and figures, and a terminal shows all names.
+"""
+
+from __future__ import annotations
+
+import re
+
+EXPERIMENT = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+"""Name of an experiment or a paper, which is that of a directory."""
+METRIC = re.compile(r"[A-Za-z_]\w{0,199}")
+"""Name of a metric, which is that of a table."""
+HIDDEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Characters that no text may contain, those of `types.texts`, which imports NumPy: controls and directions."""
+_IN_METHOD = re.compile(r"[\[\],\n\t]")
+_LONGEST = 10_000
+
+
+def wrong_text(text: object) -> str:
+    """Say what is wrong with a text that is shown; empty where nothing is."""
+    if not isinstance(text, str):
+        return "must be text"
+    found = HIDDEN.search(text)
+    if found is not None:
+        return f"contains the control character U+{ord(found[0]):04X}"
+    return f"has more than {_LONGEST} characters" if len(text) > _LONGEST else ""
+
+
+def wrong_method(text: object) -> str:
+    """Say what is wrong with the name of a method; empty where nothing is."""
+    if isinstance(text, str) and (not text.strip() or _IN_METHOD.search(text)):
+        return "the name of a method must not be empty or contain brackets, commas or line breaks"
+    return wrong_text(text)
+
+
+def wrong_experiment(text: object) -> str:
+    """Say what is wrong with the name of an experiment or a paper; empty where nothing is."""
+    if isinstance(text, str) and len(text) <= _LONGEST and re.fullmatch(EXPERIMENT[1:-1], text):
+        return ""
+    return "must be a name of letters, digits, _, - and points"
+
+
+def wrong_metric(text: object) -> str:
+    """Say what is wrong with the name of a metric; empty where nothing is."""
+    return "" if isinstance(text, str) and METRIC.fullmatch(text) else "must be a name of letters, digits and _"

@@ -1,0 +1,309 @@
+"""Content of a file that is named by a user or lies in a directory of somebody else, and of JSON in it.
+
+A pipe without a writer would never end, and a device such as /dev/zero has no end: only regular files of limited size
+are read.  JSON is checked for its nesting, names that are given twice, and the type and range of every field that is
+used.  This module imports no NumPy, since `run` with nothing to do needs none.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from datetime import datetime
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from rmpc_bench.received.names import HIDDEN, wrong_text
+
+
+def wrong_time(text: object) -> str:
+    """Say what is wrong with a time of day; empty where nothing is."""
+    try:
+        good = isinstance(text, str) and datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        good = False
+    return "" if good else "must be a time with its zone, such as 2026-01-31T12:00:00+00:00"
+
+
+def wrong_size(value: object) -> str:
+    """Say what is wrong with a number that is not negative; empty where nothing is."""
+    return "" if type(value) in (int, float) and 0 <= value < 1e308 else "must be a number that is not negative"
+
+
+def wrong_span(value: object) -> str:
+    """Say what is wrong with a range of runs; empty where nothing is."""
+    good = isinstance(value, list) and len(value) == 2 and all(type(each) is int for each in value)
+    return "" if good and 0 <= value[0] <= value[1] < 2**53 else "must be the first and the last of some runs"
+
+
+MAX_BYTES = 10_000_000
+"""Largest size of a file of a configuration or of an experiment's record [bytes]."""
+MAX_DEPTH = 60
+"""Levels of lists and objects of a JSON text."""
+COUNT = range(2**53)
+"""Numbers of runs, steps and calls."""
+_SUSPECT = re.compile(
+    rb"\\[bfu]|[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xe2\x80[\xa8-\xae]|\xe2\x81[\xa6-\xa9]|\xef\xbb\xbf"
+)
+"""Where a JSON text may have characters that a name must not contain."""
+_NO_BRACKETS = bytes(each for each in range(256) if each not in b"[]{}")
+_WORDS = {
+    int: "a whole number",
+    bool: "true or false",
+    list: "a list",
+    dict: "an object",
+    type(None): "null",
+}
+MANIFEST: Any = {
+    "name?": str,
+    "experiment?": str,
+    "seed?": range(2**63),
+    "modified?": [str],
+    "versions?": {str: str},
+    "libraries?": {str: str},
+    "numerics?": COUNT,
+    "blas?": [{str: (str, int, None)}],
+    "git?": (None, {"commit": str, "dirty": bool}),
+    "platform?": {"system?": str, "machine?": str, "cores?": (COUNT, None)},
+    "looks?": [COUNT],
+    "sessions?": [{"start": wrong_time, "stop": (wrong_time, None), "why": str, "shard?": str}],
+}
+_MEAN = {"point": str, "method": str, "n": COUNT, "n_other": COUNT, "mean": (float, None), "m2": (wrong_size, None)}
+PROGRESS: Any = {
+    "name": str,
+    "metric": str,
+    "state": str,
+    "why": str,
+    "host": str,
+    "pid": range(2**31),
+    "updated": wrong_time,
+    "every": wrong_size,
+    "runs": wrong_span,
+    "n_runs": range(1, 2**53),
+    "total": COUNT,
+    "done": COUNT,
+    "all_trials": COUNT,
+    "failed": {str: COUNT},
+    "rate": wrong_size,
+    "left_seconds": (wrong_size, None),
+    "shard?": (str, None),
+    "stage?": str,
+    "means?": [_MEAN],
+}
+TUNING: Any = {"version": int, "searches": {str: dict}}
+SECONDS: Any = {str: wrong_size}
+_CLAIM = {"id": (str, None), "statement": str, "source": str, "kind": str, "joined": str}
+_TEXTS = dict.fromkeys(("name", "title", "command"), str)
+CLAIMS: Any = {"experiment": {**_TEXTS, "paper?": (str, None), "runs": COUNT, "final": bool}, "claims": [_CLAIM]}
+_CODE = {"numerics": COUNT, **dict.fromkeys(("sources?", "installed?", "data?"), {str: [str]})}
+STORED: dict[str, Any] = {
+    "libraries": {str: {str: [str]}},
+    "shared": dict,
+    "files": {str: {str: str}},
+    "stop": {"key?": str, "runs?": [range(10**7 + 1)], "wanted?": range(10**7 + 1), "is_met?": bool, "open?": [str]},
+    "layout": dict,
+    "methods.code": _CODE,
+    "durations.counts": [[range(-10_000, 2**53)]],
+    "failures.failure": {
+        "run": COUNT,
+        "status": range(128),
+        "component": str,
+        "k": (COUNT, None),
+        "message": str,
+        "trace?": str,
+        "values?": dict,
+    },
+}
+"""JSON texts in a trial store: those of its table `meta` by their key, and others by their column."""
+_NOTES: ContextVar[dict[str, str] | None] = ContextVar("_NOTES", default=None)
+
+
+@contextmanager
+def noted() -> Iterator[dict[str, str]]:
+    """Yield path -> SHA-256 of the files that are read in the block; empty for one that is not there."""
+    notes: dict[str, str] = {}
+    token = _NOTES.set(notes)
+    try:
+        yield notes
+    finally:
+        _NOTES.reset(token)
+
+
+def note_absent(path: Path) -> None:
+    """Note that a file is not there, where another is read in its place."""
+    notes = _NOTES.get()
+    if notes is not None:
+        notes[os.path.abspath(path)] = ""
+
+
+def content_of(path: str | Path, max_bytes: int = MAX_BYTES) -> bytes:
+    """Read a regular file; `OSError` where it cannot be read, is not a regular file or is larger."""
+    # Without O_NONBLOCK, opening a pipe waits for a writer.
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    with open(number, "rb") as file:
+        mode = os.fstat(number).st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, "is not a regular file", str(path))
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise OSError(errno.EFBIG, f"is larger than {max_bytes / 1e6:g} MB", str(path))
+    notes = _NOTES.get()
+    if notes is not None:
+        notes[os.path.abspath(path)] = sha256(content).hexdigest()
+    return content
+
+
+def text_of(path: str | Path, max_bytes: int = MAX_BYTES) -> str:
+    """Read a regular file as UTF-8; see `content_of`."""
+    return content_of(path, max_bytes).decode("utf-8")
+
+
+class StoreError(Exception):
+    """A directory that cannot be used: it holds another experiment, or another process writes to it."""
+
+
+class DamagedError(StoreError):
+    """A stored or received file that does not have the form in which this program writes it."""
+
+
+def json_of(path: Path, shape: Any, way_out: str, max_bytes: int = MAX_BYTES) -> Any:
+    """Read a JSON file and check it, see `checked`; None where there is no such file."""
+    try:
+        content = content_of(path, max_bytes)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise DamagedError(f"{path}: {error.strerror}; {way_out}") from None
+    try:
+        return checked(content, shape)
+    except ValueError as error:
+        raise DamagedError(f"{path}: {error}; {way_out}") from None
+
+
+def checked(content: bytes, shape: Any, *, any_text: bool = False) -> Any:
+    """Return the value of a JSON text; `ValueError` with the field where it does not have its shape.
+
+    Parameters
+    ----------
+    content : the text
+    shape : `int`, `float`, `str`, `bool`, `list`, `dict` or None; a range of integers; a function that says what is
+        wrong; ``[shape]`` for a list; ``{str: shape}`` for a mapping; ``{name: shape}`` for an object with these
+        entries, optional where the name ends with ``?``, and any others; a tuple of shapes, one of which it has
+    any_text : whether texts may have control characters, as messages of other programs do
+    """
+    _check_nesting(content)
+    try:
+        value = json.loads(content.decode("utf-8"), object_pairs_hook=_unique)
+    except UnicodeError:
+        raise ValueError("is not a text in UTF-8") from None
+    except json.JSONDecodeError as error:
+        raise ValueError(f"is not JSON ({error})") from None
+    except ValueError as error:
+        raise ValueError(str(error).partition(";")[0]) from None
+    if not any_text and _SUSPECT.search(content):
+        _check_texts(value, "")
+    _check(value, shape, "")
+    return value
+
+
+def _check_nesting(content: bytes) -> None:
+    """Refuse lists in lists without end, and more of them than have room in memory."""
+    rest = content.translate(None, _NO_BRACKETS)
+    if len(rest) > 2 * (len(content) // 5 + 10_000):
+        raise ValueError("has more lists and objects than a file of its size")
+    if _is_deep(rest):
+        # Brackets in texts do not count.
+        rest = re.sub(rb'"(?:[^"\\]|\\.)*+"', b"", content, flags=re.DOTALL).translate(None, _NO_BRACKETS)
+        if _is_deep(rest):
+            raise ValueError(f"is nested more than {MAX_DEPTH} levels deep, or ends too early")
+
+
+def _is_deep(brackets: bytes) -> bool:
+    for _ in range(MAX_DEPTH):
+        before, brackets = brackets, brackets.replace(b"[]", b"").replace(b"{}", b"")
+        if len(before) == len(brackets):
+            break
+    return bool(brackets)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object; a name that is given twice would hide one of its values."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the entry {twice[:60]!r} is given twice")
+    return found
+
+
+def _check_texts(value: Any, field: str) -> None:
+    """Refuse control and direction characters in any text."""
+    if isinstance(value, str):
+        if HIDDEN.search(value):
+            raise ValueError(f"{field or 'the file'}: {wrong_text(value)}")
+    elif isinstance(value, dict):
+        for name, each in value.items():
+            _check_texts(name, f"{field}.{name[:60]!r}".lstrip("."))
+            _check_texts(each, f"{field}.{name}".lstrip("."))
+    elif isinstance(value, list):
+        for number, each in enumerate(value):
+            _check_texts(each, f"{field}[{number}]")
+
+
+def _check(value: Any, shape: Any, field: str) -> None:
+    """Raise `ValueError` with the field that does not have its shape."""
+    if isinstance(shape, tuple):
+        for each in shape[:-1]:
+            try:
+                return _check(value, each, field)
+            except ValueError:
+                continue
+        return _check(value, shape[-1], field)
+    if isinstance(shape, list | dict) and isinstance(value, type(shape)):
+        return _check_entries(value, shape, field)
+    wrong = _wrong(value, shape)
+    if wrong:
+        text = repr(value if not isinstance(value, int) or abs(value) < 2**64 else float("inf"))
+        raise ValueError(f"{field or 'the file'}: {wrong} (got {text[:60]}{'...' if len(text) > 60 else ''})")
+    return None
+
+
+def _check_entries(value: Any, shape: Any, field: str) -> None:
+    if isinstance(shape, list):
+        for number, each in enumerate(value):
+            _check(each, shape[0], f"{field}[{number}]")
+    elif str in shape:
+        for name, each in value.items():
+            _check(each, shape[str], f"{field}.{name}".lstrip("."))
+    else:
+        for key, each in shape.items():
+            name = key.rstrip("?")
+            if name in value:
+                _check(value[name], each, f"{field}.{name}".lstrip("."))
+            elif name == key:
+                raise ValueError(f"{field or 'the file'}: the entry {name!r} is missing")
+
+
+def _wrong(value: Any, shape: Any) -> str:
+    """Say what is wrong with a single value; empty where nothing is."""
+    if isinstance(shape, range):
+        good = type(value) is int and value in shape
+        return "" if good else f"must be a whole number from {shape.start} to {shape.stop - 1}"
+    if shape is float:
+        good = type(value) in (int, float) and -1e308 < value < 1e308
+        return "" if good else "must be a number"
+    if shape is str:
+        return wrong_text(value)
+    if shape is None or isinstance(shape, type | list | dict):
+        kind = type(None) if shape is None else shape if isinstance(shape, type) else type(shape)
+        return "" if type(value) is kind else f"must be {_WORDS[kind]}"
+    return str(shape(value))
