@@ -55,6 +55,7 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     from rmpc_bench.execution.publish import publish
     from rmpc_bench.execution.report_choices import choose
     from rmpc_bench.execution.results import load_results
+    from rmpc_bench.replaced_file import inside
 
     several = to is not None and len(directories) > 1
     kept = _kept_claims(directories) if several else {}
@@ -63,7 +64,8 @@ def report(directories: tuple[Path, ...], to: Path | None, **choices: Any) -> in
     code, index = 0, to / "index.html" if several and to is not None else None
     published: dict[Path, Publication | KeptClaims] = {**kept}
     for directory, place in zip(stored, places, strict=True):
-        written = publish(choose(load_results(directory), **choices), to=place, index=index)
+        with inside(to or directory):
+            written = publish(choose(load_results(directory), **choices), to=place, index=index)
         exits.show(written)
         code = max(code, exits.code_of(written, strict=False))
         published[directory] = written

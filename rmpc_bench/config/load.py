@@ -21,6 +21,7 @@ from rmpc_bench.config.matrix_files import with_matrices
 from rmpc_bench.config.origin import problems_at_origin
 from rmpc_bench.config.own_code import OwnCode
 from rmpc_bench.config.plugins import load_plugins
+from rmpc_bench.config.relocation import check_copies
 from rmpc_bench.config.required_libraries import reported_once
 from rmpc_bench.config.source import GivenConfig, read
 from rmpc_bench.config.sweep import expand
@@ -61,6 +62,7 @@ def load_config(
         If anything is wrong: all errors, sorted, each with its place.
     """
     source = read(located(path), overrides, add_methods)
+    check_copies(source.path.parent)
     access = CodeAccess.of(source.path, allow_code)
     size = Size(runs, smoke, lenient=smoke or bool(overrides))
     inherited = Inherited(source.path, is_changed=bool(overrides) or runs is not None)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Int
 
 from rmpc_bench.config.code_version import code_version
-from rmpc_bench.config.relocation import COPIES
+from rmpc_bench.config.relocation import COPIES, check_copies
 from rmpc_bench.execution import manifest
 from rmpc_bench.execution.database import FILE, MissingError, StoreError, WriteError
 from rmpc_bench.execution.differences import Names, changes
@@ -22,7 +22,7 @@ from rmpc_bench.execution.shard_rows import LIBRARIES, join_libraries, readable_
 from rmpc_bench.execution.shards import FOLDER, Shard, shards_in
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment, read_experiment, write_experiment
-from rmpc_bench.replaced_file import replaced
+from rmpc_bench.replaced_file import inside, refuse_outside, replaced
 from rmpc_bench.types import Array
 
 KEPT = ("config.yaml", "config.resolved.yaml", "tuning.json")
@@ -93,7 +93,7 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
     missing = _missing(experiment, finished)
     if missing and not partial:
         raise StoreError("\n".join([f"{place}: the shards are incomplete", *_said(place, missing), _ways_out(place)]))
-    with Store(place) as store:
+    with inside(place), Store(place) as store:
         _copy(place, store, experiment, parts, say=say, partial=partial)
         with _progress(place, store, experiment, sum(map(len, missing.values()))):
             pass
@@ -274,10 +274,12 @@ def _keep_configuration(directory: Path, places: Sequence[Path]) -> None:
     """Copy what the directory lacks: the configuration and the user's files of the shards."""
     try:
         for place in places:
+            check_copies(place)
             for file in (*KEPT, *(str(path.relative_to(place)) for path in (place / COPIES).rglob("*"))):
                 source, target = place / file, directory / file
                 # A link of a directory that somebody else made may lead to any file.
-                if source.is_file() and not source.is_symlink() and not target.exists():
+                if source.is_file() and source.resolve() == place.resolve() / file and not target.exists():
+                    refuse_outside(target.parent)
                     target.parent.mkdir(parents=True, exist_ok=True)
                     with replaced(target) as partial:
                         shutil.copyfile(source, partial)

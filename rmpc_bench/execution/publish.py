@@ -26,7 +26,7 @@ from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.tuning_report import tuning
 from rmpc_bench.figures.fonts import remark_on
 from rmpc_bench.figures.rendering import Rendering
-from rmpc_bench.replaced_file import folder, replace_text, replaced
+from rmpc_bench.replaced_file import folder, inside, replace_text, replaced
 from rmpc_bench.report.csv_file import write_csv
 from rmpc_bench.report.drivers_table import DriversTable
 from rmpc_bench.report.end_screen import end_screen
@@ -145,8 +145,13 @@ def publish(
     ['trials.csv', 'uncertainty.csv']
     """
     directory = results.directory if to is None else Path(to)
+    with inside(directory):
+        return _published(results, directory, rendering or rendering_of(results.experiment.report), index)
+
+
+def _published(results: Results, directory: Path, rendering: Rendering, index: Path | None) -> Publication:
+    """Write everything below a directory."""
     texts, pictures = folder(directory, "tables"), folder(directory, "figures")
-    rendering = rendering or rendering_of(results.experiment.report)
     report = results.experiment.report
     tables = summarise(results).shown(report.order, report.metrics)
     verdicts = judge(results)

@@ -13,7 +13,7 @@ from rmpc_bench.figures.stable_svg import stable_svg
 from rmpc_bench.figures.style import rendered, style
 from rmpc_bench.figures.svg_text import readable_text
 from rmpc_bench.figures.vector_files import can_be_drawn_once, svg_and_pdf
-from rmpc_bench.replaced_file import replace_text, replaced
+from rmpc_bench.replaced_file import refuse_outside, replace_text, replaced
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
@@ -75,7 +75,9 @@ def save_as(figure: MplFigure, file: Path) -> None:
     options = FORMATS[ending]
     if ending == ".pgf":
         # Its images are files beside it, whose names follow from its own.
-        file.unlink(missing_ok=True)
+        refuse_outside(file.parent)
+        for old in (file, *file.parent.glob(f"{file.stem}-img*.png")):
+            old.unlink(missing_ok=True)
         with style(), as_latex():
             figure.savefig(file, format="pgf", **options)
         return

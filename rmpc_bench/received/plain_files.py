@@ -32,12 +32,12 @@ def wrong_time(text: object) -> str:
     return "" if good else "must be a time with its zone, such as 2026-01-31T12:00:00+00:00"
 
 
-def wrong_size(value: object) -> str:
+def wrong_size(value: Any) -> str:
     """Say what is wrong with a number that is not negative; empty where nothing is."""
     return "" if type(value) in (int, float) and 0 <= value < 1e308 else "must be a number that is not negative"
 
 
-def wrong_span(value: object) -> str:
+def wrong_span(value: Any) -> str:
     """Say what is wrong with a range of runs; empty where nothing is."""
     good = isinstance(value, list) and len(value) == 2 and all(type(each) is int for each in value)
     return "" if good and 0 <= value[0] <= value[1] < 2**53 else "must be the first and the last of some runs"
