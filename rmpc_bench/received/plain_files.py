@@ -50,7 +50,7 @@ MAX_DEPTH = 60
 COUNT = range(2**53)
 """Numbers of runs, steps and calls."""
 _SUSPECT = re.compile(
-    rb"\\[bfu]|[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xe2\x80[\xa8-\xae]|\xe2\x81[\xa6-\xa9]|\xef\xbb\xbf"
+    rb"\\[bfu]|[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]|\xd8\x9c|\xe2\x80[\x8e\x8f\xaa-\xae]|\xe2\x81[\xa6-\xa9]"
 )
 """Where a JSON text may have characters that a name must not contain."""
 _NO_BRACKETS = bytes(each for each in range(256) if each not in b"[]{}")
