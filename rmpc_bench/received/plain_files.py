@@ -32,6 +32,11 @@ def wrong_time(text: object) -> str:
     return "" if good else "must be a time with its zone, such as 2026-01-31T12:00:00+00:00"
 
 
+def wrong_message(value: Any) -> str:
+    """Say what is wrong with what another program has said, in any characters; empty where nothing is."""
+    return "" if isinstance(value, str) else "must be text"
+
+
 def wrong_size(value: Any) -> str:
     """Say what is wrong with a number that is not negative; empty where nothing is."""
     return "" if type(value) in (int, float) and 0 <= value < 1e308 else "must be a number that is not negative"
@@ -116,8 +121,8 @@ STORED: dict[str, Any] = {
         "status": range(128),
         "component": str,
         "k": (COUNT, None),
-        "message": str,
-        "trace?": str,
+        "message": wrong_message,
+        "trace?": wrong_message,
         "values?": dict,
     },
 }
@@ -272,7 +277,8 @@ def _check(value: Any, shape: Any, field: str) -> None:
         return _check_entries(value, shape, field)
     wrong = _wrong(value, shape)
     if wrong:
-        text = repr(value if not isinstance(value, int) or abs(value) < 2**64 else float("inf"))
+        huge = isinstance(value, list | dict) and len(value) > 10 or isinstance(value, int) and abs(value) > 2**64
+        text = f"a long {type(value).__name__}" if huge else repr(value)
         raise ValueError(f"{field or 'the file'}: {wrong} (got {text[:60]}{'...' if len(text) > 60 else ''})")
     return None
 

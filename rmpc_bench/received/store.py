@@ -305,8 +305,8 @@ def _check_column(directory: Path, query: str, name: str, column: Sequence[Any])
 
 def array_of(shape: str, data: bytes, most: int) -> Array:
     """Unpack an array; it takes no more room than its shape says, nor than ``most`` numbers."""
-    sizes = json.loads(shape) if len(shape) < 100 else None
-    if not isinstance(sizes, list) or not all(type(n) is int and 0 <= n <= most for n in sizes):
+    sizes = json.loads(shape) if re.fullmatch(r"\[(\d{1,10}, )*\d{0,10}\]", shape[:100]) else None
+    if sizes is None or not all(n <= most for n in sizes):
         raise ValueError(f"arrays.shape must be a list of sizes (got {shape[:60]!r})")
     n_bytes = 8 * math.prod(sizes)
     if n_bytes > 8 * most:
