@@ -55,14 +55,7 @@ class Columns:
         self._changed: dict[tuple[int, int], _Chunk] = {}
 
     def put(self, column: Column, runs: Int[Array, " runs"], values: Shaped[Array, " runs"]) -> None:
-        """Set values inside a transaction, at the end of which they are written.
-
-        Parameters
-        ----------
-        column : where
-        runs : indices of the runs, each once
-        values : a number for each of them
-        """
+        """Set values inside a transaction, at the end of which they are written."""
         number, groups = self._number(column), runs // SIZE
         for group in np.unique(groups).tolist():
             rows = groups == group

@@ -15,14 +15,7 @@ Read = Callable[[str, tuple[Any, ...]], list[Any]]
 
 
 def read_groups(read: Read, method: int, n_runs: int) -> list[Group]:
-    """Return groups of runs of a method and single runs of groups that are not whole, in their order.
-
-    Parameters
-    ----------
-    read : finds the rows of a query
-    method : number of the method
-    n_runs : a group that reaches beyond this number of runs is left out
-    """
+    """Return groups of runs of a method and single runs of groups that are not whole, in their order."""
     query = "SELECT * FROM ensemble_groups WHERE method = ? AND stop <= ? ORDER BY first"
     parts = _groups(read(query, (method, n_runs)))
     whole = {part.first for part in parts if not part.is_single}
@@ -30,14 +23,7 @@ def read_groups(read: Read, method: int, n_runs: int) -> list[Group]:
 
 
 def with_stored_runs(read: Read, method: int, parts: Sequence[Group]) -> list[Group]:
-    """Reduce the groups of which all runs are there now: those of a block with those that are stored.
-
-    Parameters
-    ----------
-    read : finds the rows of a query
-    method : number of the method
-    parts : groups and single runs of a block
-    """
+    """Reduce the groups of which all runs are there now: those of a block with those that are stored."""
     found = [part for part in parts if not part.is_single]
     singles = (part for part in parts if part.is_single)
     where = "FROM ensemble_groups WHERE method = ? AND first >= ? AND stop <= ? AND stop = first + 1"

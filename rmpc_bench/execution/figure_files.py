@@ -48,18 +48,7 @@ class WrittenFigure(NamedTuple):
 def write_figures(
     results: Results, directory: Path, rendering: Rendering
 ) -> tuple[tuple[WrittenFigure, ...], tuple[str, ...]]:
-    """Draw the figures of an experiment.
-
-    Parameters
-    ----------
-    results : what to draw
-    directory : where the pictures are written
-    rendering : width, font, style and formats
-
-    Returns
-    -------
-    the figures, and what could not be drawn with the reason
-    """
+    """Draw the figures of an experiment."""
     figures: list[WrittenFigure] = []
     left_out: list[str] = []
     kinds = [str(keys.get(FILE) or keys["kind"]) for keys in results.experiment.figures]
@@ -83,13 +72,6 @@ def write_more(
     """Draw figures that the configuration does not name; what the results cannot show is left out.
 
     The page has them inside it.  They are files only where SVG is among the formats, for report.md shows that one.
-
-    Parameters
-    ----------
-    results : what to draw
-    wanted : the keys of every figure
-    directory : where the pictures are written
-    rendering : width, font, style and formats
     """
     figures = []
     rendering = replace(rendering, formats=tuple(each for each in rendering.formats if each == "svg"))

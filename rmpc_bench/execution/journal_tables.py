@@ -24,12 +24,6 @@ def journal_rows(method: int, runs: Int[Array, " runs"], journal: Journal) -> li
 
     Warnings and durations belong to a block.  Those of an earlier block that shares a run with it are deleted, so that
     no call counts twice.
-
-    Parameters
-    ----------
-    method : number of the method
-    runs : indices of the runs, ascending
-    journal : what happened in them
     """
     spans = [(method, *bounds) for bounds in ranges(runs)]
     first, stop = int(runs[0]), int(runs[-1]) + 1
@@ -62,28 +56,14 @@ def journal_rows(method: int, runs: Int[Array, " runs"], journal: Journal) -> li
 
 
 def read_failures(read: Read, method: int, n_runs: int) -> list[RunFailure]:
-    """Return the stored failures of a method, in the order of the runs.
-
-    Parameters
-    ----------
-    read : runs a query
-    method : number of the method
-    n_runs : runs from this one on are left out
-    """
+    """Return the stored failures of a method, in the order of the runs."""
     rows = read("SELECT failure FROM failures WHERE method = ? AND run < ? ORDER BY run", (method, n_runs))
     found = [checked(text.encode(), STORED["failures.failure"], any_text=True) for (text,) in rows]
     return [RunFailure(**{name: each[name] for name in RunFailure._fields if name in each}) for each in found]
 
 
 def read_failed_steps(read: Read, method: int, n_runs: int) -> dict[int, dict[str, int]]:
-    """Return run -> word of a status -> number of steps that failed so, of the runs that have some.
-
-    Parameters
-    ----------
-    read : runs a query
-    method : number of the method
-    n_runs : runs from this one on are left out
-    """
+    """Return run -> word of a status -> number of steps that failed so, of the runs that have some."""
     found: dict[int, dict[str, int]] = {}
     query = "SELECT run, status, n FROM failed_steps WHERE method = ? AND run < ? ORDER BY run, status"
     for run, status, n in read(query, (method, n_runs)):
@@ -92,14 +72,7 @@ def read_failed_steps(read: Read, method: int, n_runs: int) -> dict[int, dict[st
 
 
 def read_durations(read: Read, method: int, n_runs: int) -> dict[str, Durations]:
-    """Return the stored durations of a method by component and phase.
-
-    Parameters
-    ----------
-    read : runs a query
-    method : number of the method
-    n_runs : blocks from this run on are left out
-    """
+    """Return the stored durations of a method by component and phase."""
     found: dict[str, Durations] = {}
     query = "SELECT phase, largest, counts FROM durations WHERE method = ? AND first < ? ORDER BY phase, first"
     for phase, largest, counts in read(query, (method, n_runs)):

@@ -32,20 +32,7 @@ def all_versions(config: ExperimentConfig) -> dict[str, str]:
 
 
 def check_versions(config: ExperimentConfig, store: Store, methods: Collection[str], *, accept: bool) -> None:
-    """Refuse stored rows that another major or minor version of a library has computed.
-
-    Parameters
-    ----------
-    config : the experiment
-    store : its open store
-    methods : names of the methods to compute
-    accept : whether such rows are used nevertheless; this is stored, so that it is reported once
-
-    Raises
-    ------
-    StoreError
-        With the versions and the ways out.
-    """
+    """Refuse stored rows that another major or minor version of a library has computed."""
     stored, here = _stored(store), _here(config, methods)
     lines = []
     for key, (name, libraries) in here.items():

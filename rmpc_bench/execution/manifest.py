@@ -100,17 +100,7 @@ def note_look(directory: Path, n_runs: int) -> None:
 
 
 def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
-    """Write the manifest of a directory from those of its shards; its own sessions and looks are kept.
-
-    Parameters
-    ----------
-    directory : of the results
-    shards : name of a shard -> its directory
-
-    Returns
-    -------
-    warnings: versions of libraries that differ between shards
-    """
+    """Write the manifest of a directory from those of its shards; its own sessions and looks are kept."""
     here, parts = read(directory), {name: read(place) for name, place in shards.items()}
     first = next((part for part in parts.values() if part), {})
     own = [session for session in here.get("sessions", []) if session.get("shard") not in shards]

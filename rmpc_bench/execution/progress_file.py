@@ -72,13 +72,7 @@ class Extent(NamedTuple):
 
 
 def extent_of(config: ExperimentConfig, methods: Collection[str]) -> Extent:
-    """Return what the file says of a configuration.
-
-    Parameters
-    ----------
-    config : the experiment
-    methods : names of the methods that are computed
-    """
+    """Return what the file says of a configuration."""
     columns: dict[str, Column] = {}
     for number, point in enumerate(config.points if "runs" in config.evaluate else ()):
         names = [metric.name for metric in point.experiment.metrics]
@@ -232,12 +226,7 @@ class ProgressFile(Following):
         return super().__enter__()
 
     def note(self, done: Done) -> None:
-        """Count a finished task.
-
-        Parameters
-        ----------
-        done : the task, whose trials are stored
-        """
+        """Count a finished task."""
         task, block = done.task, done.block
         column = self._columns[task.point, task.method]
         with self._lock:
@@ -271,13 +260,7 @@ def _finite(mean: RunningMean) -> dict[str, float | None]:
 
 
 def write(path: Path, data: dict[str, Any]) -> None:
-    """Replace the file; a computation goes on where it cannot be written.
-
-    Parameters
-    ----------
-    path : the file
-    data : its content
-    """
+    """Replace the file; a computation goes on where it cannot be written."""
     try:
         replace_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
     except (OSError, ValueError):

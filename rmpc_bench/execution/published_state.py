@@ -74,24 +74,12 @@ class Shown:
     codes: list[int]
 
     def text(self, seconds: float) -> str:
-        """Return the text at the end of a run.
-
-        Parameters
-        ----------
-        seconds : how long the command took [s]
-        """
+        """Return the text at the end of a run."""
         return f"{self.head} done in {seconds:.1f} s{self.tail}" if self.timed else self.head
 
     @classmethod
     def of(cls, written: Publication, said: Sequence[str], notes: Sequence[str], codes: Sequence[int]) -> Shown:
-        """Return what is shown of results that have just been published.
-
-        Parameters
-        ----------
-        written : what `publish` has returned
-        said, notes : lines for stderr
-        codes : exit code without and with ``--strict``
-        """
+        """Return what is shown of results that have just been published."""
         head, time, tail = written.summary(0.0).partition(" done in 0.0 s")
         uncompared = bool(written.results.experiment.claims) and not written.results.is_final
         return cls([*said], [*notes], head, tail, bool(time), uncompared, [*codes])
@@ -114,13 +102,7 @@ class Command:
 
     @classmethod
     def of(cls, arguments: Sequence[str], path: Path, read: Mapping[str, str]) -> Command:
-        """Return a command whose configuration has been loaded.
-
-        Parameters
-        ----------
-        arguments, read : see above
-        path : the file of the configuration
-        """
+        """Return a command whose configuration has been loaded."""
         return cls([os.path.abspath(path), *arguments], {**read}, _configs_beside(path))
 
     def is_that_of(self, arguments: Sequence[str], path: Path) -> bool:
@@ -132,14 +114,7 @@ class Command:
 
 
 def unchanged(arguments: Sequence[str], path: Path, directories: Iterable[Path]) -> Shown | None:
-    """Return what the same command has shown, where nothing has changed since; else None.
-
-    Parameters
-    ----------
-    arguments : everything given that decides the configuration and what is shown
-    path : the file of the configuration
-    directories : of results, which may be those of this command
-    """
+    """Return what the same command has shown, where nothing has changed since; else None."""
 
     def is_same(data: Mapping[str, Any], directory: Path) -> bool:
         return Command(**data["command"]).is_that_of(arguments, path) and data["state"] == _state(directory)
@@ -149,14 +124,7 @@ def unchanged(arguments: Sequence[str], path: Path, directories: Iterable[Path])
 
 
 def up_to_date(config: ExperimentConfig, directory: Path, options: Collection[str]) -> Shown | None:
-    """Return what was shown where no trial is missing and every derived file is as it was written; else None.
-
-    Parameters
-    ----------
-    config : the experiment
-    directory : of its results
-    options : options that decide what is computed or shown
-    """
+    """Return what was shown where no trial is missing and every derived file is as it was written; else None."""
     return _shown(directory, lambda data, place: data["fingerprint"] == _fingerprint(config, place, options))
 
 
@@ -185,15 +153,7 @@ def keep_state(
     shown: Shown,
     command: Command,
 ) -> None:
-    """Note what was published, and from what.
-
-    Parameters
-    ----------
-    config, directory, options : as in `up_to_date`
-    paths : the derived files
-    shown : what the command line shows
-    command : that has made the configuration
-    """
+    """Note what was published, and from what."""
     fingerprint = _fingerprint(config, directory, options)
     (directory / FILE).unlink(missing_ok=True)
     if fingerprint is None:

@@ -34,12 +34,7 @@ class Setting(NamedTuple):
 
 
 def setting_differences(a: Results, b: Results) -> list[Setting]:
-    """Return the settings that differ: hash, seed, options, what all methods share, methods and metrics.
-
-    Parameters
-    ----------
-    a, b : results of two directories
-    """
+    """Return the settings that differ: hash, seed, options, what all methods share, methods and metrics."""
     found = [
         Setting(name, *texts)
         for name, texts in {

@@ -22,20 +22,7 @@ LIBRARIES = "libraries"
 def stored_in(
     directory: Path, config: ExperimentConfig, methods: Collection[str], say: Callable[[str], None]
 ) -> dict[str, Int[Array, " stored"]]:
-    """Return key of a method -> its runs that the store of a directory has; a shard does not compute these again.
-
-    Parameters
-    ----------
-    directory : of the results
-    config : the experiment
-    methods : names of the methods to look at
-    say : shows a line to the user
-
-    Raises
-    ------
-    StoreError
-        If the directory holds another experiment.
-    """
+    """Return key of a method -> its runs that the store of a directory has; a shard does not compute these again."""
     if not (directory / FILE).exists():
         return {}
     try:
@@ -55,19 +42,7 @@ def stored_in(
 
 
 def take_shards(config: ExperimentConfig, store: Store, say: Callable[[str], None]) -> None:
-    """Copy the trials of all shards into the store of their directory; runs of a lost shard are left to compute.
-
-    Parameters
-    ----------
-    config : the experiment
-    store : open store of the directory
-    say : shows a line to the user
-
-    Raises
-    ------
-    StoreError
-        If a shard is still computed, or belongs to another experiment.
-    """
+    """Copy the trials of all shards into the store of their directory; runs of a lost shard are left to compute."""
     taken = []
     for shard, other in readable_shards(store.directory, say):
         other.check(config.hash, config.shared, config.own.names())
@@ -80,20 +55,7 @@ def take_shards(config: ExperimentConfig, store: Store, say: Callable[[str], Non
 def readable_shards(
     directory: Path, say: Callable[[str], None], *, also_running: bool = True, also_damaged: bool = False
 ) -> Iterator[tuple[Shard, Store]]:
-    """Open the stores of all shards of a directory, one after the other.
-
-    Parameters
-    ----------
-    directory : of the results
-    say : shows a line for every shard that is left out
-    also_running : whether a shard that is being computed is an error; it is left out otherwise
-    also_damaged : whether a store that cannot be read is an error; it is left out otherwise
-
-    Raises
-    ------
-    StoreError
-        See the parameters.
-    """
+    """Open the stores of all shards of a directory, one after the other."""
     for shard, place in shards_in(directory, FILE).items():
         try:
             store = Store(place, writable=False)

@@ -35,12 +35,7 @@ class Shard(NamedTuple):
         return f"{self.number}-of-{self.total}"
 
     def runs(self, n_runs: int) -> range:
-        """Return the runs of this shard; the shards of an experiment have each run once.
-
-        Parameters
-        ----------
-        n_runs : number of runs of the experiment
-        """
+        """Return the runs of this shard; the shards of an experiment have each run once."""
         return range(_end(self.number - 1, self.total, n_runs), _end(self.number, self.total, n_runs))
 
     def directory(self, results: Path) -> Path:
@@ -56,13 +51,7 @@ def _end(number: int, count: int, n_runs: int) -> int:
 
 
 def parse_shard(text: str) -> Shard:
-    """Read ``I/N``.
-
-    Raises
-    ------
-    ValueError
-        If it has another form, or I is not one of 1 to N.
-    """
+    """Read ``I/N``."""
     found = _TEXT.fullmatch(text.strip())
     if found is None:
         raise ValueError(f"{text!r} is neither I/N, such as 2/7, nor 'auto'")
@@ -73,13 +62,7 @@ def parse_shard(text: str) -> Shard:
 
 
 def shards_in(results: Path, file: str) -> dict[Shard, Path]:
-    """Return the shards of a results directory that have a file, with their directories, in their order.
-
-    Parameters
-    ----------
-    results : the results directory
-    file : name of the file
-    """
+    """Return the shards of a results directory that have a file, with their directories, in their order."""
     if not (results / FOLDER).is_dir():
         return {}
     names = ((_NAME.fullmatch(path.name), path) for path in (results / FOLDER).iterdir())

@@ -38,17 +38,7 @@ def kept_claims(directory: Path) -> KeptClaims | None:
 
 
 def write_site(published: Sequence[Publication | KeptClaims], to: Path) -> list[Path]:
-    """Write index.html and index.md of several experiments.
-
-    Parameters
-    ----------
-    published : what `publish` has returned, and kept claims of experiments without trials, in the order of the index
-    to : directory to write to
-
-    Returns
-    -------
-    the files
-    """
+    """Write index.html and index.md of several experiments."""
     to.mkdir(parents=True, exist_ok=True)
     context = index_context([_entry(each, to) for each in published], rmpc_bench.__version__)
     pages = [to / "index.html", to / "index.md"]

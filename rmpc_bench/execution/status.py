@@ -140,18 +140,6 @@ def read_status(directory: str | Path, *, now: datetime | None = None) -> Experi
     """Read how far an experiment is; any machine that sees the directory may do so.
 
     Where both the directory and its shards have files, the newest file decides which of them are shown.
-
-    Parameters
-    ----------
-    directory : of the results, or of a shard
-    now : time of the comparison with that of the files; the present unless given
-
-    Raises
-    ------
-    MissingError
-        If there is no progress.json.
-    DamagedError
-        If another program has written it.
     """
     place, now = Path(directory), now or datetime.now(UTC)
     whole = read(place)

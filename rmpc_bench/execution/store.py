@@ -83,13 +83,7 @@ class Store:
                 self._database.close()
 
     def flush(self) -> None:
-        """Commit all blocks now.
-
-        Raises
-        ------
-        WriteError
-            If a block cannot be written.
-        """
+        """Commit all blocks now."""
         self._writes.flush()
 
     def _read(self, query: str, parameters: tuple[Any, ...]) -> list[Any]:
@@ -121,13 +115,7 @@ class Store:
         self._write([("INSERT OR REPLACE INTO meta VALUES (?, ?)", [(key, value)])])
 
     def set_layout(self, key: str, text: str, arrays: Mapping[str, Array]) -> None:
-        """Set a value and the arrays that it names in place of all arrays; nothing is written if it has not changed.
-
-        Parameters
-        ----------
-        key, text : name and value, as for `set_meta`
-        arrays : arrays under a name that changes with their content
-        """
+        """Set a value and the arrays that it names in place of all arrays; nothing is written if it has not changed."""
         if self.meta(key) == text:
             return
         rows = [(name, json.dumps(array.shape), zlib.compress(as_bytes(array))) for name, array in arrays.items()]
@@ -160,28 +148,11 @@ class Store:
             return self._database.find_number(key)
 
     def file_names(self, also: Names | None = None) -> dict[str, Mapping[str, str]]:
-        """Return hash of a source or a data file -> names of its files -> their hashes, for messages.
-
-        Parameters
-        ----------
-        also : the same of the configuration
-        """
+        """Return hash of a source or a data file -> names of its files -> their hashes, for messages."""
         return {**self.data("files"), **(also or {})}
 
     def claim(self, experiment: str, shared: Mapping[str, Any], files: Names | None = None) -> None:
-        """Assign the directory to an experiment, or check that it already belongs to it.
-
-        Parameters
-        ----------
-        experiment : hash of what all methods share
-        shared : what all methods share
-        files : names of the user's files, noted for messages
-
-        Raises
-        ------
-        StoreError
-            If the directory belongs to another experiment, with the differences.
-        """
+        """Assign the directory to an experiment, or check that it already belongs to it."""
         if self.meta("experiment") is None:
             self.set_meta("shared", json.dumps(shared))
             self.set_meta("experiment", experiment)
@@ -190,13 +161,7 @@ class Store:
             self.set_meta("files", json.dumps(names))
 
     def check(self, experiment: str, shared: Mapping[str, Any], files: Names | None = None) -> None:
-        """Check that the directory belongs to an experiment; see `claim`.
-
-        Raises
-        ------
-        StoreError
-            If it belongs to another one, with the differences.
-        """
+        """Check that the directory belongs to an experiment; see `claim`."""
         if self.meta("experiment") != experiment:
             with decoded(self.directory):
                 lines = differences(self.data("shared"), json.loads(json.dumps(shared)), self.file_names(files))
@@ -215,18 +180,7 @@ class Store:
     def of_other_code(
         self, method: StoredMethod, n_runs: int, current: Collection[str] = ()
     ) -> list[tuple[list[Any], int]]:
-        """Count the runs that other code has computed and this code has not, by what identifies the others.
-
-        Parameters
-        ----------
-        method : what its trials are stored under
-        n_runs : number of runs of the experiment
-        current : keys of the methods of the configuration, whose trials are those of no other code
-
-        Returns
-        -------
-        the codes that have computed a run, and the number of runs that exactly these have computed
-        """
+        """Count the runs that other code has computed and this code has not, by what identifies the others."""
         query = "SELECT key, code FROM methods JOIN keys ON number = method WHERE definition = ? ORDER BY method"
         rows = self._read(query, (method.definition,))
         others = {key: self._checked("methods.code", code) for key, code in rows if key not in current}
@@ -238,10 +192,6 @@ class Store:
         """Return the runs of a method that are stored with all given metrics and, where required, signals and moments.
 
         Of the moments those count that `ensemble` returns for ``n_runs``.
-
-        Returns
-        -------
-        (finished,) indices below ``n_runs``, ascending
         """
         there = runs_with(self._columns, method, metrics, n_runs)
         if recording.n_runs and recording.signals:
@@ -264,22 +214,7 @@ class Store:
         draw: str,
         uncertainty: Sampled,
     ) -> None:
-        """Store a finished block; it is committed within half a second.
-
-        Parameters
-        ----------
-        method : hash of the method
-        runs : indices of the runs
-        block : their results
-        metrics : hash of the metric -> (runs,) values, NaN where there is none
-        draw : hash of what the named uncertain values depend on
-        uncertainty : these values
-
-        Raises
-        ------
-        WriteError
-            If this or an earlier block cannot be written.
-        """
+        """Store a finished block; it is committed within half a second."""
         indices = np.array(runs, dtype=np.int64)
         columns = {Column("status", method): np.array(block.status)}
         columns |= {Column("metric", method, metric): np.array(column) for metric, column in metrics.items()}

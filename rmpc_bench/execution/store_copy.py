@@ -43,12 +43,7 @@ class _Rows(NamedTuple):
 
 
 def copy_rows(source: Opened, target: Opened) -> Callable[[], None]:
-    """Return a function that copies all rows that the target lacks, inside a transaction of the target.
-
-    Parameters
-    ----------
-    source, target : open stores of one experiment
-    """
+    """Return a function that copies all rows that the target lacks, inside a transaction of the target."""
     rows = _missing(source, target)
     methods = source.read("SELECT key, definition, code FROM methods JOIN keys ON number = method", ())
     groups = {method: _new_groups(source, target, method) for method in rows.copied}

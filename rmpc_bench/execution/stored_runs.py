@@ -16,19 +16,7 @@ _MAYBE_WITHOUT_TRACES = [int(Status.CRASHED), int(Status.TIMEOUT)]
 
 
 def runs_with(columns: Columns, method: str, metrics: Iterable[str], n_runs: int) -> Bool[Array, " runs"]:
-    """Return which runs of a method have a status and all given metrics.
-
-    Parameters
-    ----------
-    columns : of the store
-    method : hash of the method
-    metrics : hashes of metrics
-    n_runs : runs from this one on are left out
-
-    Returns
-    -------
-    one flag per run, up to the last one that is stored
-    """
+    """Return which runs of a method have a status and all given metrics."""
     status = Column("status", method)
     n = min(n_runs, columns.stop(status))
     there = columns.stored(status, n)
@@ -40,15 +28,7 @@ def runs_with(columns: Columns, method: str, metrics: Iterable[str], n_runs: int
 def without_traces(
     columns: Columns, method: str, there: Bool[Array, " runs"], n_recorded: int, found: Sequence[Sequence[tuple[int]]]
 ) -> Bool[Array, " runs"]:
-    """Return which of some runs have the trajectories that they need.
-
-    Parameters
-    ----------
-    columns, method : as for `runs_with`
-    there : which runs to look at
-    n_recorded : the first runs, which need trajectories
-    found : per signal, the runs that have a trajectory
-    """
+    """Return which of some runs have the trajectories that they need."""
     runs, status = columns.read(Column("status", method), len(there))
     complete = np.arange(len(there)) >= n_recorded
     complete[runs[np.isin(status, _MAYBE_WITHOUT_TRACES)]] = True
@@ -76,19 +56,7 @@ def covered(n_runs: int, spans: Iterable[tuple[int, int]]) -> Bool[Array, " n_ru
 def rows_of_others(
     columns: Columns, method: str, others: Mapping[str, Any], n_runs: int
 ) -> list[tuple[list[Any], int]]:
-    """Count the runs that only other code has computed, by what identifies this code.
-
-    Parameters
-    ----------
-    columns : of the store
-    method : hash of the method with the code of today
-    others : hash of the method with other code -> what identifies that code
-    n_runs : runs from this one on are left out
-
-    Returns
-    -------
-    the codes that have computed a run, and the number of runs that exactly these have computed
-    """
+    """Count the runs that only other code has computed, by what identifies this code."""
     kept = {key: code for key, code in others.items() if key != method}
     n = min(n_runs, max((columns.stop(Column("status", key)) for key in kept), default=0))
     missing, label = ~columns.stored(Column("status", method), n), np.zeros(n, dtype=np.int64)

@@ -89,18 +89,7 @@ class StoredStop:
 
 
 def note_looks(store: Store, looks: Looks) -> None:
-    """Store the looks in place of earlier ones.
-
-    Parameters
-    ----------
-    store : an open store
-    looks : all looks of the rule so far
-
-    Raises
-    ------
-    WriteError
-        If they cannot be written.
-    """
+    """Store the looks in place of earlier ones."""
     store.set_meta(KEY, json.dumps(asdict(looks)))
 
 
@@ -115,23 +104,12 @@ def read_looks(store: Store) -> Looks | None:
 
 
 def planned_looks(stop: StopKeys) -> tuple[int, ...]:
-    """Return the numbers of runs of the looks at claims; empty for a rule about widths, which has any number.
-
-    Parameters
-    ----------
-    stop : a rule whose defaults are filled in
-    """
+    """Return the numbers of runs of the looks at claims; empty for a rule about widths, which has any number."""
     return schedule(stop.first_look, stop.max_runs) if stop.decide else ()
 
 
 def stop_of(config: ExperimentConfig, store: Store | None) -> StoredStop | None:
-    """Return the rule of an experiment with the looks that its store has; None where there is none.
-
-    Parameters
-    ----------
-    config : the experiment
-    store : its open store; None for the rule before any look
-    """
+    """Return the rule of an experiment with the looks that its store has; None where there is none."""
     stop, confidence = config.stop, config.statistics.confidence
     if stop is None:
         return None

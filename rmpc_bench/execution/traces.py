@@ -15,14 +15,7 @@ from rmpc_bench.types import Array
 
 
 def traces_of(point: StoredPoint, store: Store, name: str) -> Traces | None:
-    """Read the recorded runs of a method; None where there are none.
-
-    Parameters
-    ----------
-    point : the experiment at a point of the sweep
-    store : the trial store
-    name : name of the method
-    """
+    """Read the recorded runs of a method; None where there are none."""
     method, n_runs = point.methods[name], point.n_recorded
     if point.reference is None or not method.signals:
         return None
@@ -52,14 +45,7 @@ def _check(point: StoredPoint, signals: Mapping[str, Array], r: Array, shapes: M
 
 
 def with_estimates(point: StoredPoint, texts: Mapping[str, str], traces: Iterable[Traces]) -> dict[str, str]:
-    """Return units or names of components; an estimate of the plant's states has those of the states.
-
-    Parameters
-    ----------
-    point : the experiment at a point of the sweep
-    texts : component -> unit or name
-    traces : of all methods
-    """
+    """Return units or names of components; an estimate of the plant's states has those of the states."""
     found = dict(texts)
     widths = {trace.signals["x_hat"].shape[2] for trace in traces if "x_hat" in trace.signals}
     if widths == {point.nx}:

@@ -264,13 +264,15 @@ def rows_of(connection: sqlite3.Connection, path: Path, query: str, parameters: 
         cursor = connection.execute(query, parameters)
         names = [name for name, *_ in cursor.description]
         sized = [number for number, name in enumerate(names) if _TYPES.get(name) != {int}]
-        while part := cursor.fetchmany(50 if sized else 100_000):
+        if not sized:
+            rows = cursor.fetchall()
+        while part := cursor.fetchmany(50):
             rows += part
             n_bytes += sum(len(row[each]) for row in part for each in sized if type(row[each]) in (bytes, str))
             if n_bytes > 16 * most + 1_000_000:
                 raise damaged(path.parent, "rows of a table refer to the same pages")
-    for name, column in zip(names, zip(*rows, strict=True), strict=False):
-        _check_column(path.parent, query, name, column)
+    for number, name in enumerate(names if rows else ()):
+        _check_column(path.parent, query, name, [row[number] for row in rows])
     return rows
 
 

@@ -77,13 +77,7 @@ class Found(NamedTuple):
 
 
 def read_record(directory: Path) -> dict[str, Found]:
-    """Return key of a search -> what it has found, of a directory and of the shards in it.
-
-    Raises
-    ------
-    StoreError
-        If a file is not one of this program.
-    """
+    """Return key of a search -> what it has found, of a directory and of the shards in it."""
     found: dict[str, Found] = {}
     places = sorted((directory / SHARDS).glob(f"*/{FILE}")) if (directory / SHARDS).is_dir() else []
     for path in [*places, directory / FILE]:
@@ -143,16 +137,7 @@ def write_record(
     *,
     short: bool,
 ) -> None:
-    """Write the record of a directory; searches that the configuration does not have any more are left out.
-
-    Parameters
-    ----------
-    directory : of the results, which exists
-    protocol : how parameters are chosen
-    searches : those of the configuration
-    found : key -> what was found
-    short : whether, without runs of the experiment, the single runs are kept of the chosen values only
-    """
+    """Write the record of a directory; searches that the configuration does not have any more are left out."""
     wanted = {search.key: None for search in searches if search.key in found}
     entries = [
         f'  "{key}": {_entry(found[key], protocol if short and found[key].test is None else None)}' for key in wanted
