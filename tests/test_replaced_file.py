@@ -2,7 +2,7 @@
 
 import pytest
 
-from rmpc_bench.replaced_file import folder, replace_text, replaced
+from rmpc_bench.replaced_file import folder, inside, replace_text, replaced
 
 
 def test_an_earlier_file_stays_when_writing_fails(tmp_path):
@@ -32,3 +32,22 @@ def test_a_directory_that_is_a_symbolic_link_is_refused(tmp_path):
     with pytest.raises(OSError, match="figures is a symbolic link; replace it by a directory"):
         folder(tmp_path, "figures")
     assert folder(tmp_path / "new", "tables").is_dir()
+
+
+@pytest.mark.parametrize("name", ["../a", "../../a", "link/a", "link/../a", "b/../../a"])
+def test_nothing_outside_of_a_named_directory(tmp_path, name):
+    """Whatever a name is made of, links resolved; one named directory inside another counts with it."""
+    top, elsewhere = tmp_path / "top", tmp_path / "elsewhere"
+    (top / "b").mkdir(parents=True)
+    elsewhere.mkdir()
+    (top / "link").symlink_to(elsewhere)
+    with inside(top), pytest.raises(OSError, match="lies outside of"):
+        replace_text(top / name, "x")
+    with inside(top), pytest.raises(OSError, match="lies outside of"), inside((top / name).parent):
+        pass
+    with inside(top), pytest.raises(OSError, match="lies outside of|is a symbolic link"):
+        folder(top / name, "c")
+    assert not [*elsewhere.iterdir()] and {path.name for path in tmp_path.iterdir()} == {"top", "elsewhere"}
+    with inside(top):
+        replace_text(top / "b" / "a", "x")
+    replace_text(tmp_path / "a", "x")

@@ -285,6 +285,9 @@ def _wrong(found: StoredExperiment) -> Iterator[str]:
         for name in names:
             if name not in known:
                 yield f"{key} names {name[:60]!r}, which is none of {', '.join(known)[:200]}"
+    for number, keys in enumerate(found.figures):
+        if not all(isinstance(keys.get(key, ""), str) for key in ("kind", "file")) or not {"kind", "file"} & {*keys}:
+            yield f"figures.{number} has no kind"
     numbers = {"n_runs": found.n_runs - 1, "max_failures": found.max_failures}
     if not (0 < found.confidence < 1 and 0 <= found.relevant < math.inf):
         yield f"confidence or relevant is out of range (got {found.confidence}, {found.relevant})"

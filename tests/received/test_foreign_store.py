@@ -185,6 +185,8 @@ def edited(place, path, value):
         (("points", 0, "Ts"), -1.0),
         (("report", "order"), ["nobody"]),
         (("axes",), [["a.b"]]),
+        (("figures",), [{"metric": "mse"}]),
+        (("figures",), [{"kind": ["boxplot"]}]),
     ],
 )
 def test_layouts_that_no_configuration_has(place, path, value):
