@@ -75,7 +75,7 @@ MANIFEST: Any = {
     "libraries?": {str: str},
     "numerics?": COUNT,
     "blas?": [{str: (str, int, None)}],
-    "git?": (None, {"commit": str, "dirty": bool}),
+    "git?": (None, {"commit": str, "dirty?": bool}),
     "platform?": {"system?": str, "machine?": str, "cores?": (COUNT, None)},
     "looks?": [COUNT],
     "sessions?": [{"start": wrong_time, "stop": (wrong_time, None), "why": str, "shard?": str}],

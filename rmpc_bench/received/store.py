@@ -19,12 +19,12 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from rmpc_bench.received.plain_files import DamagedError, StoreError
-from rmpc_bench.types import Array
+
+if TYPE_CHECKING:
+    from rmpc_bench.types import Array
 
 FILE = "trials.sqlite"
 APPLICATION = 0x524D5043
@@ -307,6 +307,8 @@ def _check_column(directory: Path, query: str, name: str, column: Sequence[Any])
 
 def array_of(shape: str, data: bytes, most: int) -> Array:
     """Unpack an array; it takes no more room than its shape says, nor than ``most`` numbers."""
+    import numpy as np
+
     sizes = json.loads(shape) if re.fullmatch(r"\[(\d{1,10}, )*\d{0,10}\]", shape[:100]) else None
     if sizes is None or not all(n <= most for n in sizes):
         raise ValueError(f"arrays.shape must be a list of sizes (got {shape[:60]!r})")

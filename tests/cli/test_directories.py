@@ -67,12 +67,12 @@ def test_results_that_cannot_be_written(here):
 
 
 def test_a_file_that_is_no_store(here):
-    """Exit 5; it is left alone."""
+    """Bad input: exit 2; it is left alone."""
     (here / "out").mkdir()
     (here / "out" / "trials.sqlite").write_text("my notes " * 200)
     before = tree(here / "out")
     result = go(write(here), "-o", "out")
-    assert result.exit_code == 5 and "is not a trial store" in result.stderr
+    assert result.exit_code == 2 and "is not a trial store" in result.stderr
     assert tree(here / "out") == before
 
 

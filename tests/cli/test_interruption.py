@@ -13,7 +13,7 @@ from small_experiment import cli, ran
 from small_experiment import write as write_keys
 from stored_rows import n_stored
 
-from rmpc_bench.execution.database import _LATER as LATER
+from rmpc_bench.received.store import LATER
 
 COMMAND = Path(sys.executable).with_name("rmpc-bench")
 OWN = """

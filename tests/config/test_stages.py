@@ -35,7 +35,7 @@ def test_load_config_calls_every_stage_once_and_in_order():
     others |= {"OwnCode", "Size", "Inherited", "fitting_sweep", "fitting_metrics", "texts_of", "_validated"}
     others |= {"located", "reported_once"}
     # Values that tuning chooses: what is refused, what there is to choose, and the same stages with the chosen ones.
-    others |= {"check_tuning", "with_tuning", "Origin", "partial"}
+    others |= {"check_tuning", "with_tuning", "Origin", "partial", "check_copies"}
     assert set(called) - set(STAGES.values()) <= others
 
 
