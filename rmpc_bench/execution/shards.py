@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
+from rmpc_bench.received.plain_files import DamagedError
 from rmpc_bench.simulation.ensemble import SIZE
 
 FOLDER = "shards"
@@ -62,9 +63,15 @@ def parse_shard(text: str) -> Shard:
 
 
 def shards_in(results: Path, file: str) -> dict[Shard, Path]:
-    """Return the shards of a results directory that have a file, with their directories, in their order."""
+    """Return the shards of a results directory that have a file, with their directories, in their order.
+
+    A DamagedError says that one is a symbolic link: opening a store completes its last write, also outside.
+    """
     if not (results / FOLDER).is_dir():
         return {}
     names = ((_NAME.fullmatch(path.name), path) for path in (results / FOLDER).iterdir())
     found = {Shard(int(name[1]), int(name[2])): path for name, path in names if name and (path / file).exists()}
+    for path in (results / FOLDER, *found.values()):
+        if path.is_symlink():
+            raise DamagedError(f"{path}: is a symbolic link; replace it by a directory")
     return {shard: found[shard] for shard in sorted(found, key=lambda shard: (shard.total, shard.number))}

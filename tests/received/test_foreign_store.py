@@ -234,3 +234,20 @@ def test_merge_writes_nothing_through_a_link(tmp_path, name):
     assert result.exit_code in (0, 2, 74), result.output
     assert not [*elsewhere.iterdir()]
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("linked", ["shards", "shards/1-of-2"])
+def test_shards_that_lie_elsewhere(place, linked):
+    """A shard of another directory is not opened: that would complete the last write of its store."""
+    elsewhere, mine = place.parent / "elsewhere", place.parent / "mine"
+    (elsewhere / "1-of-2").parent.mkdir()
+    shutil.copytree(place, elsewhere / "1-of-2")
+    (mine / linked).parent.mkdir(parents=True)
+    (mine / linked).symlink_to(elsewhere if linked == "shards" else elsewhere / "1-of-2")
+    journal = elsewhere / "1-of-2" / f"{FILE}-journal"
+    journal.write_bytes(b"a transaction that was not completed")
+    before = {path: path.read_bytes() for path in elsewhere.rglob("*") if path.is_file()}
+    for command in (["merge", mine], ["status", mine]):
+        result = cli(*command)
+        assert result.exit_code == 2 and "is a symbolic link" in result.stderr and not result.stdout
+    assert {path: path.read_bytes() for path in elsewhere.rglob("*") if path.is_file()} == before
