@@ -79,7 +79,7 @@ MAY_IMPORT = {
     "analysis": {"types"},
     "claims": {"analysis", "expressions", "types"},
     # Pictures and tables are files.
-    "figures": {"analysis", "types", "replaced_file"},
+    "figures": {"analysis", "types", "replaced_file", "notices"},
     "report": {"figures", "claims", "analysis", "types", "replaced_file"},
     # Keys of an uncertain quantity are the fields of its law; the noise `same` and sets of x(0) are made as laws.
     # NUMERICS is a part of the key of a trial.

@@ -13,6 +13,7 @@ import click
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.component_text import show, show_own
+from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.config.known_files import SUFFIX, files_of, known_configs, short_names
 from rmpc_bench.extras import need
 
@@ -77,7 +78,7 @@ def _entry(group: str, kind: str) -> str:
 
 @click.command()
 @click.argument("name", metavar="[GROUP/]NAME|[GROUP/]FILE.py:NAME|CONFIG")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Also draw the plant (.svg .png .pdf).")
+@click.option("--plot", type=TypedPath(), metavar="FILE", help="Also draw the plant (.svg .png .pdf).")
 @own_code.allow_code_option
 @own_code.import_option
 @exits.guarded

@@ -10,6 +10,7 @@ import click
 from rmpc_bench import registry
 from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.tuning import tuning_line
+from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.config.method_differences import method_differences, short_value
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ MAX_WIDTH = 130
 
 
 @click.command()
-@click.argument("configs", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("configs", nargs=-1, type=TypedPath())
 @click.option(
     "--deep",
     is_flag=True,

@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.typed_files import TypedPath
 
-_DIRECTORY = click.Path(path_type=Path, exists=True, file_okay=False)
+_DIRECTORY = TypedPath(exists=True, file_okay=False)
 
 
 @click.command()

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 
 import click
 
+from rmpc_bench.cli.streams import OutputError
+
 if TYPE_CHECKING:
     from rmpc_bench.execution.publish import Publication
 
@@ -27,7 +29,7 @@ TERMINATED = 143
 MEANINGS: Mapping[int, str] = {
     INTERRUPTED: "Ctrl-C; finished blocks of a run are stored",
     TERMINATED: "SIGTERM; finished blocks of a run are stored",
-    CANNOT_WRITE: "results cannot be written",
+    CANNOT_WRITE: "results or the output cannot be written",
     INTERNAL: "internal error",
     OCCUPIED: "the directory holds another experiment, another process writes to it, or versions of libraries differ",
     USAGE: "an option or the configuration is wrong, or a stored file is damaged",
@@ -111,6 +113,8 @@ def code_of_store(error: Exception) -> int:
 
 
 def _explain(error: BaseException, verb: str) -> int:
+    if isinstance(error, OutputError):
+        return _say(f"the output cannot be written: {error}; results in files are not affected", CANNOT_WRITE)
     if isinstance(error, KeyboardInterrupt):
         return _say(f"interrupted; {_LEFT.get(verb, _UNCHANGED)}", INTERRUPTED)
     if isinstance(error, Terminated):

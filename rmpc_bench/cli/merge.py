@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.typed_files import TypedPath
 
 
 @click.command()
-@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("directory", type=TypedPath(exists=True, file_okay=False))
 @click.option("--partial", is_flag=True, help="Join the runs that are there, also while other shards are computed.")
 @exits.guarded
 def merge(directory: Path, partial: bool) -> int:

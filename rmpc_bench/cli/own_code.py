@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from rmpc_bench import registry
+from rmpc_bench.cli.typed_files import TypedPath
 
 if TYPE_CHECKING:
     from rmpc_bench.components.code import CodeReference
@@ -26,7 +27,7 @@ def allow_code_option(command: Command) -> Command:
     return click.option(
         "--allow-code",
         multiple=True,
-        type=click.Path(exists=True, path_type=Path),
+        type=TypedPath(exists=True),
         metavar="PATH",
         help="Load files with code from here, too: a file or a directory; may be repeated.",
     )(command)

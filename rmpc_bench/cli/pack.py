@@ -7,13 +7,12 @@ from pathlib import Path
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.typed_files import TypedPath
 
 
 @click.command()
-@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="The archive, FILE.zip."
-)
+@click.argument("directory", type=TypedPath(exists=True, file_okay=False))
+@click.option("-o", "--output", required=True, type=TypedPath(dir_okay=False), help="The archive, FILE.zip.")
 @click.option("--author", "authors", multiple=True, metavar="NAME", help="Name of an author; may be repeated.")
 @click.option("--licence", default="", metavar="SPDX", help="Licence of the results, such as CC-BY-4.0.")
 @exits.guarded

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.types.report_choices import DEFAULT_FORMATS
 
 if TYPE_CHECKING:
@@ -30,8 +31,8 @@ class Names(click.ParamType[list[str]]):
 
 
 @click.command()
-@click.argument("directories", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--to", type=click.Path(path_type=Path, file_okay=False), help="Directory to write to.  [default: DIR]")
+@click.argument("directories", nargs=-1, required=True, type=TypedPath(exists=True, file_okay=False))
+@click.option("--to", type=TypedPath(file_okay=False), help="Directory to write to.  [default: DIR]")
 @click.option("--width", metavar="LENGTH", help="Width of all figures: 252pt, 88mm, 8.8cm, 3.5in (72.27 pt = 1 in).")
 @click.option(
     "--metric", "metrics", type=Names(), metavar="M,..", help="Metrics of the tables; figures show the first."

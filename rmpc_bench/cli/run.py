@@ -14,6 +14,7 @@ import click
 from rmpc_bench.cli import exits, own_code, run_options
 from rmpc_bench.cli.run_request import Request, ShardOption, check_division
 from rmpc_bench.cli.tuning import tuned_config, tuning_line
+from rmpc_bench.cli.typed_files import TypedPath
 from rmpc_bench.execution.interrupts import held
 from rmpc_bench.received.plain_files import noted
 
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("config", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Directory for the results.")
+@click.argument("config", type=TypedPath())
+@click.option("-o", "--output", type=TypedPath(), help="Directory for the results.")
 @run_options.jobs
 @click.option("-s", "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Replace one value of the file.")
 @run_options.n_runs

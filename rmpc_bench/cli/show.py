@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rmpc_bench.cli import exits
+from rmpc_bench.cli.typed_files import TypedPath
 
 if TYPE_CHECKING:
     from rmpc_bench.execution.replay import Replay
@@ -29,16 +30,14 @@ def _ending(endings: tuple[str, ...]) -> Callable[[click.Context, click.Paramete
 
 
 @click.command()
-@click.argument("directory", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("directory", type=TypedPath(exists=True, file_okay=False))
 @click.option("--run", required=True, type=click.IntRange(min=0), help="Index of the run, from 0.")
 @click.option("--method", required=True, help="Name of the method.")
 @click.option("--at", multiple=True, metavar="PATH=VALUE", help="Point of a sweep; may be repeated.")
 @click.option("--until", type=click.IntRange(min=0), metavar="K", help="Stop after this sample.")
 @click.option("--pdb", "debug", is_flag=True, help="Open the debugger in your code: at an exception, or at --until K.")
-@click.option("--plot", type=click.Path(path_type=Path), callback=_ending(PICTURES), help="Draw the trace into a file.")
-@click.option(
-    "--export", type=click.Path(path_type=Path), callback=_ending(EXPORTS), help="Write the trace: .csv, .npz, .mat."
-)
+@click.option("--plot", type=TypedPath(), callback=_ending(PICTURES), help="Draw the trace into a file.")
+@click.option("--export", type=TypedPath(), callback=_ending(EXPORTS), help="Write the trace: .csv, .npz, .mat.")
 @exits.guarded
 def show(
     directory: Path,

@@ -15,6 +15,10 @@ import sys
 from typing import Any
 
 
+class OutputError(OSError):
+    """Standard output cannot be written, such as on a full disk; what is stored in files is not concerned."""
+
+
 class _Output(io.FileIO):
     """A stream whose text is dropped where no process reads it; another error, such as a full disk, is raised once."""
 
@@ -29,9 +33,9 @@ class _Output(io.FileIO):
             return super().write(data) or 0
         except BrokenPipeError:
             return memoryview(data).nbytes
-        except OSError:
+        except OSError as error:
             self._failed = True
-            raise
+            raise OutputError(error.errno, error.strerror) from None
 
 
 class _Messages(io.FileIO):

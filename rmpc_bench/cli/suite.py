@@ -10,7 +10,7 @@ import click
 
 from rmpc_bench.cli import exits, own_code, run_options
 from rmpc_bench.cli.run import run
-from rmpc_bench.cli.typed_files import from_here
+from rmpc_bench.cli.typed_files import TypedPath, from_here
 from rmpc_bench.config.known_files import known_configs, located, short_names
 
 FOLDER = "configs/suite/"
@@ -22,7 +22,7 @@ FOLDER = "configs/suite/"
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=TypedPath(),
     help="Directory for the results; with several sets, the directory above theirs.",
 )
 @run_options.jobs

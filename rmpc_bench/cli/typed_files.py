@@ -1,4 +1,4 @@
-"""Files of components in methods that are typed on the command line, as seen from the current directory."""
+"""Paths that are typed on the command line, and those in methods that are typed there."""
 
 from __future__ import annotations
 
@@ -7,7 +7,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import click
+
 OPTION = "--add-method"
+
+
+class TypedPath(click.Path):
+    """A path; an empty one, such as that of a shell variable without a value, would be the current directory."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(path_type=Path, **options)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path."""
+        if not os.fspath(value):
+            self.fail("a path must not be empty", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 def from_here(texts: Sequence[str], config: Path) -> tuple[list[str], list[Path]]:

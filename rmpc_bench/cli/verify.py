@@ -8,10 +8,11 @@ import click
 
 from rmpc_bench.cli import exits, own_code
 from rmpc_bench.cli.run_request import Workers
+from rmpc_bench.cli.typed_files import TypedPath
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument("file", type=TypedPath(exists=True, dir_okay=False))
 @click.option("--runs", type=click.IntRange(min=1), help="Compute the first runs only.  [default: all]")
 @click.option("--claim", default="", metavar="ID", help="Compute what this claim needs: its id, or its number.")
 @click.option("--no-run", is_flag=True, help="Compute nothing: check the files and the tables.")

@@ -71,7 +71,7 @@ _WORDS: dict[str, str] = {
     "int_from_float": "must be a whole number",
     "string_type": "must be text",
     "string_too_short": "must not be empty",
-    "string_pattern_mismatch": "must consist of letters, digits, '_', '-' and '.', and begin with a letter or digit",
+    "string_pattern_mismatch": "must have 1 to 100 letters, digits, '_', '-' or '.', the first a letter or digit",
     "bool_type": "must be true or false",
     "bool_parsing": "must be true or false",
     "dict_type": "must be a mapping",

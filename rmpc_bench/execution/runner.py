@@ -19,7 +19,7 @@ from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution.block_lengths import BlockLengths
 from rmpc_bench.execution.chunks import ranges
-from rmpc_bench.execution.database import WriteError
+from rmpc_bench.execution.database import FILE, WriteError
 from rmpc_bench.execution.engines.choice import Engine, choose_engine
 from rmpc_bench.execution.engines.tasks import Done, Task, is_built_in
 from rmpc_bench.execution.layout import keep_layout
@@ -131,6 +131,8 @@ def compute(
     place = directory if shard is None else shard.directory(directory)
     also = {} if shard is None else stored_in(directory, config, methods, progress.say)
     runs = range(config.experiment.n_runs) if shard is None else shard.runs(config.experiment.n_runs)
+    if (place / FILE).is_file() and not (place / FILE).stat().st_size:
+        progress.say(f"{place / FILE} is empty: every trial is computed")
     with Store(place) as store:
         store.claim(config.hash, config.shared, config.own.names())
         if missing:

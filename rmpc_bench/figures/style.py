@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from rmpc_bench import notices
 from rmpc_bench.figures.fonts import family_of
 from rmpc_bench.figures.formulas import formulas_once
 from rmpc_bench.figures.rendering import Rendering
@@ -60,9 +64,34 @@ def rendered(rendering: Rendering) -> Iterator[None]:
     """Draw and write figures with this font and style inside the block."""
     token = _CURRENT.set(rendering)
     try:
-        yield
+        with _own_words():
+            yield
     finally:
         _CURRENT.reset(token)
+
+
+@contextmanager
+def _own_words() -> Iterator[None]:
+    """Say, once per process, what matplotlib warns of: characters that the font lacks, and panels without room."""
+    signs = set[str]()
+    with warnings.catch_warnings(record=True) as found:
+        warnings.filterwarnings("always", r"Glyph \d+ |constrained_layout not applied", UserWarning)
+        yield
+    for each in found:
+        text = str(each.message)
+        if glyph := re.match(r"Glyph (\d+) ", text):
+            signs.add(chr(int(glyph[1])))
+        elif not text.startswith("constrained_layout"):
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+    if signs:
+        _say_once(f"figures: the font {font_family()} lacks {' '.join(sorted(signs))}; choose others for figures")
+    if any(str(each.message).startswith("constrained_layout") for each in found):
+        _say_once("figures: labels leave no room for the panels; shorten them, or make the figure larger")
+
+
+@cache
+def _say_once(text: str) -> None:
+    notices.say(text)
 
 
 def font_family() -> str:

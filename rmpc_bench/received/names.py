@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import re
 
-EXPERIMENT = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+EXPERIMENT = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
 """Name of an experiment or a paper, which is that of a directory."""
-METRIC = re.compile(r"[A-Za-z_]\w{0,199}")
+METRIC = re.compile(r"[A-Za-z_]\w{0,99}")
 """Name of a metric, which is that of a table."""
 HIDDEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 """Characters that no text may contain, those of `types.texts`, which imports NumPy: controls and directions."""
@@ -36,11 +36,11 @@ def wrong_method(text: object) -> str:
 
 def wrong_experiment(text: object) -> str:
     """Say what is wrong with the name of an experiment or a paper; empty where nothing is."""
-    if isinstance(text, str) and len(text) <= _LONGEST and re.fullmatch(EXPERIMENT[1:-1], text):
+    if isinstance(text, str) and re.fullmatch(EXPERIMENT[1:-1], text):
         return ""
-    return "must be a name of letters, digits, _, - and points"
+    return "must be a name of at most 100 letters, digits, _, - and points"
 
 
 def wrong_metric(text: object) -> str:
     """Say what is wrong with the name of a metric; empty where nothing is."""
-    return "" if isinstance(text, str) and METRIC.fullmatch(text) else "must be a name of letters, digits and _"
+    return "" if isinstance(text, str) and METRIC.fullmatch(text) else "must be a name of up to 100 letters, digits, _"

@@ -154,14 +154,18 @@ def _format(path: Path) -> int | None:
 
 
 def _check_journal(path: Path) -> None:
-    """Refuse the journal of a transaction over several databases: SQLite deletes the file that it names at its end."""
+    """Refuse the journal of a transaction over several databases: SQLite deletes the file that it names at its end.
+
+    A symbolic link is refused as well, which SQLite cannot open.
+    """
     journal = path.with_name(f"{path.name}-journal")
     end = b""
     try:
-        is_journal = stat.S_ISREG(journal.stat().st_mode)
+        found = journal.lstat()
+        is_journal = stat.S_ISREG(found.st_mode)
         if is_journal:
             with journal.open("rb") as file:
-                file.seek(-min(journal.stat().st_size, len(_JOURNAL_MAGIC)), os.SEEK_END)
+                file.seek(-min(found.st_size, len(_JOURNAL_MAGIC)), os.SEEK_END)
                 end = file.read()
     except FileNotFoundError:
         return
@@ -199,6 +203,9 @@ def is_in_use(directory: Path) -> bool:
 def connected(path: Path, *, writable: bool) -> sqlite3.Connection:
     """Open a store for one thread at a time, with the lock and the tables of a new file where it is to be written."""
     is_new = check_file(path, writable=writable)
+    if is_new:
+        # SQLite makes files that the group cannot write, whatever the process allows.
+        os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o666))
     # Opened for writing if possible: the journal of a killed writer is rolled back before the first read.
     mode = "rwc" if writable else "rw" if os.access(path, os.W_OK) and not path.is_symlink() else "ro"
     connection = sqlite3.connect(

@@ -1,6 +1,7 @@
 """run: where results go, who may write there, and what is kept."""
 
 import json
+import os
 import re
 
 import pytest
@@ -168,3 +169,38 @@ def test_the_copies_in_the_directory_continue_it(here, copy):
     """The configuration that lies beside the results runs them."""
     first = ran(write(here), here / "out")
     assert ran(here / "out" / copy, here / "out") == first
+
+
+def test_an_empty_path(here):
+    """That of a shell variable without a value is an error, and not the current directory."""
+    path = write(here)
+    for command in (["run", path, "-o", ""], ["check", ""], ["status", ""], ["report", here, "--to", ""]):
+        result = cli(*command)
+        assert result.exit_code == 2 and result.stdout == ""
+        assert "must not be empty" in result.stderr
+    assert [each.name for each in here.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("key", ["name", "paper"])
+def test_names_that_are_too_long_for_a_directory(here, key):
+    result = cli("check", write(here, **{key: "a" * 101}))
+    assert result.exit_code == 2 and "1 to 100 letters" in result.stderr
+    assert go(write(here, **{key: "a" * 100}), "--runs", 2).exit_code == 0
+
+
+def test_the_group_may_write_what_the_process_allows(here):
+    """Of the store as well, which SQLite makes with other rights."""
+    before = os.umask(0o002)
+    try:
+        assert go(write(here), "-o", "out").exit_code == 0
+    finally:
+        os.umask(before)
+    assert {path.stat().st_mode & 0o777 for path in (here / "out").iterdir() if path.is_file()} == {0o664}
+
+
+def test_an_empty_store_is_named(here):
+    """What was in it is computed again, and this is said."""
+    (here / "out").mkdir()
+    (here / "out" / "trials.sqlite").touch()
+    result = cli("run", write(here), "-j", 1, "-o", "out", "--progress", "plain")
+    assert result.exit_code == 0 and "trials.sqlite is empty: every trial is computed" in result.stderr

@@ -61,6 +61,17 @@ def test_a_full_disk_is_an_error(tmp_path, arguments):
     assert "cannot be written" in done.stderr.splitlines()[-1]
 
 
+def test_results_are_not_lost_with_the_output(tmp_path):
+    """The message says which of the two could not be written."""
+    if not Path("/dev/full").exists():
+        pytest.skip("there is no /dev/full")
+    path = write(tmp_path)
+    done = shell(f"{PROGRAM} run {path} -o out -j 1 > /dev/full", tmp_path)
+    assert done.returncode == 74 and (tmp_path / "out" / "summary.csv").exists()
+    assert done.stderr.splitlines()[-1].startswith("the output cannot be written: ")
+    assert "results in files are not affected" in done.stderr
+
+
 def test_list_and_head(tmp_path):
     done = shell(f"{PROGRAM} list configs | head -1", tmp_path)
     assert (done.returncode, len(done.stdout.splitlines()), done.stderr) == (0, 1, "")

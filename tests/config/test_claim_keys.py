@@ -76,7 +76,7 @@ def test_a_statement_has_one_claim(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "path", "message"),
     [
-        ("id: Hu large", "claims.0.id", "must consist of letters"),
+        ("id: Hu large", "claims.0.id", "must have 1 to 100 letters"),
         (f"quote: '{'word ' * 26}'", "claims.0", "quote must have at most 25 words (got 26)"),
         ("holds_for: some", "claims.0.holds_for", "must be"),
         ("stated: {of: 'last(trace(P[S-MPC]))', value: 58.2}", "claims.0.stated", "in quotes"),

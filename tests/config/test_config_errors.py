@@ -35,7 +35,7 @@ def place(key, text, value):
 
 CASES = [
     # key, its value, the text whose place is shown, path, message
-    ("name", "../x", "../x", "name", "must consist of letters"),
+    ("name", "../x", "../x", "name", "must have 1 to 100 letters"),
     ("version", "2", "2", "version", "must be 1 (got 2)"),
     ("runs", "0", "0", "runs", "must be >= 1 (got 0)"),
     ("runs", "[1]", "[1]", "runs", "got [1]"),

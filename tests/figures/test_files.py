@@ -179,3 +179,13 @@ def test_fonttools_is_not_imported_for_usual_fonts(tmp_path):
     script = f"{SCRIPT}\nassert 'fontTools.varLib' not in sys.modules, 'fontTools was imported'"
     subprocess.run([sys.executable, "-c", script, str(tmp_path)], check=True, timeout=120)
     assert (tmp_path / "a.pdf").exists()
+
+
+def test_what_matplotlib_warns_of_is_said_once_in_own_words(make_trials, tmp_path, capsys):
+    """A font without a character of a label; no warning with a line of this program."""
+    picture, rendering = drawn(make_trials, formats=("svg",))
+    with rendered(rendering):
+        picture.axes[0].set_title("\u6bd4")
+    for name in ("a", "b"):
+        save(picture, tmp_path, name, rendering)
+    assert capsys.readouterr().err == "figures: the font DejaVu Sans lacks \u6bd4; choose others for figures\n"
