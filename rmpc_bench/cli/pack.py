@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -12,20 +13,24 @@ from rmpc_bench.cli.typed_files import TypedPath
 
 @click.command()
 @click.argument("directory", type=TypedPath(exists=True, file_okay=False))
-@click.option("-o", "--output", required=True, type=TypedPath(dir_okay=False), help="The archive, FILE.zip.")
+@click.option(
+    "-o", "--output", type=TypedPath(dir_okay=False), help="The archive.  [default: DIRECTORY.zip, here]"
+)
 @click.option("--author", "authors", multiple=True, metavar="NAME", help="Name of an author; may be repeated.")
 @click.option("--licence", default="", metavar="SPDX", help="Licence of the results, such as CC-BY-4.0.")
 @exits.guarded
-def pack(directory: Path, output: Path, authors: tuple[str, ...], licence: str) -> int:
+def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence: str) -> int:
     """Pack the results of a directory into one file that others can check with `rmpc-bench verify`.
 
     The file is a zip archive with RO-Crate metadata.  It has the configuration, the user's files, the rows, the tables,
     figures and claims, the report, and the hash of every file.
     """
+    from rmpc_bench.config.relocation import COPIES
     from rmpc_bench.execution.pack import pack as pack_results
     from rmpc_bench.extras import install
     from rmpc_bench.received.archive import ArchiveError
 
+    output = output or Path(f"{directory.resolve().name or 'results'}.zip")
     try:
         written = pack_results(directory, output, authors=authors, licence=licence)
     except ModuleNotFoundError as error:
@@ -39,5 +44,7 @@ def pack(directory: Path, output: Path, authors: tuple[str, ...], licence: str) 
     for text in written.remarks:
         click.echo(text, err=True)
     click.echo(str(written))
-    click.echo(f"to check it on any machine: rmpc-bench verify {output}")
+    name = shlex.quote(str(output))
+    consent = f" --allow-code {name}" if any(each.startswith(f"{COPIES}/") for each in written.files) else ""
+    click.echo(f"to check it on any machine: rmpc-bench verify {name}{consent}")
     return 0

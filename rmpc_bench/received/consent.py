@@ -92,9 +92,11 @@ def reason_against_archive(archive: Path, files: Mapping[str, str], allowed: Ite
     if not files or any(here.is_relative_to(Path(each).resolve()) for each in allowed):
         return ""
     listed = ", ".join([f"{name} (sha {sha[:6]})" for name, sha in files.items()][:10])
+    name = shlex.quote(str(archive))
     return (
-        f"{archive}: has files with code: {listed}{', ..' * (len(files) > 10)}\nto let them run: --allow-code "
-        f"{shlex.quote(str(archive))}; --no-run compares the files without running anything"
+        f"{archive}: has files with code: {listed}{', ..' * (len(files) > 10)}\n"
+        f"to let them run: rmpc-bench verify {name} --allow-code {name}\n"
+        f"to check the files without running anything: rmpc-bench verify {name} --no-run"
     )
 
 

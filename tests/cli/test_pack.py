@@ -194,18 +194,29 @@ def test_own_files_need_consent_and_data_files_come_along(tmp_path):
     place = tmp_path / "mine"
     place.mkdir()
     ran(written(place), tmp_path / "out")
-    done = cli("pack", tmp_path / "out", "-o", tmp_path / "tank.zip")
+    file = tmp_path / "tank.zip"
+    done = cli("pack", tmp_path / "out", "-o", file)
     assert done.exit_code == 0, done.output
+    assert done.stdout.endswith(f"rmpc-bench verify {file} --allow-code {file}\n")
     shutil.rmtree(place)
     shutil.rmtree(tmp_path / "out")
     names = packed.contents(tmp_path / "tank.zip").keys()
     assert sum(name.startswith("data/") for name in names) == 2 and any(name.endswith("observer.py") for name in names)
-    refused = cli("verify", tmp_path / "tank.zip", "-j", 1)
-    assert refused.exit_code == 2 and "to let them run: --allow-code" in refused.stderr
+    refused = cli("verify", file, "-j", 1)
+    assert refused.exit_code == 2
+    assert f"to let them run: rmpc-bench verify {file} --allow-code {file}\n" in refused.stderr
     assert cli("verify", tmp_path / "tank.zip", "--no-run").exit_code == 0
     found = cli("verify", tmp_path / "tank.zip", "-j", 1, "--allow-code", tmp_path / "tank.zip")
     assert found.exit_code == 0, found.output
     assert "code  code/" in found.stderr and "reproduced   all 2 runs, 3 methods" in found.stdout
+
+
+def test_the_usual_name_of_an_archive(here, tmp_path, monkeypatch):
+    """That of the directory, in the current one."""
+    monkeypatch.chdir(tmp_path)
+    done = cli("pack", here / "out")
+    assert done.exit_code == 0 and done.stdout.endswith("rmpc-bench verify out.zip\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["out.zip"]
 
 
 def test_a_directory_that_does_not_fit_is_not_packed(here, tmp_path):
