@@ -24,6 +24,8 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+from rmpc_bench.components.untouched import untouched
+
 PREFIX = "_rmpc_bench_code_"
 _PRIVATE = re.compile(rf"{PREFIX}\d+\.")
 _ENCODED = "file_"
@@ -197,7 +199,8 @@ class _Loader(SourceFileLoader):
     def exec_module(self, module: ModuleType) -> None:
         """Run the module."""
         module.__dict__["__builtins__"] = {**vars(builtins), "__import__": _Import(self._package.name, module)}
-        super().exec_module(module)
+        with untouched(self.path):
+            super().exec_module(module)
 
 
 class _Import:

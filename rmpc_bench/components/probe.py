@@ -46,18 +46,16 @@ _imported: set[tuple[str, str]] = set()
 """Files whose import has ended well, with their hashes."""
 _process: list[subprocess.Popen[bytes]] = []
 """The process of this program, once it has been started."""
+is_answering = False
+"""Whether this is that process, or a fork of it: code of the user may run here."""
 _in_use = threading.Lock()
 """Threads of a program share the process; one request at a time."""
 
 
 def ask(request: Mapping[str, Any], limit: float | None = None) -> Answer:
-    """Send a request to the process and wait for its answer.
-
-    Parameters
-    ----------
-    request : keywords of `probe_process.handle`
-    limit : longest time [s]; `LIMIT` unless given
-    """
+    """Send the keywords of `probe_process.handle` to the process and wait for its answer, for `LIMIT` unless given."""
+    if is_answering:
+        return Answer("done")
     limit = LIMIT if limit is None else limit
     modules = [name for name in sys.modules if name.startswith(_PRELOADED)]
     surroundings = {"path": list(sys.path), "directory": os.getcwd(), "limit": limit, "modules": modules}
@@ -86,17 +84,9 @@ def _answer(message: bytes) -> Answer:
 
 
 def check_import(reference: CodeReference, version: str) -> None:
-    """Import a user's file in the process, before it is imported in this one.
+    """Import a user's file in the process, before it is imported in this one; once per version.
 
-    Parameters
-    ----------
-    reference : names the file
-    version : hash of the file and of what it imports; the same version is imported once
-
-    Raises
-    ------
-    CodeError
-        If the import takes too long or ends the process.  Its exceptions are reported when this process imports it.
+    A CodeError says that the import takes too long or ends the process.  Other errors are those of the import here.
     """
     key = str(reference.path), version
     if key in _imported:

@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from rmpc_bench.components import probe
 from rmpc_bench.components.code import CodeError
 from rmpc_bench.components.first_call import FirstCall
 from rmpc_bench.components.loading import module_of
@@ -24,6 +25,7 @@ PATIENCE = 6.0
 
 def serve() -> None:
     """Answer requests from standard input until it is closed."""
+    probe.is_answering = True
     requests, answers = os.fdopen(os.dup(0), "rb", buffering=0), os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in (0, 1):
@@ -43,16 +45,9 @@ def _preload(modules: list[str]) -> None:
 
 
 def handle(request: dict[str, Any], enter: Any) -> Any:
-    """Do what a request asks for.
+    """Import a file, make the first call of a method, or call a function of the bench; all but the first as bytes.
 
-    Parameters
-    ----------
-    request : ``{"imports": file}`` or ``{"first_call": bytes of (plant, method, sample)}``
-    enter : called with the role of the component whose code runs next
-
-    Returns
-    -------
-    Nothing for an import; a `FirstAnswer` for a first call.
+    `enter` is called with the role of the component whose code runs next.
     """
     if "imports" in request:
         try:
@@ -61,6 +56,9 @@ def handle(request: dict[str, Any], enter: Any) -> Any:
             # The process that asked imports the file as well and reports its errors.
             return None
         return None
+    if "call" in request:
+        function, *arguments = loads(request["call"])
+        return function(*arguments)
     enter("import")
     plant, method, sample = loads(request["first_call"])
     return FirstCall(plant, method, sample, enter).answer()

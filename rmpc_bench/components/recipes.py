@@ -11,32 +11,32 @@ from typing import Any
 from rmpc_bench.components.code import CodeReference, DataReference
 from rmpc_bench.components.designs import loaded_design
 from rmpc_bench.components.loading import load
+from rmpc_bench.components.untouched import untouched
 
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """The call that makes a design.
-
-    Parameters
-    ----------
-    group : of the registry
-    design : the design function; not used for a component from a file
-    code : where a component from a file stands; None for others
-    provided : what the bench gives to the design function
-    parameters : its other keywords, with references in place of what stands in files of the user
-    """
+    """The call that makes a design."""
 
     group: str
     design: Callable[..., Any] | None
+    """The design function; not used for a component from a file."""
     code: CodeReference | None
+    """Where a component from a file stands; None for others."""
     provided: Mapping[str, Any]
+    """What the bench gives to the design function."""
     parameters: Mapping[str, Any]
+    """Its other keywords, with references in place of what stands in files of the user."""
 
     def make(self) -> Any:
         """Call the design function."""
         design = self.design if self.code is None else loaded_design(self.group, self.code)
         assert design is not None
-        return design(**self.provided, **loaded(self.parameters))
+        own = self.code or next((each for each in inside(self.parameters) if isinstance(each, CodeReference)), None)
+        if own is None and str(getattr(design, "__module__", "")).startswith("rmpc_bench."):
+            return design(**self.provided, **loaded(self.parameters))
+        with untouched("" if own is None else str(own.path)):
+            return design(**self.provided, **loaded(self.parameters))
 
     def without_design(self) -> Recipe:
         """Return the recipe of a component from a file without the loaded function."""

@@ -31,14 +31,7 @@ hash, so earlier trials stay valid."""
 
 
 def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> SweepPoint:
-    """Return a point of the sweep with the data that identify its trials.
-
-    Parameters
-    ----------
-    draft : the validated sections
-    experiment : the designs made from them
-    own : the files of the user that have been read; gets those of this point
-    """
+    """Return a point of the sweep with the data that identify its trials; `own` gets its files of the user."""
     return SweepPoint(
         draft.coordinates,
         draft.title,
@@ -48,6 +41,7 @@ def sweep_point(draft: DraftConfig, experiment: Experiment, own: OwnCode) -> Swe
         _metrics(draft, experiment, own),
         {name: own.identity(components.named) for name, components in draft.methods.items()},
         _modules(draft, own),
+        draft,
     )
 
 

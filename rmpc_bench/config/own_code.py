@@ -20,6 +20,7 @@ from rmpc_bench.components.object_source import registered_identity
 from rmpc_bench.components.private_modules import package_of
 from rmpc_bench.components.reached import reached_text
 from rmpc_bench.components.source import Source, data_hash, read_source
+from rmpc_bench.components.untouched import replaced
 from rmpc_bench.config.component import Component
 from rmpc_bench.extras import COMPUTES_WITH, EXTRAS, NEEDED_BY
 from rmpc_bench.received.consent import is_code
@@ -46,6 +47,8 @@ class OwnCode:
     files: dict[str, Path] = field(default_factory=dict)
     patterns: set[str] = field(default_factory=set)
     parts: dict[str, Source] = field(default_factory=dict)
+    _replacing: dict[bool, dict[Problem, None]] = field(default_factory=lambda: {True: {}, False: {}})
+    """Whether a component is that of a method or a figure -> what such components replace for all others."""
     _with_data: set[Path] = field(default_factory=set)
     """Python files of components of which keys name data files."""
 
@@ -66,10 +69,19 @@ class OwnCode:
             if component is not None and not (component.is_built_in and not component.data()):
                 sources = self.sources_of(component) if whole else self._parts_of(component)
                 found["sources"][role] = [source.sha for source in sources]
+                self._replacing[whole] |= dict.fromkeys(self._replaced(component))
                 found["installed"][role] = [each for each in _registered(component) if isinstance(each, str)]
                 found["data"][role] = [self._hash(path) for path in self._data_files(component)]
         filled = {name: {role: value for role, value in roles.items() if value} for name, roles in found.items()}
         return {name: roles for name, roles in filled.items() if roles}
+
+    def _replaced(self, component: Component) -> Iterator[Problem]:
+        """Say what the files of a component have replaced when they were imported and when it was designed."""
+        files = {str(file.path) for source in self.sources_of(component) for file in source.files}
+        names = sorted({name for file in files for name in replaced.get(file, ())})
+        if names:
+            text = f"replaces {', '.join(names[:4])}{' and others' * (len(names) > 4)}, which other components use too"
+            yield component.problem(f"{text}; it is put back: write a function or class of your own")
 
     def sources_of(self, component: Component) -> Iterator[Source]:
         """Yield the Python files of a component, each with all that it imports."""
@@ -135,8 +147,9 @@ class OwnCode:
 
     @property
     def problems(self) -> list[Problem]:
-        """Errors of the Python files."""
-        return [self._placed(problem) for source in self.sources.values() for problem in source.problems]
+        """Errors of the Python files; what every method shares must replace nothing."""
+        found = [self._placed(problem) for source in self.sources.values() for problem in source.problems]
+        return [*found, *self._replacing[False]]
 
     @property
     def warnings(self) -> list[Problem]:
@@ -145,7 +158,7 @@ class OwnCode:
         for path, source in self.sources.items():
             # A file that a key names is hashed.
             found |= set(source.readings) if path not in self._with_data else set()
-        return sorted(map(self._placed, found))
+        return [*sorted(map(self._placed, found)), *self._replacing[True]]
 
     def _placed(self, problem: Problem) -> Problem:
         """Name a file as it is seen from the current directory, where that is shorter."""

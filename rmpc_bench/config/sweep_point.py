@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from rmpc_bench.config.code_version import code_version
+from rmpc_bench.config.draft import DraftConfig
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.types import DesignError
 from rmpc_bench.types.issue import unknown
@@ -45,6 +46,7 @@ class SweepPoint:
     metrics : metric name -> what identifies the metric, as plain data
     own_code : method name -> what identifies the code that is not built in, as plain data; nothing where there is none
     modules : method name -> names of the installed modules that this code imports
+    draft : the validated sections that all of this was made from
     """
 
     coordinates: Mapping[str, str]
@@ -55,6 +57,7 @@ class SweepPoint:
     metrics: Mapping[str, Any]
     own_code: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     modules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    draft: DraftConfig | None = None
 
     @cached_property
     def experiment_hash(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from contextlib import closing
 from pathlib import Path
 from types import MappingProxyType
@@ -21,27 +21,24 @@ from rmpc_bench.execution.block_lengths import BlockLengths
 from rmpc_bench.execution.chunks import ranges
 from rmpc_bench.execution.database import FILE, WriteError
 from rmpc_bench.execution.engines.choice import Engine, choose_engine
-from rmpc_bench.execution.engines.tasks import Done, Task, is_built_in
+from rmpc_bench.execution.engines.tasks import Done, Task
 from rmpc_bench.execution.layout import keep_layout
 from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.manifest import Session
 from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
-from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
+from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
+from rmpc_bench.execution.separation import check_shared, separated, warm_up_tasks
 from rmpc_bench.execution.shard_rows import stored_in, take_shards
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.source_copies import keep_sources
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import added_methods
 from rmpc_bench.execution.task_queue import TaskQueue
-from rmpc_bench.numerics.code_cache import cache_remark
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.replaced_file import replace_text, replaced
-from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.recording import kept
-from rmpc_bench.simulation.scenario import Experiment
-from rmpc_bench.simulation.threads import single_thread
 from rmpc_bench.types import Array
 
 if TYPE_CHECKING:
@@ -61,15 +58,8 @@ def pending(
 ) -> list[Task]:
     """Return the ranges of runs that are not stored yet; a `TaskQueue` cuts them into blocks.
 
-    Trials that points of a sweep share are computed once, at the first of them.
-
-    Parameters
-    ----------
-    config : the experiment
-    store : the stored trials
-    methods : names of the methods to compute
-    runs : the runs to compute, such as those of a shard; all unless given
-    also : key of a method -> its runs that another store has
+    Trials that points of a sweep share are computed once, at the first of them.  `also` has the runs that another store
+    has, by the key of a method.
     """
     if "runs" not in config.evaluate:
         return []
@@ -137,6 +127,7 @@ def compute(
         store.claim(config.hash, config.shared, config.own.names())
         if missing:
             take_shards(config, store, progress.say)
+        config = separated(config, methods, progress)
         _prepare(config, store, methods, progress, accept_versions=accept_versions)
         for folder in dict.fromkeys((place, directory)):
             _keep_configuration(config, folder, added_methods(store))
@@ -156,6 +147,7 @@ def compute(
             elif not file.is_up_to_date():
                 with file:
                     pass
+            check_shared(config, store, progress)
 
 
 def _prepare(
@@ -239,33 +231,6 @@ def _compute(
                     progress.extend(n_more)
     finally:
         progress.stop()
-
-
-def warm_up_tasks(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
-    """Compile, and finish the designs of the methods, once in this process and before any worker starts.
-
-    Parameters
-    ----------
-    experiments : of every point of the sweep
-    tasks : what is about to be computed
-    progress : says what takes long
-    """
-    plants = {type(plant): plant for plant in (experiment.plant for experiment in experiments) if is_built_in(plant)}
-    for plant in plants.values():
-        with said_if_slow(progress, "Compiling (first run only) ..."):
-            plant.warm_up()
-    wanted = sorted({(task.point, task.method) for task in tasks})
-    with said_if_slow(progress, "Compiling (first run only) ..."):
-        for point, name in wanted:
-            warm_up(experiments[point], experiments[point].method(name))
-    methods = [experiments[point].method(name) for point, name in wanted]
-    designs = [design for method in methods for design in (method.estimator, method.controller) if is_built_in(design)]
-    text = "Preparing estimators and control laws (compiling on the first run only) ..."
-    with said_if_slow(progress, text), single_thread():
-        for design in {id(design): design for design in designs}.values():
-            design.warm_up()
-    if cache_remark():
-        progress.say(cache_remark())
 
 
 def store_block(store: Store, point: SweepPoint, done: Done) -> None:

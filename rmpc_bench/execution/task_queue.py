@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import Counter, deque
-from collections.abc import Hashable, Iterable
+from collections.abc import Collection, Hashable, Iterable
 from itertools import count
 
 from rmpc_bench.execution.block_lengths import BlockLengths, Pair
@@ -86,6 +86,15 @@ class TaskQueue:
             tasks.append(task)
         del self._begun[worker]
         return tasks
+
+    def part(self, pairs: Collection[Pair]) -> TaskQueue:
+        """Hand out all tasks of some methods, given with the numbers of their points, as a queue of their own."""
+        chosen = [entry for entry in self._ranges if (entry[2].point, entry[2].method) in pairs]
+        self._ranges = [entry for entry in self._ranges if entry not in chosen]
+        heapq.heapify(self._ranges)
+        for *_, task in chosen:
+            self._left[task.point, task.method] -= len(task.runs)
+        return TaskQueue((task for *_, task in sorted(chosen)), self._lengths)
 
     @property
     def is_measured(self) -> bool:

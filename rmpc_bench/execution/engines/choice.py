@@ -19,6 +19,7 @@ from rmpc_bench.execution.engines.processes import processes
 from rmpc_bench.execution.engines.serial import serial
 from rmpc_bench.execution.engines.tasks import Done, Task, components_of, has_own_code
 from rmpc_bench.execution.engines.watch import Limits
+from rmpc_bench.execution.separation import apart, groups_of
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.worker_error import WorkerError
 from rmpc_bench.simulation.scenario import Experiment
@@ -42,21 +43,11 @@ def choose_engine(
     say: Callable[[str], None],
     scheduler: str | None = None,
 ) -> Engine:
-    """Return the engine for tasks of an experiment.
+    """Return the engine for tasks of an experiment; methods with different files of users share no process.
 
     Without a name, worker processes are used where several are asked for, where a component comes from a file or an
     installed package, or where there is a limit of time or memory.  Otherwise this process computes, and lets several
     workers of the configuration do what is left where that saves time.
-
-    Parameters
-    ----------
-    config : the experiment
-    tasks : what is to be computed
-    workers : how many processes; those of the configuration unless given
-    name : ``joblib``, ``serial``, ``dask`` or None
-    directory : results directory, for the output of components
-    say : shows a line to the user
-    scheduler : address of the scheduler of a dask cluster; without one dask starts workers on this machine
     """
     name, n_trials = name or config.execution.engine, sum(len(task.runs) for task in tasks)
     n = min(workers or config.execution.workers, n_trials)
@@ -68,20 +59,20 @@ def choose_engine(
         what = "a component that ends its process or never returns ends the experiment; "
         say(f"engine serial: {what if own else ''}execution.timeout and execution.memory are not enforced")
     isolated = limits != Limits() or any(map(_is_imported, parts))
-    if name == "serial" or (name is None and n == 1 and not isolated):
-        return serial
-    logs = directory / "logs"
+    logs, groups = directory / "logs", groups_of(config.points)
     keys: dict[str, Any] = {"limits": limits, "logs": logs if own else None, "note": EndedWorkers(logs, say).note}
+    engine = partial(processes, workers=n, **keys)
+    if name == "serial" or (name is None and n == 1 and not isolated):
+        return apart(groups, serial, engine) if len(groups) > 1 else serial
     if name == "dask":
         # Only here: the other engines need nothing of dask.
         from rmpc_bench.execution.engines.dask_cluster import dask_cluster
 
         _check_address(scheduler)
-        return partial(dask_cluster, workers=n, scheduler=scheduler, **keys)
-    engine = partial(processes, workers=n, **keys)
+        engine = partial(dask_cluster, workers=n, scheduler=scheduler, **keys)
     if name is None and workers is None and not isolated and not own:
         return partial(here_first, workers=engine)
-    return engine
+    return apart(groups, engine, engine) if len(groups) > 1 else engine
 
 
 def _check_address(scheduler: str | None) -> None:

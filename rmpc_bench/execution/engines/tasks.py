@@ -12,7 +12,9 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
-from rmpc_bench.components.recipes import recipe_of
+from rmpc_bench.components.code import CodeError
+from rmpc_bench.components.recipes import inside, recipe_of
+from rmpc_bench.components.untouched import untouched
 from rmpc_bench.execution.sampled_values import Sampled
 from rmpc_bench.simulation.checked_calls import is_own
 from rmpc_bench.simulation.closed_loop import Block, simulate_block
@@ -48,25 +50,26 @@ class Done(NamedTuple):
 
 
 def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH) -> Done:
-    """Do one task.
-
-    Parameters
-    ----------
-    experiments : one per point of the sweep
-    task : what to do
-    watch : notes the progress of the simulation, for time limits
-    """
+    """Do one task; what its components replace for others is put back, and fails the runs of a built-in method."""
     experiment = experiments[task.point]
     method = experiment.method(task.method)
-    counts, started = Counter[str](), time.monotonic()
+    counts, started, own = Counter[str](), time.monotonic(), has_own_code(experiment, method)
     watch.start(len(task.runs))
-    with _counted_warnings(counts) if has_own_code(experiment, method) else nullcontext():
+    replaced = set[str]()
+    with untouched() if own else nullcontext(replaced) as replaced, _counted_warnings(counts) if own else nullcontext():
         draws = _drawn(experiment, task.runs)
         # The plant may write into its record, and a component into its arguments, so every method gets copies.
-        own = own_draws(experiment.scenario, experiment.plant, task.runs, experiment.n_steps, draws)
-        block = simulate_block(experiment, method, task.runs, own, watch)
+        copies = own_draws(experiment.scenario, experiment.plant, task.runs, experiment.n_steps, draws)
+        block = simulate_block(experiment, method, task.runs, copies, watch)
         values = _uncertain_values(experiment, task.runs, draws)
     watch.end()
+    if replaced:
+        text = f"{', '.join(sorted(replaced))} is replaced during a run, and other components use it too"
+        if is_built_in(method.estimator) and is_built_in(method.controller):
+            parts = [recipe for part in components_of(experiment) if (recipe := recipe_of(part)) is not None]
+            names = [each.text for recipe in parts for each in inside([recipe.code, recipe.parameters])]
+            raise CodeError(f"{text}, by {' or '.join(names) or 'a registered component'}")
+        counts[text] += len(task.runs)
     block.journal.warnings.update(counts)
     return Done(task, block, values, time.monotonic() - started)
 

@@ -93,6 +93,8 @@ def _loaded(connection: Connection, data: bytes) -> Sequence[Experiment] | None:
     """Make and prepare the experiments; report an exception of the user's code and return None."""
     try:
         experiments: Sequence[Experiment] = loads(data)
+        # A file may have asked for more threads.
+        single_thread()
         warm_up_own(experiments)
     except BaseException as error:
         place = place_of(error)

@@ -18,7 +18,8 @@ from rmpc_bench.execution.engines.choice import choose_engine
 from rmpc_bench.execution.libraries import check_versions, note_versions
 from rmpc_bench.execution.other_code import stored_methods
 from rmpc_bench.execution.progress import Progress
-from rmpc_bench.execution.runner import pending, store_block, warm_up_tasks
+from rmpc_bench.execution.runner import pending, store_block
+from rmpc_bench.execution.separation import separated, warm_up_tasks
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.tuning.record import FOLDER
@@ -117,6 +118,7 @@ class Rounds:
         # Most rounds are short: this process begins, and worker processes join where that saves time.
         n_workers = means.workers if means.workers is not None else config.execution.workers
         config = replace(config, execution=replace(config.execution, workers=n_workers))
+        config = separated(config, names, progress)
         place = store.directory
         engine = choose_engine(config, tasks, None, means.engine, place, progress.say, means.scheduler)
         experiments = tuple(point.experiment for point in config.points)

@@ -1,0 +1,270 @@
+"""Methods with different files of users are computed in different processes, and built-in ones without any such file.
+
+The designs of built-in methods are made again in a fork of a process that has loaded no file (`components.probe`), as
+this one has loaded those of all methods.  What all share (plant, noise, reference, metrics) is loaded everywhere: where
+it comes from a file, a trial of every built-in method is compared with one in a fork that has loaded nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from rmpc_bench.components import probe
+from rmpc_bench.components.consent import CodeAccess
+from rmpc_bench.components.transport import dumps, loads
+from rmpc_bench.config.build import build
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.left_out import Inherited, fitting_metrics
+from rmpc_bench.config.own_code import OwnCode
+from rmpc_bench.config.plugins import load_plugins
+from rmpc_bench.config.sweep import SweptTree
+from rmpc_bench.config.sweep_point import SweepPoint
+from rmpc_bench.config.tree import Items, Map
+from rmpc_bench.config.tuning_plan import Chosen
+from rmpc_bench.config.validation import validate_sections
+from rmpc_bench.execution.engines.tasks import Done, Task, is_built_in, work
+from rmpc_bench.execution.progress import Progress, Silent, said_if_slow
+from rmpc_bench.execution.store import Store
+from rmpc_bench.execution.task_queue import TaskQueue
+from rmpc_bench.execution.worker_error import WorkerError
+from rmpc_bench.numerics.code_cache import cache_remark
+from rmpc_bench.registry import singular
+from rmpc_bench.simulation.linear_loop import warm_up
+from rmpc_bench.simulation.scenario import Experiment
+from rmpc_bench.simulation.threads import single_thread
+from rmpc_bench.types import ConfigError, Status
+
+Pair: TypeAlias = tuple[int, str]
+"""Number of a point of the sweep and name of a method."""
+Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
+LONGEST = 600.0
+"""Time for the designs of all built-in methods, or for one trial of each [s]."""
+TOLERANCE = 1e-9
+"""Relative difference of two trials that a plant may have which computes many runs at once, by its last bits."""
+_WITHOUT = ("claims", "statistics", "stop", "report", "smoke")
+
+
+class _Reduced(NamedTuple):
+    """The built-in methods of a configuration before validation; a fork makes an experiment of it."""
+
+    points: list[SweptTree]
+    chosen: Chosen
+    access: CodeAccess
+    smoke: bool
+    plugins: bool
+    """Whether files under `plugins` may give what all methods share."""
+
+    def made(self) -> list[SweepPoint]:
+        """Build all points; a metric that needs a method with files of the user is left out."""
+        if self.plugins:
+            load_plugins(self.points[0].tree, self.access)
+        drafts = validate_sections(self.points, runs=None, smoke=False, access=self.access, chosen=self.chosen)
+        found = build(drafts, OwnCode(self.access), smoke=self.smoke)
+        if None in found:
+            every = Inherited(Path(), is_changed=True)
+            trees = [fitting_metrics(draft.tree, draft.problems, every)[0] for draft in drafts]
+            points = [point._replace(tree=tree) for point, tree in zip(self.points, trees, strict=True)]
+            drafts = validate_sections(points, runs=None, smoke=False, access=self.access, chosen=self.chosen)
+            found = build(drafts, OwnCode(self.access), smoke=self.smoke)
+        problems = [str(problem) for draft in drafts for problem in draft.problems]
+        if None in found:
+            raise WorkerError("; ".join(problems))
+        return [point for point in found if point is not None]
+
+
+def groups_of(points: Sequence[SweepPoint]) -> dict[tuple[str, ...], set[Pair]]:
+    """Return hashes of files and names of packages -> the methods with exactly these; built-in methods first."""
+    found: dict[tuple[str, ...], set[Pair]] = {}
+    for number, point in enumerate(points):
+        for name in point.methods:
+            kinds = (point.own_code.get(name, {}).get(kind, {}) for kind in ("sources", "installed"))
+            code = {each for roles in kinds for role in roles.values() for each in role}
+            found.setdefault(tuple(sorted(code)), set()).add((number, name))
+    return dict(sorted(found.items()))
+
+
+def separated(config: ExperimentConfig, methods: Collection[str], progress: Progress) -> ExperimentConfig:
+    """Return a configuration whose built-in methods were designed without the files of the others.
+
+    A WorkerError says that they are other methods there, or that their designs end the process.
+    """
+    groups = groups_of(config.points)
+    pairs = groups.pop((), set())
+    if not pairs or not groups:
+        return config
+    wanted = [Task(name, 0, 1, number) for number, name in sorted(pairs) if name in methods]
+    with said_if_slow(progress, "Preparing built-in methods in a process without the files of the others ..."):
+        answer = _asked(_remade, config.points, pairs, wanted)
+    if isinstance(answer, str):
+        progress.say(f"built-in methods are designed where the files of other methods are loaded: {answer}")
+        return config
+    keys, data = answer
+    points = [*config.points]
+    for number, found, clean in zip(_numbers(pairs), keys, loads(data), strict=True):
+        point, names = points[number], {name for at, name in pairs if at == number}
+        for name in names:
+            if found[name] != point.method_keys[name]:
+                text = f"{name} is another method without the files of the others, which change how the bench reads it"
+                raise WorkerError(text)
+        both = tuple(clean.method(each.name) if each.name in names else each for each in point.experiment.methods)
+        shared = {"plant": clean.plant, "scenario": clean.scenario, "state_range": clean.state_range}
+        points[number] = replace(point, experiment=replace(point.experiment, methods=both, **shared))
+    return replace(config, points=tuple(points))
+
+
+def _numbers(pairs: set[Pair]) -> list[int]:
+    return sorted({number for number, _ in pairs})
+
+
+def _asked(function: Callable[..., Any], points: Sequence[SweepPoint], pairs: set[Pair], tasks: list[Task]) -> Any:
+    """Call a function with the built-in methods of some points in a fork; text where that cannot build them."""
+    numbers = _numbers(pairs)
+    drafts = [draft for number in numbers if (draft := points[number].draft) is not None]
+    trees = [_tree(points[number], {name for at, name in pairs if at == number}) for number in numbers]
+    chosen = {(point.title, name): values for point in drafts for name, values in point.chosen.items()}
+    access = CodeAccess(drafts[0].access.directory, drafts[0].access.allowed)
+    reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, bool(_shared(points)))
+    moved = [task._replace(point=numbers.index(task.point)) for task in tasks]
+    answer = probe.ask({"call": dumps((function, reduced, moved))}, LONGEST)
+    if answer.outcome != "done":
+        raise WorkerError(f"a process with the built-in methods only: {answer.outcome} {answer.reason}".rstrip())
+    return "they cannot be made there" if answer.value is None else answer.value
+
+
+def _tree(point: SweepPoint, names: set[str]) -> SweptTree:
+    """Return what a point was made from, with some of its methods and the size that it has now."""
+    assert point.draft is not None
+    tree, values, mark = point.draft.tree.copy(), point.draft.values, point.draft.tree.mark
+    for key in _WITHOUT:
+        tree.pop(key, None)
+    time, opponent = values["time"], point.experiment.plant.opponent
+    length = {"duration": time.duration} if time.duration is not None else {"steps": time.steps}
+    wanted = names | (set() if opponent is None else {opponent[0]})
+    methods = Map({name: own for name, own in tree["methods"].items() if name in wanted}, mark=mark)
+    changed = {"methods": methods, "figures": Items(mark=mark), "runs": values["runs"]}
+    for key, value in {**changed, "time": Map({"step": time.step, **length}, mark=mark)}.items():
+        tree.put(key, value, mark, mark)
+    return SweptTree(dict(point.coordinates), tree, point.title)
+
+
+def _remade(reduced: _Reduced, tasks: list[Task]) -> str | tuple[list[Mapping[str, str]], bytes]:
+    """Return the keys of the methods of every point, and the experiments with their designs finished, as bytes."""
+    try:
+        points = reduced.made()
+    except (WorkerError, ConfigError) as error:
+        return str(error)
+    experiments = [point.experiment for point in points]
+    warm_up_tasks(experiments, tasks, Silent())
+    return [point.method_keys for point in points], dumps(experiments)
+
+
+def _trials(reduced: _Reduced, tasks: list[Task]) -> str | list[tuple[str, dict[str, float]]]:
+    """Return status and metrics of some trials."""
+    try:
+        experiments = [point.experiment for point in reduced.made()]
+    except (WorkerError, ConfigError) as error:
+        return str(error)
+    found = []
+    with single_thread():
+        for task in tasks:
+            metrics, block = experiments[task.point].metrics, work(experiments, task).block
+            values = {each.name: float(row[0]) for each, row in zip(metrics, block.metrics, strict=True)}
+            found.append((next(status.word for status in Status if status == block.status[0]), values))
+    return found
+
+
+def _shared(points: Sequence[SweepPoint]) -> list[str]:
+    """Name what all methods share and what does not come from the bench, such as ``plant tanks.py:rhs``."""
+    found: dict[str, None] = {}
+    for draft in (point.draft for point in points if point.draft is not None):
+        laws = (term.law for terms in (*draft.noise.values(), draft.initial["laws"]) for term in terms)
+        for each in (draft.plant, draft.reference, draft.input, *laws, *draft.metrics):
+            if each is not None and not each.is_built_in:
+                named = ", ".join(reference.text for reference in each.references())
+                found[f"{singular(each.group)} {named or each.kind}"] = None
+    return [*found]
+
+
+def check_shared(config: ExperimentConfig, store: Store, progress: Progress) -> None:
+    """Compare one stored trial of every built-in method with that of a fork that has loaded only what all share.
+
+    A WorkerError names the components from files that all methods share, and the method.
+    """
+    shared, tasks = _shared(config.points), dict[str, Task]()
+    for number, name in sorted(groups_of(config.points).get((), ())) if shared else ():
+        point = config.points[number]
+        method, key = point.experiment.method(name), point.method_keys[name]
+        runs, status = store.statuses(key, point.experiment.n_runs)
+        runs = np.intersect1d(runs[status == Status.OK], store.finished(key, point.metric_keys.values()))
+        designs = (point.experiment.plant, method.estimator, method.controller)
+        if name not in tasks and len(runs) and all(design.deterministic for design in designs):
+            tasks[name] = Task(name, int(runs[0]), int(runs[0]) + 1, number)
+    if not tasks:
+        return
+    pairs = {(task.point, task.method) for task in tasks.values()}
+    with said_if_slow(progress, "Computing a trial of every built-in method again ..."):
+        found = _asked(_trials, config.points, pairs, [*tasks.values()])
+    if isinstance(found, str):
+        progress.say(f"the effect of {' and '.join(shared)} on built-in methods was not checked: {found}")
+        return
+    for task, (word, values) in zip(tasks.values(), found, strict=True):
+        for text in _differences(config.points[task.point], store, task, word, values):
+            raise WorkerError(
+                f"{store.directory}: do not use these results.  Run {task.first} of the built-in method {task.method} "
+                f"has {text} in a process that has loaded no file but that of {' and '.join(shared)}: the component "
+                "changes what others compute, or keeps something from run to run"
+            )
+
+
+def _differences(point: SweepPoint, store: Store, task: Task, word: str, values: Mapping[str, float]) -> Iterator[str]:
+    """Say in what a stored trial, which is ok, differs."""
+    key = point.method_keys[task.method]
+    if word != Status.OK.word:
+        yield f"the status {word} instead of ok"
+        return
+    for name, value in values.items():
+        stored = float(store.values(key, point.metric_keys[name], [task.first])[0])
+        if not np.isclose(value, stored, rtol=TOLERANCE, atol=0.0, equal_nan=True):
+            yield f"{name} = {value!r} instead of {stored!r}"
+
+
+def apart(groups: Mapping[Any, set[Pair]], others: Engine, built_in: Engine) -> Engine:
+    """Return an engine that computes one group of methods after the other, each in processes of its own."""
+
+    def engine(experiments: Sequence[Experiment], queue: TaskQueue) -> Generator[Done]:
+        while len(queue):
+            for files, pairs in groups.items():
+                part = queue.part(pairs)
+                if len(part):
+                    alone = [
+                        replace(each, methods=tuple(one for one in each.methods if (number, one.name) in pairs))
+                        for number, each in enumerate(experiments)
+                    ]
+                    yield from (others if files else built_in)(alone, part)
+
+    return engine
+
+
+def warm_up_tasks(experiments: Sequence[Experiment], tasks: Sequence[Task], progress: Progress) -> None:
+    """Compile, and finish the designs of the methods, once in this process and before any worker starts."""
+    plants = {type(plant): plant for plant in (experiment.plant for experiment in experiments) if is_built_in(plant)}
+    for plant in plants.values():
+        with said_if_slow(progress, "Compiling (first run only) ..."):
+            plant.warm_up()
+    wanted = sorted({(task.point, task.method) for task in tasks})
+    with said_if_slow(progress, "Compiling (first run only) ..."):
+        for point, name in wanted:
+            warm_up(experiments[point], experiments[point].method(name))
+    methods = [experiments[point].method(name) for point, name in wanted]
+    designs = [design for method in methods for design in (method.estimator, method.controller) if is_built_in(design)]
+    text = "Preparing estimators and control laws (compiling on the first run only) ..."
+    with said_if_slow(progress, text), single_thread():
+        for design in {id(design): design for design in designs}.values():
+            design.warm_up()
+    if cache_remark():
+        progress.say(cache_remark())
