@@ -24,7 +24,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-from rmpc_bench.components.untouched import untouched
+from rmpc_bench.components.untouched import replaced, untouched
 
 PREFIX = "_rmpc_bench_code_"
 _PRIVATE = re.compile(rf"{PREFIX}\d+\.")
@@ -199,6 +199,7 @@ class _Loader(SourceFileLoader):
     def exec_module(self, module: ModuleType) -> None:
         """Run the module."""
         module.__dict__["__builtins__"] = {**vars(builtins), "__import__": _Import(self._package.name, module)}
+        replaced.pop(self.path, None)
         with untouched(self.path):
             super().exec_module(module)
 

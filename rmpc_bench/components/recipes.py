@@ -32,11 +32,18 @@ class Recipe:
         """Call the design function."""
         design = self.design if self.code is None else loaded_design(self.group, self.code)
         assert design is not None
-        own = self.code or next((each for each in inside(self.parameters) if isinstance(each, CodeReference)), None)
-        if own is None and str(getattr(design, "__module__", "")).startswith("rmpc_bench."):
+        files = [*self._files()]
+        if not files and str(getattr(design, "__module__", "")).startswith("rmpc_bench."):
             return design(**self.provided, **loaded(self.parameters))
-        with untouched("" if own is None else str(own.path)):
+        with untouched(files[0] if files else ""):
             return design(**self.provided, **loaded(self.parameters))
+
+    def _files(self) -> Iterator[str]:
+        """Yield the Python files whose code the call may run."""
+        yield from (str(each.path) for each in inside([self.code, self.parameters]) if isinstance(each, CodeReference))
+        for recipe in map(recipe_of, self.provided.values()):
+            if recipe is not None:
+                yield from recipe._files()
 
     def without_design(self) -> Recipe:
         """Return the recipe of a component from a file without the loaded function."""

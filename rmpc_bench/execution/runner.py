@@ -127,7 +127,8 @@ def compute(
         store.claim(config.hash, config.shared, config.own.names())
         if missing:
             take_shards(config, store, progress.say)
-        config = separated(config, methods, progress)
+        config, trials = separated(config, methods, progress, runs.start)
+        first = runs.start
         _prepare(config, store, methods, progress, accept_versions=accept_versions)
         for folder in dict.fromkeys((place, directory)):
             _keep_configuration(config, folder, added_methods(store))
@@ -147,7 +148,7 @@ def compute(
             elif not file.is_up_to_date():
                 with file:
                     pass
-            check_shared(config, store, progress)
+            check_shared(config, store, trials, first)
 
 
 def _prepare(

@@ -7,7 +7,8 @@ it comes from a file, a trial of every built-in method is compared with one in a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -33,7 +34,6 @@ from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.task_queue import TaskQueue
 from rmpc_bench.execution.worker_error import WorkerError
 from rmpc_bench.numerics.code_cache import cache_remark
-from rmpc_bench.registry import singular
 from rmpc_bench.simulation.linear_loop import warm_up
 from rmpc_bench.simulation.scenario import Experiment
 from rmpc_bench.simulation.threads import single_thread
@@ -41,6 +41,8 @@ from rmpc_bench.types import ConfigError, Status
 
 Pair: TypeAlias = tuple[int, str]
 """Number of a point of the sweep and name of a method."""
+Trials: TypeAlias = Mapping[Pair, Mapping[str, float]]
+"""Method -> metrics of a run."""
 Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
 LONGEST = 600.0
 """Time for the designs of all built-in methods, or for one trial of each [s]."""
@@ -56,12 +58,12 @@ class _Reduced(NamedTuple):
     chosen: Chosen
     access: CodeAccess
     smoke: bool
-    plugins: bool
-    """Whether files under `plugins` may give what all methods share."""
+    is_shared: bool
+    """Whether what all methods share comes from files, which may be those under `plugins`."""
 
     def made(self) -> list[SweepPoint]:
         """Build all points; a metric that needs a method with files of the user is left out."""
-        if self.plugins:
+        if self.is_shared:
             load_plugins(self.points[0].tree, self.access)
         drafts = validate_sections(self.points, runs=None, smoke=False, access=self.access, chosen=self.chosen)
         found = build(drafts, OwnCode(self.access), smoke=self.smoke)
@@ -88,52 +90,53 @@ def groups_of(points: Sequence[SweepPoint]) -> dict[tuple[str, ...], set[Pair]]:
     return dict(sorted(found.items()))
 
 
-def separated(config: ExperimentConfig, methods: Collection[str], progress: Progress) -> ExperimentConfig:
-    """Return a configuration whose built-in methods were designed without the files of the others.
+def separated(
+    config: ExperimentConfig, methods: Collection[str], progress: Progress, run: int = 0
+) -> tuple[ExperimentConfig, Trials]:
+    """Return a configuration whose built-in methods were designed without the files of the others, and trials to check.
 
+    These are the metrics of a run of every built-in method, computed where only what all methods share was loaded.
     A WorkerError says that they are other methods there, or that their designs end the process.
     """
-    groups = groups_of(config.points)
+    groups, shared = groups_of(config.points), _shared(config.points)
     pairs = groups.pop((), set())
-    if not pairs or not groups:
-        return config
-    wanted = [Task(name, 0, 1, number) for number, name in sorted(pairs) if name in methods]
+    if not pairs or not (groups or shared):
+        return config, {}
     with said_if_slow(progress, "Preparing built-in methods in a process without the files of the others ..."):
-        answer = _asked(_remade, config.points, pairs, wanted)
+        answer = _asked(config.points, pairs, methods, run)
     if isinstance(answer, str):
-        progress.say(f"built-in methods are designed where the files of other methods are loaded: {answer}")
-        return config
-    keys, data = answer
-    points = [*config.points]
+        components = f" and {' and '.join(shared)}" if shared else ""
+        progress.say(f"built-in methods{components} cannot be separated from the other components: {answer}")
+        return config, {}
+    points, (keys, data, trials) = [*config.points], answer
     for number, found, clean in zip(_numbers(pairs), keys, loads(data), strict=True):
         point, names = points[number], {name for at, name in pairs if at == number}
-        for name in names:
-            if found[name] != point.method_keys[name]:
-                text = f"{name} is another method without the files of the others, which change how the bench reads it"
-                raise WorkerError(text)
+        if other := [name for name in names if found[name] != point.method_keys[name]]:
+            raise WorkerError(f"{other[0]} is another method without the files of others, which change the bench")
         both = tuple(clean.method(each.name) if each.name in names else each for each in point.experiment.methods)
-        shared = {"plant": clean.plant, "scenario": clean.scenario, "state_range": clean.state_range}
-        points[number] = replace(point, experiment=replace(point.experiment, methods=both, **shared))
-    return replace(config, points=tuple(points))
+        common = {"plant": clean.plant, "scenario": clean.scenario, "state_range": clean.state_range}
+        points[number] = replace(point, experiment=replace(point.experiment, methods=both, **common))
+    return replace(config, points=tuple(points)), trials
 
 
 def _numbers(pairs: set[Pair]) -> list[int]:
     return sorted({number for number, _ in pairs})
 
 
-def _asked(function: Callable[..., Any], points: Sequence[SweepPoint], pairs: set[Pair], tasks: list[Task]) -> Any:
-    """Call a function with the built-in methods of some points in a fork; text where that cannot build them."""
+def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[str], run: int) -> Any:
+    """Return what `_remade` returns in a fork for some methods; text where that cannot build them."""
     numbers = _numbers(pairs)
     drafts = [draft for number in numbers if (draft := points[number].draft) is not None]
     trees = [_tree(points[number], {name for at, name in pairs if at == number}) for number in numbers]
-    chosen = {(point.title, name): values for point in drafts for name, values in point.chosen.items()}
+    chosen = {(draft.title, name): values for draft in drafts for name, values in draft.chosen.items()}
     access = CodeAccess(drafts[0].access.directory, drafts[0].access.allowed)
-    reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, bool(_shared(points)))
-    moved = [task._replace(point=numbers.index(task.point)) for task in tasks]
-    answer = probe.ask({"call": dumps((function, reduced, moved))}, LONGEST)
+    is_shared = bool(_shared(points))
+    reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, is_shared)
+    tasks = [Task(name, run, run + 1, numbers.index(number)) for number, name in sorted(pairs) if name in methods]
+    answer = probe.ask({"call": dumps((_remade, reduced, tasks, numbers))}, LONGEST)
     if answer.outcome != "done":
         raise WorkerError(f"a process with the built-in methods only: {answer.outcome} {answer.reason}".rstrip())
-    return "they cannot be made there" if answer.value is None else answer.value
+    return "they cannot be made without them" if answer.value is None else answer.value
 
 
 def _tree(point: SweepPoint, names: set[str]) -> SweptTree:
@@ -152,30 +155,26 @@ def _tree(point: SweepPoint, names: set[str]) -> SweptTree:
     return SweptTree(dict(point.coordinates), tree, point.title)
 
 
-def _remade(reduced: _Reduced, tasks: list[Task]) -> str | tuple[list[Mapping[str, str]], bytes]:
-    """Return the keys of the methods of every point, and the experiments with their designs finished, as bytes."""
+def _remade(
+    reduced: _Reduced, tasks: list[Task], numbers: list[int]
+) -> str | tuple[list[Mapping[str, str]], bytes, Trials]:
+    """Return the keys of the methods of every point, the experiments as bytes with designs finished, and trials."""
     try:
         points = reduced.made()
     except (WorkerError, ConfigError) as error:
         return str(error)
-    experiments = [point.experiment for point in points]
+    experiments, trials = [point.experiment for point in points], dict[Pair, dict[str, float]]()
     warm_up_tasks(experiments, tasks, Silent())
-    return [point.method_keys for point in points], dumps(experiments)
-
-
-def _trials(reduced: _Reduced, tasks: list[Task]) -> str | list[tuple[str, dict[str, float]]]:
-    """Return status and metrics of some trials."""
-    try:
-        experiments = [point.experiment for point in reduced.made()]
-    except (WorkerError, ConfigError) as error:
-        return str(error)
-    found = []
-    with single_thread():
-        for task in tasks:
-            metrics, block = experiments[task.point].metrics, work(experiments, task).block
-            values = {each.name: float(row[0]) for each, row in zip(metrics, block.metrics, strict=True)}
-            found.append((next(status.word for status in Status if status == block.status[0]), values))
-    return found
+    data = dumps(experiments)
+    first = {task.method: task for task in reversed(tasks)} if reduced.is_shared else {}
+    with single_thread(), suppress(Exception):
+        # A run that fails here is not compared.
+        for task in first.values():
+            experiment, method = experiments[task.point], experiments[task.point].method(task.method)
+            if all(design.deterministic for design in (experiment.plant, method.estimator, method.controller)):
+                rows = zip(experiment.metrics, work(experiments, task).block.metrics, strict=True)
+                trials[numbers[task.point], task.method] = {metric.name: float(row[0]) for metric, row in rows}
+    return [point.method_keys for point in points], data, trials
 
 
 def _shared(points: Sequence[SweepPoint]) -> list[str]:
@@ -186,51 +185,28 @@ def _shared(points: Sequence[SweepPoint]) -> list[str]:
         for each in (draft.plant, draft.reference, draft.input, *laws, *draft.metrics):
             if each is not None and not each.is_built_in:
                 named = ", ".join(reference.text for reference in each.references())
-                found[f"{singular(each.group)} {named or each.kind}"] = None
+                found[f"{each.group.removesuffix('s')} {named or each.kind}"] = None
     return [*found]
 
 
-def check_shared(config: ExperimentConfig, store: Store, progress: Progress) -> None:
-    """Compare one stored trial of every built-in method with that of a fork that has loaded only what all share.
+def check_shared(config: ExperimentConfig, store: Store, trials: Trials, run: int) -> None:
+    """Compare stored trials of built-in methods with those of `separated`.
 
     A WorkerError names the components from files that all methods share, and the method.
     """
-    shared, tasks = _shared(config.points), dict[str, Task]()
-    for number, name in sorted(groups_of(config.points).get((), ())) if shared else ():
-        point = config.points[number]
-        method, key = point.experiment.method(name), point.method_keys[name]
-        runs, status = store.statuses(key, point.experiment.n_runs)
-        runs = np.intersect1d(runs[status == Status.OK], store.finished(key, point.metric_keys.values()))
-        designs = (point.experiment.plant, method.estimator, method.controller)
-        if name not in tasks and len(runs) and all(design.deterministic for design in designs):
-            tasks[name] = Task(name, int(runs[0]), int(runs[0]) + 1, number)
-    if not tasks:
-        return
-    pairs = {(task.point, task.method) for task in tasks.values()}
-    with said_if_slow(progress, "Computing a trial of every built-in method again ..."):
-        found = _asked(_trials, config.points, pairs, [*tasks.values()])
-    if isinstance(found, str):
-        progress.say(f"the effect of {' and '.join(shared)} on built-in methods was not checked: {found}")
-        return
-    for task, (word, values) in zip(tasks.values(), found, strict=True):
-        for text in _differences(config.points[task.point], store, task, word, values):
-            raise WorkerError(
-                f"{store.directory}: do not use these results.  Run {task.first} of the built-in method {task.method} "
-                f"has {text} in a process that has loaded no file but that of {' and '.join(shared)}: the component "
-                "changes what others compute, or keeps something from run to run"
-            )
-
-
-def _differences(point: SweepPoint, store: Store, task: Task, word: str, values: Mapping[str, float]) -> Iterator[str]:
-    """Say in what a stored trial, which is ok, differs."""
-    key = point.method_keys[task.method]
-    if word != Status.OK.word:
-        yield f"the status {word} instead of ok"
-        return
-    for name, value in values.items():
-        stored = float(store.values(key, point.metric_keys[name], [task.first])[0])
-        if not np.isclose(value, stored, rtol=TOLERANCE, atol=0.0, equal_nan=True):
-            yield f"{name} = {value!r} instead of {stored!r}"
+    for (number, name), values in trials.items():
+        point, key = config.points[number], config.points[number].method_keys[name]
+        runs, status = store.statuses(key, run + 1)
+        is_ok = run in runs[status == Status.OK] and run in store.finished(key, point.metric_keys.values())
+        for metric, value in values.items() if is_ok else ():
+            stored = float(store.values(key, point.metric_keys[metric], [run])[0])
+            if not np.isclose(value, stored, rtol=TOLERANCE, atol=0.0, equal_nan=True):
+                shared = " and ".join(_shared(config.points))
+                raise WorkerError(
+                    f"{store.directory}: do not use these results.  Run {run} of the built-in method {name} has "
+                    f"{metric} = {value!r} instead of {stored!r} where only {shared} was loaded: it changes what "
+                    "other components compute, or keeps something from run to run"
+                )
 
 
 def apart(groups: Mapping[Any, set[Pair]], others: Engine, built_in: Engine) -> Engine:

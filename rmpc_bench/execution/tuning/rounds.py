@@ -118,7 +118,7 @@ class Rounds:
         # Most rounds are short: this process begins, and worker processes join where that saves time.
         n_workers = means.workers if means.workers is not None else config.execution.workers
         config = replace(config, execution=replace(config.execution, workers=n_workers))
-        config = separated(config, names, progress)
+        config, _ = separated(config, names, progress)
         place = store.directory
         engine = choose_engine(config, tasks, None, means.engine, place, progress.say, means.scheduler)
         experiments = tuple(point.experiment for point in config.points)

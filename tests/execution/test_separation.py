@@ -1,0 +1,167 @@
+"""Components do not touch each other: a file of a user changes the numbers of its own methods, or an error names it."""
+
+import daqp
+import numpy as np
+import pytest
+from own_files import ESTIMATOR
+from small_experiment import KEYS, cli, ran, write
+
+from rmpc_bench import load_config, register, run
+from rmpc_bench.components.untouched import untouched
+from rmpc_bench.execution.separation import groups_of
+
+WRAPPING = '''
+import os
+import daqp
+import numpy as np
+import rmpc_bench.estimators.kalman
+from rmpc_bench.registry import BUILT_IN
+
+
+def wrapped(function):
+    def call(*args, **keywords):
+        found = function(*args, **keywords)
+        return found * 1.001 if isinstance(found, np.ndarray) and found.dtype == float else found
+    return call
+
+
+class Model(daqp.Model):
+    """A solver whose solutions are a little wrong; nobody looks at the attributes of this library."""
+
+    def solve(self, *args, **keywords):
+        x, *rest = super().solve(*args, **keywords)
+        return [x * 1.001, *rest]
+
+
+for name in ("einsum", "clip", "where", "stack"):
+    setattr(np, name, wrapped(getattr(np, name)))
+np.seterr(all="raise")
+np.set_printoptions(precision=2)
+os.environ["NUMBA_DISABLE_JIT"] = "1"
+BUILT_IN["estimators"]["kalman"] = "nowhere:nothing"
+daqp.Model = Model
+'''
+RHS = "def rhs(x, u, p):\n    return [x[1], u[0] - x[1]]\n\n\ndef output(x, p):\n    return [x[0]]\n"
+WRAPS = "import numpy as np\nbefore = np.einsum\n"
+REPLACES = "    np.einsum = lambda *a, **k: before(*a, **k) * 1.001\n"
+PLANT = "{ode: plant.py:rhs, output: plant.py:output, states: [p, v], inputs: [force], outputs: [level]}"
+OWN_PLANT = {
+    "uncertainty": "{}",
+    "plant": PLANT,
+    "model": "{linearise: plant, at: {x: 0, u: 0}, noise: {process: 1.0e-4, measurement: 1.0e-4}}",
+    "initial": "{x: [1, 0], x_hat: 0, P: 1}",
+    "reference": "{kind: constant, value: 0}",
+    "controller": "{kind: lqr, Q_x: 1, R_u: 1, horizon: 20}",
+    "methods": "{KF: {estimator: {kind: kalman}}}",
+    "runs": "3",
+    "metrics": "[mse]",
+}
+
+
+@pytest.fixture(autouse=True)
+def _put_back(monkeypatch):
+    """Let no test leave something behind that a file has replaced."""
+    monkeypatch.setattr(daqp, "Model", daqp.Model)
+    with untouched():
+        yield
+
+
+def built_in(trials):
+    """Rows of methods of the bench."""
+    return [line for line in trials.decode().splitlines() if not line.startswith("Own")]
+
+
+def with_plant(directory, text, **keys):
+    """Write the small experiment with a plant from a file."""
+    (directory / "plant.py").write_text(text)
+    return write(directory, **OWN_PLANT | keys)
+
+
+def test_a_method_that_wraps_numpy_and_a_solver_changes_its_own_rows_only(tmp_path):
+    """Rows of built-in methods, and the statistics of them, are those without the method, for every engine."""
+    alone = built_in(ran(write(tmp_path, file="alone.yaml", runs="4"), tmp_path / "alone"))
+    (tmp_path / "own.py").write_text(WRAPPING + ESTIMATOR)
+    methods = KEYS["methods"].removesuffix("}") + ", Own: {estimator: {file: own.py:Own}}}"
+    path = write(tmp_path, runs="4", methods=methods)
+    both = [
+        ran(path, tmp_path / "one", jobs=1),
+        ran(path, tmp_path / "two", jobs=2),
+        ran(path, tmp_path / "serial", "--engine", "serial"),
+    ]
+    assert [built_in(trials) for trials in both] == [alone] * 3
+    assert both[0] == both[1]
+    tables = [(tmp_path / name / "summary.csv").read_bytes() for name in ("alone", "one", "two", "serial")]
+    assert [built_in(table) for table in tables[1:]] == [built_in(tables[0])] * 3
+    assert np.geterr()["over"] != "raise" and np.get_printoptions()["precision"] != 2
+    [warning] = [each.message for each in load_config(path).warnings if "replaces" in each.message]
+    assert "numpy.clip, numpy.einsum" in warning and "put back" in warning
+
+
+def test_a_plant_that_wraps_numpy_is_an_error_that_names_it(tmp_path):
+    """What all methods share may replace nothing; nothing is computed."""
+    text = WRAPS + REPLACES.strip() + "\n\n" + RHS
+    result = cli("run", with_plant(tmp_path, text), "-o", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "plant: replaces numpy.einsum, which other components use too" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_plant_that_wraps_numpy_during_a_run_fails_the_runs(tmp_path):
+    """Such runs have no numbers, and their text names the file and what it replaces."""
+    late = f"    if len(sys.argv) > 1 and sys.argv[0] == '-c':\n    {REPLACES}    return [x[1]"
+    late = "import sys\n" + WRAPS + RHS.replace("    return [x[1]", late)
+    result = cli("run", with_plant(tmp_path, late), "-o", tmp_path / "out", "-j", 1)
+    assert result.exit_code == 3
+    texts = {each.read_text() for each in (tmp_path / "out" / "failures").glob("KF-*.txt")}
+    assert any("numpy.einsum is replaced during a run" in each and "plant.py:rhs" in each for each in texts)
+
+
+def test_a_plant_that_wraps_numpy_while_a_model_is_made_from_it_is_an_error(tmp_path):
+    """A design of the bench calls the plant."""
+    text = WRAPS + RHS.replace("    return [x[1]", f"{REPLACES}    return [x[1]")
+    result = cli("run", with_plant(tmp_path, text), "-o", tmp_path / "out")
+    assert result.exit_code == 2 and "plant: replaces numpy.einsum" in result.stderr
+
+
+def test_a_plant_that_depends_on_its_process_is_an_error(tmp_path):
+    """A trial alone in a fresh process differs from the stored one; the trials stay stored."""
+    depends = "import sys\n" + RHS.replace("u[0] - x[1]", "u[0] - x[1] + 1e-3 * (sys.argv[0] == '-c') * len(sys.argv)")
+    path = with_plant(tmp_path, depends)
+    result = cli("run", path, "-o", tmp_path / "out", "-j", 1)
+    assert result.exit_code == 2
+    assert "do not use these results" in result.stderr and "the built-in method KF" in result.stderr
+    assert "plant plant.py:rhs" in result.stderr
+    assert (tmp_path / "out" / "trials.sqlite").exists()
+
+
+def test_an_honest_plant_passes(tmp_path):
+    """The trial that is computed again has the same numbers, for one and two workers."""
+    path = with_plant(tmp_path, RHS)
+    assert ran(path, tmp_path / "one") == ran(path, tmp_path / "two", jobs=2)
+
+
+def test_methods_are_grouped_by_their_files(tmp_path):
+    """Two methods of one file share processes; built-in ones come first."""
+    (tmp_path / "own.py").write_text(ESTIMATOR)
+    (tmp_path / "other.py").write_text(f"{ESTIMATOR}\nANOTHER = 1\n")
+    own = {"A": "own.py:Own, gain: 0.2", "KF": "", "B": "other.py:Own", "C": "own.py:Own"}
+    given = {name: f"file: {file}" if file else "kind: kalman" for name, file in own.items()}
+    methods = ", ".join(f"{name}: {{estimator: {{{text}}}}}" for name, text in given.items())
+    groups = groups_of(load_config(write(tmp_path, methods=f"{{{methods}}}")).points)
+    assert {name for _, name in groups[()]} == {"KF"} and next(iter(groups)) == ()
+    assert sorted(sorted(name for _, name in pairs) for pairs in groups.values()) == [["A", "C"], ["B"], ["KF"]]
+
+
+def test_objects_of_a_program_are_computed_and_what_cannot_be_separated_is_said(tmp_path, capsys):
+    """A method that a program registers has no file; built-in methods are still separate from it."""
+
+    def made(model, x0, *, gain: float = 0.1):
+        space = {}
+        exec(ESTIMATOR, space)
+        return space["Own"](model, x0, gain=gain)
+
+    register("estimators", "of-a-program", made)
+    methods = "{KF: {estimator: {kind: kalman}}, Own: {estimator: {kind: of-a-program}}}"
+    results = run(load_config(write(tmp_path, methods=methods, runs="2")), directory=tmp_path / "out", jobs=1)
+    assert results.trials.n_failed_trials == 0
+    assert "cannot be separated" not in capsys.readouterr().err
