@@ -22,18 +22,7 @@ def is_built_in(group: str, kind: str) -> bool:
 
 
 def registered_design(group: str, kind: str) -> DesignFunction:
-    """Return the design function of a registered kind.
-
-    Parameters
-    ----------
-    group : of the registry
-    kind : a name of `registry.names`
-
-    Raises
-    ------
-    CodeError
-        If what is registered is no component, or its package cannot be loaded.
-    """
+    """Return the design function of a registered kind."""
     try:
         design = registry.get(group, kind)
     except BrokenPackageError as error:
@@ -42,13 +31,7 @@ def registered_design(group: str, kind: str) -> DesignFunction:
 
 
 def loaded_design(group: str, reference: CodeReference) -> DesignFunction:
-    """Return the design function that a reference names.
-
-    Raises
-    ------
-    CodeError
-        If the file cannot be imported, has no such name, or the name is no component.
-    """
+    """Return the design function that a reference names."""
     return _design(group, load(reference), reference.text)
 
 

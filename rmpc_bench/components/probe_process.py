@@ -129,13 +129,7 @@ def _waited(child: int, reading: int, requests: BinaryIO, limit: float) -> Answe
 
 
 def waits_for_a_processor(child: int, limit: float) -> bool:
-    """Whether a process computes or reads a file, and has had less time of the processors than the limit.
-
-    Parameters
-    ----------
-    child : number of the process
-    limit : [s]
-    """
+    """Whether a process computes or reads a file, and has had less time of the processors than the limit."""
     try:
         with open(f"/proc/{child}/stat", encoding="ascii", errors="replace") as file:
             # State, and ticks of user and system time; the name of the program before them may contain blanks.

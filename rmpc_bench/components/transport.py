@@ -21,12 +21,7 @@ from rmpc_bench.components.source import read_source
 
 
 def dumps(experiments: Any) -> bytes:
-    """Pickle experiments for a worker process on this machine.
-
-    Parameters
-    ----------
-    experiments : one per point of a sweep, or anything made of designs
-    """
+    """Pickle experiments for a worker process on this machine."""
     stream = io.BytesIO()
     _pickler(stream).dump(experiments)
     for package in packages():

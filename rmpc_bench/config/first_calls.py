@@ -26,15 +26,6 @@ class FirstCalls:
         """Simulate two samples of every method with components from files; what is wrong is added to the draft.
 
         An error is a problem at the component.  A call that takes too long is a warning, since it may be only slow.
-
-        Parameters
-        ----------
-        draft : the sections of a point
-        plant, methods, scenario, n_steps : what was made from them
-
-        Returns
-        -------
-        Name of each such method -> its estimate at k = 0; None where it gives none.
         """
         found: dict[str, Estimate | None] = {}
         for method in methods:

@@ -120,13 +120,7 @@ def nominal_plant(draft: DraftConfig, model: Component | None, write: Writer = a
 
 
 def set_keys(component: Component, write: Writer = as_given) -> dict[str, Any]:
-    """Return the keys of a component that are set, those of ADDED_LATER only where they differ from their default.
-
-    Parameters
-    ----------
-    component : a valid component
-    write : returns what stands for something in a file of the user
-    """
+    """Return the keys of a component that are set, those of ADDED_LATER only where they differ from their default."""
     keys = _without_later(component, component.resolved(write))
     return {name: value for name, value in keys.items() if value is not None}
 
@@ -139,28 +133,14 @@ def _without_later(component: Component, keys: Mapping[str, Any]) -> dict[str, A
 
 
 def uncertainty_data(draft: DraftConfig, *, canonical: bool = True) -> dict[str, Any]:
-    """Return the distributions of the uncertain quantities as plain data.
-
-    Parameters
-    ----------
-    draft : with valid laws
-    canonical : whether the scale is applied to the laws, so that a range of 20 % at scale 2 is one of 40 %; else it
-        stands beside them, unless it is 1
-    """
+    """Return the distributions of the uncertain quantities; where `canonical`, their scale is applied to them."""
     laws = draft.uncertainty if canonical else draft.laws
     data = {name: {"dist": type(law).__name__.lower(), **plain_data(law)} for name, law in laws.items()}
     return data if canonical or draft.scale == 1 else {**data, "scale": draft.scale}
 
 
 def plant_data(draft: DraftConfig, *, canonical: bool = False) -> dict[str, Any]:
-    """Return the plant with ``perturb`` and ``set`` as plain data.
-
-    Parameters
-    ----------
-    draft : with a valid plant
-    canonical : whether expressions are written in a form that does not depend on blanks and parentheses, and files
-        without their paths
-    """
+    """Return the plant with ``perturb`` and ``set``; where `canonical`, without paths, blanks and parentheses."""
     assert draft.plant is not None
     plant = set_keys(draft.plant, without_path if canonical else as_given)
     for key, relative in (("perturb", True), ("set", False)):

@@ -53,16 +53,9 @@ class OwnCode:
     """Python files of components of which keys name data files."""
 
     def identity(self, components: Mapping[str, Component | None], *, whole: bool = True) -> dict[str, Any]:
-        """Return what identifies the code and the data of some components; empty where all of it is built in.
+        """Return role -> hashes of files or names of packages, for ``sources``, ``installed`` and ``data``.
 
-        Parameters
-        ----------
-        components : role, such as ``estimator`` -> the component
-        whole : whether whole files count; otherwise the part of a file on which a component depends
-
-        Returns
-        -------
-        ``sources``, ``installed`` and ``data``: role -> hashes, or names and versions of distributions
+        It is empty where all is built in.  Not `whole`, only the part of a file counts on which a component depends.
         """
         found: dict[str, dict[str, list[str]]] = {"sources": {}, "installed": {}, "data": {}}
         for role, component in components.items():
@@ -109,13 +102,7 @@ class OwnCode:
             yield made
 
     def read(self, name: str, path: Path) -> Source:
-        """Return a Python file with all that it imports.
-
-        Parameters
-        ----------
-        name : as the configuration names it
-        path : absolute
-        """
+        """Return a Python file with all that it imports."""
         self.files.setdefault(name, path)
         if path not in self.sources:
             self.sources[path] = _read(path)

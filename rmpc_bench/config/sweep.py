@@ -49,19 +49,7 @@ class Sweep(NamedTuple):
 
 
 def expand(tree: Map, overrides: Sequence[Override], access: CodeAccess = NO_ACCESS) -> Sweep:
-    """Return the points of a configuration; without a sweep there is one, without coordinates.
-
-    Parameters
-    ----------
-    tree : the configuration, files and overrides in place
-    overrides : an override of a swept path has no effect and is refused
-    access : which files of the user may be loaded
-
-    Raises
-    ------
-    ConfigError
-        If the plant or the model comes from something impossible at every point.
-    """
+    """Return the points of a configuration; without a sweep there is one, without coordinates."""
     found, problems = _points(tree)
     axes = () if problems else _axes(tree)
     if not problems:

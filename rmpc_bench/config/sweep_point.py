@@ -22,13 +22,7 @@ def digest(data: Any) -> str:
 
 
 def key_of_trials(definition: str, code: Mapping[str, Any]) -> str:
-    """Return the hash under which the trials of a method are stored.
-
-    Parameters
-    ----------
-    definition : hash of what the configuration determines of them
-    code : what identifies the code that computes them
-    """
+    """Return the hash under which the trials of a method are stored."""
     return digest({"definition": definition, "code": code})
 
 
@@ -102,18 +96,7 @@ class SweepPoint:
 
 
 def chosen_point(points: Sequence[SweepPoint], at: Mapping[str, str]) -> SweepPoint:
-    """Return the first point of a sweep with given values.
-
-    Parameters
-    ----------
-    points : all points
-    at : path of the sweep -> text of its value
-
-    Raises
-    ------
-    DesignError
-        If there is no such path or point.
-    """
+    """Return the first point of a sweep with given values."""
     for path in at:
         if path not in points[0].coordinates:
             raise DesignError(unknown(path, points[0].coordinates, "path of the sweep"), "at")

@@ -90,31 +90,7 @@ def compute(
     shard: Shard | None = None,
     missing: bool = False,
 ) -> None:
-    """Compute and store what is missing; the same call continues an interrupted one.
-
-    Parameters
-    ----------
-    config : the experiment
-    directory : where its trials.sqlite lies or will lie
-    workers : worker processes; the configuration's `execution.workers` unless given
-    only : names of the methods to compute; all unless given
-    progress : display
-    modified : what was changed against the file, noted for the report
-    accept_versions : whether rows that other versions of a library have computed are used
-    engine : ``joblib`` for worker processes, ``serial`` for none, ``dask`` for those of a cluster; chosen by
-        `choose_engine` unless given
-    scheduler : address of the scheduler of a dask cluster
-    shard : the part to compute, in a store of its own below the directory; all runs unless given
-    missing : whether the trials of the shards in the directory are taken before the rest is computed
-
-    Raises
-    ------
-    StoreError
-        If the directory holds another experiment or is being written to, or other versions of a library that a file
-        of the user imports have computed rows of it.
-    WriteError
-        If a block cannot be written.
-    """
+    """Compute and store what is missing; the same call continues an interrupted one."""
     progress = progress or Silent()
     names = [method.name for method in config.experiment.methods]
     methods = names if only is None else [name for name in names if name in only]

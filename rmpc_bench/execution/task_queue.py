@@ -57,12 +57,7 @@ class TaskQueue:
         return sum(n * self._lengths.seconds_of_a_run(pair) for pair, n in self._left.items() if n)
 
     def take(self, worker: Hashable = None) -> Task | None:
-        """Hand out the next task; None if there is none now.
-
-        Parameters
-        ----------
-        worker : who takes it; it gets the methods of the range that it has begun before a new range
-        """
+        """Hand out the next task; None if there is none now."""
         group = self._begun.get(worker)
         if not group:
             group = self._begun[worker] = self._next_group()

@@ -56,13 +56,7 @@ class Failed(NamedTuple):
 
 
 def after(job: Job, end: End) -> tuple[Failed | None, Job | None]:
-    """Return the run that has failed, if one has, and what is left to do.
-
-    Parameters
-    ----------
-    job : what the worker had not finished
-    end : how it has ended
-    """
+    """Return the run that has failed, if one has, and what is left to do."""
     task = job.task
     if not task.runs:
         return None, None

@@ -76,13 +76,7 @@ def choose_engine(
 
 
 def _check_address(scheduler: str | None) -> None:
-    """Refuse what is no address: a client of dask may wait without end for one without a port.
-
-    Raises
-    ------
-    WorkerError
-        If it is not ``tcp://HOST:PORT`` or the same of another protocol.
-    """
+    """Refuse what is no address: a client of dask may wait without end for one without a port."""
     found = scheduler is None or _ADDRESS.fullmatch(scheduler)
     if not found or (scheduler and int(scheduler.rpartition(":")[2]) > LAST_PORT):
         raise WorkerError(f"engine dask: {scheduler!r} is no address of a scheduler, such as tcp://node7:8786")

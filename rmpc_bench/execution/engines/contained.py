@@ -19,17 +19,6 @@ def contained(
     """Do one task; if a component raises, repeat its halves until each run that raises is alone (bisection).
 
     The runs of a block do not depend on each other, so a repeated run has the same numbers.
-
-    Parameters
-    ----------
-    experiments : one per point of the sweep
-    task : what to do
-    is_fatal : whether an exception ends this process, such as a real Ctrl-C; every other one is of a component
-    watch : notes the progress of the simulation, for time limits
-
-    Yields
-    ------
-    the finished parts, in the order of the runs
     """
     try:
         done = work(experiments, task, watch)

@@ -41,12 +41,6 @@ def failed(experiments: Sequence[Experiment], task: Task, failure: RunFailure) -
     """Return the result of a task of one run that has failed outside of the simulation loop.
 
     It has no metrics and no trajectories.
-
-    Parameters
-    ----------
-    experiments : one per point of the sweep
-    task : of one run
-    failure : why it has failed
     """
     experiment = experiments[task.point]
     journal = Journal()
@@ -60,14 +54,7 @@ def failed(experiments: Sequence[Experiment], task: Task, failure: RunFailure) -
 
 
 def failure_of(error: BaseException, experiment: Experiment, run: int) -> RunFailure:
-    """Describe the exception that ended a run which was simulated alone.
-
-    Parameters
-    ----------
-    error : the exception, with its traceback
-    experiment : what was simulated
-    run : index of the run
-    """
+    """Describe the exception that ended a run which was simulated alone."""
     frames = [tb.tb_frame for tb in _entries(error.__traceback__)]
     loop = next((frame.f_locals for frame in frames if _is_loop(frame)), {})
     values = {name: _last(loop.get(key)) for name, key in (("y", "y"), ("u_previous", "u"), ("x_hat", "estimate"))}

@@ -23,14 +23,7 @@ Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
 
 
 def here_first(experiments: Sequence[Experiment], queue: TaskQueue, workers: Engine) -> Generator[Done]:
-    """Do the tasks in this process, or in worker processes as soon as that takes less time.
-
-    Parameters
-    ----------
-    experiments : one per point of the sweep
-    queue : what to do
-    workers : the engine with worker processes
-    """
+    """Do the tasks in this process, or in worker processes as soon as that takes less time."""
 
     def pay() -> bool:
         known = queue.is_measured or queue.seconds_done > MEASURED

@@ -80,18 +80,7 @@ class Pool:
             worker.close()
 
     def results(self, queue: TaskQueue, jobs: Sequence[Job] = ()) -> Iterator[Done | Failed]:
-        """Yield finished parts of tasks until nothing is left.
-
-        Parameters
-        ----------
-        queue : what to do
-        jobs : what to do before that
-
-        Raises
-        ------
-        WorkerError
-            If the workers cannot load the experiment.
-        """
+        """Yield finished parts of tasks until nothing is left."""
         self._left.extend(jobs)
         while True:
             self._feed(queue)

@@ -14,12 +14,7 @@ BETWEEN = 2.0
 
 
 def is_stopped(process: int) -> bool:
-    """Whether a child process is stopped, as by SIGSTOP, and has not been continued.
-
-    Parameters
-    ----------
-    process : its number
-    """
+    """Whether a child process is stopped, as by SIGSTOP, and has not been continued."""
     if not hasattr(os, "waitid"):
         return False
     try:

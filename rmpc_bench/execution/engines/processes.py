@@ -30,22 +30,7 @@ def processes(
     logs: Path | None = None,
     note: Note = lambda text, end: None,
 ) -> Generator[Done]:
-    """Do the tasks in worker processes; closing the generator ends them.
-
-    Parameters
-    ----------
-    experiments : one per point of the sweep
-    queue : what to do
-    workers : how many processes
-    limits : of time and memory
-    logs : directory that gets the output of components; None to let it pass to the screen
-    note : gets a line and the end of every worker that is replaced
-
-    Raises
-    ------
-    WorkerError
-        If the workers cannot load the experiment.
-    """
+    """Do the tasks in worker processes; closing the generator ends them."""
     queue.workers = workers
     pool = Pool(dumps(experiments), limits, logs, patience(experiments), note)
     try:

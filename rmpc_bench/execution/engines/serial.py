@@ -16,14 +16,7 @@ from rmpc_bench.simulation.threads import single_thread
 def serial(
     experiments: Sequence[Experiment], queue: TaskQueue, ends: Callable[[], bool] = lambda: False
 ) -> Generator[Done]:
-    """Do the tasks in this process, one after the other.
-
-    Parameters
-    ----------
-    experiments : one per point of the sweep
-    queue : what to do
-    ends : whether to leave the other tasks in the queue, asked before each of them
-    """
+    """Do the tasks in this process, one after the other."""
     try:
         with single_thread(), noted_signals() as signals:
             warm_up_own(experiments)

@@ -38,12 +38,7 @@ _KILL_WITH_PARENT = 1
 
 
 def main(given: Mapping[str, Any]) -> None:
-    """Work until the parent closes the connection; nothing after this returns to the caller's clean-up.
-
-    Parameters
-    ----------
-    given : numbers of the inherited descriptors and of the parent process
-    """
+    """Work until the parent closes the connection; nothing after this returns to the caller's clean-up."""
     # Ctrl-C in a terminal reaches every process of the group; only the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})

@@ -81,12 +81,7 @@ class WorkerProcess:
         return self._process.pid
 
     def load(self, data: bytes) -> None:
-        """Send the experiments, which the process reads once it has started.
-
-        Parameters
-        ----------
-        data : experiments as bytes
-        """
+        """Send the experiments, which the process reads once it has started."""
         self._send((data, self._limits))
 
     def give(self, job: Job) -> None:
@@ -102,13 +97,7 @@ class WorkerProcess:
             pass
 
     def receive(self) -> Any:
-        """Return the next message.
-
-        Raises
-        ------
-        EOFError
-            If the process has ended.
-        """
+        """Return the next message."""
         self._checked = time.monotonic()
         self._idle.reset()
         try:

@@ -63,16 +63,6 @@ class Rounds:
         """Return the metric of every run, with six digits; NaN where a run has failed.
 
         A value whose design cannot be made loses all runs.
-
-        Parameters
-        ----------
-        trials : what is to be computed
-        tested : whether on the runs of the experiment; else on the tuning runs
-
-        Raises
-        ------
-        StoreError, WriteError
-            As `rmpc_bench.execution.runner.compute`.
         """
         found: dict[Trial, Array] = {}
         ordered = sorted(trials, key=lambda trial: trial.search.number)
