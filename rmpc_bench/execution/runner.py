@@ -29,7 +29,7 @@ from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
-from rmpc_bench.execution.separation import check_shared, separated, warm_up_tasks
+from rmpc_bench.execution.separation import Pair, check_shared, separated, warm_up_tasks
 from rmpc_bench.execution.shard_rows import stored_in, take_shards
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.source_copies import keep_sources
@@ -115,16 +115,19 @@ def compute(
             n_left = sum(len(task.runs) for task in tasks)
             runs = runs if stopping is None else range(stopping.n_runs)
             file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, shard=shard)
+            blocks = dict[Pair, range]()
             if tasks:
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)
                 chosen = choose_engine(config, tasks, workers, engine, place, progress.say, scheduler)
                 with file:
-                    _compute(config, store, tasks, chosen, progress, file, stopping)
+                    blocks = _compute(config, store, tasks, chosen, progress, file, stopping)
             elif not file.is_up_to_date():
                 with file:
                     pass
-            check_shared(config, store, trials, first)
+            # Workers of dask may be other machines.
+            is_here = (engine or config.execution.engine) != "dask"
+            check_shared(config, store, trials, blocks if is_here else {}, first)
 
 
 def _prepare(
@@ -184,10 +187,11 @@ def _compute(
     progress: Progress,
     file: ProgressFile,
     stopping: Stopping | None,
-) -> None:
+) -> dict[Pair, range]:
+    """Compute and store tasks, and return the first block of every method."""
     experiments = tuple(point.experiment for point in config.points)
     warm_up_tasks(experiments, tasks if stopping is None else stopping.kinds(), progress)
-    running = running_comparison(config)
+    running, blocks = running_comparison(config), dict[Pair, range]()
     if file.done:
         add_stored(running, config, store)
     progress.start(config.name, file.total, file.done, running)
@@ -200,6 +204,8 @@ def _compute(
                 add_done(running, config, done)
                 file.note(done)
                 progress.advance(len(done.task.runs))
+                pair = done.task.point, done.task.method
+                blocks[pair] = min(blocks.get(pair, done.task.runs), done.task.runs, key=lambda runs: runs.start)
                 following = [] if stopping is None else stopping.after(len(done.task.runs))
                 if following:
                     queue.add(following)
@@ -208,6 +214,7 @@ def _compute(
                     progress.extend(n_more)
     finally:
         progress.stop()
+    return blocks
 
 
 def store_block(store: Store, point: SweepPoint, done: Done) -> None:

@@ -8,7 +8,6 @@ it comes from a file, a trial of every built-in method is compared with one in a
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -47,7 +46,7 @@ Engine: TypeAlias = Callable[[Sequence[Experiment], TaskQueue], Generator[Done]]
 LONGEST = 600.0
 """Time for the designs of all built-in methods, or for one trial of each [s]."""
 TOLERANCE = 1e-9
-"""Relative difference of two trials that a plant may have which computes many runs at once, by its last bits."""
+"""Relative difference of a trial to a stored one of an earlier session, which may be of another machine or block."""
 _WITHOUT = ("claims", "statistics", "stop", "report", "smoke")
 
 
@@ -103,7 +102,7 @@ def separated(
     if not pairs or not (groups or shared):
         return config, {}
     with said_if_slow(progress, "Preparing built-in methods in a process without the files of the others ..."):
-        answer = _asked(config.points, pairs, methods, run)
+        answer = _asked(config.points, pairs, methods, range(run, run + 1), run)
     if isinstance(answer, str):
         components = f" and {' and '.join(shared)}" if shared else ""
         progress.say(f"built-in methods{components} cannot be separated from the other components: {answer}")
@@ -123,8 +122,8 @@ def _numbers(pairs: set[Pair]) -> list[int]:
     return sorted({number for number, _ in pairs})
 
 
-def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[str], run: int) -> Any:
-    """Return what `_remade` returns in a fork for some methods; text where that cannot build them."""
+def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[str], runs: range, run: int) -> Any:
+    """Return what `_remade` returns in a fork for a run in a block of some methods; text where they cannot be built."""
     numbers = _numbers(pairs)
     drafts = [draft for number in numbers if (draft := points[number].draft) is not None]
     trees = [_tree(points[number], {name for at, name in pairs if at == number}) for number in numbers]
@@ -132,8 +131,9 @@ def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[s
     access = CodeAccess(drafts[0].access.directory, drafts[0].access.allowed)
     is_shared = bool(_shared(points))
     reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, is_shared)
-    tasks = [Task(name, run, run + 1, numbers.index(number)) for number, name in sorted(pairs) if name in methods]
-    answer = probe.ask({"call": dumps((_remade, reduced, tasks, numbers))}, LONGEST)
+    ordered = [(numbers.index(number), name) for number, name in sorted(pairs) if name in methods]
+    tasks = [Task(name, runs.start, runs.stop, place) for place, name in ordered]
+    answer = probe.ask({"call": dumps((_remade, reduced, tasks, numbers, run))}, LONGEST)
     if answer.outcome != "done":
         raise WorkerError(f"a process with the built-in methods only: {answer.outcome} {answer.reason}".rstrip())
     return "they cannot be made without them" if answer.value is None else answer.value
@@ -156,7 +156,7 @@ def _tree(point: SweepPoint, names: set[str]) -> SweptTree:
 
 
 def _remade(
-    reduced: _Reduced, tasks: list[Task], numbers: list[int]
+    reduced: _Reduced, tasks: list[Task], numbers: list[int], run: int
 ) -> str | tuple[list[Mapping[str, str]], bytes, Trials]:
     """Return the keys of the methods of every point, the experiments as bytes with designs finished, and trials."""
     try:
@@ -167,13 +167,17 @@ def _remade(
     warm_up_tasks(experiments, tasks, Silent())
     data = dumps(experiments)
     first = {task.method: task for task in reversed(tasks)} if reduced.is_shared else {}
-    with single_thread(), suppress(Exception):
-        # A run that fails here is not compared.
+    with single_thread():
         for task in first.values():
             experiment, method = experiments[task.point], experiments[task.point].method(task.method)
             if all(design.deterministic for design in (experiment.plant, method.estimator, method.controller)):
-                rows = zip(experiment.metrics, work(experiments, task).block.metrics, strict=True)
-                trials[numbers[task.point], task.method] = {metric.name: float(row[0]) for metric, row in rows}
+                try:
+                    found = [float(row[run - task.first]) for row in work(experiments, task).block.metrics]
+                except Exception:
+                    # A stored run that ends well differs from one that fails here.
+                    found = [np.nan] * len(experiment.metrics)
+                names = [metric.name for metric in experiment.metrics]
+                trials[numbers[task.point], task.method] = dict(zip(names, found, strict=True))
     return [point.method_keys for point in points], data, trials
 
 
@@ -189,24 +193,38 @@ def _shared(points: Sequence[SweepPoint]) -> list[str]:
     return [*found]
 
 
-def check_shared(config: ExperimentConfig, store: Store, trials: Trials, run: int) -> None:
-    """Compare stored trials of built-in methods with those of `separated`.
+def check_shared(
+    config: ExperimentConfig, store: Store, trials: Trials, blocks: Mapping[Pair, range], run: int
+) -> None:
+    """Compare stored trials of built-in methods with those of `separated`: the bits, where their blocks are known.
 
+    A run alone may have other last bits than in a block, so it is then computed again with the others of its block.
     A WorkerError names the components from files that all methods share, and the method.
     """
-    for (number, name), values in trials.items():
+    for pair, alone in trials.items():
+        (number, name), values = pair, alone
         point, key = config.points[number], config.points[number].method_keys[name]
         runs, status = store.statuses(key, run + 1)
-        is_ok = run in runs[status == Status.OK] and run in store.finished(key, point.metric_keys.values())
-        for metric, value in values.items() if is_ok else ():
-            stored = float(store.values(key, point.metric_keys[metric], [run])[0])
-            if not np.isclose(value, stored, rtol=TOLERANCE, atol=0.0, equal_nan=True):
-                shared = " and ".join(_shared(config.points))
-                raise WorkerError(
-                    f"{store.directory}: do not use these results.  Run {run} of the built-in method {name} has "
-                    f"{metric} = {value!r} instead of {stored!r} where only {shared} was loaded: it changes what "
-                    "other components compute, or keeps something from run to run"
-                )
+        if run not in runs[status == Status.OK] or run not in store.finished(key, point.metric_keys.values()):
+            continue
+        stored = {metric: float(store.values(key, point.metric_keys[metric], [run])[0]) for metric in alone}
+        block = blocks.get(pair, range(0))
+        tolerance = 0.0 if run in block else TOLERANCE
+        if _different(alone, stored, tolerance) and not _different(alone, stored, TOLERANCE):
+            values = _asked(config.points, {pair}, [name], block, run)[2][pair]
+        for metric in _different(values, stored, tolerance):
+            shared = " and ".join(_shared(config.points))
+            raise WorkerError(
+                f"{store.directory}: do not use these results.  Run {run} of the built-in method {name} has "
+                f"{metric} = {values[metric]!r} instead of {stored[metric]!r} where only {shared} was loaded: it "
+                "changes what other components compute, or keeps something from run to run"
+            )
+
+
+def _different(values: Mapping[str, float], others: Mapping[str, float], tolerance: float) -> list[str]:
+    """Name the metrics that differ by more than a relative tolerance."""
+    pairs = ((name, value, others[name]) for name, value in values.items())
+    return [name for name, a, b in pairs if not np.isclose(a, b, rtol=tolerance, atol=0.0, equal_nan=True)]
 
 
 def apart(groups: Mapping[Any, set[Pair]], others: Engine, built_in: Engine) -> Engine:

@@ -44,6 +44,27 @@ daqp.Model = Model
 RHS = "def rhs(x, u, p):\n    return [x[1], u[0] - x[1]]\n\n\ndef output(x, p):\n    return [x[0]]\n"
 WRAPS = "import numpy as np\nbefore = np.einsum\n"
 REPLACES = "    np.einsum = lambda *a, **k: before(*a, **k) * 1.001\n"
+BLOCKS = """
+import sys
+import numpy as np
+from rmpc_bench import Plant
+from rmpc_bench.types import Motion
+
+
+class Blocks(Plant):
+    nx, nu, ny, Ts = 2, 1, 1, 0.1
+    deterministic = True
+
+    def draw(self, parameters, rngs, n_steps):
+        return ()
+
+    def step(self, k, delta, x, u, w):
+        moved = x @ np.array([[0.9, 0.0], [0.1, 0.8]]) + u @ np.array([[0.0, 0.1]]) + w
+        return moved * (1.0 + 2.0**-50 * (len(x) > 1))
+
+    def output(self, k, delta, x, v):
+        return x[:, :1] + v
+"""
 PLANT = "{ode: plant.py:rhs, output: plant.py:output, states: [p, v], inputs: [force], outputs: [level]}"
 OWN_PLANT = {
     "uncertainty": "{}",
@@ -75,6 +96,13 @@ def with_plant(directory, text, **keys):
     """Write the small experiment with a plant from a file."""
     (directory / "plant.py").write_text(text)
     return write(directory, **OWN_PLANT | keys)
+
+
+def with_blocks(directory, text, **keys):
+    """Write the small experiment with a plant that moves all runs of a block at once."""
+    (directory / "blocks.py").write_text(text)
+    model = "{kind: linear, A: [[0.9, 0.1], [0, 0.8]], B: [[0], [0.1]], C: [[1, 0]], P_w: 1.0e-4, P_v: 1.0e-4}"
+    return write(directory, **OWN_PLANT | {"plant": "{file: blocks.py:Blocks}", "model": model} | keys)
 
 
 def test_a_method_that_wraps_numpy_and_a_solver_changes_its_own_rows_only(tmp_path):
@@ -123,10 +151,11 @@ def test_a_plant_that_wraps_numpy_while_a_model_is_made_from_it_is_an_error(tmp_
     assert result.exit_code == 2 and "plant: replaces numpy.einsum" in result.stderr
 
 
-def test_a_plant_that_depends_on_its_process_is_an_error(tmp_path):
-    """A trial alone in a fresh process differs from the stored one; the trials stay stored."""
-    depends = "import sys\n" + RHS.replace("u[0] - x[1]", "u[0] - x[1] + 1e-3 * (sys.argv[0] == '-c') * len(sys.argv)")
-    path = with_plant(tmp_path, depends)
+@pytest.mark.parametrize("size", ["1e-3", "1e-13"])
+def test_a_plant_that_depends_on_its_process_is_an_error(tmp_path, size):
+    """A trial in a fresh process differs from the stored one, if only by its last bits; the trials stay stored."""
+    change = f"u[0] - x[1] + {size} * (sys.argv[0] == '-c') * len(sys.argv)"
+    path = with_plant(tmp_path, "import sys\n" + RHS.replace("u[0] - x[1]", change))
     result = cli("run", path, "-o", tmp_path / "out", "-j", 1)
     assert result.exit_code == 2
     assert "do not use these results" in result.stderr and "the built-in method KF" in result.stderr
@@ -138,6 +167,21 @@ def test_an_honest_plant_passes(tmp_path):
     """The trial that is computed again has the same numbers, for one and two workers."""
     path = with_plant(tmp_path, RHS)
     assert ran(path, tmp_path / "one") == ran(path, tmp_path / "two", jobs=2)
+
+
+def test_a_plant_with_other_last_bits_in_a_block_passes(tmp_path):
+    """The trial is then computed again within its block; from then on it is compared to 1e-9."""
+    path = with_blocks(tmp_path, BLOCKS)
+    together = ran(path, tmp_path / "out")
+    assert ran(path, tmp_path / "out") == together
+    assert ran(with_blocks(tmp_path, BLOCKS, execution="{block: 1}"), tmp_path / "alone") != together
+
+
+def test_a_plant_that_fails_where_it_is_alone_is_an_error(tmp_path):
+    """A stored run that ends well differs from one that fails."""
+    fails = BLOCKS.replace("        moved", "        assert k < 9 or sys.argv != ['-c']\n        moved")
+    result = cli("run", with_blocks(tmp_path, fails), "-o", tmp_path / "out", "-j", 1)
+    assert result.exit_code == 2 and "has mse = nan instead of" in result.stderr
 
 
 def test_methods_are_grouped_by_their_files(tmp_path):
