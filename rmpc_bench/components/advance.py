@@ -13,20 +13,7 @@ from rmpc_bench.types import Array
 
 
 def advanced(model: Any, k: int, x_hat: Array, P: Array, u: Array) -> tuple[Array, Array]:
-    """Return x_hat and P at k+1 without a measurement.
-
-    Parameters
-    ----------
-    model : the design model
-    k : time index
-    x_hat, P : (nx,), (nx, nx) at k
-    u : (nu,) input u(k)
-
-    Returns
-    -------
-    Those of the model; P is that of its linearisation.  What the model does not have, or not in finite numbers, is the
-    same as before.
-    """
+    """Return x_hat (nx,) and P of the linearisation at k+1; what a model does not have in finite numbers stays."""
     try:
         with np.errstate(all="ignore"):
             x_next, P_next = _moved(model, k, x_hat, P, u)

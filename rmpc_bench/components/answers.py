@@ -14,20 +14,7 @@ _SYMMETRY = 1e-8
 
 
 def numbers(value: Any, noun: str, shape: tuple[int, ...], owner: str) -> Array:
-    """Return an answer as an array of the expected shape.
-
-    Parameters
-    ----------
-    value : an array, a list or, where one number is expected, a number
-    noun : what the numbers are, such as ``state``
-    shape : what is expected
-    owner : what has them: ``the model``, ``the plant``
-
-    Raises
-    ------
-    InvalidReturnValue
-        If it has another shape, or entries that are not real numbers.
-    """
+    """Return an answer as an array of a shape; InvalidReturnValue for another shape or what is no real number."""
     if value is None:
         raise InvalidReturnValue(f"returned nothing; {owner} has {_counted(shape, noun)}")
     try:
@@ -74,12 +61,7 @@ def asymmetric_rows(P: Array) -> Array:
 
 
 class Reports:
-    """Entries that a component reports besides its main answer, one array per entry and sample.
-
-    Parameters
-    ----------
-    shapes : name -> shape of the entry of one run
-    """
+    """Entries of given shapes that a component reports besides its main answer, one array per entry and sample."""
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
         self.shapes = shapes
@@ -89,13 +71,7 @@ class Reports:
         return {name: np.full((n_runs, *shape), np.nan) for name, shape in self.shapes.items()}
 
     def keep(self, row: int, given: Any, info: Mapping[str, Array]) -> None:
-        """Copy what one run reports.
-
-        Raises
-        ------
-        InvalidReturnValue
-            If it is no mapping, or an entry is not declared or has another shape.
-        """
+        """Copy what one run reports; InvalidReturnValue for an entry that is not declared or has another shape."""
         if not isinstance(given, Mapping):
             found = type(given).__name__
             raise InvalidReturnValue(f"returned a {found} as its last entry; a mapping name -> number is expected")

@@ -54,13 +54,7 @@ class Place(NamedTuple):
 
 
 class CodeError(ValueError):
-    """A user's file cannot be used.
-
-    Parameters
-    ----------
-    message : what is wrong and the way out
-    place : place in the Python file to blame; None where the configuration is to blame
-    """
+    """A file of the user cannot be used; `place` in it is to blame, or the configuration where it is None."""
 
     def __init__(self, message: str, place: Place | None = None) -> None:
         self.place = place

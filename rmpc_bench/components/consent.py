@@ -79,18 +79,7 @@ class CodeAccess:
         return self._once("", reference, lambda: load(reference))
 
     def design(self, group: str, reference: CodeReference) -> DesignFunction:
-        """Return the design function that a reference names, after naming its file on stderr.
-
-        Parameters
-        ----------
-        group : of the registry
-        reference : to a component
-
-        Raises
-        ------
-        CodeError
-            If the file may not be loaded or cannot be, has no such name, or the name is no component.
-        """
+        """Return the design function that a reference names, after naming its file on stderr; otherwise a CodeError."""
         design: DesignFunction = self._once(group, reference, lambda: loaded_design(group, reference))
         return design
 

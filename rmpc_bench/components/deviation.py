@@ -17,17 +17,7 @@ from rmpc_bench.types import OperatingPoint
 
 
 def in_deviation(user: UserClass, given: Mapping[str, Any]) -> tuple[Mapping[str, Any], OperatingPoint | None]:
-    """Return what a design is made from, and the operating point to move its signals by.
-
-    Parameters
-    ----------
-    user : the user's class
-    given : what the bench provides, and the keys of the configuration
-
-    Returns
-    -------
-    Both as given and None, unless the class has ``deviation = True`` and the model an operating point.
-    """
+    """Return what a design is made from, and the operating point to move its signals by where the class asks for it."""
     model = given.get("model")
     point = getattr(model, "operating_point", None)
     if model is None or point is None or not user.constant("deviation", False):

@@ -45,12 +45,7 @@ class Access:
 
 
 class EnvironmentRun:
-    """The environment of one run and method.
-
-    Parameters
-    ----------
-    access : how it is made, moved and read
-    """
+    """The environment of one run and method."""
 
     def __init__(self, access: Access) -> None:
         self.access = access

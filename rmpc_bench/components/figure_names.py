@@ -11,10 +11,6 @@ from rmpc_bench.components.code import split_reference
 def figure_names(kinds: Iterable[str]) -> tuple[str, ...]:
     """Name the files of figures, without ending: the kind, or the name in a user's file, with a number if repeated.
 
-    Parameters
-    ----------
-    kinds : kinds of the figures, or references ``PATH.py:NAME``, in the order of the configuration
-
     Examples
     --------
     >>> figure_names(["boxplot", "paired", "boxplot", "own.py:Picture"])

@@ -64,14 +64,7 @@ class _Stopped(Exception):
 
 
 class FirstCall:
-    """One nominal run over the samples k = 0 and k = 1.
-
-    Parameters
-    ----------
-    plant, method : the components
-    sample : the initial state and the reference
-    enter : called with the role of the component whose code runs next
-    """
+    """One nominal run over k = 0 and k = 1; `enter` is called with the role of the component whose code runs next."""
 
     def __init__(self, plant: Plant, method: Method, sample: Sample, enter: Callable[[str], None]) -> None:
         self.plant, self.method, self.sample, self.enter = plant, method, sample, enter

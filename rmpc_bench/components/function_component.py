@@ -10,13 +10,7 @@ from rmpc_bench.components.words import words
 
 
 def class_of(group: str, method: str, function: Callable[..., Any]) -> type:
-    """Return a class whose method calls a function.
-
-    Parameters
-    ----------
-    group, method : what the function is
-    function : its arguments are standard names of this method; all others are keys of the configuration
-    """
+    """Return a class whose method calls a function; arguments without a standard name are keys of the configuration."""
     parameters = inspect.signature(function).parameters
     known = words(group, method)
     keys = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for name, each in parameters.items() if name not in known]

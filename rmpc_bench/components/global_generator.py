@@ -13,11 +13,6 @@ def drawing_from(rng: np.random.Generator, function: Callable[..., Any]) -> Call
 
     The state of the global generator stays as it is, apart from a normal number that it may have drawn in advance.
 
-    Parameters
-    ----------
-    rng : the generator of a run
-    function : a function of a library
-
     Examples
     --------
     >>> drawing_from(np.random.default_rng(1), np.random.uniform)() == np.random.default_rng(1).uniform()

@@ -22,10 +22,6 @@ _ARGUMENTS: Mapping[str, frozenset[str]] = {
 def group_of(found: Any) -> str | None:
     """Return the group of the registry that a class or a function belongs to; None where its text does not show it.
 
-    Parameters
-    ----------
-    found : a class of a component, a class or function marked with `single_run`, or a design function
-
     Examples
     --------
     >>> def design(model, n_steps, *, x0, P0, c=1.0): ...

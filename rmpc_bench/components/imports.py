@@ -75,12 +75,7 @@ class References(NamedTuple):
 
 
 def references(tree: ast.Module) -> References:
-    """Return what a file says about other files.
-
-    Parameters
-    ----------
-    tree : of the file; imports inside functions count too
-    """
+    """Return what the syntax tree of a file says about other files; imports inside functions count too."""
     nodes = list(ast.walk(tree))
     names = _names(nodes)
     entries = [entry for node in nodes for entry in _depends_on(node)]

@@ -13,12 +13,7 @@ from rmpc_bench.components.words import snake_case
 def metric_design(cls: type) -> Callable[..., Any]:
     """Return the design function of a class derived from `Metric`.
 
-    Annotated attributes are its keys, also without ``@dataclass``.  The name of the column is that of the class unless
-    it has another one.
-
-    Parameters
-    ----------
-    cls : the class
+    Annotated attributes are its keys, also without ``@dataclass``.  The column has the name of the class or its `name`.
     """
     if cls.__dict__.get("__annotations__") and "__dataclass_fields__" not in vars(cls) and "__init__" not in vars(cls):
         dataclasses.dataclass(frozen=True, kw_only=True)(cls)

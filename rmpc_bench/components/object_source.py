@@ -20,17 +20,7 @@ from rmpc_bench.components.source import Source, read_source
 
 
 def registered_identity(group: str, kind: str) -> Source | str:
-    """Return what identifies the code of a registered component.
-
-    Parameters
-    ----------
-    group : of the registry
-    kind : name of a component that is not built in and comes from no file
-
-    Returns
-    -------
-    The source of its module; for an installed package ``name version``, and for a class of a notebook a hash.
-    """
+    """Return the source of a registered component's module, ``name version`` of its package, or a hash (notebook)."""
     installed = registry.installed_component(group, kind)
     found = None if installed is not None else inspect.unwrap(registry.get(group, kind))
     file = _file(found.__module__ if installed is None else installed.points[0].module)
@@ -71,12 +61,7 @@ def object_hash(found: Any) -> str:
 
 
 class _Walk:
-    """Finds what determines the behaviour of an object.
-
-    Parameters
-    ----------
-    module : functions and classes of other modules count by their names
-    """
+    """Finds what determines the behaviour of an object; what other modules have counts by its name."""
 
     def __init__(self, module: str) -> None:
         self.module = module

@@ -205,13 +205,7 @@ class _Loader(SourceFileLoader):
 
 
 class _Import:
-    """The import statement of a private module.
-
-    Parameters
-    ----------
-    package : name of the private package
-    module : the module that imports
-    """
+    """The import statement of a module of a private package."""
 
     def __init__(self, package: str, module: ModuleType) -> None:
         self.package, self.module = package, module

@@ -17,12 +17,7 @@ from tempfile import gettempdir, mkdtemp
 
 
 def process_directory(name: str) -> Path:
-    """Make a temporary directory that is removed at the end of this process, or later by another one.
-
-    Parameters
-    ----------
-    name : beginning of its name
-    """
+    """Make a temporary directory that is removed at the end of this process, or later by another one."""
     prefix = f"{name}-{platform.node()}-"
     _remove(prefix, ended_only=True)
     made = Path(mkdtemp(prefix=f"{prefix}{os.getpid()}-"))

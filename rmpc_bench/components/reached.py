@@ -15,14 +15,7 @@ _ALWAYS = frozenset({"depends_on", "deterministic"})
 
 
 def reached_text(text: bytes, names: Iterable[str]) -> bytes:
-    """Return the statements of a file on which some of its names depend, directly or through other names.
-
-    The whole text is returned where the syntax tree cannot show the dependence.
-
-    Parameters
-    ----------
-    text : of the file
-    names : names in the file, with dots inside a class
+    """Return the statements of a file on which some names depend; all of it where the syntax tree cannot show that.
 
     Examples
     --------

@@ -11,12 +11,7 @@ from types import FrameType
 
 @contextmanager
 def noted_signals() -> Iterator[list[int]]:
-    """Note signals that interrupt this process, so that an exception of a component is not taken for one.
-
-    Yields
-    ------
-    numbers of the signals that have arrived since then; always empty in a thread, where none arrives
-    """
+    """Note signals that interrupt this process (none in a thread): an exception of a component is not taken for one."""
     arrived: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield arrived

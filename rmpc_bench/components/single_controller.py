@@ -16,13 +16,7 @@ from rmpc_bench.types import Array, Command, Controller, Estimate, InvalidReturn
 
 
 class RunInputs:
-    """State of the controllers of a block.
-
-    Parameters
-    ----------
-    objects : the user's objects
-    u : input that is held before the first sample, one row per run
-    """
+    """Controllers of a block, one object per run, and the inputs that are held before the first sample."""
 
     def __init__(self, objects: UserRuns, u: Array) -> None:
         self.objects, self.u = objects, u

@@ -19,13 +19,7 @@ TYPICAL_COST = 3e-5
 
 
 class SingleDesign:
-    """A design that makes one object of the user per run.
-
-    Parameters
-    ----------
-    user : the user's class
-    given : what the design function was called with: what the bench provides, and the keys of the configuration
-    """
+    """A design that makes one object of the user per run, of what the bench provides and the keys."""
 
     role = ""
 
@@ -125,12 +119,7 @@ class SingleDesign:
 
 
 def read_only(model: Any) -> Any:
-    """Return a model whose matrices cannot be changed in place, which would change them for all runs and methods.
-
-    Parameters
-    ----------
-    model : a design model; it stays as it is, since compiled code takes its arrays
-    """
+    """Return a copy of a model whose matrices cannot be changed in place, which would change them for all runs."""
     copied = copy(model)
     for name, value in vars(copied).items() if hasattr(copied, "__dict__") else ():
         if isinstance(value, np.ndarray):

@@ -18,13 +18,7 @@ from rmpc_bench.types.metric import Direction, MetricLayout
 
 @dataclass(frozen=True, kw_only=True)
 class SingleRunMetric(Metric):
-    """The metric of a class of the user: one object, and one call of `evaluate`, per run.
-
-    Parameters
-    ----------
-    user : the user's class
-    keys : its keywords
-    """
+    """The metric of a class of the user: one object, and one call of `evaluate`, per run."""
 
     user: UserClass
     keys: Mapping[str, Any]

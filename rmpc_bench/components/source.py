@@ -93,17 +93,7 @@ class Source:
 
 
 def read_source(path: Path, read: Callable[[Path], bytes] = Path.read_bytes) -> Source:
-    """Return the identity of a Python file; nothing is imported.
-
-    Parameters
-    ----------
-    path : the file
-    read : returns the content of a file
-
-    Raises
-    ------
-    OSError
-        If the file, or one that it imports, cannot be read.
+    """Return the identity of a Python file; nothing is imported.  An OSError says that a file cannot be read.
 
     Examples
     --------

@@ -18,13 +18,7 @@ _NO_MEANING = frozenset({"kind", "type_comment", "type_ignores"})
 
 
 def syntax_hash(tree: ast.AST) -> str:
-    """Return the SHA-256 of a syntax tree.
-
-    Docstrings and `pass` are left out.  A file that reads docstrings (``__doc__``) is hashed with them.
-
-    Parameters
-    ----------
-    tree : from `ast.parse`
+    """Return the SHA-256 of a syntax tree without `pass`, and without docstrings unless the file reads ``__doc__``.
 
     Examples
     --------

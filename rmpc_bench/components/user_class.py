@@ -38,19 +38,7 @@ Failing = Literal["stop", "hold"]
 
 
 class UserClass:
-    """What the bench knows of a single-run component.
-
-    Parameters
-    ----------
-    group : of the registry
-    cls : the user's class
-    component : what the user has marked: the class, or the function that it calls
-
-    Raises
-    ------
-    DesignError
-        If methods are missing, or one asks for an argument that there is not.
-    """
+    """What the bench knows of a single-run component; a DesignError for a missing method or an unknown argument."""
 
     def __init__(self, group: str, cls: type, component: Any) -> None:
         self.group, self.cls, self.name, self.component = group, cls, cls.__qualname__, component
@@ -128,13 +116,7 @@ class UserClass:
 
 
 def user_class(group: str, component: Any) -> UserClass:
-    """Read a class, or a function as the only method of a class; a function's other arguments are keys.
-
-    Raises
-    ------
-    DesignError
-        If it is no component of the group that is written for one run.
-    """
+    """Read a class, or a function as the only method of a class; a DesignError where it is not written for one run."""
     if isinstance(component, type):
         return UserClass(group, component, component)
     if group not in FUNCTION_METHODS:

@@ -73,13 +73,7 @@ class UserRuns:
         """The object of every run; None where it could not be made."""
 
     def make(self, keys: Mapping[str, Any], signals: Mapping[str, Any]) -> None:
-        """Make the object of every run and call its `start`.
-
-        Parameters
-        ----------
-        keys : keywords of `__init__` from the configuration
-        signals : name -> one entry per run, for `start`
-        """
+        """Make the object of every run with the keys, and call its `start`; `signals` has one entry per run."""
         names = [name for name in self.user.of_init.names if name not in keys]
 
         def make(*values: Any) -> Any:

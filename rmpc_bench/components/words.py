@@ -102,13 +102,7 @@ def words(group: str, method: str) -> tuple[str, ...]:
 
 
 class Arguments:
-    """Names of the arguments of a user's function, in the order in which its call takes them.
-
-    Parameters
-    ----------
-    function : without its ``self``
-    owner : what the messages call it, such as ``MyFilter.update``
-    """
+    """Arguments of a user's function but ``self``, in their order; `owner`, as ``MyFilter.update``, is for messages."""
 
     def __init__(self, function: Callable[..., Any], owner: str, *, bound: bool) -> None:
         parameters = list(inspect.signature(function).parameters.values())[0 if bound else 1 :]
@@ -124,13 +118,7 @@ class Arguments:
         self.names = (*by_place, *self.by_key)
 
     def check(self, known: tuple[str, ...]) -> None:
-        """Refuse the first argument that is not one of the known names.
-
-        Raises
-        ------
-        DesignError
-            With the nearest known name.
-        """
+        """Refuse the first argument that is not one of the known names; the DesignError has the nearest one."""
         for name in self.names:
             if name in known:
                 continue

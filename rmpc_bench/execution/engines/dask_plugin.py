@@ -10,13 +10,7 @@ from rmpc_bench.execution.engines.dask_worker import Setup, forget, remember
 
 
 class ExperimentPlugin(WorkerPlugin):
-    """Keeps an experiment on a dask worker as long as the client computes.
-
-    Parameters
-    ----------
-    described : the experiment
-    local : whether the client has started the worker
-    """
+    """Keeps an experiment on a dask worker as long as the client computes; `local` if that has started the worker."""
 
     def __init__(self, described: Setup, *, local: bool) -> None:
         self.name = described.key

@@ -58,18 +58,7 @@ def versions() -> dict[str, str]:
 
 
 def compute(key: str, jobs: Sequence[Job]) -> Report:
-    """Do jobs one after the other.
-
-    Parameters
-    ----------
-    key : name of the experiment
-    jobs : what to do
-
-    Raises
-    ------
-    WorkerError
-        If this process has other versions, or the experiment cannot be loaded here.
-    """
+    """Do jobs one after the other; a WorkerError where versions differ or the experiment cannot be loaded."""
     with _lock:
         kept = _kept.get(key)
     if kept is None:
@@ -92,12 +81,7 @@ def forget(key: str) -> None:
 
 
 class KeptPools:
-    """Worker processes of one experiment, kept for the next jobs; each thread of a dask worker uses one.
-
-    Parameters
-    ----------
-    setup : the experiment
-    """
+    """Worker processes of one experiment, kept for the next jobs; each thread of a dask worker uses one."""
 
     def __init__(self, setup: Setup) -> None:
         self._setup, self._lock = setup, threading.Lock()

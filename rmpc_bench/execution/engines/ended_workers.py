@@ -14,25 +14,13 @@ LOG = "workers.txt"
 
 
 class EndedWorkers:
-    """Writes a line for every worker that has ended, and a message for the first one that was disturbed.
-
-    Parameters
-    ----------
-    logs : directory of the file
-    say : shows a line to the user
-    """
+    """Writes a line for every worker that has ended, and a message for the first one that was disturbed."""
 
     def __init__(self, logs: Path, say: Callable[[str], None]) -> None:
         self._file, self._say, self._said = logs / LOG, say, False
 
     def note(self, text: str, end: End) -> None:
-        """Note the end of a worker.
-
-        Parameters
-        ----------
-        text : the worker, its end, and the attempt that has ended with it
-        end : how it has ended
-        """
+        """Note a worker with the attempt that has ended with it, and how it has ended."""
         # A full disk is reported by the trial store, which matters more.
         with suppress(OSError):
             self._file.parent.mkdir(parents=True, exist_ok=True)

@@ -56,12 +56,7 @@ def _with_children(process: int) -> Iterator[int]:
 
 
 class Idleness:
-    """How long a process that has a job has neither computed nor made progress.
-
-    Parameters
-    ----------
-    process : its number
-    """
+    """How long a process that has a job has neither computed nor made progress."""
 
     def __init__(self, process: int) -> None:
         self._process, self._used = process, 0.0

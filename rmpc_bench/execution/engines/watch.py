@@ -41,12 +41,7 @@ class Limits(NamedTuple):
 
 
 class SharedWatch(Watch):
-    """Notes in shared memory what a process is computing.
-
-    Parameters
-    ----------
-    file : open file of `SIZE` bytes, which both processes map into memory
-    """
+    """Notes what a process is computing in an open file of `SIZE` bytes, which both processes map into memory."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._memory: mmap.mmap | bytearray = mmap.mmap(file.fileno(), SIZE)
@@ -95,12 +90,7 @@ class SharedWatch(Watch):
         return _ALL.unpack_from(self._memory)
 
     def overdue(self, limits: Limits) -> str:
-        """Say which limit of time is exceeded; empty where none is.
-
-        Parameters
-        ----------
-        limits : those of the experiment
-        """
+        """Say which limit of time is exceeded; empty where none is."""
         started, since, used, _, _, step_factor, run_factor, n_runs = self._fields()
         if not started:
             return ""
@@ -114,12 +104,7 @@ class SharedWatch(Watch):
         return ""
 
     def excuse(self, start: float, end: float) -> None:
-        """Leave a time out of what counts for the limits, because no process could compute in it.
-
-        Parameters
-        ----------
-        start, end : of the monotonic clock [s]
-        """
+        """Leave a time [s] of the monotonic clock out of the limits, because no process could compute in it."""
         self._excused = [*(each for each in self._excused if each[1] > self._fields()[0]), (start, end)]
 
     def _elapsed(self, since: float) -> float:
@@ -128,12 +113,7 @@ class SharedWatch(Watch):
         return time.monotonic() - since - out
 
     def begin_again(self, text: str) -> None:
-        """Start the time of what is computed now once more, after its end has been asked for.
-
-        Parameters
-        ----------
-        text : the limit that is exceeded
-        """
+        """Start the time of what is computed now again, after its end was asked for with the text of the limit."""
         self.stopped = text
         _FIRST.pack_into(self._memory, _FIRST.size, time.monotonic())
 

@@ -42,15 +42,7 @@ class Means:
 
 
 class Rounds:
-    """Computes the trials of values, or reads those that are stored.
-
-    Parameters
-    ----------
-    config : a configuration with something to tune
-    directory : of the results; the trials are stored below it
-    means : how they are computed
-    progress : counts the trials
-    """
+    """Computes the trials of values, or reads those that are stored below the directory of the results."""
 
     def __init__(self, config: ExperimentConfig, directory: Path, means: Means, progress: Progress) -> None:
         assert config.tuning is not None

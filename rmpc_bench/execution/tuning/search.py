@@ -35,12 +35,7 @@ class Candidate(NamedTuple):
 
 
 def value_at(parameter: TunedParameter, z: float) -> float:
-    """Return the value of a parameter at a place along its range, rounded and inside it.
-
-    Parameters
-    ----------
-    parameter : with its range
-    z : from 0, the lower end, to 1, the upper one
+    """Return the rounded value of a parameter at a place z from 0, the lower end of its range, to 1, the upper one.
 
     Examples
     --------
@@ -64,13 +59,7 @@ def row_at(parameters: Sequence[TunedParameter], place: Iterable[float]) -> Row:
 
 
 class _Evaluations:
-    """Looks objectives up, in the order in which a search asks for them.
-
-    Parameters
-    ----------
-    known : values -> objective
-    budget : number of different values that may be asked for
-    """
+    """Looks objectives up in the order in which a search asks for them; `budget` is the number of different values."""
 
     def __init__(self, known: Mapping[Row, float], budget: int) -> None:
         self._known, self._budget = known, budget
@@ -84,13 +73,7 @@ class _Evaluations:
         return len(self.used) >= self._budget
 
     def ask(self, candidates: Iterable[Candidate]) -> None:
-        """Ask for several values at once.
-
-        Raises
-        ------
-        _NeedsMore
-            If the objective of one of them is not known.
-        """
+        """Ask for several values at once; _NeedsMore if the objective of one of them is not known."""
         for row, stage in candidates:
             if row not in self.used:
                 if self.is_spent:
@@ -102,15 +85,7 @@ class _Evaluations:
             raise _NeedsMore
 
     def __call__(self, row: Row, stage: str) -> float:
-        """Return an objective.
-
-        Raises
-        ------
-        _NeedsMore
-            If it is not known.
-        _Spent
-            If the budget does not allow to ask for it.
-        """
+        """Return an objective; _NeedsMore if it is not known, _Spent if the budget does not allow to ask for it."""
         if row not in self.used and self.is_spent:
             raise _Spent
         self.ask([Candidate(row, stage)])

@@ -13,18 +13,7 @@ if TYPE_CHECKING:
 
 
 def tuning_of(experiment: StoredExperiment, directory: Path) -> Tuning | None:
-    """Return the searches of an experiment as far as tuning.json has them; None where nothing is tuned.
-
-    Parameters
-    ----------
-    experiment : its record
-    directory : of its results
-
-    Raises
-    ------
-    StoreError
-        If tuning.json cannot be read.
-    """
+    """Return the searches that tuning.json has, None where nothing is tuned; a StoreError for a damaged file."""
     stored = experiment.tuning
     if stored is None:
         return None

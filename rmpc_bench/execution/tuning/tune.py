@@ -29,18 +29,7 @@ _Evaluated = dict[str, dict[Row, Array]]
 
 
 def with_known(config: ExperimentConfig, directory: Path) -> ExperimentConfig:
-    """Return a configuration with the values that earlier searches have found; nothing is computed.
-
-    Parameters
-    ----------
-    config : from `load_config`
-    directory : of the results
-
-    Raises
-    ------
-    StoreError
-        If tuning.json there cannot be read.
-    """
+    """Return a configuration with the values that earlier searches have found; nothing is computed."""
     if config.tuning is None or not config.tuning.missing:
         return config
     return _with_values(config, _usable(read_record(directory), config.tuning))
