@@ -29,7 +29,7 @@ from rmpc_bench.execution.other_code import rows_of_other_code, stored_methods
 from rmpc_bench.execution.progress import Progress, Silent
 from rmpc_bench.execution.progress_file import ProgressFile, extent_of
 from rmpc_bench.execution.running_comparison import add_done, add_stored, running_comparison
-from rmpc_bench.execution.separation import Pair, check_shared, separated, warm_up_tasks
+from rmpc_bench.execution.separation import Pair, check_shared, separated, shared_of, warm_up_tasks
 from rmpc_bench.execution.shard_rows import stored_in, take_shards
 from rmpc_bench.execution.shards import Shard
 from rmpc_bench.execution.source_copies import keep_sources
@@ -103,19 +103,19 @@ def compute(
         store.claim(config.hash, config.shared, config.own.names())
         if missing:
             take_shards(config, store, progress.say)
-        config, trials = separated(config, methods, progress, runs.start)
-        first = runs.start
+        first, trials, blocks = runs.start, dict[Pair, Mapping[str, float]](), dict[Pair, range]()
         _prepare(config, store, methods, progress, accept_versions=accept_versions)
         for folder in dict.fromkeys((place, directory)):
             _keep_configuration(config, folder, added_methods(store))
         stopping = _stopping(config, store, methods, progress)
         tasks = pending(config, store, methods, runs, also) if stopping is None else stopping.tasks()
+        if tasks or shared_of(config.points):
+            config, trials = separated(config, methods, progress, first)
         with Session(place, config, modified, progress.say):
             _say_other_code(config, store, methods, progress)
             n_left = sum(len(task.runs) for task in tasks)
             runs = runs if stopping is None else range(stopping.n_runs)
             file = ProgressFile(place, extent_of(config, methods), runs, store, n_left=n_left, shard=shard)
-            blocks = dict[Pair, range]()
             if tasks:
                 store.register(stored_methods(config, methods))
                 note_versions(config, store, methods)

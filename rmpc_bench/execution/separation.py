@@ -91,17 +91,17 @@ def groups_of(points: Sequence[SweepPoint]) -> dict[tuple[str, ...], set[Pair]]:
 
 def separated(
     config: ExperimentConfig, methods: Collection[str], progress: Progress, run: int = 0
-) -> tuple[ExperimentConfig, Trials]:
+) -> tuple[ExperimentConfig, dict[Pair, Mapping[str, float]]]:
     """Return a configuration whose built-in methods were designed without the files of the others, and trials to check.
 
     These are the metrics of a run of every built-in method, computed where only what all methods share was loaded.
     A WorkerError says that they are other methods there, or that their designs end the process.
     """
-    groups, shared = groups_of(config.points), _shared(config.points)
+    groups, shared = groups_of(config.points), shared_of(config.points)
     pairs = groups.pop((), set())
     if not pairs or not (groups or shared):
         return config, {}
-    with said_if_slow(progress, "Preparing built-in methods in a process without the files of the others ..."):
+    with said_if_slow(progress, "Preparing built-in methods in a process without the files of the others ...", 5.0):
         answer = _asked(config.points, pairs, methods, range(run, run + 1), run)
     if isinstance(answer, str):
         components = f" and {' and '.join(shared)}" if shared else ""
@@ -129,7 +129,7 @@ def _asked(points: Sequence[SweepPoint], pairs: set[Pair], methods: Collection[s
     trees = [_tree(points[number], {name for at, name in pairs if at == number}) for number in numbers]
     chosen = {(draft.title, name): values for draft in drafts for name, values in draft.chosen.items()}
     access = CodeAccess(drafts[0].access.directory, drafts[0].access.allowed)
-    is_shared = bool(_shared(points))
+    is_shared = bool(shared_of(points))
     reduced = _Reduced(trees, chosen, access, points[0].experiment.cut_windows, is_shared)
     ordered = [(numbers.index(number), name) for number, name in sorted(pairs) if name in methods]
     tasks = [Task(name, runs.start, runs.stop, place) for place, name in ordered]
@@ -181,7 +181,7 @@ def _remade(
     return [point.method_keys for point in points], data, trials
 
 
-def _shared(points: Sequence[SweepPoint]) -> list[str]:
+def shared_of(points: Sequence[SweepPoint]) -> list[str]:
     """Name what all methods share and what does not come from the bench, such as ``plant tanks.py:rhs``."""
     found: dict[str, None] = {}
     for draft in (point.draft for point in points if point.draft is not None):
@@ -213,7 +213,7 @@ def check_shared(
         if _different(alone, stored, tolerance) and not _different(alone, stored, TOLERANCE):
             values = _asked(config.points, {pair}, [name], block, run)[2][pair]
         for metric in _different(values, stored, tolerance):
-            shared = " and ".join(_shared(config.points))
+            shared = " and ".join(shared_of(config.points))
             raise WorkerError(
                 f"{store.directory}: do not use these results.  Run {run} of the built-in method {name} has "
                 f"{metric} = {values[metric]!r} instead of {stored[metric]!r} where only {shared} was loaded: it "
