@@ -6,7 +6,7 @@ import pytest
 from own_files import ESTIMATOR
 from small_experiment import KEYS, cli, ran, write
 
-from rmpc_bench import load_config, register, run
+from rmpc_bench import load_config, load_trials, register, run
 from rmpc_bench.components.untouched import untouched
 from rmpc_bench.execution.separation import groups_of
 
@@ -105,23 +105,27 @@ def with_blocks(directory, text, **keys):
     return write(directory, **OWN_PLANT | {"plant": "{file: blocks.py:Blocks}", "model": model} | keys)
 
 
+def computed(config, directory, **options):
+    """Run without publishing and return the trials as CSV."""
+    return run(config, directory=directory, **options).trials.frame.to_csv(index=False).encode()
+
+
 def test_a_method_that_wraps_numpy_and_a_solver_changes_its_own_rows_only(tmp_path):
     """Rows of built-in methods, and the statistics of them, are those without the method, for every engine."""
-    alone = built_in(ran(write(tmp_path, file="alone.yaml", runs="4"), tmp_path / "alone"))
+    ran(write(tmp_path, file="alone.yaml", runs="4"), tmp_path / "alone")
     (tmp_path / "own.py").write_text(WRAPPING + ESTIMATOR)
     methods = KEYS["methods"].removesuffix("}") + ", Own: {estimator: {file: own.py:Own}}}"
     path = write(tmp_path, runs="4", methods=methods)
-    both = [
-        ran(path, tmp_path / "one", jobs=1),
-        ran(path, tmp_path / "two", jobs=2),
-        ran(path, tmp_path / "serial", "--engine", "serial"),
-    ]
-    assert [built_in(trials) for trials in both] == [alone] * 3
-    assert both[0] == both[1]
-    tables = [(tmp_path / name / "summary.csv").read_bytes() for name in ("alone", "one", "two", "serial")]
-    assert [built_in(table) for table in tables[1:]] == [built_in(tables[0])] * 3
+    ran(path, tmp_path / "one")
+    for name in ("trials.csv", "summary.csv"):
+        alone, one = ((tmp_path / each / name).read_bytes() for each in ("alone", "one"))
+        assert built_in(one) == built_in(alone)
+    config = load_config(path)
+    stored = load_trials(tmp_path / "one").frame.to_csv(index=False).encode()
+    assert computed(config, tmp_path / "two", jobs=2) == stored
+    assert built_in(computed(config, tmp_path / "serial", engine="serial")) == built_in(stored)
     assert np.geterr()["over"] != "raise" and np.get_printoptions()["precision"] != 2
-    [warning] = [each.message for each in load_config(path).warnings if "replaces" in each.message]
+    [warning] = [each.message for each in config.warnings if "replaces" in each.message]
     assert "numpy.clip, numpy.einsum" in warning and "put back" in warning
 
 
@@ -165,16 +169,17 @@ def test_a_plant_that_depends_on_its_process_is_an_error(tmp_path, size):
 
 def test_an_honest_plant_passes(tmp_path):
     """The trial that is computed again has the same numbers, for one and two workers."""
-    path = with_plant(tmp_path, RHS)
-    assert ran(path, tmp_path / "one") == ran(path, tmp_path / "two", jobs=2)
+    config = load_config(with_plant(tmp_path, RHS))
+    assert computed(config, tmp_path / "one", jobs=1) == computed(config, tmp_path / "two", jobs=2)
 
 
 def test_a_plant_with_other_last_bits_in_a_block_passes(tmp_path):
     """The trial is then computed again within its block; from then on it is compared to 1e-9."""
-    path = with_blocks(tmp_path, BLOCKS)
-    together = ran(path, tmp_path / "out")
-    assert ran(path, tmp_path / "out") == together
-    assert ran(with_blocks(tmp_path, BLOCKS, execution="{block: 1}"), tmp_path / "alone") != together
+    config = load_config(with_blocks(tmp_path, BLOCKS))
+    together = computed(config, tmp_path / "out", jobs=1)
+    assert computed(config, tmp_path / "out", jobs=1) == together
+    single = load_config(with_blocks(tmp_path, BLOCKS, execution="{block: 1}"))
+    assert computed(single, tmp_path / "alone", jobs=1) != together
 
 
 def test_a_plant_that_fails_where_it_is_alone_is_an_error(tmp_path):
