@@ -38,7 +38,8 @@ def altered(path, to, *, honest=False, **changes):
         for entity in metadata["@graph"]:
             if "sha256" in entity:
                 entity["sha256"] = hashlib.sha256(found[entity["@id"]]).hexdigest()
-        found["ro-crate-metadata.json"] = json.dumps(metadata).encode()
+                entity["contentSize"] = str(len(found[entity["@id"]]))
+        found["ro-crate-metadata.json"] = (json.dumps(metadata, indent=2, ensure_ascii=False) + "\n").encode()
     return write(to, found)
 
 

@@ -15,7 +15,7 @@ from rmpc_bench.cli.typed_files import TypedPath
 @click.argument("file", type=TypedPath(exists=True, dir_okay=False))
 @click.option("--runs", type=click.IntRange(min=1), help="Compute the first runs only.  [default: all]")
 @click.option("--claim", default="", metavar="ID", help="Compute what this claim needs: its id, or its number.")
-@click.option("--no-run", is_flag=True, help="Compute nothing: check the files and the tables.")
+@click.option("--no-run", is_flag=True, help="Compute nothing: check the hashes, and summary.csv with the rows.")
 @click.option("-j", "--jobs", type=Workers(), help="Worker processes, or auto.  [default: execution.workers]")
 @own_code.allow_code_option
 @own_code.import_option
@@ -25,8 +25,9 @@ def verify(
 ) -> int:
     """Compute packed results again on this machine and compare them with the packed ones.
 
-    Compares the hash of every file, statuses, metrics (relative difference at most 1e-9), the digits of the tables, and
-    the findings of the claims.  The exit code is 1 when something differs.  The outcome is appended to the archive, in
+    Makes every table, claim, figure and page again and compares it with the packed file: equal bytes with the versions
+    and the machine type of the archive, else numbers up to a relative difference of 1e-9.  Every file that was not
+    compared is named.  The exit code is 1 when something differs.  The outcome is appended to the archive, in
     verified_on.json.  Files with code in the archive, FMUs included, run only with --allow-code FILE.
     """
     if no_run and (runs is not None or claim):

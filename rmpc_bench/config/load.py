@@ -41,6 +41,7 @@ def load_config(
     smoke: bool = False,
     allow_code: Sequence[str | Path] = (),
     add_methods: Sequence[str] = (),
+    lenient: bool = False,
 ) -> ExperimentConfig:
     """Read, check and build a configuration.
 
@@ -55,6 +56,7 @@ def load_config(
     allow_code : Python files, or directories of such, that may be loaded besides those in the directory of the
         configuration and below
     add_methods : texts ``NAME: {estimator: {..}}``, methods that are added to those of the file
+    lenient : whether figures and claims may reach beyond the end of a run, as they may in a smoke run
 
     Raises
     ------
@@ -64,7 +66,7 @@ def load_config(
     source = read(located(path), overrides, add_methods)
     check_copies(source.path.parent)
     access = CodeAccess.of(source.path, allow_code)
-    size = Size(runs, smoke, lenient=smoke or bool(overrides))
+    size = Size(runs, smoke, lenient=lenient or smoke or bool(overrides))
     inherited = Inherited(source.path, is_changed=bool(overrides) or runs is not None)
     tree, left_out = fitting_sweep(with_matrices(inherit(source), source.path), inherited)
     load_plugins(tree, access)

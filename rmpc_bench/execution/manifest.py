@@ -60,10 +60,11 @@ class Session:
             "versions": versions,
             **({"libraries": libraries} if libraries else {}),
             **code_version(),
-            "blas": _blas(),
+            "blas": blas(),
             "git": commit_of(self._config.path.parent),
             "platform": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
             "looks": looks(self._path.parent),
+            **({"report": before["report"]} if "report" in before else {}),
             "sessions": [*before.get("sessions", []), {"start": _now(), "stop": None, "why": "running"}],
         }
         self._write()
@@ -99,6 +100,13 @@ def note_look(directory: Path, n_runs: int) -> None:
         _write(directory / FILE, data | {"looks": [*earlier, n_runs]})
 
 
+def note_report(directory: Path, made: Mapping[str, Any]) -> None:
+    """Note how the derived files of a directory were made; `verify` makes them again in the same way."""
+    data = read(directory)
+    if data and data.get("report") != made:
+        _write(directory / FILE, data | {"report": dict(made)})
+
+
 def join(directory: Path, shards: Mapping[str, Path]) -> list[str]:
     """Write the manifest of a directory from those of its shards; its own sessions and looks are kept."""
     here, parts = read(directory), {name: read(place) for name, place in shards.items()}
@@ -126,7 +134,8 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def _blas() -> list[dict[str, Any]]:
+def blas() -> list[dict[str, Any]]:
+    """Return the libraries of linear algebra that are loaded, each with the processor for which it computes."""
     from threadpoolctl import threadpool_info
 
     wanted = ("user_api", "internal_api", "version", "architecture")

@@ -15,9 +15,11 @@ from dataclasses import dataclass
 from glob import escape, glob, has_magic
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from rmpc_bench.config.experiment_config import ExperimentConfig
 from rmpc_bench.config.load import load_config
+from rmpc_bench.config.reader import load
 from rmpc_bench.config.relocation import COPIES, renamed
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
@@ -25,18 +27,21 @@ from rmpc_bench.execution import manifest
 from rmpc_bench.execution.pack_metadata import CITATION, Contents, citation, crate
 from rmpc_bench.execution.results import Results, load_results
 from rmpc_bench.execution.runner import CONFIG, RESOLVED
+from rmpc_bench.execution.tuning.record import FOLDER
+from rmpc_bench.execution.tuning.record import SECONDS as TIMES
 from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes, write_archive
 from rmpc_bench.received.consent import VERIFIED
 from rmpc_bench.report.summary import trials_csv
 
 DATA = "data"
 """Directory of the user's data files in an archive."""
+SECONDS = f"{FOLDER}/{TIMES}"
 NEEDED = (CONFIG, RESOLVED, manifest.FILE, "trials.csv", "summary.csv", "comparisons.csv", "report.html")
 """Files without which a directory is not packed."""
 FILES = (
     *NEEDED,
     *("uncertainty.csv", "series.csv", "traces.npz", "timings.csv", "drivers.csv", "requirements.csv", "ranks.csv"),
-    *("lost.csv", "tuning.csv", "tuning.json", "claims.json", "claims.md", "report.md"),
+    *("lost.csv", "tuning.csv", "tuning.json", SECONDS, "claims.json", "claims.md", "report.md"),
 )
 """Files of a directory that are packed where they exist; nothing else at its top is."""
 FOLDERS = ("tables", "figures", "failures", COPIES)
@@ -103,29 +108,39 @@ def pack(
     place = Path(directory)
     results = load_results(place)
     _refuse_stale(results, place)
-    config = load_config(place / RESOLVED)
+    config = load_config(place / RESOLVED, lenient=True)
     if config.hash != results.experiment.hash:
         raise ArchiveError(f"{place}: {RESOLVED} describes another experiment than the stored trials")
     contents: dict[str, Path | bytes] = dict(_files(place))
     contents |= _data_files(config, contents)
-    facts = Contents(
-        experiment=results.experiment,
-        manifest=manifest.read(place),
-        n_runs=len(results.trials.each[0].runs),
-        incomplete=results.incomplete,
-        hashes={},
-        authors=tuple(authors),
-        licence=licence,
-    )
+    facts = facts_of(results, manifest.read(place), contents, authors, licence)
     contents[CITATION] = citation(facts).encode()
-    hashes = {name: _hash_and_size(content) for name, content in sorted(contents.items())}
-    metadata = crate(facts._replace(hashes=hashes))
-    contents |= {VERIFIED: json_bytes([]), METADATA: json_bytes(metadata)}
+    facts = facts_of(results, manifest.read(place), contents, authors, licence)
+    contents |= {VERIFIED: json_bytes([]), METADATA: json_bytes(crate(facts))}
     target = Path(to)
     write_archive(target, contents)
     remarks = [f"incomplete: {text}" for text in results.incomplete]
     remarks += [results.other_code] if results.other_code else []
-    return Pack(target, tuple(hashes), target.stat().st_size, tuple(remarks))
+    return Pack(target, tuple(facts.hashes), target.stat().st_size, tuple(remarks))
+
+
+def facts_of(
+    results: Results,
+    stated: Mapping[str, Any],
+    contents: Mapping[str, Path | bytes],
+    authors: Sequence[str],
+    licence: str,
+) -> Contents:
+    """Return what the metadata and the citation of an archive with these contents are made from."""
+    return Contents(
+        experiment=results.experiment,
+        manifest=stated,
+        n_runs=len(results.trials.each[0].runs),
+        incomplete=results.incomplete,
+        hashes={name: _hash_and_size(content) for name, content in sorted(contents.items())},
+        authors=tuple(authors),
+        licence=licence,
+    )
 
 
 def _refuse_stale(results: Results, directory: Path) -> None:
@@ -142,7 +157,7 @@ def _refuse_stale(results: Results, directory: Path) -> None:
 
 
 def _files(directory: Path) -> Iterator[tuple[str, Path]]:
-    """Yield the files to pack with their names."""
+    """Yield the files to pack with their names; content that is no regular file would come from elsewhere."""
     named = [directory / name for name in FILES if (directory / name).exists()]
     for folder in FOLDERS:
         top = directory / folder
@@ -158,7 +173,7 @@ def _files(directory: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _data_files(config: ExperimentConfig, contents: Mapping[str, Path | bytes]) -> dict[str, Path | bytes]:
-    """Return the data files of the user, and a resolved configuration that names them in the archive."""
+    """Return the data files of the user, and a resolved configuration and a manifest that name them in the archive."""
     found: dict[str, Path | bytes] = {}
     names: dict[str, str] = {}
     base = config.own.access.base("")
@@ -172,7 +187,9 @@ def _data_files(config: ExperimentConfig, contents: Mapping[str, Path | bytes]) 
             # The content, also where the name is a link.
             found[f"{DATA}/{number}/{inside}"] = path.resolve()
     if names:
-        found[RESOLVED] = dump(plain(renamed(config.resolved, names))).encode()
+        found[RESOLVED] = dump(plain(renamed(plain(load(config.path)), names))).encode()
+        # The page has the configuration with its names in the directory, and `verify` makes the page again.
+        found[manifest.FILE] = json_bytes(manifest.read(config.path.parent) | {"files": names})
     return found
 
 

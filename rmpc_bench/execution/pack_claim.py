@@ -14,7 +14,7 @@ from rmpc_bench.types.sweep_points import lies_at
 
 
 def only_claim(config: ExperimentConfig, name: str, methods: Collection[str]) -> tuple[ExperimentConfig, list[str]]:
-    """Reduce an experiment to what a claim needs."""
+    """Reduce an experiment to the points, methods and the claim of this `id` or number in claims.md."""
     claim = _named(config.claims, name)
     wanted = list(_needed(claim))
     names = [method for method in config.methods if method in methods and method in {each for each, _ in wanted}]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import rmpc_bench
+from rmpc_bench.execution import manifest
 from rmpc_bench.execution.libraries import OF_THE_BENCH
 
 
@@ -25,12 +26,7 @@ def environment() -> dict[str, Any]:
 
 
 def other_versions(packed: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what differs between the environment of packed results and this one.
-
-    Parameters
-    ----------
-    packed : content of their manifest.json
-    """
+    """Yield what differs between the environment that a manifest states and this one."""
     here = environment()
     before = dict(packed.get("versions", {}))
     for name, text in before.items():
@@ -42,9 +38,17 @@ def other_versions(packed: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name}: packed {text}, here {found}"
     if packed.get("numerics") != rmpc_bench.NUMERICS:
         yield f"arithmetic (NUMERICS): packed {packed.get('numerics')}, here {rmpc_bench.NUMERICS}"
+    # Another kind of processor computes other last digits.
+    kinds, there = _processors(packed.get("blas", [])), _processors(manifest.blas())
+    if kinds and there and not kinds & there:
+        yield f"processor: packed {', '.join(sorted(kinds))}, here {', '.join(sorted(there))}"
     system, machine = (str(packed.get("platform", {}).get(key)) for key in ("system", "machine"))
     if (system, machine) != (here["machine"]["system"], here["machine"]["machine"]):
         yield f"machine: packed {system} {machine}, here {here['machine']['system']} {here['machine']['machine']}"
+
+
+def _processors(infos: Iterable[Mapping[str, Any]]) -> set[str]:
+    return {str(info["architecture"]) for info in infos if info.get("architecture")}
 
 
 def _version(name: str) -> str:

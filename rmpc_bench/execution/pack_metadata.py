@@ -33,6 +33,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "ranks.csv": "Rank of every method over all points of the sweep, as an interval, and ratios to the baseline",
     "tuning.csv": "Tuned parameters: range, default, tuned and best value, objectives, regret, rank",
     "tuning.json": "Every value that tuning has tried, with the metric of its runs",
+    "tuning/seconds.json": "Computing times of the searches of tuning",
     "claims.json": "Statements with findings, numbers and assumptions, for programs",
     "claims.md": "Statements with findings, numbers and assumptions, for readers",
     "report.html": "The report: comparison, claims, figures, assumptions, limitations",
@@ -57,17 +58,7 @@ _TYPES = {
 
 
 class Contents(NamedTuple):
-    """What an archive is about.
-
-    Parameters
-    ----------
-    experiment : the record of the experiment
-    manifest : content of manifest.json
-    n_runs : number of runs
-    incomplete : methods of which runs are missing
-    hashes : file -> SHA-256 and size [bytes]
-    authors, licence : as in `pack`
-    """
+    """What an archive is about; `hashes` has the SHA-256 and the size [bytes] of every file."""
 
     experiment: StoredExperiment
     manifest: Mapping[str, Any]
@@ -108,7 +99,7 @@ class Contents(NamedTuple):
 
 
 def crate(contents: Contents) -> dict[str, Any]:
-    """Return the content of ro-crate-metadata.json."""
+    """Return the content of ro-crate-metadata.json; needs the library rocrate."""
     from rocrate.model import ContextEntity
     from rocrate.rocrate import ROCrate
 
@@ -139,6 +130,16 @@ def crate(contents: Contents) -> dict[str, Any]:
     _add_computation(made, entity, contents, people)
     generated: dict[str, Any] = made.metadata.generate()
     return generated
+
+
+def stated_by(metadata: Any) -> tuple[tuple[str, ...], str]:
+    """Return the authors and the licence that the content of ro-crate-metadata.json names."""
+    graph = metadata.get("@graph", []) if isinstance(metadata, dict) else []
+    entities = [each for each in graph if isinstance(each, dict)] if isinstance(graph, list) else []
+    people = [str(each.get("name")) for each in entities if str(each.get("@id")).startswith("#author-")]
+    prefix = _licence("x")[0].removesuffix("x")
+    licences = [str(each["@id"]).removeprefix(prefix) for each in entities if str(each.get("@id")).startswith(prefix)]
+    return tuple(people), (*licences, "")[0]
 
 
 def _add_computation(made: Any, entity: Any, contents: Contents, people: list[Any]) -> None:

@@ -16,24 +16,14 @@ from rmpc_bench.types import Array
 
 TOLERANCE = 1e-9
 """Largest relative difference of equal values on two machines."""
-_TEXT = ("method", "metric", "status", "quantity", "component", "worst_step")
+_TEXT = ("method", "metric", "status", "quantity", "component", "phase", "worst_step")
 _DIGITS = 5.1e-6
 """Largest relative difference of two numbers with equal six digits, one of them unrounded."""
-_COUNTS = ("run", "k", "n", "held_steps", "failed_steps")
+_COUNTS = ("run", "k", "n", "calls", "held_steps", "failed_steps")
 
 
 def read_rows(path: Path) -> pd.DataFrame:
-    """Read trials.csv, series.csv or summary.csv: texts as they are, every float as it was written.
-
-    Parameters
-    ----------
-    path : the file; columns before `method` are those of a sweep, whose values are texts
-
-    Raises
-    ------
-    ValueError
-        If a number cannot be read, or there is no column `method`.
-    """
+    """Read a table: texts and the columns of a sweep, before `method`, as they are, every float as it was written."""
     check_width(path)
     table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
     texts = {*_TEXT, *table.columns[: list(table.columns).index("method")]}
@@ -44,13 +34,7 @@ def read_rows(path: Path) -> pd.DataFrame:
 
 
 def with_rows(trials: Trials, rows: pd.DataFrame) -> Trials:
-    """Return a table of trials with other rows, such as the packed ones.
-
-    Parameters
-    ----------
-    trials : the table of a new computation; methods without a row are left out
-    rows : columns as of trials.csv
-    """
+    """Return a table of trials with other rows, such as the packed ones; methods without a row are left out."""
     if not trials.points:
         return _with_rows(trials, rows)
     points = tuple(_with_rows(table, rows[_at(rows, table.point)]) for table in trials.points)
@@ -81,16 +65,7 @@ def without_moved(packed: Trials, here: Trials, ends: Mapping[str, float]) -> tu
     """Replace the values of threshold metrics that have moved by one sample by those of the new computation.
 
     Such a metric is a time at which a threshold is crossed, or a count of samples: a difference in the last digits of a
-    trajectory moves it by one sample.
-
-    Parameters
-    ----------
-    packed, here : the packed rows and those of the new computation
-    ends : title of a point -> length of a run, in the unit of time of the configuration
-
-    Returns
-    -------
-    the packed rows with these values replaced, and metric -> number of values that have moved
+    trajectory moves it by one sample.  `ends` is the length of a run at each point; the values are counted by metric.
     """
     moved: dict[str, int] = {}
     others = {table.title: table for table in here.each}
@@ -133,19 +108,7 @@ def _sample(may_not_occur: bool, a: Array, b: Array, Ts: float) -> float | None:
 
 
 def series_differences(packed: pd.DataFrame, here: pd.DataFrame) -> list[str]:
-    """Compare two tables of series.
-
-    A value counts as equal up to `TOLERANCE` of the largest of its quantity, as a small entry of a matrix is computed
-    from large ones.
-
-    Parameters
-    ----------
-    packed, here : columns as of series.csv
-
-    Returns
-    -------
-    one text per method and quantity that differs
-    """
+    """Compare two tables of series, each value up to `TOLERANCE` of the largest of its quantity; name what differs."""
     keys = [name for name in packed.columns if name != "value"]
     if keys != [name for name in here.columns if name != "value"]:
         return ["series.csv: other columns"]
@@ -164,54 +127,10 @@ def series_differences(packed: pd.DataFrame, here: pd.DataFrame) -> list[str]:
     return found
 
 
-def table_differences(name: str, packed: str, here: str) -> list[str]:
-    """Compare two tables of printed digits, as text of a CSV file.
-
-    Parameters
-    ----------
-    name : of the file
-    packed, here : its content
-
-    Returns
-    -------
-    one text per cell that differs
-    """
-    rows_a, rows_b = (_cells(text) for text in (packed, here))
-    if rows_a[:1] != rows_b[:1] or len(rows_a) != len(rows_b):
-        return [f"{name}: {len(rows_a)} rows packed, {len(rows_b)} here, or other columns"]
-    head = rows_a[0] if rows_a else []
-    return [
-        f"{name} {' '.join(row_a[: _n_keys(head)])} {column}: packed {a or 'nothing'}, here {b or 'nothing'}"
-        for row_a, row_b in zip(rows_a[1:], rows_b[1:], strict=True)
-        for column, a, b in zip(head, row_a, row_b, strict=True)
-        if a != b
-    ]
-
-
-def _cells(text: str) -> list[list[str]]:
-    import csv
-    import io
-
-    return list(csv.reader(io.StringIO(text)))
-
-
-def _n_keys(head: Sequence[str]) -> int:
-    """Count the columns that say what a row is about: those up to the metric."""
-    return head.index("metric") + 1 if "metric" in head else 1
-
-
 def rows_against_summary(rows: pd.DataFrame, summary: pd.DataFrame) -> list[str]:
-    """Compute the numbers of summary.csv again from the packed rows, without a new computation.
-
-    Parameters
-    ----------
-    rows : trials.csv
-    summary : summary.csv
-
-    Returns
-    -------
-    one text per number that does not follow from the rows
-    """
+    """Compute the numbers of summary.csv again from the packed rows, and name those that do not follow."""
+    if len(rows) and not len(summary):
+        return ["summary.csv has no line"]
     paths = [name for name in summary.columns[: list(summary.columns).index("method")] if name in rows]
     return [
         f"{' '.join(str(line[name]) for name in [*paths, 'method', 'metric'])} {what}: "

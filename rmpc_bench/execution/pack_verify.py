@@ -1,9 +1,9 @@
-"""Compute packed results again on this machine, and compare them with the packed ones."""
+"""Compute packed results again on this machine, make every file from them, and compare all with the packed ones."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,29 +14,21 @@ from rmpc_bench.analysis.trial_differences import TrialDifferences, trial_differ
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ClaimRecord
 from rmpc_bench.claims.table import claims_table
-from rmpc_bench.components.source import data_hash
 from rmpc_bench.config.load import load_config
 from rmpc_bench.execution import manifest
-from rmpc_bench.execution.evaluation import judge, summarise
+from rmpc_bench.execution.evaluation import judge
+from rmpc_bench.execution.pack_again import PackedFiles
 from rmpc_bench.execution.pack_claim import only_claim
 from rmpc_bench.execution.pack_environment import environment, other_versions
-from rmpc_bench.execution.pack_rows import (
-    TOLERANCE,
-    read_rows,
-    rows_against_summary,
-    series_differences,
-    table_differences,
-    with_rows,
-    without_moved,
-)
+from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, NUMBERS, FileOutcome, compared_text
+from rmpc_bench.execution.pack_rows import TOLERANCE, read_rows, rows_against_summary, with_rows, without_moved
 from rmpc_bench.execution.results import Results, run
 from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.execution.verification import Verification
-from rmpc_bench.received.archive import ArchiveError, note_verification, open_archive
+from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.received.consent import reason_against_archive
 from rmpc_bench.received.plain_files import CLAIMS, DamagedError, json_of
-from rmpc_bench.report.kept_tables import comparisons_table, summary_table
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -53,21 +45,22 @@ def verify(
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Verification:
-    """Compare packed results with a new computation, and append the outcome to the archive.
+    """Compute packed results again, make all files from them, compare these with the packed ones, and note the outcome.
 
     Parameters
     ----------
     path : the archive, from `pack`
-    runs : number of runs to compute, from the first one on; all packed ones unless given
-    claim : `id` of a claim, or its number in claims.md; only what it needs is computed
-    simulate : whether to compute anything; otherwise only the files and the tables are compared
+    runs : number of runs to compute, from the first one on; all packed ones unless given.  Tables are then made from
+        the packed rows, of which those of the other runs are not checked; figures and pages are not compared
+    claim : `id` of a claim, or its number in claims.md; only what it needs is computed and compared
+    simulate : whether to compute anything; otherwise only hashes are compared, and summary.csv with the rows
     allow_code : the archive itself, if Python files in it may run
     jobs : worker processes; the configuration's `execution.workers` unless given
     progress : display; silent unless given
 
     Returns
     -------
-    what was compared and what differs; `reproduced` says whether nothing does
+    what was compared, file by file, and what differs; `reproduced` says whether nothing does
 
     Raises
     ------
@@ -88,137 +81,177 @@ def verify(
     """
     archive = open_archive(Path(path))
     with TemporaryDirectory() as temporary:
-        place, again = Path(temporary) / "packed", Path(temporary) / "again"
+        place = Path(temporary) / "packed"
         place.mkdir()
-        files = archive.extract(place)
+        hashes = archive.extract(place)
         if simulate and (reason := reason_against_archive(archive.path, archive.code(place), allow_code)):
             raise ArchiveError(reason)
-        packed = _Packed(place, archive.path)
+        packed = _Packed(place, archive)
         if simulate:
-            found = packed.beside(runs, claim, again, jobs, progress)
+            found = packed.beside(runs, claim, Path(temporary), jobs, progress)
         else:
-            found = Verification(scope="files only, nothing was computed", digits=packed.against_summary())
-        found = replace(found, path=archive.path, files=files, versions=tuple(other_versions(packed.manifest)))
+            found = packed.unchanged()
+        found = replace(found, path=archive.path, hashes=hashes, versions=packed.versions)
     note_verification(archive.path, {**environment(), **found.record()})
     return found
+
+
+class _Packed:
+    """The content of an archive, taken out into a directory."""
+
+    def __init__(self, directory: Path, archive: Archive) -> None:
+        self._directory, self._path, self._names = directory, archive.path, archive.names
+        self._manifest = manifest.read(directory)
+        self.versions = tuple(other_versions(self._manifest))
+        for name in (RESOLVED, "trials.csv", "summary.csv", "comparisons.csv"):
+            if not (directory / name).is_file():
+                raise ArchiveError(f"{archive.path}: there is no {name}; make archives with `rmpc-bench pack`")
+
+    def unchanged(self) -> Verification:
+        """Compare summary.csv with the packed rows; nothing is computed."""
+        try:
+            rows, summary = (read_rows(self._directory / name) for name in ("trials.csv", "summary.csv"))
+            digits = tuple(rows_against_summary(rows, summary))
+        except (ValueError, KeyError, TypeError) as error:
+            digits = (f"trials.csv or summary.csv cannot be read ({error})",)
+        note = {"summary.csv": "agrees with the rows of trials.csv"} if not digits else {}
+        outcomes = tuple(FileOutcome(name, HASHED, note.get(name, "")) for name in sorted(self._names))
+        return Verification(scope="files only, nothing was computed", digits=digits, files=outcomes)
+
+    def beside(
+        self, runs: int | None, claim: str, temporary: Path, jobs: int | None, progress: Progress | None
+    ) -> Verification:
+        """Compute the packed runs again and compare them and what is made from them; see `verify`."""
+        stated, rows = load_config(self._directory / RESOLVED, lenient=True), self._rows()
+        extent = _extent(stated, rows, runs, claim)
+        files = PackedFiles(self._directory, self._names, self._manifest, self._path, exact=not self.versions)
+        files.prepare(temporary / "again")
+        config, wanted = self._config(stated, extent, files), extent.methods
+        if claim:
+            config, wanted = only_claim(config, claim, wanted)
+        here = run(config, directory=temporary / "again", jobs=jobs, only=wanted, progress=progress)
+        extent = extent._replace(complete=extent.complete and len(here.trials.runs) in (0, extent.n_packed))
+        found, packed = self._compared(config, here, rows[rows["run"] < extent.n_runs], complete=extent.complete)
+        if claim:
+            both = (replace(here, trials=self._with_look(each, stated)) for each in (here.trials, packed))
+            texts, n_claims = self._claim(*both, all_runs=extent.n_runs == extent.n_packed)
+            found = replace(found, findings=texts, n_claims=n_claims)
+            outcomes = files.hashed_only("is not made for one claim")
+        elif extent.complete:
+            # On another machine the files are made from the packed rows: last digits would change what is printed.
+            trials = here.trials if files.exact or found.differences else packed
+            outcomes = files.all_files(replace(here, trials=trials), stated, temporary)
+            outcomes = [_of_rows(each, found, exact=files.exact) for each in outcomes]
+        else:
+            every = self._with_look(with_rows(here.trials, rows), stated)
+            here = replace(_as_packed(here, stated, rows), trials=every)
+            outcomes = files.of_rows(here, extent.n_runs, stated, temporary)
+        scope = f"{extent}, {len(wanted)} method{'s' * (len(wanted) > 1)}" + (f", claim {claim}" if claim else "")
+        return replace(found, scope=scope, remarks=extent.remarks(claim), files=tuple(outcomes))
+
+    def _config(self, stated: ExperimentConfig, extent: _Extent, files: PackedFiles) -> ExperimentConfig:
+        """Return the experiment to compute: a stopping rule is applied again where all runs are computed."""
+        config = stated
+        if not extent.complete and (stated.stop is not None or extent.n_runs != stated.experiment.n_runs):
+            config = load_config(self._directory / RESOLVED, runs=extent.n_runs, lenient=True)
+        return files.as_stated(config)
+
+    def _with_look(self, trials: Trials, config: ExperimentConfig) -> Trials:
+        """Give a table the look at which the packed tables were made, and its level."""
+        rule = stop_of(config, None)
+        level = config.statistics.confidence if rule is None else rule.level
+        look = number_of_look(self._manifest.get("looks", []), max(len(table.runs) for table in trials.each))
+        points = tuple(replace(table, look=look, confidence=level) for table in trials.points)
+        return replace(trials, look=look, confidence=level, points=points)
+
+    def _rows(self) -> Any:
+        try:
+            return read_rows(self._directory / "trials.csv")
+        except (ValueError, KeyError, TypeError) as error:
+            raise ArchiveError(f"{self._path}: trials.csv cannot be read ({error})") from None
+
+    def _compared(
+        self, config: ExperimentConfig, results: Results, rows: Any, *, complete: bool
+    ) -> tuple[Verification, Trials]:
+        """Compare rows with those of this computation, and return both the outcome and the packed trials."""
+        here = results.trials
+        packed, moved = with_rows(here, rows[rows["method"].isin(here.methods)]), dict[str, int]()
+        close = packed
+        if self.versions:
+            ends = {point.title: point.experiment.n_steps * (here.Ts or 1.0) for point in config.points}
+            close, moved = without_moved(packed, here, ends)
+        trials = trial_differences(close, here, TOLERANCE if self.versions else 0.0)
+        return Verification(trials=_of_packed(trials, complete=complete), moved=moved), packed
+
+    def _claim(self, here: Results, packed: Results, *, all_runs: bool) -> tuple[tuple[str, ...], int]:
+        """Compare one claim with the packed one, or with that of the packed rows where not all runs are computed."""
+        file = self._directory / "claims.json"
+        try:
+            packed_claims = json_of(file, CLAIMS, "pack the results again") or {"claims": []}
+        except DamagedError as error:
+            raise ArchiveError(f"{self._path}: claims.json cannot be read ({error})") from None
+        before = {claim["statement"]: claim for claim in (packed_claims["claims"] if all_runs else _claims(packed))}
+        found = []
+        for claim in _claims(here):
+            texts = (json.dumps(each, indent=1) for each in (before.get(claim["statement"]), claim))
+            outcome = compared_text(claim["id"] or claim["statement"], *texts, exact=not self.versions)
+            found += [f"{outcome.name}: {outcome.note}"] if outcome.is_different else []
+        return tuple(found), len(here.experiment.claims)
 
 
 class _Extent(NamedTuple):
     """How much of what is packed is computed again."""
 
-    all_runs: bool
-    all_claims: bool
+    methods: list[str]
+    n_runs: int
+    n_packed: int
+    complete: bool
+    """Whether all runs of all these methods are packed and computed, so that every file can be made."""
 
-    @property
-    def complete(self) -> bool:
-        """Whether all of it is."""
-        return self.all_runs and self.all_claims
+    def __str__(self) -> str:
+        n, n_packed = self.n_runs, self.n_packed
+        return f"runs 0 to {n - 1} of {n_packed}" if n < n_packed else f"all {n_packed} runs"
 
-
-class _Packed:
-    """The content of an archive, taken out.
-
-    Parameters
-    ----------
-    directory : where it lies
-    path : the archive, for messages
-    """
-
-    def __init__(self, directory: Path, path: Path) -> None:
-        self._directory, self._path = directory, path
-        self.manifest = manifest.read(directory)
-        for name in (RESOLVED, "trials.csv", "summary.csv", "comparisons.csv"):
-            if not (directory / name).is_file():
-                raise ArchiveError(f"{path}: there is no {name}; make archives with `rmpc-bench pack`")
-
-    def against_summary(self) -> tuple[str, ...]:
-        """Compare summary.csv with the packed rows."""
-        try:
-            rows, summary = (read_rows(self._directory / name) for name in ("trials.csv", "summary.csv"))
-            return tuple(rows_against_summary(rows, summary))
-        except (ValueError, KeyError) as error:
-            return (f"trials.csv or summary.csv cannot be read ({error})",)
-
-    def beside(
-        self, runs: int | None, claim: str, again: Path, jobs: int | None, progress: Progress | None
-    ) -> Verification:
-        """Compute the packed runs again and compare them; see `verify`."""
-        config = load_config(self._directory / RESOLVED)
-        rows = self._rows()
-        wanted = [name for name in config.methods if name in {*rows["method"]}] or list(config.methods)
-        n_packed = int(rows["run"].max()) + 1 if len(rows) else config.experiment.n_runs
-        n_runs = min(runs or n_packed, n_packed)
-        rule = stop_of(config, None)
-        level = config.statistics.confidence if rule is None else rule.level
-        # The packed runs are computed again as they are; a stopping rule has chosen their number and the level.
-        if rule is not None or n_runs != config.experiment.n_runs:
-            config = load_config(self._directory / RESOLVED, runs=n_runs)
-        other = self.manifest.get("experiment") != config.hash
+    def remarks(self, claim: str) -> tuple[str, ...]:
+        """Say how little is known where not all was computed."""
+        if self.complete:
+            return ()
         if claim:
-            config, wanted = only_claim(config, claim, wanted)
-        here = run(config, directory=again, jobs=jobs, only=wanted, progress=progress)
-        extent = _Extent(all_runs=n_runs == n_packed, all_claims=not claim)
-        here = replace(here, trials=_with_look(here.trials, self.manifest, level))
-        found = self._compared(config, here, rows[rows["run"] < n_runs], extent)
-        size = f"runs 0 to {n_runs - 1} of {n_packed}" if n_runs < n_packed else f"all {n_packed} runs"
-        scope = f"{size}, {len(wanted)} method{'s' * (len(wanted) > 1)}" + (f", claim {claim}" if claim else "")
-        text = "the configuration gives another experiment hash here: the meaning of a key has changed"
-        return replace(found, scope=scope, remarks=(text,) if other else ())
+            return (f"only what claim {claim} needs was computed; no file was compared",)
+        left = self.n_packed - self.n_runs
+        found = f"{left} of {self.n_packed} runs were not computed, their rows are taken as packed" if left else ""
+        rest = "tables and claims are compared with what the packed rows give, figures and pages are not compared"
+        return (f"{found or 'the archive has not all runs'}; {rest}",)
 
-    def _rows(self) -> Any:
-        try:
-            return read_rows(self._directory / "trials.csv")
-        except (ValueError, KeyError) as error:
-            raise ArchiveError(f"{self._path}: trials.csv cannot be read ({error})") from None
 
-    def _compared(self, config: ExperimentConfig, results: Results, rows: Any, extent: _Extent) -> Verification:
-        """Compare rows, printed digits, findings and, where all runs were computed, series."""
-        here = results.trials
-        chosen = rows[rows["method"].isin(here.methods)]
-        ends = {point.title: point.experiment.n_steps * (here.Ts or 1.0) for point in config.points}
-        packed, moved = without_moved(with_rows(here, chosen), here, ends)
-        trials = _of_packed(trial_differences(packed, here, TOLERANCE), complete=extent.complete)
-        tables, claims = _tables(here), _claims(replace(results, trials=here))
-        # Tables and findings of fewer runs or methods are computed from the packed rows in the same way.
-        before = self._tables(tables) if extent.complete else _tables(packed)
-        stated = self._claims() if extent.all_runs else _claims(replace(results, trials=packed))
-        digits = [text for name in tables for text in table_differences(name, before[name], tables[name])]
-        # A value that has moved by one sample changes the digits of its metric.
-        digits = [text for text in digits if not any(f" {name} " in text for name in moved)]
-        series = self._series(results) if extent.complete else []
-        return Verification(
-            trials=trials,
-            moved=moved,
-            digits=tuple(digits),
-            findings=tuple(_claim_differences(stated, claims)),
-            series=tuple(series),
-            n_claims=len(claims),
-        )
+def _extent(config: ExperimentConfig, rows: Any, runs: int | None, claim: str) -> _Extent:
+    """Find how much is packed, and how much of it is to be computed."""
+    wanted = [name for name in config.methods if name in {*rows["method"]}] or list(config.methods)
+    n_packed = int(rows["run"].max()) + 1 if len(rows) else config.experiment.n_runs
+    n_runs = min(runs or n_packed, n_packed)
+    n_methods = sum(name in point.method_keys for point in config.points for name in wanted)
+    is_whole = len(rows) == ("runs" in config.evaluate) * n_methods * n_packed
+    is_whole = is_whole and (config.stop is not None or n_packed == config.experiment.n_runs)
+    return _Extent(wanted, n_runs, n_packed, is_whole and n_runs == n_packed and not claim)
 
-    def _tables(self, names: Iterable[str]) -> dict[str, str]:
-        return {name: (self._directory / name).read_text(encoding="utf-8") for name in names}
 
-    def _claims(self) -> list[ClaimRecord]:
-        file = self._directory / "claims.json"
-        try:
-            claims: list[ClaimRecord] = (json_of(file, CLAIMS, "pack the results again") or {"claims": []})["claims"]
-        except DamagedError as error:
-            raise ArchiveError(f"{self._path}: claims.json cannot be read ({error})") from None
-        return claims
+def _as_packed(here: Results, config: ExperimentConfig, rows: Any) -> Results:
+    """Return results that count the packed runs, not those that were computed."""
+    points = list(rows.columns[: list(rows.columns).index("method")])
+    counts = rows.groupby([*points, "method"]).size().groupby("method").min().to_dict()
+    n_runs = config.experiment.n_runs if config.stop is None else int(rows["run"].max()) + 1
+    return replace(
+        here,
+        n_complete={name: counts.get(name, 0) for name in config.methods},
+        experiment=replace(here.experiment, n_runs=n_runs),
+    )
 
-    def _series(self, results: Results) -> list[str]:
-        from rmpc_bench.report.csv_file import write_csv
 
-        file, fresh = self._directory / "series.csv", results.directory / "series.csv"
-        if not file.exists():
-            return []
-        write_csv(results.series, fresh)
-        if data_hash(file) == data_hash(fresh):
-            return []
-        try:
-            return series_differences(read_rows(file), read_rows(fresh))
-        except (ValueError, KeyError) as error:
-            return [f"series.csv cannot be read ({error})"]
+def _of_rows(outcome: FileOutcome, found: Verification, *, exact: bool) -> FileOutcome:
+    """Say of trials.csv what the comparison of its rows has found; on another machine it was made from them."""
+    if outcome.name != "trials.csv" or exact or not outcome.is_compared:
+        return outcome
+    return FileOutcome(outcome.name, *((DIFFERENT, "see above") if found.differences else (NUMBERS, "")))
 
 
 def _of_packed(found: TrialDifferences, *, complete: bool) -> TrialDifferences:
@@ -228,37 +261,7 @@ def _of_packed(found: TrialDifferences, *, complete: bool) -> TrialDifferences:
     return replace(found, runs=runs, methods=(found.methods[0], ()), points=points)
 
 
-def _with_look(trials: Trials, packed: dict[str, Any], level: float) -> Trials:
-    """Give a table the look at which the packed tables were made, by hand or by a rule: their levels depend on it."""
-    looks = [n for n in packed.get("looks", []) if isinstance(n, int)]
-    look = number_of_look(looks, max(len(table.runs) for table in trials.each))
-    points = tuple(replace(table, look=look, confidence=level) for table in trials.points)
-    return replace(trials, look=look, confidence=level, points=points)
-
-
-def _tables(trials: Trials) -> dict[str, str]:
-    """Return the files of printed digits."""
-    tables = summarise(trials)
-    frames = {"summary.csv": summary_table(tables.described), "comparisons.csv": comparisons_table(tables.compared)}
-    return {name: frame.to_csv(index=False, lineterminator="\n") for name, frame in frames.items()}
-
-
 def _claims(results: Results) -> list[ClaimRecord]:
     """Return the claims as claims.json has them."""
     claims: list[ClaimRecord] = json.loads(json.dumps(claims_table(judge(results))))
     return claims
-
-
-def _claim_differences(packed: Sequence[ClaimRecord], here: Sequence[ClaimRecord]) -> list[str]:
-    """Compare findings and numbers of claims, which have six digits."""
-    before = {claim["statement"]: claim for claim in packed}
-    found = []
-    for claim in here:
-        name, other = claim["id"] or claim["statement"], before.get(claim["statement"])
-        if other is None:
-            found.append(f"{name}: is not among the packed claims")
-        elif claim["finding"] != other["finding"]:
-            found.append(f"{name}: packed {other['finding']}, here {claim['finding']}")
-        elif [claim["numbers"], claim["sizes"]] != [other["numbers"], other["sizes"]]:
-            found.append(f"{name}: {claim['finding']} as packed, with other numbers")
-    return found

@@ -77,23 +77,10 @@ def write_page(
     drawn: Drawn,
     paths: Sequence[Path],
     directory: Path,
+    place: str,
     index: Path | None = None,
 ) -> list[Path]:
-    """Write report.html and report.md.
-
-    Parameters
-    ----------
-    results : of the experiment
-    evaluated : its tables and findings
-    drawn : its figures
-    paths : files that are written already
-    directory : where to write
-    index : index of several experiments that the page links; none if None
-
-    Returns
-    -------
-    the files
-    """
+    """Write report.html and report.md beside files that are written already, and return all files of the page."""
     more = write_more(
         results, _wanted(results, drawn.figures, evaluated.drivers), directory / "figures", drawn.rendering
     )
@@ -106,7 +93,7 @@ def write_page(
         **evaluated._asdict(),
         trials=results.trials,
         figures=[_page_figure(figure, directory) for figure in figures],
-        place=place_of(results.directory),
+        place=place,
         left_out=drawn.left_out,
         incomplete=results.incomplete,
         overrides=results.overrides,
@@ -155,12 +142,7 @@ def _page_figure(figure: WrittenFigure, directory: Path) -> PageFigure:
 
 
 def place_of(directory: Path) -> str:
-    """Return a directory of results as commands name it: from ``results`` on, else its last part.
-
-    Parameters
-    ----------
-    directory : of the results
-    """
+    """Return a directory of results as commands name it: from ``results`` on, else its last part."""
     parts = directory.resolve().parts
     where = max((number for number, part in enumerate(parts) if part == "results"), default=len(parts) - 1)
     return "/".join(parts[where:])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +21,8 @@ from rmpc_bench.claims.verdict import ClaimVerdict
 from rmpc_bench.execution.evaluation import drivers, judge, ranks, requirements, summarise
 from rmpc_bench.execution.figure_files import WrittenFigure, write_figures
 from rmpc_bench.execution.latex_files import write_latex
-from rmpc_bench.execution.manifest import note_look, read
-from rmpc_bench.execution.page_files import PAGE, Drawn, Evaluated, write_page
+from rmpc_bench.execution.manifest import note_look, note_report, read
+from rmpc_bench.execution.page_files import PAGE, Drawn, Evaluated, place_of, write_page
 from rmpc_bench.execution.report_choices import rendering_of
 from rmpc_bench.execution.results import Results
 from rmpc_bench.execution.tuning_report import tuning
@@ -79,12 +81,7 @@ class Publication:
         return tuple(each for each in self.verdicts if each.differs) if self.results.is_final else ()
 
     def summary(self, seconds: float | None = None) -> str:
-        """Return the text that the command line shows at the end of a run.
-
-        Parameters
-        ----------
-        seconds : how long the run took [s]; left out unless given
-        """
+        """Return the text that the command line shows at the end of a run, with its time [s] if given."""
         experiment, trials = self.results.experiment, self.results.trials
         return end_screen(
             trials,
@@ -114,7 +111,12 @@ class Publication:
 
 
 def publish(
-    results: Results, *, to: str | Path | None = None, rendering: Rendering | None = None, index: Path | None = None
+    results: Results,
+    *,
+    to: str | Path | None = None,
+    rendering: Rendering | None = None,
+    index: Path | None = None,
+    place: str = "",
 ) -> Publication:
     """Write all tables, series, recorded runs, claims and figures of stored results; nothing is simulated.
 
@@ -124,6 +126,7 @@ def publish(
     to : directory to write to, made if it is not there; the one of the results unless given
     rendering : width, font, style and formats of the figures; those of the section `report` unless given
     index : index of several experiments that the page links; none if None
+    place : the directory as commands in the files name it; from ``results`` on, else its last part, unless given
 
     Returns
     -------
@@ -146,10 +149,11 @@ def publish(
     """
     directory = results.directory if to is None else Path(to)
     with inside(directory):
-        return _published(results, directory, rendering or rendering_of(results.experiment.report), index)
+        rendering = rendering or rendering_of(results.experiment.report)
+        return _published(results, directory, rendering, index, place or place_of(results.directory))
 
 
-def _published(results: Results, directory: Path, rendering: Rendering, index: Path | None) -> Publication:
+def _published(results: Results, directory: Path, rendering: Rendering, index: Path | None, place: str) -> Publication:
     """Write everything below a directory."""
     texts, pictures = folder(directory, "tables"), folder(directory, "figures")
     report = results.experiment.report
@@ -166,11 +170,13 @@ def _published(results: Results, directory: Path, rendering: Rendering, index: P
         *_write_traces(results.trials, directory / "traces.npz"),
         *_write_claims(results, verdicts, directory, rendering.formats),
         *_write_timings(results, directory / "timings.csv"),
-        *_write_failures(results, directory / "failures"),
+        *_write_failures(results, directory / "failures", place),
     ]
     # Another directory says nothing else than this one, which stays as it is.
-    if len(results.trials.runs) and results.trials.with_verdicts and _is_same(directory, results.directory):
-        note_look(results.directory, len(results.trials.runs))
+    if directory.resolve() == results.directory.resolve():
+        if len(results.trials.runs) and results.trials.with_verdicts:
+            note_look(directory, len(results.trials.runs))
+        note_report(directory, _way(results, place))
     record = experiment_record(results)
     paths += write_latex(tables, record, texts, report)
     figures, left_out = write_figures(results, pictures, rendering)
@@ -178,13 +184,32 @@ def _published(results: Results, directory: Path, rendering: Rendering, index: P
     drawn = Drawn(figures, left_out, rendering)
     found = (tables, verdicts, driven, demanded, ranked, tuned)
     evaluated = Evaluated(record, *found)
-    paths += write_page(results, evaluated, drawn, paths, directory, index)
+    paths += write_page(results, evaluated, drawn, paths, directory, place, index)
     remarks = tuple(filter(None, [remark_on(rendering.font)]))
     return Publication(results, directory, tuple(paths), *found, figures, left_out, remarks)
 
 
-def _is_same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
+def write_tables_of_rows(results: Results, directory: Path) -> None:
+    """Write the tables and claims that follow from metrics and statuses alone."""
+    report, trials = results.experiment.report, results.trials
+    tables = summarise(results).shown(report.order, report.metrics)
+    texts = folder(directory, "tables")
+    write_csv(summary_table(tables.described), directory / "summary.csv")
+    write_csv(comparisons_table(tables.compared), directory / "comparisons.csv")
+    _write_table(requirements(results), directory, "requirements")
+    _write_table(lost_table(trials), directory, "lost")
+    _write_table(ranks(results), directory, "ranks")
+    if not any(notes.holds or notes.optimises for table in trials.each for notes in table.notes.values()):
+        write_latex(tables, experiment_record(results), texts, report)
+    if not any(table.groups for table in trials.each):
+        _write_claims(results, judge(results), directory, rendering_of(report).formats)
+
+
+def _way(results: Results, place: str) -> dict[str, Any]:
+    """Describe how the files are made, as plain data."""
+    keys = {key: value for key, value in asdict(results.experiment.report).items() if value is not None}
+    drawn = {"own_figures": bool(results.components), "matplotlib": version("matplotlib")}
+    return {"place": place, "keys": keys, "labels": dict(results.experiment.labels), **drawn}
 
 
 def _write_tables(results: Results, tables: Summary, directory: Path) -> list[Path]:
@@ -222,11 +247,9 @@ def _write_timings(results: Results, path: Path) -> list[Path]:
     return [path]
 
 
-def _write_failures(results: Results, directory: Path) -> list[Path]:
+def _write_failures(results: Results, directory: Path, place: str) -> list[Path]:
     """Write a file for each of the first failed runs of every method, and remove those of runs that did not fail."""
-    files = failure_files(
-        results.trials, results.directory, results.uncertainty, read(results.directory).get("versions", {})
-    )
+    files = failure_files(results.trials, place, results.uncertainty, read(results.directory).get("versions", {}))
     for old in directory.glob("*-*.txt") if directory.is_dir() and not directory.is_symlink() else ():
         if old.name not in files:
             old.unlink()

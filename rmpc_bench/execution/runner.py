@@ -179,6 +179,12 @@ def _keep_configuration(config: ExperimentConfig, directory: Path, added: Mappin
         raise WriteError(str(error)) from None
 
 
+def added_in(path: Path) -> list[str]:
+    """Return the methods that comments of a kept configuration file add."""
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    return [" ".join(shlex.split(line.removeprefix(_ADDED))) for line in lines if line.startswith(_ADDED)]
+
+
 def _compute(
     config: ExperimentConfig,
     store: Store,

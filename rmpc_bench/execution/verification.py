@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rmpc_bench.analysis.trial_differences import TrialDifferences
+from rmpc_bench.execution.pack_files import BYTES, NUMBERS, FileOutcome
 
 MOST_LINES = 10
 """Differences of one kind that are named; the rest is counted."""
@@ -21,27 +23,27 @@ class Verification:
     ----------
     scope : what was computed, in words
     path : the archive
-    files : files with another content than the packed one, files that are missing or were added
+    hashes : files with another content than the packed one, files that are missing or were added
     versions : what differs between the two environments; it is no difference of the results
-    remarks : what a reader should know besides
+    remarks : what a reader should know besides, such as how little was computed
     trials : differences of statuses and metrics; None where nothing was computed
     moved : metric -> values that have moved by one sample; these count as equal
-    digits : printed numbers that differ
-    findings : claims that differ
-    series : series over time that differ
-    n_claims : claims that were compared
+    digits : numbers of summary.csv that do not follow from the rows, where nothing was computed
+    findings : differences of a claim that was computed alone
+    files : what was found about every file
+    n_claims : claims that were computed alone
     """
 
     scope: str = ""
     path: Path = Path()
-    files: tuple[str, ...] = ()
+    hashes: tuple[str, ...] = ()
     versions: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     trials: TrialDifferences | None = None
     moved: Mapping[str, int] = field(default_factory=dict)
     digits: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
-    series: tuple[str, ...] = ()
+    files: tuple[FileOutcome, ...] = ()
     n_claims: int = 0
 
     @property
@@ -69,7 +71,8 @@ class Verification:
         return {
             "scope": self.scope,
             "result": self.result,
-            "compared": counts | {"claims": self.n_claims},
+            "compared": counts | {"files": sum(each.is_compared for each in self.files)},
+            "files": {each.name: str(each) for each in self.files},
             "largest_relative_difference": max(relative, default=None),
             "moved_by_one_sample": dict(self.moved),
             "n_differences": len(self.differences),
@@ -77,14 +80,14 @@ class Verification:
         }
 
     def _sections(self) -> Iterator[tuple[str, Sequence[str]]]:
-        yield "files", self.files
+        yield "hashes", self.hashes
         if self.trials is not None:
             yield "statuses", _statuses(self.trials)
             yield "metrics", _metrics(self.trials)
             yield "rows", _alone(self.trials)
-        yield "printed digits", self.digits
+        yield "numbers of summary.csv", self.digits
         yield "findings", self.findings
-        yield "series", self.series
+        yield "files that differ", [f"{each.name}: {each.note}" for each in self.files if each.is_different]
 
     def __str__(self) -> str:
         return "\n".join(self._lines())
@@ -96,23 +99,29 @@ class Verification:
                 yield from ("", title, *(f"  {text}" for text in texts[:MOST_LINES]))
                 if len(texts) > MOST_LINES:
                     yield f"  and {len(texts) - MOST_LINES} more"
-        yield ""
-        yield self._compared()
+        yield from ("", self._compared(), self._counted())
+        # Where nothing was computed, all files have the same word.
+        others = [each for each in self.files if not each.is_compared and self.trials is not None]
+        for word in dict.fromkeys(each.word for each in others if not each.is_different):
+            yield from ("", word)
+            yield from (f"  {each.name}" + f"   {each.note}" * bool(each.note) for each in others if each.word == word)
 
     def _compared(self) -> str:
-        """Say what was compared and by which rule."""
+        """Say which numbers were compared and by which rule."""
         trials = self.trials
         if trials is None:
             return "compared: the hash of every file, and summary.csv with the rows in trials.csv"
-        parts = [
-            f"{trials.n_trials} statuses",
-            f"{trials.n_values} values of metrics ({_largest(trials)})",
-            "the digits of the tables",
-            f"{self.n_claims} claim{'' if self.n_claims == 1 else 's'}",
-        ]
+        parts = [f"{trials.n_trials} statuses", f"{trials.n_values} values of metrics ({_largest(trials)})"]
+        parts += [f"{self.n_claims} claim{'' if self.n_claims == 1 else 's'}"] if self.n_claims else []
         moved = [f"{n} of {metric}" for metric, n in self.moved.items()]
         text = f"compared: {', '.join(parts)}"
         return text + (f"; moved by one sample, which counts as equal: {', '.join(moved)}" if moved else "")
+
+    def _counted(self) -> str:
+        """Count the files by what was found about them."""
+        counts = Counter(each.word for each in self.files)
+        words = [BYTES, NUMBERS, *sorted({*counts} - {BYTES, NUMBERS})]
+        return f"{len(self.files)} files: " + "; ".join(f"{counts[word]} {word}" for word in words if counts[word])
 
 
 def _largest(trials: TrialDifferences) -> str:

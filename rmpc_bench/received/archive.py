@@ -19,6 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from rmpc_bench.received.consent import VERIFIED, is_code
+from rmpc_bench.received.plain_files import checked
 from rmpc_bench.replaced_file import replaced
 
 METADATA = "ro-crate-metadata.json"
@@ -226,9 +227,9 @@ def _json(file: zipfile.ZipFile, path: Path, name: str) -> Any:
     except _DAMAGED as error:
         raise ArchiveError(f"{path}: {name}: cannot be read ({error})") from None
     try:
-        return json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise ArchiveError(f"{path}: {name}: is not valid JSON ({error})") from None
+        return checked(content, (dict, list), any_text=True)
+    except ValueError as error:
+        raise ArchiveError(f"{path}: {name}: {error}") from None
 
 
 def _hashes(metadata: Any, path: Path) -> dict[str, str]:

@@ -78,6 +78,8 @@ MANIFEST: Any = {
     "git?": (None, {"commit": str, "dirty?": bool}),
     "platform?": {"system?": str, "machine?": str, "cores?": (COUNT, None)},
     "looks?": [COUNT],
+    "report?": {"place?": str, "keys?": dict, "labels?": {str: str}, "own_figures?": bool, "matplotlib?": str},
+    "files?": {str: str},
     "sessions?": [{"start": wrong_time, "stop": (wrong_time, None), "why": str, "shard?": str}],
 }
 _MEAN = {"point": str, "method": str, "n": COUNT, "n_other": COUNT, "mean": (float, None), "m2": (wrong_size, None)}

@@ -28,7 +28,7 @@ READERS = {
     "joblib.load",
 }
 # File -> what it opens: a table that `verify` reads from an archive which was taken out and checked.
-OTHERS = {"execution/pack_rows.py": {"csv.reader", "pd.read_csv"}}
+OTHERS = {"execution/pack_rows.py": {"pd.read_csv"}}
 # What one process of the bench sends to another, through a pipe or a temporary file of its own.
 BETWEEN_OWN_PROCESSES = {
     "components/probe.py": {"pickle.loads"},

@@ -181,7 +181,7 @@ def _timing(source: PageSource) -> list[Block]:
         blocks.append(paragraph(f"Computing all runs took {max(known):.0f} s{on}."))
     if len(source.timings):
         columns = {str(name): [_cell(value) for value in source.timings[name]] for name in source.timings.columns}
-        blocks.append(table("Durations of the calls of own components [s]", {**columns}))
+        blocks.append(table("Durations of the calls of components [s]", {**columns}))
     return blocks
 
 

@@ -1,0 +1,280 @@
+"""The files of an archive made again from computed trials, in the way that the archive records, and compared."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+import rmpc_bench
+from rmpc_bench.config.experiment_config import ExperimentConfig
+from rmpc_bench.config.load import load_config
+from rmpc_bench.config.reader import load
+from rmpc_bench.config.relocation import COPIES, in_directory, renamed
+from rmpc_bench.config.tree import plain
+from rmpc_bench.config.writer import dump
+from rmpc_bench.execution import manifest
+from rmpc_bench.execution.pack import DATA, FILES, SECONDS, facts_of
+from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text
+from rmpc_bench.execution.pack_metadata import CITATION, citation, crate, stated_by
+from rmpc_bench.execution.pack_rows import read_rows
+from rmpc_bench.execution.publish import publish, write_tables_of_rows
+from rmpc_bench.execution.report_choices import choose
+from rmpc_bench.execution.results import Results
+from rmpc_bench.execution.runner import CONFIG, RESOLVED, added_in
+from rmpc_bench.execution.step_times import with_timings
+from rmpc_bench.execution.tuning.record import FILE as TUNING
+from rmpc_bench.received.archive import METADATA, ArchiveError, json_bytes
+from rmpc_bench.received.consent import VERIFIED
+from rmpc_bench.received.plain_files import checked
+from rmpc_bench.types import ConfigError, DesignError
+
+TIMINGS = "timings.csv"
+DURATIONS = ("calls", "median_s", "q95_s", "largest_s", "q95_share_of_Ts")
+"""Columns of timings.csv that differ from computation to computation."""
+COMPARED = ("name", "experiment", "seed", "modified")
+"""Fields of manifest.json that follow from the configuration."""
+STATED = ("versions", "libraries", "blas", "git", "platform", "looks", "report", "sessions")
+"""Fields of manifest.json that say where, when and how; the files are made with them as they are."""
+DRAWN = (".svg", ".pdf", ".png", ".pgf", ".html")
+"""Endings of files that have drawings in them."""
+
+
+class PackedFiles:
+    """The files of an archive, taken out; `exact` where the versions and the machine are those of the archive."""
+
+    def __init__(self, directory: Path, names: Sequence[str], stated: Mapping[str, Any], path: Path, *, exact: bool):
+        self._directory, self._names, self._stated, self._path, self.exact = directory, names, stated, path, exact
+        self._way: Mapping[str, Any] = stated.get("report", {})
+        self._overrides = tuple(stated.get("modified", []))
+
+    def as_stated(self, config: ExperimentConfig) -> ExperimentConfig:
+        """Return a resolved configuration with what it does not have: the options of the command, derived labels."""
+        labels = self._way.get("labels", {})
+        found = {name: labels.get(name, label) for name, label in config.labels.items()}
+        return replace(config, overrides=self._overrides, labels=found)
+
+    def prepare(self, place: Path) -> None:
+        """Give the directory of the new computation what it cannot find again: earlier looks, and what tuning chose."""
+        place.mkdir()
+        (place / manifest.FILE).write_bytes(json_bytes({"looks": self._stated.get("looks", [])}))
+        for name in (TUNING, SECONDS):
+            if (self._directory / name).is_file():
+                (place / name).parent.mkdir(exist_ok=True)
+                shutil.copyfile(self._directory / name, place / name)
+
+    def hashed_only(self, note: str) -> list[FileOutcome]:
+        """Return that no file was compared."""
+        return [FileOutcome(name, HASHED, note) for name in sorted(self._names)]
+
+    def all_files(self, results: Results, config: ExperimentConfig, temporary: Path) -> list[FileOutcome]:
+        """Make all files again from the trials of all runs, and compare them."""
+        made, computed = temporary / "made", manifest.read(results.directory)
+        inputs = {each.name: each for each in self._inputs(results, config, computed, temporary)}
+        known = {name: self._stated[name] for name in STATED if name in self._stated}
+        (results.directory / manifest.FILE).write_bytes(json_bytes({**computed, **known}))
+        self._name_files(results.directory / RESOLVED)
+        results = self._chosen(self._timed(results))
+        if not self._way.get("own_figures", True):
+            results = replace(results, components={})
+        made.mkdir()
+        publish(results, to=made, place=self._way.get("place", ""))
+        inputs[METADATA], inputs[CITATION] = self._metadata(results)
+        missing = [name for name in _names_in(made) if name not in self._names]
+        outcomes = [inputs.get(name) or self._compared(name, made) for name in sorted(self._names)]
+        return [*outcomes, *(FileOutcome(name, DIFFERENT, "is missing") for name in missing)]
+
+    def of_rows(self, results: Results, n_runs: int, config: ExperimentConfig, temporary: Path) -> list[FileOutcome]:
+        """Make the tables of the packed rows, of which the first runs were computed again, and compare them."""
+        made, computed = temporary / "made", manifest.read(results.directory)
+        inputs = {each.name: each for each in self._inputs(results, config, computed, temporary)}
+        made.mkdir()
+        results = self._chosen(self._timed(results))
+        write_tables_of_rows(results, made)
+        note = f"rows of runs 0 to {n_runs - 1} are compared"
+        inputs["trials.csv"] = FileOutcome("trials.csv", HASHED, note)
+        inputs[METADATA], inputs[CITATION] = self._metadata(results)
+        unseen = "needs all runs"
+        return [
+            inputs.get(name)
+            or (self._compared(name, made) if (made / name).exists() else FileOutcome(name, UNSEEN, unseen))
+            for name in sorted(self._names)
+        ]
+
+    def _inputs(
+        self, results: Results, config: ExperimentConfig, computed: Mapping[str, Any], temporary: Path
+    ) -> Iterator[FileOutcome]:
+        """Yield what was found about the files from which all others are computed, and about machine and time."""
+        yield FileOutcome(VERIFIED, UNSEEN, "records of other verifications")
+        yield self._given(config, temporary / "given")
+        yield self._resolved(config)
+        yield self._manifest(computed)
+        yield self._timings(results)
+        for name in (TUNING, SECONDS):
+            yield FileOutcome(name, HASHED, "input: the search of tuning is not repeated")
+        for name in self._names:
+            if name.startswith((f"{COPIES}/", f"{DATA}/")):
+                yield FileOutcome(name, HASHED, "input")
+
+    def _resolved(self, config: ExperimentConfig) -> FileOutcome:
+        """Check that the configuration is that of the experiment that the manifest names."""
+        if config.hash != self._stated.get("experiment"):
+            return FileOutcome(RESOLVED, DIFFERENT, "gives another experiment hash than manifest.json states")
+        return FileOutcome(RESOLVED, HASHED, "input: gives the experiment hash of manifest.json")
+
+    def _given(self, config: ExperimentConfig, place: Path) -> FileOutcome:
+        """Check that the configuration as given resolves to the resolved one."""
+        if any(name.startswith(f"{COPIES}/") for name in self._names):
+            return FileOutcome(CONFIG, HASHED, "input: own code is loaded once only, for the resolved one")
+        # The configuration last, so that no data file takes its place.
+        files = {name: name.split("/", 2)[2] for name in self._names if name.startswith(f"{DATA}/")} | {CONFIG: CONFIG}
+        try:
+            for name, inside in files.items():
+                (place / inside).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(self._directory / name, place / inside)
+            given = load_config(place / CONFIG, **_options(self._overrides), add_methods=added_in(place / CONFIG))
+        except (ConfigError, ValueError, OSError):
+            return FileOutcome(CONFIG, HASHED, "input: does not load from the archive alone")
+        if config.tuning is None:
+            packed = plain(load(self._directory / RESOLVED))
+            tree = in_directory(given.resolved, place, given.own)
+            found = compared_text(CONFIG, _by_names(tree, given), _by_names(packed, config))
+            if found.is_different:
+                return found._replace(note=f"does not resolve to {RESOLVED}: {found.note}")
+        same = given.hash == config.hash
+        note = f"input: resolves to {RESOLVED}" if same else "gives another experiment hash"
+        return FileOutcome(CONFIG, HASHED if same else DIFFERENT, note)
+
+    def _manifest(self, computed: Mapping[str, Any]) -> FileOutcome:
+        """Compare the fields that follow from the configuration."""
+        unknown = self._stated.keys() - {*COMPARED, *STATED, "numerics", "files"}
+        wrong = [name for name in COMPARED if self._stated.get(name) != computed.get(name)]
+        for name in (*wrong, *sorted(unknown)):
+            shown = (ascii(data.get(name))[:50] for data in (self._stated, computed))
+            return FileOutcome(manifest.FILE, DIFFERENT, f"{ascii(name)}: packed {next(shown)}, here {next(shown)}")
+        note = f"{', '.join(COMPARED)} are compared; not {', '.join(STATED)}"
+        return FileOutcome(manifest.FILE, HASHED, note)
+
+    def _timings(self, results: Results) -> FileOutcome:
+        """Compare what was timed, not the durations."""
+        file, here = self._directory / TIMINGS, results.timings
+        if not file.is_file():
+            return FileOutcome(TIMINGS, DIFFERENT if len(here) else HASHED, "is missing")
+        keys = [name for name in here.columns if name not in DURATIONS]
+        try:
+            packed = read_rows(file)
+            same = list(packed.columns) == list(here.columns) and packed[keys].astype(str).equals(
+                here[keys].astype(str)
+            )
+        except (ValueError, KeyError, TypeError):
+            same = False
+        note = f"all but {', '.join(DURATIONS)} are compared" if same else "other methods, components or phases"
+        return FileOutcome(TIMINGS, HASHED if same else DIFFERENT, note)
+
+    def _chosen(self, results: Results) -> Results:
+        """Return results with the keys of the report; LaTeX, which PGF needs, does not run here."""
+        try:
+            keys = dict(self._way.get("keys", {}))
+            given = keys.get("format", results.experiment.report.formats)
+            kept = [each for each in ([given] if isinstance(given, str) else given) if each != "pgf"]
+            return choose(results, **keys | {"format": kept or ["svg"]})
+        except (DesignError, TypeError, ValueError, AttributeError) as error:
+            raise ArchiveError(f"{self._path}: manifest.json: report: cannot be made as it says ({error})") from None
+
+    def _timed(self, results: Results) -> Results:
+        """Return results with the durations of the archive."""
+        file = self._directory / TIMINGS
+        timings = read_rows(file) if file.is_file() else pd.DataFrame()
+        if not len(timings):
+            return replace(results, timings=timings)
+        return replace(results, timings=timings, trials=with_timings(results.trials, timings))
+
+    def _name_files(self, resolved: Path) -> None:
+        """Write the configuration that the page shows, with data files as the packed directory named them."""
+        shutil.copyfile(self._directory / RESOLVED, resolved)
+        if names := {new: old for old, new in self._stated.get("files", {}).items()}:
+            resolved.write_bytes(dump(plain(renamed(plain(load(resolved)), names))).encode())
+
+    def _metadata(self, results: Results) -> tuple[FileOutcome, FileOutcome]:
+        """Compare the metadata of the crate and the citation with those of these results."""
+        text, cited = (_text(self._directory / name) for name in (METADATA, CITATION))
+        authors, licence = stated_by(checked(text.encode(), dict, any_text=True))
+        files = {name: self._directory / name for name in sorted(self._names) if name not in (METADATA, VERIFIED)}
+        facts = facts_of(results, self._stated, files, authors, licence)
+        citing = compared_text(CITATION, cited, citation(facts))
+        try:
+            found = compared_text(METADATA, text, json_bytes(crate(facts)).decode())
+        except ModuleNotFoundError:
+            return FileOutcome(METADATA, UNSEEN, "needs the library rocrate"), citing
+        if found.is_compared and citing.is_different:
+            # Authors and licence stand in both.
+            found = FileOutcome(METADATA, DIFFERENT, f"does not fit {CITATION}")
+        return found, citing
+
+    @property
+    def _made_by(self) -> str | None:
+        """The version of the bench that made the archive, if it is another one."""
+        found = self._stated.get("versions", {}).get("rmpc-bench")
+        return None if found == rmpc_bench.__version__ else f"not compared, made by rmpc-bench {ascii(found)[1:-1]}"
+
+    def _compared(self, name: str, made: Path) -> FileOutcome:
+        """Compare a file with the one that was made, unless another version made it otherwise."""
+        packed, here = self._directory / name, made / name
+        if not here.is_file():
+            return FileOutcome(
+                name, *((DIFFERENT, "is not made here") if name in FILES else (UNSEEN, "is not made here"))
+            )
+        found = compared(name, packed, here, exact=self.exact)
+        if not found.is_different or self.exact:
+            return found
+        drawn, page = name.endswith(DRAWN), name.startswith(("figures/", "report."))
+        library = str(self._way.get("matplotlib"))
+        if page and self._made_by:
+            return FileOutcome(name, self._made_by)
+        if drawn and library != version("matplotlib"):
+            return FileOutcome(name, f"not compared, drawn by matplotlib {ascii(library)[1:-1]}")
+        return FileOutcome(name, UNSEEN, "drawn on another machine") if name.endswith(".png") else found
+
+
+def _text(file: Path) -> str:
+    return file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
+
+
+def _names_in(directory: Path) -> list[str]:
+    return sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*") if path.is_file())
+
+
+def _options(overrides: Sequence[str]) -> dict[str, Any]:
+    """Read the options of a command line that have changed a configuration.
+
+    Examples
+    --------
+    >>> _options(["-s 'runs=3'", "--runs 4", "--smoke"])
+    {'overrides': ['runs=3'], 'runs': 4, 'smoke': True}
+    """
+    words = iter(shlex.split(" ".join(overrides)))
+    found: dict[str, Any] = {"overrides": [], "runs": None, "smoke": False}
+    for word in words:
+        if word == "-s":
+            found["overrides"].append(next(words, ""))
+        elif word == "--runs":
+            found["runs"] = int(next(words, ""))
+        else:
+            found["smoke"] = True
+    return found
+
+
+def _by_names(resolved: Mapping[str, Any], config: ExperimentConfig) -> str:
+    """Write a resolved configuration with the files of a user as names without directories."""
+    tree = plain(renamed(resolved, {text: Path(text).name for text in config.own.patterns}))
+    for claim in tree.get("claims") or ():
+        # What other configurations of a paper find is not in the archive.
+        claim.pop("elsewhere", None)
+    return re.sub(rf"{COPIES}/[0-9a-f]+/", "", dump(tree))

@@ -1,0 +1,144 @@
+"""The files of an archive beside those that were made again: which are equal, in what sense, and where they differ."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Iterator
+from itertools import zip_longest
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rmpc_bench.execution.pack_rows import TOLERANCE, read_rows, series_differences
+from rmpc_bench.received.arrays import matrices
+
+BYTES = "compared, equal bytes"
+NUMBERS = "compared, equal to 1e-9"
+HASHED = "only hashed"
+UNSEEN = "not looked at"
+DIFFERENT = "different"
+_NUMBER = re.compile(r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)")
+_STREAM = re.compile(rb"stream\r?\n(.*?)\r?\nendstream", re.DOTALL)
+_MOST_BYTES = 100_000_000
+"""Length of a stream of a PDF file that is read."""
+_SHOWN = 50
+"""Characters of a difference that are shown."""
+
+
+class FileOutcome(NamedTuple):
+    """What was found about a file of an archive."""
+
+    name: str
+    word: str
+    """`BYTES`, `NUMBERS`, `HASHED`, `UNSEEN`, `DIFFERENT`, or by what it was made where that is why it has no other."""
+    note: str = ""
+    """The first difference, or why it was not compared."""
+
+    def __str__(self) -> str:
+        return f"{self.word}: {self.note}" if self.note else self.word
+
+    @property
+    def is_compared(self) -> bool:
+        """Whether it is equal to a file that was made again."""
+        return self.word in (BYTES, NUMBERS)
+
+    @property
+    def is_different(self) -> bool:
+        """Whether it differs from what it should be."""
+        return self.word == DIFFERENT
+
+
+def compared(name: str, packed: Path, here: Path, *, exact: bool) -> FileOutcome:
+    """Compare a file with the one that was made again; `exact` where nothing but equal bytes is equal."""
+    a, b = packed.read_bytes(), here.read_bytes()
+    if a == b:
+        return FileOutcome(name, BYTES)
+    try:
+        found = _first_difference(a, b) if exact else _other_value(name, packed, here)
+    except (ValueError, KeyError, OSError, EOFError, MemoryError, zlib.error) as error:
+        found = f"cannot be read ({error})"
+    return FileOutcome(name, DIFFERENT, found) if found else FileOutcome(name, NUMBERS)
+
+
+def compared_text(name: str, packed: str, here: str, *, exact: bool = True) -> FileOutcome:
+    """Compare a text of an archive with the one that was made again."""
+    if packed == here:
+        return FileOutcome(name, BYTES)
+    found = _first_difference(packed.encode(), here.encode()) if exact else _other_text(packed, here)
+    return FileOutcome(name, DIFFERENT, found) if found else FileOutcome(name, NUMBERS)
+
+
+def _first_difference(a: bytes, b: bytes) -> str:
+    """Name the first place at which two contents differ."""
+    place = next((i for i, (one, other) in enumerate(zip(a, b, strict=False)) if one != other), min(len(a), len(b)))
+    try:
+        a.decode(), b.decode()
+    except UnicodeDecodeError:
+        return f"byte {place + 1} of {len(a)} differs"
+    start = max(a.rfind(b"\n", 0, place) + 1, place - _SHOWN // 2)
+    shown = (ascii(each[start : start + _SHOWN].partition(b"\n")[0].decode(errors="replace")) for each in (a, b))
+    line = a[:place].count(b"\n") + 1
+    return f"line {line}: packed {next(shown)}, here {next(shown)}"
+
+
+def _other_value(name: str, packed: Path, here: Path) -> str:
+    """Name the first value that differs by more than the tolerance; empty where none does."""
+    if name.endswith(".npz"):
+        return _other_array(packed, here)
+    if name == "series.csv":
+        return next(iter(series_differences(read_rows(packed), read_rows(here))), "")
+    a, b = packed.read_bytes(), here.read_bytes()
+    if name.endswith(".pdf"):
+        pairs = zip_longest(_streams(a), _streams(b), fillvalue="")
+        return next(filter(None, (_other_text(one, other) for one, other in pairs)), "")
+    return _other_text(a.decode(), b.decode())
+
+
+def _other_text(a: str, b: str) -> str:
+    """Compare two texts: words as they are, whole numbers exactly, other numbers up to the tolerance."""
+    line = 1
+    for one, other in zip_longest(_NUMBER.split(a), _NUMBER.split(b), fillvalue=""):
+        if not _same(one, other):
+            return f"line {line}: packed {ascii(one[:_SHOWN])}, here {ascii(other[:_SHOWN])}"
+        line += one.count("\n")
+    return ""
+
+
+def _same(one: str, other: str) -> bool:
+    if one == other:
+        return True
+    if not (_NUMBER.fullmatch(one) and _NUMBER.fullmatch(other)) or {*one, *other} <= {*"+-0123456789"}:
+        return False
+    x, y = float(one), float(other)
+    return abs(x - y) <= TOLERANCE * max(abs(x), abs(y))
+
+
+def _streams(content: bytes) -> Iterator[str]:
+    """Yield the content of the streams of a PDF file."""
+    for match in _STREAM.finditer(content):
+        try:
+            yield zlib.decompressobj().decompress(match[1], _MOST_BYTES).decode("latin-1")
+        except zlib.error:
+            yield match[1].decode("latin-1")
+
+
+def _other_array(packed: Path, here: Path) -> str:
+    """Compare the arrays of two files."""
+    a, b = (matrices(file.read_bytes(), ".npz", "") for file in (packed, here))
+    if [*a] != [*b]:
+        return "has other arrays"
+    for name, other in b.items():
+        one = a[name]
+        if one.shape != other.shape or one.dtype != other.dtype:
+            return f"array {ascii(name)}: another shape or type"
+        whole = other.dtype.kind != "f"
+        scale = 0.0 if whole else float(np.max(np.abs(other[np.isfinite(other)]), initial=0.0))
+        with np.errstate(invalid="ignore"):
+            equal = (one == other) | ((one != one) & (other != other))
+            equal |= np.zeros(one.shape, dtype=bool) if whole else np.abs(one - other) <= TOLERANCE * scale
+        if not equal.all():
+            first = tuple(map(int, np.argwhere(~equal)[0]))
+            return f"array {ascii(name)} at {first}: packed {one[first]!r}, here {other[first]!r}"
+    return ""
