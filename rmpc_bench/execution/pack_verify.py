@@ -28,7 +28,7 @@ from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.execution.verification import Verification
 from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.received.consent import reason_against_archive
-from rmpc_bench.received.plain_files import CLAIMS, DamagedError, json_of
+from rmpc_bench.received.plain_files import CLAIMS, MANIFEST, DamagedError, json_of
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -101,7 +101,7 @@ class _Packed:
 
     def __init__(self, directory: Path, archive: Archive) -> None:
         self._directory, self._path, self._names = directory, archive.path, archive.names
-        self._manifest = manifest.read(directory)
+        self._manifest = self._json(manifest.FILE, MANIFEST) or {}
         self.versions = tuple(other_versions(self._manifest))
         for name in (RESOLVED, "trials.csv", "summary.csv", "comparisons.csv"):
             if not (directory / name).is_file():
@@ -164,6 +164,12 @@ class _Packed:
         points = tuple(replace(table, look=look, confidence=level) for table in trials.points)
         return replace(trials, look=look, confidence=level, points=points)
 
+    def _json(self, name: str, shape: Any) -> Any:
+        try:
+            return json_of(self._directory / name, shape, "pack the results again")
+        except DamagedError as error:
+            raise ArchiveError(f"{self._path}: {str(error).removeprefix(f'{self._directory}/')}") from None
+
     def _rows(self) -> Any:
         try:
             return read_rows(self._directory / "trials.csv")
@@ -185,12 +191,8 @@ class _Packed:
 
     def _claim(self, here: Results, packed: Results, *, all_runs: bool) -> tuple[tuple[str, ...], int]:
         """Compare one claim with the packed one, or with that of the packed rows where not all runs are computed."""
-        file = self._directory / "claims.json"
-        try:
-            packed_claims = json_of(file, CLAIMS, "pack the results again") or {"claims": []}
-        except DamagedError as error:
-            raise ArchiveError(f"{self._path}: claims.json cannot be read ({error})") from None
-        before = {claim["statement"]: claim for claim in (packed_claims["claims"] if all_runs else _claims(packed))}
+        stated = (self._json("claims.json", CLAIMS) or {"claims": []})["claims"] if all_runs else _claims(packed)
+        before = {claim["statement"]: claim for claim in stated}
         found = []
         for claim in _claims(here):
             texts = (json.dumps(each, indent=1) for each in (before.get(claim["statement"]), claim))
