@@ -21,7 +21,7 @@ from rmpc_bench.config.relocation import COPIES, in_directory, renamed
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import manifest
-from rmpc_bench.execution.pack import DATA, FILES, SECONDS, facts_of
+from rmpc_bench.execution.pack import DATA, FILES, NEEDED, SECONDS, facts_of
 from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text
 from rmpc_bench.execution.pack_metadata import CITATION, citation, crate, stated_by
 from rmpc_bench.execution.pack_rows import read_rows
@@ -70,43 +70,36 @@ class PackedFiles:
                 (place / name).parent.mkdir(exist_ok=True)
                 shutil.copyfile(self._directory / name, place / name)
 
-    def hashed_only(self, note: str) -> list[FileOutcome]:
-        """Return that no file was compared."""
-        return [FileOutcome(name, HASHED, note) for name in sorted(self._names)]
-
-    def all_files(self, results: Results, config: ExperimentConfig, temporary: Path) -> list[FileOutcome]:
-        """Make all files again from the trials of all runs, and compare them."""
+    def outcomes(
+        self, results: Results, config: ExperimentConfig, temporary: Path, n_runs: int | None = None
+    ) -> list[FileOutcome]:
+        """Make all files again and compare them; only the tables where no more than `n_runs` were computed."""
         made, computed = temporary / "made", manifest.read(results.directory)
-        inputs = {each.name: each for each in self._inputs(results, config, computed, temporary)}
+        made.mkdir()
+        found = {each.name: each for each in self._inputs(results, config, computed, temporary)}
+        results = self._chosen(self._timed(results))
+        if n_runs is None:
+            self._publish(results, computed, made)
+        else:
+            write_tables_of_rows(results, made)
+            found["trials.csv"] = FileOutcome("trials.csv", HASHED, f"rows of runs 0 to {n_runs - 1} are compared")
+        found[METADATA], found[CITATION] = self._metadata(results)
+        for name in self._names:
+            if name not in found:
+                seen = n_runs is None or (made / name).is_file()
+                found[name] = self._compared(name, made) if seen else FileOutcome(name, UNSEEN, "needs all runs")
+        here = {path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file()}
+        found |= {name: FileOutcome(name, DIFFERENT, "is missing") for name in {*here, *NEEDED} - {*self._names}}
+        return [each for name, each in sorted(found.items()) if name in self._names or each.is_different]
+
+    def _publish(self, results: Results, computed: Mapping[str, Any], made: Path) -> None:
+        """Write all files in the way that the archive states, for its machine and its times."""
         known = {name: self._stated[name] for name in STATED if name in self._stated}
         (results.directory / manifest.FILE).write_bytes(json_bytes({**computed, **known}))
         self._name_files(results.directory / RESOLVED)
-        results = self._chosen(self._timed(results))
         if not self._way.get("own_figures", True):
             results = replace(results, components={})
-        made.mkdir()
         publish(results, to=made, place=self._way.get("place", ""))
-        inputs[METADATA], inputs[CITATION] = self._metadata(results)
-        missing = [name for name in _names_in(made) if name not in self._names]
-        outcomes = [inputs.get(name) or self._compared(name, made) for name in sorted(self._names)]
-        return [*outcomes, *(FileOutcome(name, DIFFERENT, "is missing") for name in missing)]
-
-    def of_rows(self, results: Results, n_runs: int, config: ExperimentConfig, temporary: Path) -> list[FileOutcome]:
-        """Make the tables of the packed rows, of which the first runs were computed again, and compare them."""
-        made, computed = temporary / "made", manifest.read(results.directory)
-        inputs = {each.name: each for each in self._inputs(results, config, computed, temporary)}
-        made.mkdir()
-        results = self._chosen(self._timed(results))
-        write_tables_of_rows(results, made)
-        note = f"rows of runs 0 to {n_runs - 1} are compared"
-        inputs["trials.csv"] = FileOutcome("trials.csv", HASHED, note)
-        inputs[METADATA], inputs[CITATION] = self._metadata(results)
-        unseen = "needs all runs"
-        return [
-            inputs.get(name)
-            or (self._compared(name, made) if (made / name).exists() else FileOutcome(name, UNSEEN, unseen))
-            for name in sorted(self._names)
-        ]
 
     def _inputs(
         self, results: Results, config: ExperimentConfig, computed: Mapping[str, Any], temporary: Path
@@ -117,11 +110,10 @@ class PackedFiles:
         yield self._resolved(config)
         yield self._manifest(computed)
         yield self._timings(results)
-        for name in (TUNING, SECONDS):
-            yield FileOutcome(name, HASHED, "input: the search of tuning is not repeated")
         for name in self._names:
-            if name.startswith((f"{COPIES}/", f"{DATA}/")):
-                yield FileOutcome(name, HASHED, "input")
+            if name.startswith((f"{COPIES}/", f"{DATA}/")) or name in (TUNING, SECONDS):
+                tuned = ": the search of tuning is not repeated" * (name in (TUNING, SECONDS))
+                yield FileOutcome(name, HASHED, f"input{tuned}")
 
     def _resolved(self, config: ExperimentConfig) -> FileOutcome:
         """Check that the configuration is that of the experiment that the manifest names."""
@@ -142,15 +134,12 @@ class PackedFiles:
             given = load_config(place / CONFIG, **_options(self._overrides), add_methods=added_in(place / CONFIG))
         except (ConfigError, ValueError, OSError):
             return FileOutcome(CONFIG, HASHED, "input: does not load from the archive alone")
-        if config.tuning is None:
-            packed = plain(load(self._directory / RESOLVED))
-            tree = in_directory(given.resolved, place, given.own)
-            found = compared_text(CONFIG, _by_names(tree, given), _by_names(packed, config))
-            if found.is_different:
-                return found._replace(note=f"does not resolve to {RESOLVED}: {found.note}")
-        same = given.hash == config.hash
-        note = f"input: resolves to {RESOLVED}" if same else "gives another experiment hash"
-        return FileOutcome(CONFIG, HASHED if same else DIFFERENT, note)
+        tree, packed = in_directory(given.resolved, place, given.own), plain(load(self._directory / RESOLVED))
+        found = compared_text(CONFIG, _by_names(tree, given), _by_names(packed, config))
+        # Tuning has put its values into the resolved one.
+        if given.hash != config.hash or (found.is_different and config.tuning is None):
+            return FileOutcome(CONFIG, DIFFERENT, f"does not resolve to {RESOLVED}: {found.note or 'another hash'}")
+        return FileOutcome(CONFIG, HASHED, f"input: resolves to {RESOLVED}")
 
     def _manifest(self, computed: Mapping[str, Any]) -> FileOutcome:
         """Compare the fields that follow from the configuration."""
@@ -165,14 +154,11 @@ class PackedFiles:
     def _timings(self, results: Results) -> FileOutcome:
         """Compare what was timed, not the durations."""
         file, here = self._directory / TIMINGS, results.timings
-        if not file.is_file():
-            return FileOutcome(TIMINGS, DIFFERENT if len(here) else HASHED, "is missing")
         keys = [name for name in here.columns if name not in DURATIONS]
         try:
-            packed = read_rows(file)
-            same = list(packed.columns) == list(here.columns) and packed[keys].astype(str).equals(
-                here[keys].astype(str)
-            )
+            packed = read_rows(file) if file.is_file() else here.iloc[:0]
+            texts = (table[keys].astype(str) for table in (packed, here))
+            same = [*packed.columns] == [*here.columns] and next(texts).equals(next(texts))
         except (ValueError, KeyError, TypeError):
             same = False
         note = f"all but {', '.join(DURATIONS)} are compared" if same else "other methods, components or phases"
@@ -192,9 +178,8 @@ class PackedFiles:
         """Return results with the durations of the archive."""
         file = self._directory / TIMINGS
         timings = read_rows(file) if file.is_file() else pd.DataFrame()
-        if not len(timings):
-            return replace(results, timings=timings)
-        return replace(results, timings=timings, trials=with_timings(results.trials, timings))
+        trials = with_timings(results.trials, timings) if len(timings) else results.trials
+        return replace(results, timings=timings, trials=trials)
 
     def _name_files(self, resolved: Path) -> None:
         """Write the configuration that the page shows, with data files as the packed directory named them."""
@@ -228,9 +213,7 @@ class PackedFiles:
         """Compare a file with the one that was made, unless another version made it otherwise."""
         packed, here = self._directory / name, made / name
         if not here.is_file():
-            return FileOutcome(
-                name, *((DIFFERENT, "is not made here") if name in FILES else (UNSEEN, "is not made here"))
-            )
+            return FileOutcome(name, DIFFERENT if name in FILES else UNSEEN, "is not made here")
         found = compared(name, packed, here, exact=self.exact)
         if not found.is_different or self.exact:
             return found
@@ -245,10 +228,6 @@ class PackedFiles:
 
 def _text(file: Path) -> str:
     return file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
-
-
-def _names_in(directory: Path) -> list[str]:
-    return sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*") if path.is_file())
 
 
 def _options(overrides: Sequence[str]) -> dict[str, Any]:

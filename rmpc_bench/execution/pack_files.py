@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from rmpc_bench.execution.pack_rows import TOLERANCE, read_rows, series_differences
+from rmpc_bench.execution.pack_rows import TOLERANCE, read_rows
 from rmpc_bench.received.arrays import matrices
+from rmpc_bench.types import Array
 
 BYTES = "compared, equal bytes"
 NUMBERS = "compared, equal to 1e-9"
@@ -88,7 +90,7 @@ def _other_value(name: str, packed: Path, here: Path) -> str:
     if name.endswith(".npz"):
         return _other_array(packed, here)
     if name == "series.csv":
-        return next(iter(series_differences(read_rows(packed), read_rows(here))), "")
+        return _other_series(read_rows(packed), read_rows(here))
     a, b = packed.read_bytes(), here.read_bytes()
     if name.endswith(".pdf"):
         pairs = zip_longest(_streams(a), _streams(b), fillvalue="")
@@ -124,8 +126,22 @@ def _streams(content: bytes) -> Iterator[str]:
             yield match[1].decode("latin-1")
 
 
+def _other_series(packed: pd.DataFrame, here: pd.DataFrame) -> str:
+    """Compare two tables of series, each value up to the tolerance of the largest of its quantity."""
+    keys = [name for name in here.columns if name != "value"]
+    if [*packed.columns] != [*here.columns] or not packed[keys].equals(here[keys]):
+        return "has other rows or columns"
+    groups = [here[name] for name in keys if name not in ("component", "k", "n")]
+    scale = here["value"].abs().where(np.isfinite(here["value"])).groupby(groups).transform("max").to_numpy()
+    wrong = _wrong(packed["value"].to_numpy(), here["value"].to_numpy(), scale)
+    if not len(wrong):
+        return ""
+    one, other = packed.iloc[wrong[0, 0]], here.iloc[wrong[0, 0]]
+    return f"{' '.join(str(one[name]) for name in keys)}: packed {one['value']!r}, here {other['value']!r}"
+
+
 def _other_array(packed: Path, here: Path) -> str:
-    """Compare the arrays of two files."""
+    """Compare the arrays of two files, each number up to the tolerance of the largest of its array."""
     a, b = (matrices(file.read_bytes(), ".npz", "") for file in (packed, here))
     if [*a] != [*b]:
         return "has other arrays"
@@ -133,12 +149,17 @@ def _other_array(packed: Path, here: Path) -> str:
         one = a[name]
         if one.shape != other.shape or one.dtype != other.dtype:
             return f"array {ascii(name)}: another shape or type"
-        whole = other.dtype.kind != "f"
-        scale = 0.0 if whole else float(np.max(np.abs(other[np.isfinite(other)]), initial=0.0))
-        with np.errstate(invalid="ignore"):
-            equal = (one == other) | ((one != one) & (other != other))
-            equal |= np.zeros(one.shape, dtype=bool) if whole else np.abs(one - other) <= TOLERANCE * scale
-        if not equal.all():
-            first = tuple(map(int, np.argwhere(~equal)[0]))
+        is_whole = other.dtype.kind != "f"
+        wrong = _wrong(one, other, 0.0 if is_whole else np.max(np.abs(other[np.isfinite(other)]), initial=0.0))
+        if len(wrong):
+            first = tuple(wrong[0])
             return f"array {ascii(name)} at {first}: packed {one[first]!r}, here {other[first]!r}"
     return ""
+
+
+def _wrong(one: Array, other: Array, scale: Array | float) -> Array:
+    """Return the indices of what differs by more than the tolerance of a scale."""
+    with np.errstate(invalid="ignore"):
+        same = (one == other) | ((one != one) & (other != other))
+        found: Array = np.argwhere(~(same | (np.abs(one - other) <= TOLERANCE * scale)))
+    return found

@@ -107,26 +107,6 @@ def _sample(may_not_occur: bool, a: Array, b: Array, Ts: float) -> float | None:
     return 1.0 if len(finite) and np.all(finite == np.rint(finite)) else None
 
 
-def series_differences(packed: pd.DataFrame, here: pd.DataFrame) -> list[str]:
-    """Compare two tables of series, each value up to `TOLERANCE` of the largest of its quantity; name what differs."""
-    keys = [name for name in packed.columns if name != "value"]
-    if keys != [name for name in here.columns if name != "value"]:
-        return ["series.csv: other columns"]
-    both = packed.merge(here, on=keys, how="outer", suffixes=("_a", "_b"), indicator=True)
-    a, b = both["value_a"].to_numpy(), both["value_b"].to_numpy()
-    groups = [both[name] for name in keys if name not in ("component", "k", "n")]
-    scale = pd.Series(np.fmax(np.abs(a), np.abs(b))).groupby(groups).transform("max").to_numpy()
-    with np.errstate(invalid="ignore"):
-        equal = (a == b) | (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= TOLERANCE * scale)
-    wrong = both[~(equal & (both["_merge"] == "both"))]
-    found = []
-    for _, rows in wrong.groupby([wrong[name] for name in keys if name not in ("component", "k", "n")]):
-        first = rows.iloc[0]
-        where = " ".join(str(first[name]) for name in keys)
-        found.append(f"{len(rows)} values of {where}: packed {first['value_a']!r}, here {first['value_b']!r}")
-    return found
-
-
 def rows_against_summary(rows: pd.DataFrame, summary: pd.DataFrame) -> list[str]:
     """Compute the numbers of summary.csv again from the packed rows, and name those that do not follow."""
     if len(rows) and not len(summary):

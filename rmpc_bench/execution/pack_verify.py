@@ -114,9 +114,10 @@ class _Packed:
             digits = tuple(rows_against_summary(rows, summary))
         except (ValueError, KeyError, TypeError) as error:
             digits = (f"trials.csv or summary.csv cannot be read ({error})",)
-        note = {"summary.csv": "agrees with the rows of trials.csv"} if not digits else {}
-        outcomes = tuple(FileOutcome(name, HASHED, note.get(name, "")) for name in sorted(self._names))
-        return Verification(scope="files only, nothing was computed", digits=digits, files=outcomes)
+        return Verification(scope="files only, nothing was computed", digits=digits, files=tuple(self._hashed("")))
+
+    def _hashed(self, note: str) -> list[FileOutcome]:
+        return [FileOutcome(name, HASHED, note) for name in sorted(self._names)]
 
     def beside(
         self, runs: int | None, claim: str, temporary: Path, jobs: int | None, progress: Progress | None
@@ -136,16 +137,16 @@ class _Packed:
             both = (replace(here, trials=self._with_look(each, stated)) for each in (here.trials, packed))
             texts, n_claims = self._claim(*both, all_runs=extent.n_runs == extent.n_packed)
             found = replace(found, findings=texts, n_claims=n_claims)
-            outcomes = files.hashed_only("is not made for one claim")
+            outcomes = self._hashed("is not made for one claim")
         elif extent.complete:
             # On another machine the files are made from the packed rows: last digits would change what is printed.
             trials = here.trials if files.exact or found.differences else packed
-            outcomes = files.all_files(replace(here, trials=trials), stated, temporary)
+            outcomes = files.outcomes(replace(here, trials=trials), stated, temporary)
             outcomes = [_of_rows(each, found, exact=files.exact) for each in outcomes]
         else:
             every = self._with_look(with_rows(here.trials, rows), stated)
             here = replace(_as_packed(here, stated, rows), trials=every)
-            outcomes = files.of_rows(here, extent.n_runs, stated, temporary)
+            outcomes = files.outcomes(here, stated, temporary, extent.n_runs)
         scope = f"{extent}, {len(wanted)} method{'s' * (len(wanted) > 1)}" + (f", claim {claim}" if claim else "")
         return replace(found, scope=scope, remarks=extent.remarks(claim), files=tuple(outcomes))
 
