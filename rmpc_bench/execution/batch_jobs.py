@@ -39,29 +39,14 @@ class _Array(NamedTuple):
 
 
 def n_cores(environment: Mapping[str, str]) -> int:
-    """Return the number of cores that this process may use: those of the batch job, at most those of its affinity mask.
-
-    Parameters
-    ----------
-    environment : variables of the process
-    """
+    """Return the number of cores of the batch job, at most those that this process may use."""
     here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     given = [int(environment[name]) for name in _CORES if environment.get(name, "").isdecimal()]
     return max(1, min([here, *given[:1]]))
 
 
 def shard_of_array_job(environment: Mapping[str, str]) -> Shard:
-    """Return the shard of the task of an array job of SLURM, PBS or SGE.
-
-    Parameters
-    ----------
-    environment : variables of the process
-
-    Raises
-    ------
-    ArrayJobError
-        If the process is no task of an array job, or the array is not a range of indices.
-    """
+    """Return the shard of the task of an array job of SLURM, PBS or SGE; `ArrayJobError` where it is none."""
     if "SLURM_ARRAY_TASK_ID" in environment:
         return _slurm(environment)
     for name in ("PBS_ARRAY_INDEX", "PBS_ARRAYID"):

@@ -17,12 +17,7 @@ START = 2.0
 
 
 def seconds(config: ExperimentConfig) -> float:
-    """Estimate the computing time [s]; trials that points of a sweep share count once.
-
-    Parameters
-    ----------
-    config : from `load_config`
-    """
+    """Estimate the computing time [s]; trials that points of a sweep share count once."""
     seen, total = set[str](), 0.0
     for point in config.points if "runs" in config.evaluate else ():
         experiment = point.experiment
@@ -53,12 +48,7 @@ def _tuning_seconds(config: ExperimentConfig) -> float:
 
 
 def megabytes(config: ExperimentConfig) -> float:
-    """Estimate the memory of a process [MB]: twice the trajectories x, x_hat, w, v, y and u of a block.
-
-    Parameters
-    ----------
-    config : from `load_config`
-    """
+    """Estimate the memory of a process [MB]: twice the trajectories x, x_hat, w, v, y and u of a block."""
     experiment, fixed = config.experiment, config.execution.fixed_block
     longest = max(usual_length(experiment, method.name, fixed) for method in experiment.methods)
     return math.ceil(longest * megabytes_of_a_run(experiment))

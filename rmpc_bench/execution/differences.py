@@ -16,14 +16,7 @@ Names = Mapping[str, Mapping[str, str]]
 
 
 def changes(there: Code, here: Code, names: Names) -> dict[str, str]:
-    """Return role -> what has changed, such as ``tanks.py has changed``; nothing for roles with equal code.
-
-    Parameters
-    ----------
-    there : code that computed stored rows
-    here : code of the configuration
-    names : the files of both
-    """
+    """Return role -> what has changed, such as ``tanks.py has changed``; nothing for roles with equal code."""
     found: dict[str, list[str]] = {}
     for part in ("sources", "data", "installed"):
         old, new = there.get(part, {}), here.get(part, {})
@@ -54,14 +47,7 @@ def _files(hashes: list[str], names: Names) -> dict[str, str]:
 
 
 def differences(before: Any, after: Any, names: Names, path: str = "") -> list[str]:
-    """Say where two trees of plain data differ, a line each.
-
-    Parameters
-    ----------
-    before, after : what all methods share: of the stored trials, and of the configuration
-    names : files of the code in both
-    path : where the trees stand
-    """
+    """Say where the settings of stored trials and those of the configuration differ, a line each."""
     if path.rpartition(".")[2] == "code":
         found = changes(before or {}, after or {}, names)
         stored = (before or {}).get("sources", {})

@@ -221,17 +221,7 @@ def figure(results: Results, kind: str, *, rendering: Rendering | None = None, *
 
 
 def figure_component(keys: Mapping[str, Any]) -> Component:
-    """Validate the keys of a figure.
-
-    Parameters
-    ----------
-    keys : ``kind`` and the others, as in a configuration
-
-    Raises
-    ------
-    DesignError
-        If the kind or a key is unknown.
-    """
+    """Validate the keys of a figure, as in a configuration; a wrong one is a `DesignError`."""
     problems: list[Problem] = []
     mark = Mark("", 1, 1)
     component = read_component("figures", Map(keys, mark=mark), [], problems, mark=mark)
@@ -255,17 +245,6 @@ def figure_of(results: Results, component: Component, rendering: Rendering | Non
 
     A metric that is not named is the first of the report, else the primary one.  The methods of the report are shown
     in its order, those of them that the figure itself names, or can show.
-
-    Parameters
-    ----------
-    results : what to draw
-    component : the figure
-    rendering : with the width of all figures
-
-    Raises
-    ------
-    DesignError
-        If the results do not hold what the figure shows.
     """
     problems: list[Problem] = []
     made: Figure | None = component.build(problems)

@@ -20,19 +20,7 @@ WRITTEN = "% written by rmpc-bench"
 
 
 def write_latex(tables: Summary, record: ExperimentRecord, directory: Path, report: ReportKeys) -> list[Path]:
-    """Write the tables for a paper with their captions and notes, and remove those of an earlier choice of metrics.
-
-    Parameters
-    ----------
-    tables : the statistics, with the methods and metrics to show
-    record : name, hash, seed, number of runs, version and command
-    directory : where to write
-    report : with the columns and the width; without a width that of a column of many journals
-
-    Returns
-    -------
-    the files
-    """
+    """Write the tables for a paper with their captions and notes, and remove those of an earlier choice of metrics."""
     comments = [
         f"{WRITTEN[2:]}, version {record['version']}, numerics {record['numerics']}",
         f"experiment {record['name']}, hash {record['hash']}",
@@ -72,13 +60,7 @@ def _head_of_note(name: str) -> str:
 
 
 def write_caption(caption: str, stem: Path) -> Path:
-    """Write the caption of a figure beside its files.
-
-    Parameters
-    ----------
-    caption : plain text with formulas between dollar signs
-    stem : path of the figure without ending
-    """
+    """Write the caption of a figure, with formulas between dollar signs, beside its files; `stem` has no ending."""
     file = stem.with_name(f"{stem.name}.caption.tex")
     replace_text(file, f"{_head(stem.name)}{printed_latex(caption)}%\n")
     return file

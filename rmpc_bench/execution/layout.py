@@ -34,19 +34,7 @@ BUILT_IN = ("rmpc_bench.estimators.", "rmpc_bench.controllers.")
 
 
 def keep_layout(config: ExperimentConfig, store: Store, methods: Collection[str]) -> None:
-    """Store what reports need of an experiment beside its trials; whatever has changed without new trials is renewed.
-
-    Parameters
-    ----------
-    config : the experiment
-    store : its open store
-    methods : names of the methods that are about to be computed
-
-    Raises
-    ------
-    WriteError
-        If it cannot be written.
-    """
+    """Store beside its trials what reports need of an experiment; what has changed without new trials is renewed."""
     layout = _Layout(config, store, methods)
     write_experiment(store, layout.experiment(), layout.arrays)
 

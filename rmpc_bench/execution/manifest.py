@@ -24,15 +24,7 @@ FILE = "manifest.json"
 
 
 class Session:
-    """One session of computing an experiment; the context manager records its start, its end and the reason.
-
-    Parameters
-    ----------
-    directory : directory of the experiment
-    config : the experiment
-    modified : what was changed against the file
-    say : called with a warning when other versions computed what is stored already
-    """
+    """One session of computing an experiment; the context manager records its start, its end and the reason."""
 
     def __init__(
         self, directory: Path, config: ExperimentConfig, modified: Collection[str], say: Callable[[str], None]

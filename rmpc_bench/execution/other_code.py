@@ -40,14 +40,7 @@ class OtherRows:
 
 
 def rows_of_other_code(config: ExperimentConfig, store: Store, methods: Collection[str]) -> OtherRows:
-    """Describe the rows that other code has computed and this code has not.
-
-    Parameters
-    ----------
-    config : the experiment
-    store : its open store
-    methods : names of the methods to look at
-    """
+    """Describe the rows that other code has computed and this code has not."""
     current = {key for point in config.points for key in point.method_keys.values()}
     names = store.file_names(config.own.names())
     return rows_kept_apart(stored_methods(config, methods), store, config.experiment.n_runs, names, current)
@@ -60,16 +53,7 @@ def rows_kept_apart(
     names: Names | None = None,
     current: Collection[str] = (),
 ) -> OtherRows:
-    """Describe the rows of some methods that other code has computed and this code has not.
-
-    Parameters
-    ----------
-    methods : what the trials of this code are stored under
-    store : an open store
-    n_runs : number of runs of the experiment
-    names : names of the user's files; those that the store knows unless given
-    current : keys of all methods of the configuration; those of ``methods`` unless given
-    """
+    """Describe the rows of some methods that other code has computed; `current` are the keys of all methods."""
     methods = list(methods)
     names = store.file_names() if names is None else names
     current = current or {method.key for method in methods}

@@ -12,17 +12,7 @@ from rmpc_bench.execution.results import Results
 
 
 def enlarged(results: Results, n_runs: int) -> Results:
-    """Repeat the rows of the computed runs up to a number of runs, to measure what a report of so many costs.
-
-    Parameters
-    ----------
-    results : with the first runs
-    n_runs : number of runs of the experiment
-
-    Returns
-    -------
-    results whose tables have the right size; their numbers mean nothing
-    """
+    """Repeat the rows of the first runs up to a number of runs, to measure what a report of so many costs."""
     trials = results.trials
     n = max((len(table.runs) for table in trials.each), default=0)
     if not n or n >= n_runs:

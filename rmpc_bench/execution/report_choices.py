@@ -26,13 +26,7 @@ NOUNS = {"order": "method", "metrics": "metric of this experiment"}
 
 
 def wrong_choices(experiment: StoredExperiment, **keys: Any) -> list[tuple[str, str]]:
-    """Return key and message of everything that is wrong with these keys; see `choose`.
-
-    Parameters
-    ----------
-    experiment : as it is stored
-    keys : keys of the section `report` to replace; None leaves a key as it is
-    """
+    """Return key and message of everything that is wrong with these keys; see `choose`."""
     given = {key: value for key, value in keys.items() if value is not None}
     found = [*_wrong_names(experiment, given)]
     for key, value in given.items():
@@ -81,12 +75,7 @@ def choose(results: Results, **keys: Any) -> Results:
 
 
 def rendering_of(report: ReportKeys) -> Rendering:
-    """Return how figures are written.
-
-    Parameters
-    ----------
-    report : the section `report`
-    """
+    """Return how figures are written by the section `report`."""
     return Rendering(width=report.width_in, font=report.font, style=report.style, formats=report.formats)
 
 

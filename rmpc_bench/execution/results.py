@@ -225,13 +225,7 @@ def load_results(directory: str | Path) -> Results:
 
 
 def load_experiment(directory: str | Path) -> StoredExperiment:
-    """Load names and settings of a stored experiment, without its trials.
-
-    Raises
-    ------
-    MissingError
-        If there is no store in the directory, or an earlier version has written it.
-    """
+    """Load names and settings of a stored experiment, without its trials."""
     place = Path(directory)
     if not (place / FILE).exists():
         raise MissingError(f"{place}: there is no {FILE}; fill the directory with `rmpc-bench run`")

@@ -94,15 +94,7 @@ class RunningComparison:
                         self._of_key.setdefault(keys[method], []).append((pair, side))
 
     def add(self, key: str, first: int, values: Array, status: Array) -> None:
-        """Add the runs of a method from one index on.
-
-        Parameters
-        ----------
-        key : of the trials of the method
-        first : index of the first run
-        values : (n,) primary metric of consecutive runs
-        status : (n,) status of each of them
-        """
+        """Add the primary metric and the status of consecutive runs of a method, whose trials have a key."""
         known = self._of_key.get(key)
         if known:
             values = distance_from_best(np.array(values, dtype=float), self.metric.direction)
@@ -115,12 +107,7 @@ class RunningComparison:
         return [self._row(pair) for pair in self._pairs]
 
     def text(self, most: int = 3) -> str:
-        """Say how the methods compare so far, at the first point of a sweep; empty where nothing is known.
-
-        Parameters
-        ----------
-        most : number of methods that are named
-        """
+        """Say how some methods compare so far, at the first point of a sweep; empty where nothing is known."""
         first = [row for row in self.rows() if row.point == self._pairs[0].point] if self._pairs else []
         texts = [row.text for row in first if row.text]
         if not texts:
@@ -146,40 +133,21 @@ class RunningComparison:
 
 
 def running_comparison(config: ExperimentConfig) -> RunningComparison:
-    """Return the comparison of an experiment without any run.
-
-    Parameters
-    ----------
-    config : the experiment
-    """
+    """Return the comparison of an experiment without any run."""
     metric = next(info for info in config.experiment.metric_infos if info.name == config.primary)
     points = [(point.title, point.method_keys) for point in config.points]
     return RunningComparison(metric, points, config.baseline, config.statistics.confidence)
 
 
 def add_done(running: RunningComparison, config: ExperimentConfig, done: Done) -> None:
-    """Add the runs of a finished task.
-
-    Parameters
-    ----------
-    running : the sums
-    config : the experiment
-    done : what an engine has returned
-    """
+    """Add the runs of a finished task."""
     key = config.points[done.task.point].method_keys[done.task.method]
     place = [info.name for info in config.experiment.metric_infos].index(config.primary)
     running.add(key, done.task.first, done.block.metrics[place], done.block.status)
 
 
 def add_stored(running: RunningComparison, config: ExperimentConfig, store: Store) -> None:
-    """Add the runs that are stored already.
-
-    Parameters
-    ----------
-    running : the sums
-    config : the experiment
-    store : its open store
-    """
+    """Add the runs that are stored already."""
     metrics = {key: point.metric_keys[config.primary] for point in config.points for key in point.method_keys.values()}
     words = {status.word: int(status) for status in Status}
     for key, metric in metrics.items():

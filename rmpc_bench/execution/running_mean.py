@@ -37,12 +37,7 @@ class RunningMean(NamedTuple):
 
 
 def mean_of(values: Array) -> RunningMean:
-    """Return the record of some values.
-
-    Parameters
-    ----------
-    values : (n,) values; inf and NaN are counted apart
-    """
+    """Return the record of some values, of which inf and NaN are counted apart."""
     finite = values[np.isfinite(values)]
     n_other = len(values) - len(finite)
     if not len(finite):

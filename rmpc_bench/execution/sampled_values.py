@@ -29,14 +29,7 @@ def by_name(sampled: Sampled) -> dict[str, Array]:
 
 
 def read_sampled(columns: Columns, draw: str, n_runs: int) -> tuple[Int[Array, " runs"], dict[str, Array]]:
-    """Return the runs that have a value, ascending, and name -> (runs,) values, NaN where there is none.
-
-    Parameters
-    ----------
-    columns : of the store
-    draw : hash of what the values depend on
-    n_runs : runs from this one on are left out
-    """
+    """Return the runs that have a value, ascending, and name -> (runs,) values, NaN where there is none."""
     found = {
         name: columns.read(Column("uncertainty", draw, name), n_runs) for name in columns.names("uncertainty", draw)
     }
