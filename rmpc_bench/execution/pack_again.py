@@ -76,8 +76,10 @@ class PackedFiles:
         """Make all files again and compare them; only the tables where no more than `n_runs` were computed."""
         made, computed = temporary / "made", manifest.read(results.directory)
         made.mkdir()
-        found = {each.name: each for each in self._inputs(results, config, computed, temporary)}
-        results = self._chosen(self._timed(results))
+        timed = self._timed(results)
+        found = {each.name: each for each in self._inputs(config, computed, temporary)}
+        found[TIMINGS] = _timings(timed.timings, results.timings)
+        results = self._chosen(timed)
         if n_runs is None:
             self._publish(results, computed, made)
         else:
@@ -101,15 +103,12 @@ class PackedFiles:
             results = replace(results, components={})
         publish(results, to=made, place=self._way.get("place", ""))
 
-    def _inputs(
-        self, results: Results, config: ExperimentConfig, computed: Mapping[str, Any], temporary: Path
-    ) -> Iterator[FileOutcome]:
-        """Yield what was found about the files from which all others are computed, and about machine and time."""
+    def _inputs(self, config: ExperimentConfig, computed: Mapping[str, Any], temporary: Path) -> Iterator[FileOutcome]:
+        """Yield what was found about the files from which all others are computed."""
         yield FileOutcome(VERIFIED, UNSEEN, "records of other verifications")
         yield self._given(config, temporary / "given")
         yield self._resolved(config)
         yield self._manifest(computed)
-        yield self._timings(results)
         for name in self._names:
             if name.startswith((f"{COPIES}/", f"{DATA}/")) or name in (TUNING, SECONDS):
                 tuned = ": the search of tuning is not repeated" * (name in (TUNING, SECONDS))
@@ -126,7 +125,8 @@ class PackedFiles:
         if any(name.startswith(f"{COPIES}/") for name in self._names):
             return FileOutcome(CONFIG, HASHED, "input: own code is loaded once only, for the resolved one")
         # The configuration last, so that no data file takes its place.
-        files = {name: name.split("/", 2)[2] for name in self._names if name.startswith(f"{DATA}/")} | {CONFIG: CONFIG}
+        parts = {name: name.split("/", 2) for name in self._names}
+        files = {name: each[2] for name, each in parts.items() if each[0] == DATA and len(each) > 2} | {CONFIG: CONFIG}
         try:
             for name, inside in files.items():
                 (place / inside).parent.mkdir(parents=True, exist_ok=True)
@@ -151,19 +151,6 @@ class PackedFiles:
         note = f"{', '.join(COMPARED)} are compared; not {', '.join(STATED)}"
         return FileOutcome(manifest.FILE, HASHED, note)
 
-    def _timings(self, results: Results) -> FileOutcome:
-        """Compare what was timed, not the durations."""
-        file, here = self._directory / TIMINGS, results.timings
-        keys = [name for name in here.columns if name not in DURATIONS]
-        try:
-            packed = read_rows(file) if file.is_file() else here.iloc[:0]
-            texts = (table[keys].astype(str) for table in (packed, here))
-            same = [*packed.columns] == [*here.columns] and next(texts).equals(next(texts))
-        except (ValueError, KeyError, TypeError):
-            same = False
-        note = f"all but {', '.join(DURATIONS)} are compared" if same else "other methods, components or phases"
-        return FileOutcome(TIMINGS, HASHED if same else DIFFERENT, note)
-
     def _chosen(self, results: Results) -> Results:
         """Return results with the keys of the report; LaTeX, which PGF needs, does not run here."""
         try:
@@ -177,8 +164,11 @@ class PackedFiles:
     def _timed(self, results: Results) -> Results:
         """Return results with the durations of the archive."""
         file = self._directory / TIMINGS
-        timings = read_rows(file) if file.is_file() else pd.DataFrame()
-        trials = with_timings(results.trials, timings) if len(timings) else results.trials
+        try:
+            timings = read_rows(file) if file.is_file() else pd.DataFrame()
+            trials = with_timings(results.trials, timings) if len(timings) else results.trials
+        except (ValueError, KeyError, TypeError) as error:
+            raise ArchiveError(f"{self._path}: {TIMINGS} cannot be read ({error})") from None
         return replace(results, timings=timings, trials=trials)
 
     def _name_files(self, resolved: Path) -> None:
@@ -224,6 +214,14 @@ class PackedFiles:
         if drawn and library != version("matplotlib"):
             return FileOutcome(name, f"not compared, drawn by matplotlib {ascii(library)[1:-1]}")
         return FileOutcome(name, UNSEEN, "drawn on another machine") if name.endswith(".png") else found
+
+
+def _timings(packed: pd.DataFrame, here: pd.DataFrame) -> FileOutcome:
+    """Compare what was timed, not the durations."""
+    a, b = (table.drop(columns=[*DURATIONS], errors="ignore").astype(str) for table in (packed, here))
+    same = [*packed] == [*here] and a.equals(b) if len(packed) else not len(here)
+    note = f"all but {', '.join(DURATIONS)} are compared" if same else "other methods, components or phases"
+    return FileOutcome(TIMINGS, HASHED if same else DIFFERENT, note)
 
 
 def _text(file: Path) -> str:

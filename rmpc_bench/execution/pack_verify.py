@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +29,7 @@ from rmpc_bench.execution.stored_stop import stop_of
 from rmpc_bench.execution.verification import Verification
 from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.received.consent import reason_against_archive
-from rmpc_bench.received.plain_files import CLAIMS, MANIFEST, DamagedError, json_of
+from rmpc_bench.received.plain_files import CLAIMS, DamagedError, json_of
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -86,11 +87,12 @@ def verify(
         hashes = archive.extract(place)
         if simulate and (reason := reason_against_archive(archive.path, archive.code(place), allow_code)):
             raise ArchiveError(reason)
-        packed = _Packed(place, archive)
-        if simulate:
-            found = packed.beside(runs, claim, Path(temporary), jobs, progress)
-        else:
-            found = packed.unchanged()
+        try:
+            packed = _Packed(place, archive)
+            found = packed.beside(runs, claim, Path(temporary), jobs, progress) if simulate else packed.unchanged()
+        except DamagedError as error:
+            text = re.sub(rf"{re.escape(temporary)}/\w+/", "", str(error)).rpartition(";")[0]
+            raise ArchiveError(f"{archive.path}: {text}; ask for the archive again") from None
         found = replace(found, path=archive.path, hashes=hashes, versions=packed.versions)
     note_verification(archive.path, {**environment(), **found.record()})
     return found
@@ -101,7 +103,7 @@ class _Packed:
 
     def __init__(self, directory: Path, archive: Archive) -> None:
         self._directory, self._path, self._names = directory, archive.path, archive.names
-        self._manifest = self._json(manifest.FILE, MANIFEST) or {}
+        self._manifest = manifest.read(directory)
         self.versions = tuple(other_versions(self._manifest))
         for name in (RESOLVED, "trials.csv", "summary.csv", "comparisons.csv"):
             if not (directory / name).is_file():
@@ -165,12 +167,6 @@ class _Packed:
         points = tuple(replace(table, look=look, confidence=level) for table in trials.points)
         return replace(trials, look=look, confidence=level, points=points)
 
-    def _json(self, name: str, shape: Any) -> Any:
-        try:
-            return json_of(self._directory / name, shape, "pack the results again")
-        except DamagedError as error:
-            raise ArchiveError(f"{self._path}: {str(error).removeprefix(f'{self._directory}/')}") from None
-
     def _rows(self) -> Any:
         try:
             return read_rows(self._directory / "trials.csv")
@@ -192,7 +188,8 @@ class _Packed:
 
     def _claim(self, here: Results, packed: Results, *, all_runs: bool) -> tuple[tuple[str, ...], int]:
         """Compare one claim with the packed one, or with that of the packed rows where not all runs are computed."""
-        stated = (self._json("claims.json", CLAIMS) or {"claims": []})["claims"] if all_runs else _claims(packed)
+        file = json_of(self._directory / "claims.json", CLAIMS, "") or {"claims": []}
+        stated = file["claims"] if all_runs else _claims(packed)
         before = {claim["statement"]: claim for claim in stated}
         found = []
         for claim in _claims(here):

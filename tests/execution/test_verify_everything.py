@@ -76,7 +76,7 @@ def not_passed(archive, to, kind, seed=0):
             continue
         try:
             found, outcome = words(archive_with(archive, to, {name: change}))
-        except (ConfigError, ArchiveError, json.JSONDecodeError):
+        except (ConfigError, ArchiveError):
             continue
         assert outcome[name] in ("different", "only hashed"), name
         assert not found.reproduced or name not in INPUTS[1:2], name
