@@ -39,13 +39,7 @@ Pair = tuple[int, str]
 
 
 def estimated_seconds(experiment: Experiment, method: str) -> float:
-    """Estimate the time of a run in a long block [s].
-
-    Parameters
-    ----------
-    experiment : one point of the sweep
-    method : name of the method
-    """
+    """Estimate the time of a run in a long block [s]."""
     pair = experiment.method(method)
     cost = sum(design.cost_per_step for design in (experiment.plant, pair.estimator, pair.controller))
     if not cost and has_own_code(experiment, pair):
@@ -61,14 +55,7 @@ def megabytes_of_a_run(experiment: Experiment) -> float:
 
 
 def usual_length(experiment: Experiment, method: str, fixed: int | None = None) -> int:
-    """Return the number of runs of a long block of a method, before anything is measured.
-
-    Parameters
-    ----------
-    experiment : one point of the sweep
-    method : name of the method
-    fixed : number of runs of every block; None to choose it by time
-    """
+    """Return the number of runs of a long block of a method, before anything is measured."""
     if fixed is not None:
         return fixed
     longest = min(SECONDS / estimated_seconds(experiment, method), MEGABYTES / megabytes_of_a_run(experiment))
@@ -120,15 +107,7 @@ class BlockLengths:
         return self._estimate(pair) * self._correction
 
     def stop(self, first: int, pairs: Collection[Pair], seconds_left: float, workers: int) -> int:
-        """Return the end of the block that begins with a run.
-
-        Parameters
-        ----------
-        first : index of the run
-        pairs : methods that are simulated in these runs one after the other
-        seconds_left : time of all runs that are not handed out [s]
-        workers : how many workers share them
-        """
+        """Return the end of the block that begins with a run, from the time of all runs that are not handed out [s]."""
         if self._fixed is not None:
             return (first // self._fixed + 1) * self._fixed
         times = [max(self.seconds_of_a_run(pair), 1e-9) for pair in pairs]

@@ -40,13 +40,7 @@ class _Chunk(NamedTuple):
 
 
 class Columns:
-    """The columns of a store.
-
-    Parameters
-    ----------
-    database : the open file
-    writes : its transactions
-    """
+    """The columns of a store."""
 
     def __init__(self, database: Database, writes: TimedWrites) -> None:
         self._database, self._reading = database, writes.reading

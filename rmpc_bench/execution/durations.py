@@ -53,12 +53,7 @@ class Durations:
         self.largest = max(self.largest, other.largest)
 
     def quantile(self, share: float) -> float:
-        """Return the duration that a share of all does not exceed [s]; NaN of none.
-
-        Parameters
-        ----------
-        share : such as 0.5 for the median
-        """
+        """Return the duration that a share of all does not exceed [s]; NaN of none."""
         if not self.counts:
             return math.nan
         rank, below = max(1, math.ceil(share * self.n)), 0

@@ -40,12 +40,7 @@ def keep_layout(config: ExperimentConfig, store: Store, methods: Collection[str]
 
 
 class _Layout:
-    """Makes the record of an experiment and collects the arrays that it names.
-
-    Parameters
-    ----------
-    config, store, methods : as in `keep_layout`
-    """
+    """Makes the record of an experiment and collects the arrays that it names."""
 
     def __init__(self, config: ExperimentConfig, store: Store, methods: Collection[str]) -> None:
         self._config = config

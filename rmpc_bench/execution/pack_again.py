@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -193,12 +194,6 @@ class PackedFiles:
             found = FileOutcome(METADATA, DIFFERENT, f"does not fit {CITATION}")
         return found, citing
 
-    @property
-    def _made_by(self) -> str | None:
-        """The version of the bench that made the archive, if it is another one."""
-        found = self._stated.get("versions", {}).get("rmpc-bench")
-        return None if found == rmpc_bench.__version__ else f"not compared, made by rmpc-bench {ascii(found)[1:-1]}"
-
     def _compared(self, name: str, made: Path) -> FileOutcome:
         """Compare a file with the one that was made, unless another version made it otherwise."""
         packed, here = self._directory / name, made / name
@@ -207,12 +202,11 @@ class PackedFiles:
         found = compared(name, packed, here, exact=self.exact)
         if not found.is_different or self.exact:
             return found
-        drawn, page = name.endswith(DRAWN), name.startswith(("figures/", "report."))
-        library = str(self._way.get("matplotlib"))
-        if page and self._made_by:
-            return FileOutcome(name, self._made_by)
-        if drawn and library != version("matplotlib"):
-            return FileOutcome(name, f"not compared, drawn by matplotlib {ascii(library)[1:-1]}")
+        bench, library = self._stated.get("versions", {}).get("rmpc-bench"), self._way.get("matplotlib")
+        if name.startswith(("figures/", "report.")) and bench != rmpc_bench.__version__:
+            return FileOutcome(name, f"not compared, made by rmpc-bench {bench}")
+        if name.endswith(DRAWN) and library != version("matplotlib"):
+            return FileOutcome(name, f"not compared, drawn by matplotlib {library}")
         return FileOutcome(name, UNSEEN, "drawn on another machine") if name.endswith(".png") else found
 
 
@@ -236,16 +230,11 @@ def _options(overrides: Sequence[str]) -> dict[str, Any]:
     >>> _options(["-s 'runs=3'", "--runs 4", "--smoke"])
     {'overrides': ['runs=3'], 'runs': 4, 'smoke': True}
     """
-    words = iter(shlex.split(" ".join(overrides)))
-    found: dict[str, Any] = {"overrides": [], "runs": None, "smoke": False}
-    for word in words:
-        if word == "-s":
-            found["overrides"].append(next(words, ""))
-        elif word == "--runs":
-            found["runs"] = int(next(words, ""))
-        else:
-            found["smoke"] = True
-    return found
+    words = shlex.split(" ".join(overrides))
+    pairs = [*pairwise(words)]
+    runs = [int(value) for option, value in pairs if option == "--runs"]
+    given = [value for option, value in pairs if option == "-s"]
+    return {"overrides": given, "runs": runs[-1] if runs else None, "smoke": "--smoke" in words}
 
 
 def _by_names(resolved: Mapping[str, Any], config: ExperimentConfig) -> str:

@@ -98,19 +98,7 @@ class PilotError(Exception):
 
 
 def measure(path: Path, allow_code: Sequence[Path] = (), modules: Sequence[str] = ()) -> Pilot:
-    """Measure time and memory of an experiment in a process of its own.
-
-    Parameters
-    ----------
-    path : the configuration, which is valid
-    allow_code : Python files that may be loaded besides
-    modules : installed modules to import first
-
-    Raises
-    ------
-    PilotError
-        If the process does not end well.
-    """
+    """Measure time and memory of an experiment in a process of its own; `PilotError` where it does not end well."""
     with TemporaryDirectory() as temporary:
         request, answer = Path(temporary) / "request.json", Path(temporary) / "answer.json"
         texts = {"path": str(path), "allow_code": [str(each) for each in allow_code], "modules": list(modules)}
@@ -156,17 +144,7 @@ def _measured(config: ExperimentConfig) -> Pilot:
 
 
 def _simulated(config: ExperimentConfig, place: Path) -> tuple[float, float, int, Results]:
-    """Compute three times as many runs again and again, until the last of them have taken long enough.
-
-    Parameters
-    ----------
-    config : the experiment
-    place : an empty results directory
-
-    Returns
-    -------
-    time of the first call and of a run [s], the number of runs, and their results
-    """
+    """Compute more and more runs; return the time of the first call and of a run [s], their number, and results."""
     from rmpc_bench.execution.results import run
 
     def computed(n: int) -> tuple[float, Results]:

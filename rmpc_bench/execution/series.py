@@ -19,13 +19,7 @@ COLUMNS = ["method", "quantity", "component", "k", "n", "value"]
 
 
 class SeriesReader:
-    """Reads the series of an experiment; points of a sweep that share a series get the same table.
-
-    Parameters
-    ----------
-    experiment : the record of the experiment
-    store : its open store
-    """
+    """Reads the series of an experiment; points of a sweep that share a series get the same table."""
 
     def __init__(self, experiment: StoredExperiment, store: Store) -> None:
         self._experiment, self._store = experiment, store

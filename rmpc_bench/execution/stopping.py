@@ -69,12 +69,7 @@ class Stopping:
             self._look()
 
     def after(self, n_trials: int) -> list[Task]:
-        """Count trials as stored and return the tasks that follow from them.
-
-        Parameters
-        ----------
-        n_trials : number of trials that were stored since the last call
-        """
+        """Count trials that were stored since the last call, and return the tasks that follow from them."""
         self._left -= n_trials
         return self.tasks() if self._left <= 0 else []
 

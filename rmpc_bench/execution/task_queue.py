@@ -57,7 +57,7 @@ class TaskQueue:
         return sum(n * self._lengths.seconds_of_a_run(pair) for pair, n in self._left.items() if n)
 
     def take(self, worker: Hashable = None) -> Task | None:
-        """Hand out the next task; None if there is none now."""
+        """Hand out the next task, all methods of a range to one worker; None if there is none now."""
         group = self._begun.get(worker)
         if not group:
             group = self._begun[worker] = self._next_group()

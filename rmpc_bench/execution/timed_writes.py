@@ -19,13 +19,9 @@ Write = Callable[[], None]
 
 
 class TimedWrites:
-    """Writes to a database, collected into one transaction per half a second.
+    """Writes to an open database, collected into one transaction per half a second.
 
     A timer commits what waits while the calling thread computes.  All access to the database goes through `lock`.
-
-    Parameters
-    ----------
-    database : the open file
     """
 
     def __init__(self, database: Database) -> None:
@@ -39,13 +35,7 @@ class TimedWrites:
         self._error: StoreError | WriteError | None = None
 
     def at_end(self, write: Write, forget: Callable[[], None]) -> None:
-        """Call functions at the end of every transaction.
-
-        Parameters
-        ----------
-        write : called inside it
-        forget : called when it is rolled back
-        """
+        """Call a function inside every transaction at its end, and another one when it is rolled back."""
         self._at_end.append((write, forget))
 
     @contextmanager
@@ -56,18 +46,7 @@ class TimedWrites:
             yield
 
     def add(self, write: Write, size: int = 0) -> None:
-        """Write now if the last commit is longer ago than the interval, otherwise at the end of the interval.
-
-        Parameters
-        ----------
-        write : writes a block
-        size : of its numbers [bytes]; where too many wait, they are written at once
-
-        Raises
-        ------
-        WriteError
-            If this or an earlier write has failed; none of the failed blocks is stored.
-        """
+        """Write now if many bytes wait or the last commit is longer ago than the interval, else at its end."""
         with self.lock:
             self._waiting.append(write)
             self._size += size
@@ -88,13 +67,7 @@ class TimedWrites:
             self.flush()
 
     def flush(self) -> None:
-        """Commit what waits.
-
-        Raises
-        ------
-        WriteError
-            If this or an earlier write has failed; none of the failed blocks is stored.
-        """
+        """Commit what waits; `WriteError` if this or an earlier write has failed."""
         with self.lock:
             self._stop_timer()
             if self._waiting:
