@@ -15,4 +15,4 @@ def test_it_is_short_and_linked():
 
 def test_it_says_what_verify_does_not_compare():
     """A hash in an archive can be computed again by whoever has altered a file."""
-    assert "is `only hashed`" in PAGE and 'The word "reproduced" covers\nthese files only' in PAGE
+    assert "what is `only hashed`" in PAGE and 'The word "reproduced" covers\nthese files only' in PAGE
