@@ -89,6 +89,7 @@ def open_archive(path: Path) -> Archive:
         if METADATA not in names:
             raise ArchiveError(f"{path}: there is no {METADATA}; make archives with `rmpc-bench pack`")
         hashes = _hashes(_json(file, path, METADATA), path)
+    verifications(path)
     return Archive(path, tuple(names), hashes)
 
 
