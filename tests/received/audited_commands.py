@@ -63,7 +63,7 @@ class Server:
             (self.directory / name).mkdir(parents=True)
         environment = {each: os.environ[each] for each in os.environ if not each.startswith(("RMPC_BENCH", "GIT_"))}
         environment |= {
-            "PYTHONPATH": os.pathsep.join([str(HERE / "startup"), str(HERE.parent)]),
+            "PYTHONPATH": os.pathsep.join(map(str, (HERE / "startup", HERE.parent, HERE.parents[1]))),
             "RMPC_BENCH_TEST_AUDIT": "{}",
             "HOME": str(self.directory / "home"),
             "MPLCONFIGDIR": str(self.directory / "matplotlib"),
