@@ -170,9 +170,7 @@ def _foreign(filename):
     """Say that a file has code of somebody else; empty for installed code."""
     if filename not in _policy.known:
         place = os.path.realpath(filename)
-        allowed = _below(place, _policy.code) or (
-            _below(place, INSTALLED) and not _below(place, _policy.hostile)
-        )
+        allowed = _below(place, _policy.code) or (_below(place, INSTALLED) and not _below(place, _policy.hostile))
         _policy.known[filename] = "" if allowed else f"runs {place}"
     return _policy.known[filename]
 

@@ -95,7 +95,9 @@ class Box:
             environ={"HOME": str(self.home), **command.environ},
         )
         changed = sorted(
-            str(path) for path, _ in before.items() ^ self._seen(command.named).items() if "__pycache__" not in str(path)
+            str(path)
+            for path, _ in before.items() ^ self._seen(command.named).items()
+            if "__pycache__" not in str(path)
         )
         left = [str(path) for path in self.tmp.rglob("*ESC*")]
         return outcome, [*_faults(outcome, command), *(f"changed outside: {each}" for each in {*changed, *left})]

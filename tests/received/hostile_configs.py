@@ -275,7 +275,14 @@ def _python_packed(box):
     yield verify(path)[0]
 
 
-MODULES = ("this:Foo-v0", "evil:Foo-v0", "rmpc_bench.__main__:Foo-v0", "evil.inner:Foo-v0", "os:Foo-v0", "antigravity:x-v0")
+MODULES = (
+    "this:Foo-v0",
+    "evil:Foo-v0",
+    "rmpc_bench.__main__:Foo-v0",
+    "evil.inner:Foo-v0",
+    "os:Foo-v0",
+    "antigravity:x-v0",
+)
 
 
 def _environment(box):
@@ -285,7 +292,9 @@ def _environment(box):
     for text in MODULES:
         plant = f"{{env: '{text}', state: state}}"
         for environ in ({}, {"PYTHONPATH": str(box.here)}):
-            yield from check(small_experiment.write(box.here, plant=plant, **keys), refused=True, environ=environ, note=text)
+            yield from check(
+                small_experiment.write(box.here, plant=plant, **keys), refused=True, environ=environ, note=text
+            )
 
 
 LYING = (

@@ -1,4 +1,4 @@
-"""Directories of results that somebody has made to harm the reader: links, repositories, altered copies, other files."""
+"""Directories of results that somebody has made to harm the reader: links, repositories, altered copies."""
 
 import json
 import os
@@ -58,7 +58,16 @@ def _loop(path, box):
     path.symlink_to(path.name)
 
 
-DERIVED = ("trials.csv", "report.html", "report.md", "series.csv", "summary.csv", "claims.md", "tables/mse.tex", "CITATION.cff")
+DERIVED = (
+    "trials.csv",
+    "report.html",
+    "report.md",
+    "series.csv",
+    "summary.csv",
+    "claims.md",
+    "tables/mse.tex",
+    "CITATION.cff",
+)
 RECORDS = ("manifest.json", "progress.json", "published.json", "claims.json", "tuning.json")
 CONFIGS = ("config.yaml", "config.resolved.yaml")
 STORE = ("trials.sqlite",)
@@ -203,15 +212,17 @@ def _environment(box):
 REPOSITORIES = {
     "monitor": _monitor,
     "hooks": _hooks,
-    "filter": _settings('\n[filter "evil"]\n\tclean = {shell}\n\tsmudge = {shell}\n\tprocess = {shell}\n\trequired = true\n'),
+    "filter": _settings(
+        '\n[filter "evil"]\n\tclean = {shell}\n\tsmudge = {shell}\n\tprocess = {shell}\n\trequired = true\n'
+    ),
     "include": _settings('\n[include]\n\tpath = "{here}/evil.cfg"\n'),
     "include-if": _settings('\n[includeIf "gitdir:**"]\n\tpath = ../evil.cfg\n'),
     "alias": _settings('\n[alias]\n\tstatus = "!{shell}"\n\trev-parse = "!{shell}"\n'),
     "ssh": _settings('\n[core]\n\tsshCommand = {shell}\n\tgitProxy = {shell}\n[credential]\n\thelper = "!{shell}"\n'),
-    "pager": _settings('\n[core]\n\tpager = {shell}\n\teditor = {shell}\n[pager]\n\tstatus = true\n'),
+    "pager": _settings("\n[core]\n\tpager = {shell}\n\teditor = {shell}\n[pager]\n\tstatus = true\n"),
     "diff": _settings('\n[diff]\n\texternal = {shell}\n[diff "evil"]\n\ttextconv = {shell}\n\tcommand = {shell}\n'),
     "worktree": _settings('\n[core]\n\tworktree = "{outside}"\n'),
-    "sign": _settings('\n[gpg]\n\tprogram = {shell}\n[log]\n\tshowSignature = true\n'),
+    "sign": _settings("\n[gpg]\n\tprogram = {shell}\n[log]\n\tshowSignature = true\n"),
     "submodule": _submodule,
     "objects": _objects,
     "file": _moved("real", "gitdir: real\n"),

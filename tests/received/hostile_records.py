@@ -28,7 +28,19 @@ FIELDS = {
     "claims.json": ("schema", "experiment", "claims"),
     "published.json": ("fingerprint", "state", "command", "shown", "files"),
     LAYOUT: (
-        *("name", "paper", "title", "hash", "n_runs", "has_runs", "axes", "labels", "primary", "baseline", "confidence"),
+        *(
+            "name",
+            "paper",
+            "title",
+            "hash",
+            "n_runs",
+            "has_runs",
+            "axes",
+            "labels",
+            "primary",
+            "baseline",
+            "confidence",
+        ),
         *("relevant", "margins", "average", "headline", "max_failures", "alike", "overrides", "figures", "claims"),
         *("points", "expected_failures", "report", "ranks", "requirements", "lost", "added", "stop", "parameters"),
         "tuning",
@@ -36,7 +48,19 @@ FIELDS = {
 }
 """Every field at the top of every record; a test compares them with those of new results."""
 POINT = (
-    *("coordinates", "title", "seed", "Ts", "nx", "n_steps", "units", "metrics", "metric_keys", "methods", "n_recorded"),
+    *(
+        "coordinates",
+        "title",
+        "seed",
+        "Ts",
+        "nx",
+        "n_steps",
+        "units",
+        "metrics",
+        "metric_keys",
+        "methods",
+        "n_recorded",
+    ),
     *("has_ensemble", "reference", "uncertainty_key", "uncertainty", "names", "random_besides", "limitations"),
 )
 """Every field of a point of the layout."""
@@ -199,7 +223,13 @@ def _named(name, text):
 def _printed(box):
     """Texts of warnings and failures of the store are printed as text."""
     place = box.results()
-    failure = {"component": "\x1b[31m", "k": 1, "type": "\x1b[2J", "message": "\x1b]0;pwn\x07\u202e", "trace": "\x1b[2J"}
+    failure = {
+        "component": "\x1b[31m",
+        "k": 1,
+        "type": "\x1b[2J",
+        "message": "\x1b]0;pwn\x07\u202e",
+        "trace": "\x1b[2J",
+    }
     with closing(sqlite3.connect(place / "trials.sqlite")) as connection, connection:
         connection.execute("INSERT INTO warnings VALUES (1, 0, 4, ?, 3)", ("\x1b]0;pwn\x07\u202e<script>",))
         connection.execute("INSERT INTO failures VALUES (1, 0, ?)", (json.dumps(failure),))
@@ -219,7 +249,9 @@ def _packed(record):
 
         honest = json.loads(packed.contents(box.honest.archive("plain"))[record])
         every = [path for path in paths(honest) if path]
-        contents = [replaced(honest, path, box.random.choice(WRONG)) for path in box.random.sample(every, min(5, len(every)))]
+        contents = [
+            replaced(honest, path, box.random.choice(WRONG)) for path in box.random.sample(every, min(5, len(every)))
+        ]
         contents += [box.random.choice(WRONG), "[" * 200_000]
         for content in contents:
             text = content if content == "[" * 200_000 else json.dumps(content)

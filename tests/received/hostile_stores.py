@@ -50,7 +50,7 @@ SCHEMAS = {
     "trigger-on-view": "CREATE VIEW v AS SELECT 1 AS a; CREATE TRIGGER t INSTEAD OF INSERT ON v BEGIN SELECT 1; END;",
     "virtual": "DROP TABLE held; CREATE VIRTUAL TABLE held USING fts5(method, run, n);",
     "virtual-beside": "CREATE VIRTUAL TABLE other USING rtree(id, a, b);",
-    "generated": "DROP TABLE held; CREATE TABLE held (method, run, n GENERATED ALWAYS AS (zeroblob(1000000000)) VIRTUAL);",
+    "generated": "DROP TABLE held; CREATE TABLE held (method, run, n AS (zeroblob(1000000000)));",
     "generated-beside": "ALTER TABLE held ADD COLUMN more AS (randomblob(900000000));",
     "table-beside": "CREATE TABLE other (a); INSERT INTO other VALUES (1);",
     "column-beside": "ALTER TABLE chunks ADD COLUMN more;",
@@ -63,7 +63,7 @@ SCHEMAS = {
     "default": "DROP TABLE held; CREATE TABLE held (method, run, n DEFAULT (randomblob(900000000)));",
     "other-types": "DROP TABLE held; CREATE TABLE held (method TEXT, run TEXT, n TEXT);",
     "foreign-key": "DROP TABLE held; CREATE TABLE held (method REFERENCES keys ON DELETE CASCADE, run, n);",
-    "temporary-name": "CREATE TABLE \"sqlite stat\" (a);",
+    "temporary-name": 'CREATE TABLE "sqlite stat" (a);',
     "statistics": "ANALYZE; UPDATE sqlite_stat1 SET stat = '1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1 1';",
 }
 MAY = {"other-types", "statistics"}
@@ -74,13 +74,13 @@ HEADERS = {
     "version-earlier": ("PRAGMA user_version = -1;", True),
     "journal-of-writes": ("PRAGMA journal_mode = WAL;", False),
     "schema-text": (
-        "PRAGMA writable_schema = ON; UPDATE sqlite_master SET sql = 'CREATE TABLE held (' || hex(zeroblob(50000)) || ')'"
-        " WHERE name = 'held';",
+        "PRAGMA writable_schema = ON; UPDATE sqlite_master SET sql = 'CREATE TABLE held (' || hex(zeroblob(50000))"
+        " || ')' WHERE name = 'held';",
         True,
     ),
     "schema-root": (
-        "PRAGMA writable_schema = ON; UPDATE sqlite_master SET rootpage = (SELECT rootpage FROM sqlite_master WHERE name"
-        " = 'meta') WHERE name = 'chunks';",
+        "PRAGMA writable_schema = ON; UPDATE sqlite_master SET rootpage = (SELECT rootpage FROM sqlite_master"
+        " WHERE name = 'meta') WHERE name = 'chunks';",
         True,
     ),
     "schema-root-far": (
@@ -242,7 +242,7 @@ BOMBS = {
 
 def _many_rows(box):
     """A million rows of a table that has a few."""
-    rows = f"WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c WHERE x < 1000000)"
+    rows = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c WHERE x < 1000000)"
     place = altered(box, f"{rows} INSERT INTO warnings SELECT 1, x, x + 1, 'w' || x, 1 FROM c;")
     yield from each_of(box, place, "compare report")
 

@@ -89,7 +89,7 @@ FORBIDDEN = {
     "extension": "sqlite3.connect(':memory:').enable_load_extension(True)",
     "pickle": "pickle.loads(b'cos\\nsystem\\n.')",
     "pickle-in-python": "pickle._loads(b'cposix\\nsystem\\n.')",
-    "pickle-of-numpy": "import numpy; numpy.load(io.BytesIO(open(inside + '/evil.npy', 'rb').read()), allow_pickle=True)",
+    "pickle-of-numpy": "import numpy; numpy.load(inside + '/evil.npy', allow_pickle=True)",
     "in-a-worker": "os.fork() or os.system('true'); os.wait()",
 }
 ALLOWED = {
