@@ -19,7 +19,7 @@ def with_links(commands):
         yield command._replace(codes=LINKED)
 
 
-def _file_links(names, make):
+def _file_links(names, verbs, make):
     """A file of the results is a link to one of the reader, or to one that is not there yet."""
 
     def cases(box):
@@ -29,7 +29,7 @@ def _file_links(names, make):
                 (place / name).unlink()
             (place / name).parent.mkdir(exist_ok=True)
             make(place / name, box)
-        yield from with_links(each_of(box, place))
+        yield from with_links(each_of(box, place, verbs))
 
     return cases
 
@@ -72,7 +72,13 @@ RECORDS = ("manifest.json", "progress.json", "published.json", "claims.json", "t
 CONFIGS = ("config.yaml", "config.resolved.yaml")
 STORE = ("trials.sqlite",)
 WAYS = {"symbolic": _symbolic, "dangling": _dangling, "hard": _hard, "pipe": _pipe, "device": _device, "loop": _loop}
-PARTS = {"derived": DERIVED, "records": RECORDS, "configs": CONFIGS, "store": STORE}
+PARTS = {
+    "derived": (DERIVED, "report pack"),
+    "records": (RECORDS, "report status pack"),
+    "configs": (CONFIGS, "report show"),
+    "store": (STORE, "compare pack show"),
+}
+"""Files of the results, and the commands that read or write them."""
 
 
 def _folder_links(name, to):
@@ -127,7 +133,7 @@ def in_repository(alter):
         options = ("-o", out, "-j", 1, "--no-report", "--progress", "none")
         yield Command(("run", config, *options), (out,), (0,))
         yield from check(config)
-        yield from each_of(box, place, "report pack")
+        yield from each_of(box, place, "pack")
 
     return cases
 
@@ -277,7 +283,7 @@ def _pickles(box):
         shutil.rmtree(place, ignore_errors=True)
         box.results()
         (place / name).write_bytes(pickled(box))
-        yield from (each._replace(note=name) for each in each_of(box, place, "report status pack show"))
+        yield from (each._replace(note=name) for each in each_of(box, place, "status pack show"))
 
 
 SECRET = "EIGHT-SECRET-WORDS"
@@ -318,7 +324,7 @@ def _large_records(box):
         box.results("tuned")
         for file in RECORDS:
             (place / file).write_bytes(content)
-        yield from (each._replace(note=name) for each in each_of(box, place, "status report pack", name="tuned"))
+        yield from (each._replace(note=name) for each in each_of(box, place, "status compare pack", name="tuned"))
 
 
 def _one_large_record(file):
@@ -345,7 +351,7 @@ OTHERS = {
 }
 CASES = [
     *(
-        Case("directory-link", f"{way}-{part}", _file_links(PARTS[part], make))
+        Case("directory-link", f"{way}-{part}", _file_links(*PARTS[part], make))
         for way, make in WAYS.items()
         for part in PARTS
     ),

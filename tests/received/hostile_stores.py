@@ -193,8 +193,7 @@ def _columns(table):
 
     def cases(box):
         for column in COLUMNS[table]:
-            for value in box.random.sample(WRONG, 2):
-                yield from _with_value(box, table, column, value)
+            yield from _with_value(box, table, column, box.random.choice(WRONG))
 
     return cases
 
@@ -212,7 +211,7 @@ def _with_value(box, table, column, value):
     except (sqlite3.Error, OverflowError):
         return  # the column takes no such value
     note = f"{table}.{column} = {str(value)[:30]!r}"
-    verbs = "compare show pack report" if table in ROWS or box.random.random() < 0.3 else "compare show"
+    verbs = "compare show pack report" if box.random.random() < 0.2 else "compare show"
     yield from each_of(box, place, verbs, note=note)
 
 
