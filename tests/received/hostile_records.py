@@ -18,7 +18,7 @@ WRONG = (
 FIELDS = {
     "manifest.json": (
         *("name", "experiment", "seed", "modified", "versions", "numerics", "blas", "git", "platform", "looks"),
-        "sessions",
+        *("libraries", "sessions", "report", "files"),
     ),
     "progress.json": (
         *("name", "experiment", "shard", "runs", "n_runs", "all_trials", "methods", "host", "pid", "started", "state"),

@@ -51,7 +51,7 @@ SCHEMAS = {
     "virtual": "DROP TABLE held; CREATE VIRTUAL TABLE held USING fts5(method, run, n);",
     "virtual-beside": "CREATE VIRTUAL TABLE other USING rtree(id, a, b);",
     "generated": "DROP TABLE held; CREATE TABLE held (method, run, n AS (zeroblob(1000000000)));",
-    "generated-beside": "ALTER TABLE held ADD COLUMN more AS (randomblob(900000000));",
+    "generated-beside": "ALTER TABLE held ADD COLUMN more AS (zeroblob(900000000));",
     "table-beside": "CREATE TABLE other (a); INSERT INTO other VALUES (1);",
     "column-beside": "ALTER TABLE chunks ADD COLUMN more;",
     "column-gone": "DROP TABLE traces; CREATE TABLE traces (method, signal, run, width);",
