@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from rmpc_bench.execution.pack_files import BYTES, HASHED, NUMBERS, UNSEEN
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
 
@@ -15,4 +17,5 @@ def test_it_is_short_and_linked():
 
 def test_it_says_what_verify_does_not_compare():
     """A hash in an archive can be computed again by whoever has altered a file."""
-    assert "what is `only hashed`" in PAGE and 'The word "reproduced" covers\nthese files only' in PAGE
+    assert "what is only hashed" in PAGE and '"Reproduced" covers the first two only' in PAGE
+    assert all(f"| {word} |" in PAGE for word in (BYTES, NUMBERS, HASHED, UNSEEN))
