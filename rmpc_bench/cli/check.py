@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -154,6 +155,17 @@ def _remarks(config: ExperimentConfig) -> list[str]:
         terms = experiment.scenario.process if name == "process" else experiment.scenario.measurement
         if isinstance(law, dict) and "same" in law and size and all(_silent(term) for term in terms):
             found.append(f"  {name} noise: `same` as that of the design model, which has none")
+    keys: dict[tuple[str, ...], list[str]] = {}
+    for name in config.methods:
+        keys.setdefault(tuple(point.method_keys.get(name, name) for point in config.points), []).append(name)
+    equal = (names for names in keys.values() if len(names) > 1)
+    found += [f"  {', '.join(names)}: equal methods, so all their trials are equal" for names in equal]
+    found += [f"  {text}" for text in _mixed_units(config)]
+    found += [
+        f"  {name}: moving-horizon is a linear filter, of the model at its operating point"
+        for name, method in config.first_point["methods"].items()
+        if method["estimator"].get("kind") == "moving-horizon" and "at" in method["model"]
+    ]
     forms: dict[bool, list[str]] = {True: [], False: []}
     for method in experiment.methods:
         if method.estimator.form is not None:
@@ -161,6 +173,21 @@ def _remarks(config: ExperimentConfig) -> list[str]:
     if all(forms.values()):
         found.append(f"  x_hat(k) uses y(k) in {', '.join(forms[True])}, and not in {', '.join(forms[False])}")
     return found
+
+
+def _mixed_units(config: ExperimentConfig) -> Iterator[str]:
+    """Yield the metrics that add errors of components with different units."""
+    from rmpc_bench.metrics.estimation import EstimationMse
+    from rmpc_bench.metrics.tracking import ErrorMetric
+    from rmpc_bench.types.plant_info import PlantInfo
+
+    info = PlantInfo.of(config.experiment.plant)
+    for metric in config.experiment.metrics:
+        if isinstance(metric, EstimationMse | ErrorMetric):
+            names = info.outputs if getattr(metric, "of", "") == "output" else info.states
+            units = dict.fromkeys(info.units.get(name) or info.units.get(name[0]) or "1" for name in names)
+            if len(units) > 1:
+                yield f"{metric.name}: adds errors in {', '.join(units)}; the components with large numbers decide it"
 
 
 def _silent(term: Noise) -> bool:

@@ -113,6 +113,29 @@ def test_remarks_of_plant_and_controller(tmp_path, monkeypatch):
     assert "  plant: a remark on ServoLinear\n  S-MPC: a remark on Mpc\n  R-MPC: a remark on Mpc\n" in shown
 
 
+def test_remarks_on_methods_that_are_equal_or_linear(tmp_path):
+    """Equal in all keys; a label is none of them.  A moving-horizon filter of a linearised model is linear."""
+    methods = (
+        "{A: {estimator: {kind: kalman}}, B: {estimator: {kind: kalman}, label: other}, "
+        "C: {estimator: {kind: robust-kalman, c: 0.1}}, MHE: {estimator: {kind: moving-horizon, window: 5}}}"
+    )
+    linearised = "{linearise: plant, at: {x: 0, u: 0}, noise: {process: 1, measurement: 1}}"
+    shown = cli("check", write(tmp_path, methods=methods, model=linearised, figures="[]")).stdout
+    remarks = shown.partition("\n  remarks\n")[2].partition("\n\n")[0].splitlines()
+    assert "  A, B: equal methods, so all their trials are equal" in remarks
+    assert "  MHE: moving-horizon is a linear filter, of the model at its operating point" in remarks
+    shown = cli("check", write(tmp_path, methods=methods)).stdout
+    assert "MHE: moving-horizon is a linear" not in shown and "C: equal" not in shown
+
+
+def test_remarks_on_mixed_units():
+    """Which metrics add errors of components with different units."""
+    shown = cli("check", "configs/examples/pendulum.yaml").stdout
+    words = "adds errors in m, m/s, rad, rad/s; the components with large numbers decide it"
+    assert f"  estimation_mse: {words}\n" in shown and f"  state_mse: {words}\n" in shown
+    assert "adds errors" not in cli("check", "configs/quickstart.yaml").stdout
+
+
 def test_columns_do_not_run_together(tmp_path):
     """Whatever the length of the first one."""
     shown = cli("check", write(tmp_path)).stdout
