@@ -47,10 +47,12 @@ class NoiseLaws:
             if reason:
                 self.draft.problems.append(law.law.problem(reason, key))
             return () if reason else (made,)
+        path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
+        if self.draft.model is None and "model" not in self.draft.tree:
+            self.draft.note(path, "'same' is the law of the common design model: 'model' is missing")
         model = self.model()
         if model is None:
             return ()
-        path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
         mean, cov, shape = _model_law(model, n, channel)
         if channel != "initial" and _varies(model, channel, self.draft.values["time"].n_steps):
             self.draft.note(
@@ -80,6 +82,8 @@ class NoiseLaws:
         """
         cross = self.draft.cross
         if cross == "same":
+            if self.draft.model is None and "model" not in self.draft.tree:
+                self.draft.note(["noise"], "'same' is the law of the common design model: 'model' is missing")
             model = self.model()
             cross = None if model is None else model.S
         if cross is None or not np.any(cross):

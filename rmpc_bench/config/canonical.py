@@ -159,7 +159,7 @@ def _first_point(draft: DraftConfig, experiment: Experiment, *, smoke: bool) -> 
         "time": {"step": time.step, **length},
         "uncertainty": uncertainty_data(draft, canonical=False),
         "plant": plant_data(draft),
-        "model": set_keys(draft.model) if draft.model else {},
+        **({"model": set_keys(draft.model)} if draft.model else {}),
         "noise": noise_data(draft, experiment),
         "initial": {**_true_start(draft, experiment), **start_data(draft)},
         "reference": draft.reference.resolved() if draft.reference else {},

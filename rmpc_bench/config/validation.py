@@ -124,12 +124,19 @@ def _top_level(draft: DraftConfig) -> None:
         if name in draft.tree:
             draft.values[name] = draft.checked(annotation, [name])
         elif default is ...:
-            draft.note([], f"{name!r} is missing")
+            if name != "model" or not _have_own_models(draft.tree.get("methods")):
+                draft.note([], f"{name!r} is missing")
             draft.values[name] = None
         else:
             draft.values[name] = default
     evaluate = draft.values["evaluate"]
     draft.values["evaluate"] = [evaluate] if isinstance(evaluate, str) else [*dict.fromkeys(evaluate or ["runs"])]
+
+
+def _have_own_models(methods: Any) -> bool:
+    """Whether every method has a design model of its own, so that no common one is needed."""
+    own = [*methods.values()] if isinstance(methods, Map) else []
+    return bool(own) and all(isinstance(method, Map) and "model" in method for method in own)
 
 
 def _component(draft: DraftConfig, group: str, name: str, ignore: tuple[str, ...] = ()) -> Component | None:

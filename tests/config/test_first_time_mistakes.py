@@ -1,7 +1,7 @@
 """Wrong configurations of a first-time user: an error or a warning names the key, its place and the way out."""
 
 import pytest
-from small_experiment import cli, text, write
+from small_experiment import cli, ran, text, write
 
 from rmpc_bench import load_config
 from rmpc_bench.types import ConfigError
@@ -9,12 +9,15 @@ from rmpc_bench.types import ConfigError
 A, B, C = "[[1, 0.1], [0, 0.9]]", "[[0], [0.1]]", "[[1, 0]]"
 
 
+OWN = f"{{kind: linear, A: {A}, B: {B}, C: {C}, P_w: 0.01, P_v: 0.1}}"
+
+
 def linear(A=A, B=B, C=C, model="P_w: 0.01, P_v: 0.1", **keys):
     """Return the small experiment with a linear plant of two states."""
     return {
         "uncertainty": None,
         "plant": f"{{kind: linear, A: {A}, B: {B}, C: {C}}}",
-        "model": f"{{from: plant, {model}}}",
+        "model": None if model is None else f"{{from: plant, {model}}}",
         "noise": "{process: {gaussian: {std: 0.1}}, measurement: {gaussian: {std: 0.3}}}",
         "initial": "{x: 0, x_hat: 0, P: 1}",
         "reference": None,
@@ -98,6 +101,14 @@ ERRORS = {
         "the window from 1000 to 199 (samples) must lie in 0..200 and contain at least one sample; from and to are in "
         "seconds, and the experiment lasts 20 s",
     ),
+    "a matrix of standard deviations": (
+        linear(noise="{process: {gaussian: {std: [[0.1, 0], 0.1]}}}"), "noise.process.gaussian.std.0", "[0.1, 0]",
+        "must be one number, not a list (got [0.1, 0]); a matrix is given as `cov`",
+    ),
+    "the noise of a common model where each method has its own": (
+        linear(model=None, methods=f"{{K: {{estimator: {{kind: kalman}}, model: {OWN}}}}}", noise="same"),
+        "noise", "same", "'same' is the law of the common design model: 'model' is missing",
+    ),
 }  # fmt: skip
 
 
@@ -112,6 +123,19 @@ def test_a_mistake_is_an_error_with_key_place_and_way_out(tmp_path, mistake):
     assert problem.path == path and message in problem.message
     line = text(**keys).splitlines()[problem.line - 1]
     assert line.startswith(path.partition(".")[0]) and line[problem.column - 1 :].startswith(shown)
+
+
+def test_a_common_model_is_not_needed_where_each_method_has_its_own(tmp_path):
+    """The same numbers as with it, also from the resolved configuration."""
+    methods = f"{{K: {{estimator: {{kind: kalman}}, model: {OWN}}}}}"
+    tables = [
+        ran(write(tmp_path, **linear(model=model, methods=methods)), tmp_path / name)
+        for name, model in (("with", "P_w: 0.01, P_v: 0.1"), ("without", None))
+    ]
+    tables.append(ran(tmp_path / "without" / "config.resolved.yaml", tmp_path / "again"))
+    assert len({*tables}) == 1
+    with pytest.raises(ConfigError, match="'model' is missing"):
+        load_config(write(tmp_path, **linear(model=None)))
 
 
 WARNINGS = {
