@@ -117,7 +117,7 @@ def _is_whole(folder: Path, files: Mapping[Path, bytes]) -> bool:
     """Whether every file has, with all that it imports, the hash of the folder, or is imported by one that has."""
     known = set[Path]()
     for path in files:
-        source = read_source(path, lambda each: files.get(each) or content_of(each)) if path.suffix == ".py" else None
-        if source is not None and source.folder == folder.name:
+        source = read_source(path, lambda each: files.get(each) or content_of(each))
+        if source.folder == folder.name:
             known |= {each.path for each in source.files}
     return {path.resolve() for path in files} == known
