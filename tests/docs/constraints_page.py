@@ -6,12 +6,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pandas as pd
-from docs.markdown import DOCS, ROOT, table
+from docs.markdown import DOCS, ROOT, filled, table
 
 from rmpc_bench.analysis.intervals import wilson
 from rmpc_bench.config.reader import load
@@ -19,7 +18,6 @@ from rmpc_bench.config.tree import plain
 
 PAGE = DOCS / "constraints.md"
 SERVO, PLACEMENT = "servo-constrained", "model.disturbance"
-PLACE = re.compile(r"(<!-- begin of the table (\S+) -->\n).*?(<!-- end of the table -->)", re.DOTALL)
 CONFIDENCE = 0.95
 FILTERS = {
     "S": "S",
@@ -257,11 +255,6 @@ TABLES: Mapping[str, Callable[[], str]] = {
 }
 
 
-def updated(page: str) -> str:
-    """Return the page with every table made again."""
-    return PLACE.sub(lambda found: f"{found[1]}\n{TABLES[found[2]]()}\n\n{found[3]}", page)
-
-
 def generated() -> str:
     """Return the text of the page."""
-    return updated(Path(PAGE).read_text(encoding="utf-8"))
+    return filled(Path(PAGE).read_text(encoding="utf-8"), TABLES)

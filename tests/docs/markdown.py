@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +12,8 @@ from rmpc_bench.config.component_manual import KeyEntry
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 MADE = "<!-- Made by `make docs`; changes by hand are lost. -->"
+PLACE = re.compile(r"(<!-- begin of the table (\S+) -->\n).*?(<!-- end of the table -->)", re.DOTALL)
+"""A generated table in a page that is written by hand."""
 _CODE = re.compile(r"(``.+?``|`[^`]+`)")
 
 
@@ -85,6 +87,11 @@ def heading(level: int, title: str, *words: str) -> str:
 def page(*parts: str) -> str:
     """Join the paragraphs of a page."""
     return "\n\n".join([MADE, *(part for part in parts if part)]) + "\n"
+
+
+def filled(page: str, tables: Mapping[str, Callable[[], str]]) -> str:
+    """Return a page with every generated table made again."""
+    return PLACE.sub(lambda found: f"{found[1]}\n{tables[found[2]]()}\n\n{found[3]}", page)
 
 
 @cache

@@ -13,6 +13,7 @@ from docs import (
     followed_page,
     reference_page,
     reproductions_page,
+    suite_page,
     worked_comparisons,
 )
 
@@ -21,6 +22,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     reference_page.PAGE: reference_page.generated,
     reproductions_page.PAGE: reproductions_page.generated,
     constraints_page.PAGE: constraints_page.generated,
+    suite_page.PAGE: suite_page.generated,
     followed_page.README: lambda: followed_page.updated(followed_page.README),
     followed_page.TUTORIAL: lambda: followed_page.updated(followed_page.TUTORIAL),
     followed_page.TUNING: lambda: followed_page.updated(followed_page.TUNING),

@@ -3,8 +3,9 @@
 import re
 
 import pytest
-from docs.constraints_page import PAGE, PLACE, SERVO, TABLES, kept, number_of
+from docs.constraints_page import PAGE, SERVO, TABLES, kept, number_of
 from docs.followed_page import BLOCK, comparable, follow
+from docs.markdown import PLACE
 
 TEXT = PAGE.read_text(encoding="utf-8")
 
