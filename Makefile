@@ -57,5 +57,5 @@ zenere2018 zenere2017 souto2011 ma2025 belda2017 mayne2005 servo-constrained ben
 
 papers: zenere2018 zenere2017 souto2011 ma2025 belda2017  ## reproduce all papers
 
-suite: setup  ## rank the estimators on the published uncertain systems of configs/suite
+suite: setup  ## compare the estimators on the published uncertain systems of configs/suite
 	$(BIN)/rmpc-bench suite

@@ -45,7 +45,7 @@ def suite(
     allow_code: tuple[Path, ...],
     **options: Any,
 ) -> None:
-    """Run the sets of the suite, or continue them, and show the ranks of the methods.
+    """Run the sets of the suite, or continue them, and show the ranks of the methods on their systems.
 
     A set is a configuration in configs/suite, such as suite-1: estimators on published uncertain systems, tuned alike.
     All sets are run unless some are named.  Every set is run by `rmpc-bench run`, which has further options.  The file

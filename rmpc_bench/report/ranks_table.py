@@ -105,6 +105,10 @@ class RanksTable:
             f"ratio: geometric mean of {info.words if info else 'the metric'} relative to {baseline}{points}, with the "
             "same simultaneous interval",
         ]
+        if points:
+            texts.append(
+                "rank, ratio: of these points; the intervals contain the chance of the runs, not other systems"
+            )
         if any(each.ratio for row in self.found.rows for each in row.by_value):
             texts.append("?: the simultaneous interval of the ratio contains 1")
         if self.found.n_values > 1:
@@ -141,10 +145,11 @@ class RanksTable:
     def _sentence(self, row: RankRow, n: int) -> str:
         failed = f"{row.n_failed} of {row.n} runs failed; " if row.n_failed else ""
         text = f"{row.method}: {failed}rank {_rank(row)} of {n}"
+        end = f" at these {len(self.trials.points)} points." if self.trials.points else "."
         if row.method == self.trials.baseline or math.isnan(row.ratio.ratio):
-            return f"{text}."
+            return text + end
         level = f"{100 * self.trials.confidence:g} % simultaneous"
-        return f"{text}, ratio to {self.trials.baseline} {_interval(row.ratio, False)} ({level})."
+        return f"{text}, ratio to {self.trials.baseline} {_interval(row.ratio, False)} ({level}){end}"
 
     def to_markdown(self) -> str:
         """Return the table with its legend; empty without ranks."""

@@ -208,6 +208,20 @@ def test_numbers_in_the_sentences_of_the_page():
     assert f"of the means are {ratios[0]}, {ratios[1]} and {ratios[2]}" in text
     shown = [f"{factors[name]:.2f}" for name in methods]
     assert f"geometric means are {shown[0]}, {shown[1]} and {shown[2]}" in text
+    tails = (
+        1
+        + compared[compared.noise == "heavy-tailed"].pivot(index="name", columns="method", values="geometric_pct") / 100
+    )
+    mean, middle = np.exp(np.log(tails).mean()), tails.median()
+    assert f"`huber` and `student` are {mean.huber:.2f} and {mean.student:.2f}, which" in text
+    assert f"{middle.huber:.2f}" == f"{middle.student:.2f}" and f"row is {middle.huber:.2f} for both" in text
+    others = (np.log(tails).drop("simon-motor")).mean()
+    assert abs(others.huber) < 0.05 and abs(others.student) < 0.05
+    outliers = pd.read_csv(ROOT / "results" / "estimators" / "outliers" / "summary.csv")
+    outliers = outliers[(outliers.name == "10 % outliers") & (outliers.metric == "estimation_mse")].set_index("method")[
+        "mean"
+    ]
+    assert "{huber:.0f} and {student:.0f} against {KF-R:.0f} with 10 % outliers".format(**outliers) in text
     ends = kept("tuning.csv").end_of_range
     assert f"{int(ends.sum())} of {len(ends)}" in text
     logs = row_logs(compared)

@@ -83,6 +83,16 @@ def test_a_rank_is_never_a_number_alone(sweep):
     assert "| method" in table.to_markdown() and str(table) == "\n".join(table.sentences)
 
 
+def test_a_rank_claims_nothing_beyond_its_points(sweep):
+    """In every sentence that can be quoted, and below the table; one point needs no such words."""
+    table = ranks_table(sweep())
+    assert all(text.endswith(" at these 16 points.") for text in table.sentences) and len(table.sentences) == 4
+    assert any(text.startswith("rank, ratio: of these points") for text in table.legend)
+    single = sweep()
+    alone = ranks_table(replace(single.points[0], ranked=single.ranked))
+    assert alone.columns and not any("points" in text for text in (*alone.sentences, *alone.legend))
+
+
 def test_failures_stand_first_and_the_rest_is_said(sweep):
     """The worst method keeps its place, and the numbers of runs behind the ratios are named."""
     table = ranks_table(sweep(lost=12))
