@@ -38,8 +38,8 @@ def loads(data: bytes) -> Any:
 
 
 def _add_late_imports(package: Package) -> None:
-    """Add the texts of files that functions import when they are called."""
-    if not package.is_current():
+    """Add the texts of files that functions import when they are called; the process that sent a package has done it."""
+    if package.fixed or not package.is_current():
         return
     for file in [*package.sources]:
         for each in read_source(Path(file)).files:

@@ -119,6 +119,23 @@ print(estimator.scale(3.0))
     assert done.stderr == ""
 
 
+def test_a_process_sends_on_what_it_got_where_the_files_are_gone(tmp_path):
+    """Texts that came from another process count, not the files on disk."""
+    path = write(tmp_path, FILES, estimator="{file: own.py:Lambda}")
+    config = load_config(path)
+    sent = transport.dumps([point.experiment for point in config.points])
+    for name in ("own.py", "parts/scale.py", "late.py"):
+        (tmp_path / name).unlink()
+    code = f"""
+import pickle
+from rmpc_bench.components.transport import dumps, loads
+(experiment,) = loads(dumps(loads(pickle.loads({pickle.dumps(sent)!r}))))
+print(experiment.method("Own").estimator.scale(3.0))
+"""
+    done = subprocess.run([sys.executable, "-"], input=code, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("3.0\n", "")
+
+
 def test_a_recipe_ends_with_its_design(tmp_path):
     """The table of recipes does not grow with every configuration that is loaded."""
     from rmpc_bench.components import recipes
