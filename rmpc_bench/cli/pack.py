@@ -13,7 +13,7 @@ from rmpc_bench.cli.typed_files import TypedPath
 
 @click.command()
 @click.argument("directory", type=TypedPath(exists=True, file_okay=False))
-@click.option("-o", "--output", type=TypedPath(dir_okay=False), help="The archive.  [default: DIRECTORY.zip, here]")
+@click.option("-o", "--output", type=TypedPath(dir_okay=False), help="The archive.  [default: NAME.zip, here]")
 @click.option("--author", "authors", multiple=True, metavar="NAME", help="Name of an author; may be repeated.")
 @click.option("--licence", default="", metavar="SPDX", help="Licence of the results, such as CC-BY-4.0.")
 @exits.guarded
@@ -28,7 +28,10 @@ def pack(directory: Path, output: Path | None, authors: tuple[str, ...], licence
     from rmpc_bench.extras import install
     from rmpc_bench.received.archive import ArchiveError
 
-    output = output or Path(f"{directory.resolve().name or 'results'}.zip")
+    if output is None:
+        output = Path(f"{directory.resolve().name or 'results'}.zip")
+        if output.exists():
+            raise click.UsageError(f"{output} is there already; choose -o FILE")
     try:
         written = pack_results(directory, output, authors=authors, licence=licence)
     except ModuleNotFoundError as error:

@@ -38,7 +38,7 @@ def loads(data: bytes) -> Any:
 
 
 def _add_late_imports(package: Package) -> None:
-    """Add the texts of files that functions import when they are called; the process that sent a package has done it."""
+    """Add the texts of files that functions import when they are called; who has sent a package has done it."""
     if package.fixed or not package.is_current():
         return
     for file in [*package.sources]:

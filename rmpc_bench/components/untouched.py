@@ -6,6 +6,7 @@ files are therefore also computed in processes of their own, see `rmpc_bench.exe
 
 from __future__ import annotations
 
+import builtins
 import os
 import sys
 from collections.abc import Iterator
@@ -43,6 +44,12 @@ def untouched(file: str = "") -> Iterator[set[str]]:
                 if _is_common(key, before[key]):
                     setattr(holder, key, before[key])
                     found.add(f"{name}.{key}")
+            # A new name may hide an inherited method, or a function of Python.
+            hidden = object if isinstance(holder, type) else builtins
+            for key in [key for key, value in now.items() if key not in before and _is_common(key, value)]:
+                if hidden is object and not key.startswith("__") or hasattr(hidden, key):
+                    delattr(holder, key)
+                    found.add(f"{name}.{key}")
         for group, known in kinds.items():
             found |= {f"the kind {key} of {group}" for key in known if BUILT_IN[group].get(key) != known[key]}
             BUILT_IN[group].update(known)
@@ -69,7 +76,11 @@ def _holders() -> Iterator[tuple[str, Any]]:
 def _is_common(key: str, before: Any) -> bool:
     """Whether others use an entry of a module; its caches and counters may change."""
     constant = isinstance(before, bool | int | float | complex | str | tuple) and key.isupper()
-    return constant or isinstance(before, float | property) or (callable(before) and not key.startswith("__abc"))
+    return (
+        constant
+        or isinstance(before, (float, property, classmethod, staticmethod))
+        or (callable(before) and not key.startswith("__abc"))
+    )
 
 
 def _variables() -> dict[str, str]:

@@ -211,13 +211,16 @@ def check_shared(
         block = blocks.get(pair, range(0))
         tolerance = 0.0 if run in block else TOLERANCE
         if _different(alone, stored, tolerance) and not _different(alone, stored, TOLERANCE):
-            values = _asked(config.points, {pair}, [name], block, run)[2][pair]
+            answer = _asked(config.points, {pair}, [name], block, run)
+            if isinstance(answer, str):
+                raise WorkerError(f"{store.directory}: run {run} of {name} cannot be computed again: {answer}")
+            values = answer[2][pair]
         for metric in _different(values, stored, tolerance):
             shared = " and ".join(shared_of(config.points))
             raise WorkerError(
                 f"{store.directory}: do not use these results.  Run {run} of the built-in method {name} has "
                 f"{metric} = {values[metric]!r} instead of {stored[metric]!r} where only {shared} was loaded: it "
-                "changes what other components compute, or keeps something from run to run"
+                "changes other components, or keeps something from run to run; correct it, then run --fresh"
             )
 
 

@@ -28,7 +28,7 @@ def compiled_step(ode: Ode, Ts: float, substeps: int) -> Step:
     DesignError
         If numba cannot compile the right-hand side, with its reason.
     """
-    import numba
+    from rmpc_bench.numerics.compiled import numba
 
     rhs = numba.njit(ode.rhs)
     # A record of plain numbers, which compiled code can read.

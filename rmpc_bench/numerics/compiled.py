@@ -2,17 +2,27 @@
 
 numba tries NUMBA_CACHE_DIR, then the directory of the module, then the cache directory of the user.  If none of them is
 writable, as in a read-only installation with a read-only home, the kernels are compiled in every process.
+
+numba is imported here only.  It would read .numba_config.yaml in the current directory, which may come from somebody
+else and name a directory of compiled code.  Variables such as NUMBA_CACHE_DIR, which the user sets, have their effect.
 """
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
+from contextlib import chdir
 from functools import partial
+from importlib import import_module
 from typing import Any, TypeVar, cast
 
-import numba
-
 from rmpc_bench.numerics.code_cache import WITHOUT_FILE
+
+if "numba" not in sys.modules:
+    with chdir(os.path.dirname(__file__)):
+        import_module("numba").core.config._config_fname = ""
+numba: Any = import_module("numba")
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -29,9 +29,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import types
 
-from rmpc_bench.numerics.compiled import compiled
+from rmpc_bench.numerics.compiled import compiled, numba
 
 # Values of types.Status, which compiled code cannot read.
 OK, DIVERGED, OUT_OF_RANGE = 0, 1, 2
@@ -42,6 +41,7 @@ N_STEPS, NX, NU, NY, NH, FORM, CORRECTS, DRIVEN, KEEPS_E, NW = range(10)
 # Values of shape[FORM].
 INCREMENT, REGULATOR, AROUND_POINT, GIVEN = range(4)
 
+types = numba.types
 _INT, _VECTOR, _MATRIX = types.int64, types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C")
 _CUBE, _INTS, _STATUSES = (
     types.Array(types.float64, 3, "C"),

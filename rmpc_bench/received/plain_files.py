@@ -45,7 +45,11 @@ def wrong_size(value: Any) -> str:
 def wrong_span(value: Any) -> str:
     """Say what is wrong with a range of runs; empty where nothing is."""
     good = isinstance(value, list) and len(value) == 2 and all(type(each) is int for each in value)
-    return "" if good and 0 <= value[0] <= value[1] < 2**53 else "must be the first and the last of some runs"
+    return (
+        ""
+        if good and 0 <= value[0] <= value[1] < 2**53
+        else "must be two whole numbers, the first run and the last one"
+    )
 
 
 MAX_BYTES = 10_000_000
@@ -154,10 +158,11 @@ def content_of(path: str | Path, max_bytes: int = MAX_BYTES) -> bytes:
     """Read a regular file; `OSError` where it cannot be read, is not a regular file or is larger."""
     # Without O_NONBLOCK, opening a pipe waits for a writer.
     number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    mode = os.fstat(number).st_mode
+    if stat.S_ISDIR(mode):
+        os.close(number)
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     with open(number, "rb") as file:
-        mode = os.fstat(number).st_mode
-        if stat.S_ISDIR(mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         if not stat.S_ISREG(mode):
             raise OSError(errno.EINVAL, "is not a regular file", str(path))
         content = file.read(max_bytes + 1)
@@ -226,7 +231,7 @@ def _check_nesting(content: bytes) -> None:
     """Refuse lists in lists without end, and more of them than have room in memory."""
     rest = content.translate(None, _NO_BRACKETS)
     if len(rest) > 2 * (len(content) // 5 + 10_000):
-        raise ValueError("has more lists and objects than a file of its size")
+        raise ValueError("has too many lists and objects for its size")
     if _is_deep(rest):
         # Brackets in texts do not count.
         rest = re.sub(rb'"(?:[^"\\]|\\.)*+"', b"", content, flags=re.DOTALL).translate(None, _NO_BRACKETS)

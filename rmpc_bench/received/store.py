@@ -195,7 +195,9 @@ def is_in_use(directory: Path) -> bool:
         check_file(path, writable=True)
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True, timeout=0.0)) as connection:
             connection.execute("BEGIN EXCLUSIVE")
-    except (StoreError, sqlite3.DatabaseError) as error:
+    except StoreError:
+        return False
+    except sqlite3.DatabaseError as error:
         return "locked" in str(error)
     return False
 

@@ -214,3 +214,19 @@ def test_objects_of_a_program_are_computed_and_what_cannot_be_separated_is_said(
     results = run(load_config(write(tmp_path, methods=methods, runs="2")), directory=tmp_path / "out", jobs=1)
     assert results.trials.n_failed_trials == 0
     assert "cannot be separated" not in capsys.readouterr().err
+
+
+def test_what_hides_a_method_or_a_function_of_python_is_removed():
+    """A new attribute of a class of the bench, a new name of its modules, and a class method that is replaced."""
+    from rmpc_bench.estimators import kalman
+    from rmpc_bench.metrics.tracking import Mse
+    from rmpc_bench.types import Record
+
+    before = Record.__dict__["of_run"]
+    with untouched() as found:
+        Mse.error = lambda self, record: 0.0
+        kalman.len = lambda each: 1
+        Record.of_run = classmethod(lambda cls, **keys: None)
+    names = {"rmpc_bench.metrics.tracking.Mse.error", "rmpc_bench.estimators.kalman.len"}
+    assert found == names | {f"{Record.__module__}.Record.of_run"}
+    assert "error" not in vars(Mse) and not hasattr(kalman, "len") and Record.__dict__["of_run"] is before

@@ -1,6 +1,9 @@
 """Files that somebody else may have made are opened in the room `received` only; read from the sources."""
 
 import ast
+import os
+import subprocess
+import sys
 
 from test_architecture import FILES, calls, imports, trees
 
@@ -72,6 +75,20 @@ def test_no_other_room_opens_what_somebody_else_made():
 def test_one_function_starts_git():
     files = {file for file, tree in trees().items() if starts_git(tree)}
     assert files == {"received/consent.py"}
+
+
+def test_numba_reads_no_settings_of_the_current_directory(tmp_path):
+    """They may come from somebody else, and name a directory of compiled code, which numba unpickles."""
+    importing = {file for file, tree in trees().items() if any(name.split(".")[0] == "numba" for name in imports(tree))}
+    assert importing == set()
+    (tmp_path / ".numba_config.yaml").write_text("cache_dir: ./there\nboundscheck: 1\n", encoding="utf-8")
+    code = "import os; from rmpc_bench.numerics.compiled import numba; c = numba.core.config; c.reload_config()"
+    code = f"{code}; print(c.CACHE_DIR, c.BOUNDSCHECK, os.getcwd())"
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["None", str(tmp_path.resolve())]
 
 
 def test_nothing_is_unpickled_or_imported_in_the_room():
