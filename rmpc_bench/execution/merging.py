@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import NamedTuple
 
 import numpy as np
@@ -87,7 +88,9 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
     place = Path(directory)
     parts, finished = _read(place, partial=partial, say=say)
     if not parts:
-        raise MissingError(f"{place}: there are no shards; `rmpc-bench run CONFIG --shard I/N -o {place}` computes one")
+        raise MissingError(
+            f"{place}: there are no shards; `rmpc-bench run CONFIG --shard I/N -o {quote(str(place))}` computes one"
+        )
     _check(place, parts)
     experiment = _joined([part.experiment for part in parts])
     missing = _missing(experiment, finished)
@@ -101,11 +104,11 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
 
 
 def _ways_out(directory: Path) -> str:
-    run = "`rmpc-bench run CONFIG"
+    run, place = "`rmpc-bench run CONFIG", quote(str(directory))
     return (
-        f"{run} --shard I/N -o {directory}` computes a shard\n"
-        f"{run} --missing -o {directory}` computes all runs that are missing\n"
-        f"`rmpc-bench merge {directory} --partial` joins the runs that are there"
+        f"{run} --shard I/N -o {place}` computes a shard\n"
+        f"{run} --missing -o {place}` computes all runs that are missing\n"
+        f"`rmpc-bench merge {place} --partial` joins the runs that are there"
     )
 
 
@@ -153,7 +156,7 @@ def _check(directory: Path, parts: Sequence[_ShardRecord]) -> None:
         lines = [f"  {FOLDER}/{line}" for line in dict.fromkeys(lines)]
         way_out = (
             "compute the shards again with one configuration and one version: "
-            f"`rmpc-bench run CONFIG --shard I/N --fresh -o {directory}`"
+            f"`rmpc-bench run CONFIG --shard I/N --fresh -o {quote(str(directory))}`"
         )
         raise StoreError("\n".join([f"{directory}: the shards do not belong together", *lines, way_out]))
 

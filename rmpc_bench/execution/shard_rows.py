@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from shlex import quote
 
 from jaxtyping import Int
 
@@ -61,10 +62,8 @@ def readable_shards(
             store = Store(place, writable=False)
         except OccupiedError:
             if also_running:
-                text = (
-                    f"{place} is being computed; wait for its end, or end its process (rmpc-bench status {directory})"
-                )
-                raise StoreError(text) from None
+                text = f"{place} is being computed; wait for its end, or end its process"
+                raise StoreError(f"{text} (rmpc-bench status {quote(str(directory))})") from None
             say(f"left out: {FOLDER}/{shard.name}, which is being computed")
             continue
         except (StoreError, MissingError) as error:

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from rmpc_bench.analysis.number_text import with_error
@@ -312,7 +313,7 @@ def _next_lines(status: ExperimentStatus) -> list[str]:
     if not any(shard.name for shard in status.shards):
         return [] if states <= {RUNNING, FINISHED} else ["", "the same `rmpc-bench run` command continues"]
     if states == {FINISHED}:
-        return ["", f"`rmpc-bench merge {status.directory}` joins the shards"]
+        return ["", f"`rmpc-bench merge {quote(str(status.directory))}` joins the shards"]
     if states <= {RUNNING, FINISHED} or (RUNNING in states and states <= {RUNNING, FINISHED, ABSENT}):
         return []
     return [
