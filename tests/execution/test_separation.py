@@ -201,7 +201,7 @@ def test_methods_are_grouped_by_their_files(tmp_path):
     assert sorted(sorted(name for _, name in pairs) for pairs in groups.values()) == [["A", "C"], ["B"], ["KF"]]
 
 
-def test_objects_of_a_program_are_computed_and_what_cannot_be_separated_is_said(tmp_path, capsys):
+def test_objects_of_a_program_are_computed(tmp_path, capsys):
     """A method that a program registers has no file; built-in methods are still separate from it."""
 
     def made(model, x0, *, gain: float = 0.1):
@@ -214,6 +214,18 @@ def test_objects_of_a_program_are_computed_and_what_cannot_be_separated_is_said(
     results = run(load_config(write(tmp_path, methods=methods, runs="2")), directory=tmp_path / "out", jobs=1)
     assert results.trials.n_failed_trials == 0
     assert "cannot be separated" not in capsys.readouterr().err
+
+
+def test_what_cannot_be_separated_is_said(tmp_path, capsys):
+    """Another process cannot make a plant that a program has registered; the results are kept."""
+    space = {}
+    exec(BLOCKS, space)
+    register("plants", "plant-of-a-program", space["Blocks"])
+    (tmp_path / "own.py").write_text(ESTIMATOR)
+    methods = "{KF: {estimator: {kind: kalman}}, Own: {estimator: {file: own.py:Own}}}"
+    path = with_blocks(tmp_path, BLOCKS, plant="{kind: plant-of-a-program}", methods=methods, runs="2")
+    result = cli("run", path, "-o", tmp_path / "out", "-j", 1)
+    assert result.exit_code == 0 and "built-in methods" in result.stderr and "cannot be separated" in result.stderr
 
 
 def test_what_hides_a_method_or_a_function_of_python_is_removed():
