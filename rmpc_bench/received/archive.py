@@ -11,6 +11,7 @@ import json
 import re
 import stat
 import struct
+import unicodedata
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -29,6 +30,8 @@ MOST_ENTRIES = 20_000
 MOST_METADATA = 10_000_000
 """Largest size of a file that is read as JSON [bytes]."""
 LONGEST_NAME = 500
+DEEPEST_NAME = 20
+"""Directories, one in the other, and the file in them."""
 MOST_BYTES = 8_000_000_000
 MOST_EXPANSION = 30
 """Largest ratio of content to archive, for archives with more than `ALWAYS_ALLOWED` bytes of content."""
@@ -124,9 +127,8 @@ def note_verification(path: Path, record: Mapping[str, Any]) -> None:
     with _opened(path) as file, replaced(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as new:
         for entry in file.infolist():
             if entry.filename != VERIFIED:
-                with file.open(entry) as source, new.open(_entry(entry.filename), "w", force_zip64=True) as target:
-                    while block := source.read(_BLOCK):
-                        target.write(block)
+                with new.open(_entry(entry.filename), "w", force_zip64=True) as target:
+                    target.writelines(_unpacked(file, entry.filename))
         new.writestr(_entry(VERIFIED), json_bytes(records))
 
 
@@ -154,10 +156,10 @@ def _blocks(content: Path | bytes) -> Iterator[bytes]:
 def _opened(path: Path) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(path)
-    except _DAMAGED as error:
-        raise ArchiveError(f"{path}: is not a zip archive ({error})") from None
     except OSError as error:
         raise ArchiveError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except _DAMAGED as error:
+        raise ArchiveError(f"{path}: is not a zip archive ({error})") from None
 
 
 def _checked_names(file: zipfile.ZipFile, path: Path) -> list[str]:
@@ -165,19 +167,18 @@ def _checked_names(file: zipfile.ZipFile, path: Path) -> list[str]:
     entries = file.infolist()
     if len(entries) > MOST_ENTRIES:
         raise ArchiveError(f"{path}: has {len(entries)} entries, more than {MOST_ENTRIES}")
-    files = [entry for entry in entries if not entry.is_dir()]
     for entry in entries:
         reason = _reason_against(entry)
         if reason:
             raise ArchiveError(f"{path}: the entry {entry.filename[:200]!r} {reason}; nothing was taken out")
-    names = [entry.filename for entry in files]
-    known = {name.casefold() for name in names}
-    # Not every system distinguishes capital letters.
+    names = [entry.filename for entry in entries if not entry.is_dir()]
+    known = {unicodedata.normalize("NFD", unicodedata.normalize("NFD", name).casefold()) for name in names}
+    # Not every system distinguishes capital letters, or an accent from the letter with it.
     if len(known) < len(names):
         raise ArchiveError(f"{path}: has two entries of one name; nothing was taken out")
     if clash := {str(above) for name in known for above in PurePosixPath(name).parents} & known:
         raise ArchiveError(f"{path}: {min(clash)[:200]!r} is a file and a directory; nothing was taken out")
-    size, packed = sum(entry.file_size for entry in files), path.stat().st_size
+    size, packed = sum(entry.file_size for entry in entries), path.stat().st_size
     if size > min(MOST_BYTES, max(ALWAYS_ALLOWED, MOST_EXPANSION * packed)):
         raise ArchiveError(f"{path}: would fill {size / 1e6:.0f} MB from {packed / 1e6:.1f} MB; nothing was taken out")
     return names
@@ -186,13 +187,18 @@ def _checked_names(file: zipfile.ZipFile, path: Path) -> list[str]:
 def _reason_against(entry: zipfile.ZipInfo) -> str:
     """Say why an entry is not taken out; empty where nothing is wrong."""
     # `orig_filename` is the name as it stands in the archive; a zero byte would end it early.
-    name, path = entry.orig_filename, PurePosixPath(entry.orig_filename)
+    name = entry.orig_filename
+    if len(name.encode()) > LONGEST_NAME or name.count("/") > DEEPEST_NAME:
+        return f"has a name of more than {LONGEST_NAME} bytes or {DEEPEST_NAME} directories"
+    path = PurePosixPath(name)
     if any(character in name for character in "\\:\0") or not name.isprintable():
         return "has a name that not every system accepts"
     if path.is_absolute() or ".." in path.parts or not path.parts or path.as_posix() != name.rstrip("/"):
         return "has a name that leads out of the directory or is not plain"
-    if len(name.encode()) > LONGEST_NAME or any(len(part.encode()) > 200 for part in path.parts):
+    if any(len(part.encode()) > 200 for part in path.parts):
         return "has too long a name"
+    if entry.is_dir() and entry.file_size:
+        return "is a directory with content"
     if any(_OF_GIT.fullmatch(part) for part in path.parts):
         return "belongs to a git repository, whose settings can run commands"
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
@@ -203,19 +209,26 @@ def _reason_against(entry: zipfile.ZipInfo) -> str:
     return "is encrypted" if entry.flag_bits & 1 else ""
 
 
+def _unpacked(file: zipfile.ZipFile, name: str) -> Iterator[bytes]:
+    """Yield the content of an entry; an error of the one who takes it, such as a full disk, stays what it is."""
+    try:
+        with file.open(name) as source:
+            while block := source.read(_BLOCK):
+                yield block
+    except (*_DAMAGED, OSError) as error:
+        raise ArchiveError(f"{file.filename}: {name}: cannot be read ({error})") from None
+
+
 def _copy(file: zipfile.ZipFile, name: str, target: Path) -> str:
     """Write an entry into a file, not more than its stated size, and return the SHA-256 of its content."""
     digest, left = hashlib.sha256(), file.getinfo(name).file_size
-    try:
-        with file.open(name) as source, target.open("xb") as written:
-            while block := source.read(_BLOCK):
-                left -= len(block)
-                if left < 0:
-                    raise ArchiveError(f"{file.filename}: the entry {name!r} is longer than it states")
-                digest.update(block)
-                written.write(block)
-    except _DAMAGED as error:
-        raise ArchiveError(f"{file.filename}: {name}: cannot be read ({error})") from None
+    with target.open("xb") as written:
+        for block in _unpacked(file, name):
+            left -= len(block)
+            if left < 0:
+                raise ArchiveError(f"{file.filename}: the entry {name!r} is longer than it states")
+            digest.update(block)
+            written.write(block)
     return digest.hexdigest()
 
 
@@ -223,10 +236,7 @@ def _json(file: zipfile.ZipFile, path: Path, name: str) -> Any:
     """Read an entry of limited size as JSON."""
     if file.getinfo(name).file_size > MOST_METADATA:
         raise ArchiveError(f"{path}: {name}: is larger than {MOST_METADATA / 1e6:g} MB")
-    try:
-        content = file.read(name)
-    except _DAMAGED as error:
-        raise ArchiveError(f"{path}: {name}: cannot be read ({error})") from None
+    content = b"".join(_unpacked(file, name))
     try:
         return checked(content, (dict, list), any_text=True)
     except ValueError as error:

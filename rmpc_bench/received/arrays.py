@@ -90,7 +90,9 @@ def _npz(file: IO[bytes], packed: int) -> dict[str, Array]:
         with ZipFile(file) as archive:
             entries = archive.infolist()
             _limit(sum(entry.file_size for entry in entries), len(entries), packed)
-            return {entry.filename.removesuffix(".npy"): _npy(archive, entry) for entry in entries}
+            found = {entry.filename.removesuffix(".npy"): _npy(archive, entry) for entry in entries}
+        _limit(sum(8 * each.size for each in found.values()), len(entries), packed)
+        return found
     except (ArrayFileError, OSError):
         raise
     except Exception:
@@ -140,7 +142,7 @@ def _mat(content: bytes) -> dict[str, Array]:
 
 def _version_5(content: memoryview, order: str) -> dict[str, Array]:
     found: dict[str, Array] = {}
-    place, total, number = 128, 0, 0
+    place, total, number, n_entries = 128, 0, 0, 0
     while place + 8 <= len(content):
         kind, data, after = _part(content, place, order)
         place, number = (place + 8 + len(data) if kind == _COMPRESSED else after), number + 1
@@ -157,8 +159,10 @@ def _version_5(content: memoryview, order: str) -> dict[str, Array]:
             parts = []
             for _ in range(2 if flags & _IS_COMPLEX else 1):
                 kind, raw, after = _part(data, after, order)
-                numbers = np.frombuffer(raw, f"{order}{_TYPES[kind]}").astype(_CLASSES[flags & 0xFF])
-                parts.append(numbers.reshape(shape, order="F"))
+                numbers = np.frombuffer(raw, f"{order}{_TYPES[kind]}").reshape(shape, order="F")
+                n_entries += numbers.size
+                _limit(8 * n_entries, number, len(content))
+                parts.append(numbers.astype(_CLASSES[flags & 0xFF]))
             found[str(name, "latin-1")] = parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
         elif flags & 0xFF != _OPAQUE and name:
             found[str(name, "latin-1")] = np.array(None)

@@ -15,6 +15,9 @@ HIDDEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u061c\u200e\u200f\u
 """Characters that no text may contain, those of `types.texts`, which imports NumPy: controls and directions."""
 _IN_METHOD = re.compile(r"[\[\],\n\t]")
 _LONGEST = 10_000
+_DEEPEST = 10
+_NESTED = re.compile(r"\\sqrt\s*+\[|\\[A-Za-z]++|\\.|[{}$]", re.DOTALL)
+_IN_A_ROW = re.compile(r"(?:\\(?:[A-Za-z]++|.)\s*+){21}")
 
 
 def wrong_text(text: object) -> str:
@@ -24,7 +27,23 @@ def wrong_text(text: object) -> str:
     found = HIDDEN.search(text)
     if found is not None:
         return f"contains the control character U+{ord(found[0]):04X}"
-    return f"has more than {_LONGEST} characters" if len(text) > _LONGEST else ""
+    return f"has more than {_LONGEST} characters" if len(text) > _LONGEST else wrong_formula(text)
+
+
+def wrong_formula(text: str) -> str:
+    """Say that a formula between dollar signs is nested deeper than its readers follow; empty where none is."""
+    depth = 0
+    for found in _NESTED.finditer(text if "$" in text else ""):
+        part = found[0]
+        if part == "$":
+            depth = 0
+        elif part in ("}", r"\right"):
+            depth = max(depth - 1, 0)
+        elif part in ("{", r"\left") or part[-1] == "[" and len(part) > 2:
+            depth += 1
+        if depth > _DEEPEST:
+            return f"has a formula that is nested more than {_DEEPEST} levels deep"
+    return "has a formula with more than 20 commands in a row" if "$" in text and _IN_A_ROW.search(text) else ""
 
 
 def wrong_method(text: object) -> str:

@@ -20,7 +20,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.received.names import HIDDEN, wrong_text
+from rmpc_bench.received.names import HIDDEN, wrong_formula, wrong_text
 
 
 def wrong_time(text: object) -> str:
@@ -221,7 +221,7 @@ def checked(content: bytes, shape: Any, *, any_text: bool = False) -> Any:
         raise ValueError(f"is not JSON ({error})") from None
     except ValueError as error:
         raise ValueError(str(error).partition(";")[0]) from None
-    if not any_text and _SUSPECT.search(content):
+    if not any_text and (b"$" in content or _SUSPECT.search(content)):
         _check_texts(value, "")
     _check(value, shape, "")
     return value
@@ -251,16 +251,16 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return an object; a name that is given twice would hide one of its values."""
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        seen: set[str] = set()
+        twice = next(name for name, _ in pairs if name in seen or seen.add(name))  # type: ignore[func-returns-value]
         raise ValueError(f"the entry {twice[:60]!r} is given twice")
     return found
 
 
 def _check_texts(value: Any, field: str) -> None:
-    """Refuse control and direction characters in any text."""
+    """Refuse control and direction characters, and formulas nested too deep, in any text."""
     if isinstance(value, str):
-        if HIDDEN.search(value):
+        if HIDDEN.search(value) or wrong_formula(value):
             raise ValueError(f"{field or 'the file'}: {wrong_text(value)}")
     elif isinstance(value, dict):
         for name, each in value.items():

@@ -156,20 +156,24 @@ def _format(path: Path) -> int | None:
 def _check_journal(path: Path) -> None:
     """Refuse the journal of a transaction over several databases: SQLite deletes the file that it names at its end.
 
-    A symbolic link is refused as well, which SQLite cannot open.
+    One that would make the file larger is refused, since no transaction of a store makes it smaller; and a symbolic
+    link, which SQLite cannot open.
     """
     journal = path.with_name(f"{path.name}-journal")
-    end = b""
+    head = end = b""
     try:
         found = journal.lstat()
         is_journal = stat.S_ISREG(found.st_mode)
         if is_journal:
             with journal.open("rb") as file:
+                head = file.read(28)
                 file.seek(-min(found.st_size, len(_JOURNAL_MAGIC)), os.SEEK_END)
                 end = file.read()
     except FileNotFoundError:
         return
-    if not is_journal or end == _JOURNAL_MAGIC:
+    n_bytes = int.from_bytes(head[16:20], "big") * int.from_bytes(head[24:28], "big")
+    grows = head.startswith(_JOURNAL_MAGIC) and n_bytes > path.stat().st_size
+    if not is_journal or end == _JOURNAL_MAGIC or grows:
         raise DamagedError(_unusable(path, f"{journal.name} is not the journal of a store"))
 
 

@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import re
 import stat
 import struct
+import time
 import zipfile
 
 import packed
@@ -57,6 +59,7 @@ def test_changed_missing_and_added_files_are_named(good, tmp_path):
     "name",
     [
         *("../evil.txt", "/etc/evil.txt", "a/../../evil.txt", "a\\..\\evil.txt", "C:evil.txt", "a//b", "./a"),
+        "d/" * 21 + "a",
         *("line\nfeed", "a\u202eb", "a\u200bb", "\x1b]0;x\x07", "d/" * 260 + "a", "a" * 201, "\u00e9" * 101),
         *(".git", ".git/config", ".GIT/config", "a/.Git/hooks/x", "a/.git", ".git./config", ".git /config", ".git. ."),
         *("git~1/config", "a/GIT~1/config", "GIT~12/x", ".git::$INDEX_ALLOCATION/config", ".g\u200cit/config", ".git/"),
@@ -103,6 +106,57 @@ def test_an_entry_is_not_longer_than_it_states(good, tmp_path):
     assert (tmp_path / "x" / "zeros.csv").stat().st_size <= 10
 
 
+def test_a_directory_with_content_is_refused(good):
+    """It is not taken out, but a verification would copy it."""
+    with zipfile.ZipFile(good, "a", zipfile.ZIP_DEFLATED) as file, file.open(zipfile.ZipInfo("d/"), "w") as entry:
+        entry.write(bytes(10_000))
+    with pytest.raises(ArchiveError, match="'d/' is a directory with content; nothing was taken out"):
+        open_archive(good)
+
+
+def test_an_empty_name_is_refused(good):
+    with zipfile.ZipFile(good, "a") as file, file.open(zipfile.ZipInfo(""), "w"):
+        pass
+    with pytest.raises(ArchiveError, match="the entry '' has a name that .*; nothing was taken out"):
+        open_archive(good)
+
+
+def test_deep_names_are_refused_at_once(tmp_path):
+    """The directories above 18,000 names of 240 parts have 1 GB."""
+    path = packed.write(tmp_path / "x.zip", {f"{i:05}/" + "d/" * 240: b"" for i in range(18_000)})
+    start = time.process_time()
+    with pytest.raises(ArchiveError, match="or 20 directories; nothing was taken out"):
+        open_archive(path)
+    assert time.process_time() - start < 5.0
+
+
+def test_a_directory_at_another_place(good, tmp_path):
+    """Every place that the end of the archive may state is a sentence."""
+    content = good.read_bytes()
+    place = content.rindex(b"PK\5\6") + 16
+    for offset in (0, 1, 100, 2**31, 2**32 - 2):
+        (tmp_path / "x.zip").write_bytes(content[:place] + struct.pack("<L", offset) + content[place + 4 :])
+        with pytest.raises(ArchiveError):
+            open_archive(tmp_path / "x.zip").extract(tmp_path / "x")
+
+
+def test_a_place_before_the_file(good, tmp_path):
+    """An entry at a negative place is an error of the system."""
+    content = bytearray(good.read_bytes())
+    for entry in re.finditer(b"PK\1\2", content):
+        content[entry.start() + 42 : entry.start() + 46] = b"\0\0\0\0"
+    (tmp_path / "x.zip").write_bytes(content[50:])
+    with pytest.raises(ArchiveError, match="cannot be read|not a zip"):
+        open_archive(tmp_path / "x.zip").extract(tmp_path / "x")
+
+
+def test_a_full_disk_is_not_a_damaged_archive(good, tmp_path):
+    """It stays an error of the system."""
+    (tmp_path / "x" / METADATA).mkdir(parents=True)
+    with pytest.raises(OSError):
+        open_archive(good).extract(tmp_path / "x")
+
+
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_another_compression_is_refused(good, method):
     """LZMA may ask for gigabytes."""
@@ -117,9 +171,10 @@ def test_a_file_that_is_a_directory_too_is_refused(good, tmp_path):
         path = packed.write(tmp_path / "x.zip", packed.contents(good) | dict.fromkeys(names, b""))
         with pytest.raises(ArchiveError, match="is a file and a directory; nothing was taken out"):
             open_archive(path)
-    path = packed.write(tmp_path / "x.zip", packed.contents(good) | {"Trials.csv": b""})
-    with pytest.raises(ArchiveError, match="two entries of one name"):
-        open_archive(path)
+    for names in (("Trials.csv",), ("\u00e9", "e\u0301"), ("\u00c9", "e\u0301")):
+        path = packed.write(tmp_path / "x.zip", packed.contents(good) | dict.fromkeys(names, b""))
+        with pytest.raises(ArchiveError, match="two entries of one name"):
+            open_archive(path)
 
 
 def test_entries_that_share_their_bytes(good, tmp_path):

@@ -92,12 +92,21 @@ def test_a_matlab_file_of_the_other_order_of_bytes():
     np.testing.assert_array_equal(scipy.io.loadmat(io.BytesIO(content))["A"], values)
 
 
+def complex_of_bytes():
+    """A MATLAB file whose double numbers are stored as bytes, which take 32 times their room."""
+    n = 45_000_000
+    flags, sizes = struct.pack("<2I", 6 | 0x800, 0), struct.pack("<2i", n, 1)
+    parts = element(6, flags) + element(5, sizes) + element(1, b"A") + 2 * element(1, bytes(n))
+    return mat(element(15, zlib.compress(element(14, parts), 1)))
+
+
 BOMBS = {
     "header that lies": (".npz", lambda: npz(header((1_000_000, 1_000_000))), "states the shape"),
     "negative shape": (".npz", lambda: npz(header((-1, -1)) + bytes(8)), "states the shape"),
     "too much data": (".npz", lambda: npz(header((1,)) + bytes(16)), "states the shape"),
     "objects": (".npz", lambda: npz(header((1,), "|O") + b"cos\nsystem\n"), "Python objects"),
     "300 MB of zeros": (".npz", lambda: npz(header((300_000_000,), "|u1") + bytes(300_000_000)), "300 MB"),
+    "small entries": (".npz", lambda: npz(header((90_000_000,), "|b1") + bytes(90_000_000)), "720 MB"),
     "deep header": (".npz", lambda: npz(b"\x93NUMPY\x01\x00" + struct.pack("<H", 9000) + b"(" * 9000), "numpy.savez"),
     "no array": (".npz", lambda: npz(b"hello"), "numpy.savez"),
     "many arrays": (".npz", lambda: npz(b"", times=20_000), "20000 arrays"),
@@ -109,6 +118,7 @@ BOMBS = {
         lambda: mat(element(15, zlib.compress(variable((1, 1), element(9, bytes(150_000_000))), 1))),
         "MB or more",
     ),
+    "complex of small entries": (".mat", complex_of_bytes, "MB or more"),
     "many matrices": (".mat", lambda: mat(*[variable((1, 1), element(9, bytes(8)))] * 20_000), "arrays, more than"),
     "old and large": (".mat", lambda: struct.pack("<5i", 0, 1 << 30, 1 << 30, 0, 2) + b"A\0", "larger than the file"),
     "old and zero": (".mat", lambda: bytes(1_000_000), "MATLAB"),

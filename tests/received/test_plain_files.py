@@ -21,6 +21,7 @@ EXPENSIVE = {
     "digits": '{"seed": ' + "9" * 10_000 + "}",
     "digits of a float": '{"seed": ' + "9" * 4_000 + "}",
     "names": "{" + ",".join(f'"{n}": 0' for n in range(500_000)) + ', "1": 1}',
+    "names with the pair at the end": "{" + ",".join(f'"{n}": 0' for n in [*range(500_000), 499_999]) + "}",
     "texts": "[" + '"[[",' * (BIG // 5) + "0]",
     "not UTF-8": b'{"seed": "\xff"}',
     "half of a pair": '{"name": "\\ud800"}',

@@ -56,6 +56,14 @@ def of_several_databases(path):
     path.with_name(f"{path.name}-journal").write_bytes(bytes.fromhex("d9d505f920a163d7") + bytes(2000) + end)
 
 
+def with_a_journal_that_grows(path):
+    """Make a store with a journal that would restore it to 8.8 TB."""
+    with Store(path.parent):
+        pass
+    numbers = b"".join(number.to_bytes(4, "big") for number in (0, 0, 2**31, 512, 4096))
+    path.with_name(f"{path.name}-journal").write_bytes((bytes.fromhex("d9d505f920a163d7") + numbers).ljust(1024, b"\0"))
+
+
 DAMAGED = {
     "zero bytes": lambda path: path.touch(),
     "garbage": lambda path: path.write_bytes(os.urandom(5000)),
@@ -70,6 +78,7 @@ DAMAGED = {
     "first format": lambda path: database(path, FIRST_FORMAT),
     "next format": of_next_format,
     "journal of several databases": of_several_databases,
+    "journal that grows": with_a_journal_that_grows,
 }
 
 
