@@ -46,6 +46,8 @@ def read_method_section(draft: DraftConfig) -> None:
     draft : the sections of one point, with the design model
     """
     methods = draft.values["methods"]
+    # An experiment without any controller has u = 0.
+    controlled = any(isinstance(own, Map) and "controller" in own for own in (methods or {}).values())
     if methods is not None and not methods:
         draft.note(["methods"], "there must be at least one method")
     for name, own in (methods or {}).items():
@@ -57,10 +59,10 @@ def read_method_section(draft: DraftConfig) -> None:
         if not isinstance(own, Map):
             draft.note(path, f"must be a mapping (got {shown(own)})")
             continue
-        _method(draft, name, own, path)
+        _method(draft, name, own, path, controlled)
 
 
-def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int]) -> None:
+def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int], controlled: bool) -> None:
     for key in own:
         if key not in KEYS:
             draft.note([*path, key], registry.unknown(key, KEYS, "key"), key=True)
@@ -69,7 +71,7 @@ def _method(draft: DraftConfig, name: str, own: Map, path: list[str | int]) -> N
         draft.note([*path, "label"], f"must be text (got {shown(label)})")
     if "parameters" in own:
         draft.sources[name] = _words(draft.checked(Source, [*path, "parameters"]) or DEFAULT)
-    read = partial(_components, draft, path)
+    read = partial(_components, draft, path, controlled)
     components = read(own)
     draft.methods[name] = components
     if own.get("tune") is not None:
@@ -80,23 +82,21 @@ def _words(source: str | TunedKeys) -> str:
     return source if isinstance(source, str) else TuningProtocol(source.budget, source.runs, "").words
 
 
-def _components(draft: DraftConfig, path: list[str | int], own: Map) -> MethodComponents:
-    named = {key: _component(draft, own, key, path) for key in ("model", "estimator", "controller")}
+def _components(draft: DraftConfig, path: list[str | int], any_controlled: bool, own: Map) -> MethodComponents:
+    named = {key: _component(draft, own, key, path, any_controlled) for key in ("model", "estimator", "controller")}
     controlled = own.get("controller", draft.tree.get("controller")) is not None
     label = own.get("label")
     return MethodComponents(None if label is None else str(label), **named, controlled=controlled)
 
 
-def _component(draft: DraftConfig, own: Map, key: str, path: list[str | int]) -> Component | None:
+def _component(draft: DraftConfig, own: Map, key: str, path: list[str | int], controlled: bool) -> Component | None:
     """Merge a component of a method over the default of all methods and validate it."""
     if key not in own and key == "model":
         return draft.model
     default = with_kind(key + "s", draft.tree.get(key))
     tree = with_kind(key + "s", own[key]) if key in own else default
     if tree is None:
-        others = [other for other in draft.values["methods"].values() if isinstance(other, Map) and key in other]
-        # An experiment without any controller has u = 0.
-        if key != "controller" or others:
+        if key != "controller" or controlled:
             draft.note(path, f"{key!r} is missing, here and as a default of all methods")
         return None
     if isinstance(tree, Map) and isinstance(default, Map) and tree is not default:

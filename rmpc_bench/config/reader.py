@@ -18,11 +18,13 @@ from typing import Any, NamedTuple
 import yaml  # type: ignore[import-untyped]
 
 from rmpc_bench.config.tree import DELETE, MAX_DEPTH, Items, Map, Mark, join, scalar, split
+from rmpc_bench.received.names import wrong_formula
 from rmpc_bench.received.plain_files import content_of
 from rmpc_bench.types import ConfigError, Problem
 from rmpc_bench.types.texts import refused_in_name, refused_in_text
 
 MAX_NODES = 100_000
+MAX_BYTES = 1_000_000
 _CORE = "tag:yaml.org,2002:"
 _DELETE = "!delete"
 _BEHIND_DELETE = "\0 \t\r\n\x85\u2028\u2029,}]"
@@ -42,7 +44,7 @@ def load(path: str | Path) -> Any:
     """Read a file; a ConfigError, which shows the path as given, says why it is not valid YAML."""
     where = Path(path)
     try:
-        return parse(content_of(where).decode("utf-8-sig"), str(path), may_extend=True)
+        return parse(content_of(where, MAX_BYTES).decode("utf-8-sig"), str(path), may_extend=True)
     except FileNotFoundError:
         siblings = sorted(other.name for other in where.parent.glob("*.yaml"))
         near = get_close_matches(where.name, siblings, n=1, cutoff=0.0)
@@ -199,6 +201,8 @@ class _TreeBuilder:
         if not text.isascii() and re.search("[\ud800-\udfff]", text):
             self._problem(mark, "half of a surrogate pair is not a character; write \\U and eight digits")
         elif refused := (refused_in_name if self.stack and self.stack[-1].wants_key else refused_in_text)(text):
+            self._problem(mark, refused)
+        elif refused := wrong_formula(text):
             self._problem(mark, refused)
         try:
             if event.tag is None:

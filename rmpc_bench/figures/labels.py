@@ -74,7 +74,7 @@ def _can_be_set(line: str) -> bool:
 
     try:
         MathTextParser("path").parse(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
     return True
 

@@ -72,7 +72,10 @@ def mathml(formula: str) -> str:
     '<math><mi>c</mi><mo>=</mo><msup><mn>10</mn><mrow><mo>-</mo><mn>1</mn></mrow></msup></math>'
     """
     reader = _Reader(_TOKEN.findall(formula))
-    found = reader.row("")
+    try:
+        found = reader.row("")
+    except RecursionError:
+        raise FormulaError("nested too deep") from None
     if reader.left:
         raise FormulaError(f"a brace is closed that was not opened in {formula!r}")
     return f"<math>{''.join(found)}</math>"

@@ -9,6 +9,8 @@ from typing import Any
 
 MAX_QUOTED = 200
 """Largest number of characters of a value that a message quotes."""
+MAX_SHOWN = 50
+"""Problems that are printed."""
 _MAX_MESSAGE = 4000
 _QUOTED = re.compile(rf"(?<!\w)(['\"])((?:(?!\1)[^\n]){{{MAX_QUOTED}}})(?:(?!\1)[^\n])+\1")
 _GOT = re.compile(rf"\(got ([^\n]{{{MAX_QUOTED}}})[^\n]+\)")
@@ -57,7 +59,8 @@ class ConfigError(Exception):
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = tuple(sorted(set(problems)))
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        more = [f".. and {len(self.problems) - MAX_SHOWN} more"] if len(self.problems) > MAX_SHOWN else []
+        super().__init__("\n".join([*map(str, self.problems[:MAX_SHOWN]), *more]))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the problems, so that the error survives a worker process."""
