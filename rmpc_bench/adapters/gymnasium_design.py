@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -67,7 +67,7 @@ def designed(
     nominal = Parameters({name: float(value) for name, value in parameters.items()})
     # An option may name an environment, too.
     for key, value in (("env", keys.env), *((f"options.{name}", each) for name, each in keys.options.items())):
-        if isinstance(value, str) and (reason := reason_against_module(value)):
+        for reason in filter(None, map(reason_against_module, _texts(value))):
             raise DesignError(reason, key)
     # The first import of the library: a missing one is reported with its extra.
     inner = attempt("env", lambda: access_to.made(keys.env, keys.options, {})).unwrapped
@@ -94,6 +94,15 @@ def designed(
     access, tried = _tried(access, nominal, low, high)
     plant = _plant(access, keys, signals, measured, nominal, Ts, n_steps)
     return _with_remarks(plant, keys, first, nominal, tried)
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield the texts of plain data, those of names included."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list | tuple):
+        for each in (*value, *value.values()) if isinstance(value, dict) else value:
+            yield from _texts(each)
 
 
 def _refuse_unknown(inner: Any, names: list[str]) -> None:
