@@ -17,6 +17,7 @@ from rmpc_bench.received.names import wrong_method
 from rmpc_bench.types import Count
 from rmpc_bench.types.tuning import AS_PUBLISHED, DEFAULT, TuningProtocol
 
+MAX_METHODS = 5000
 KEYS = ("model", "estimator", "controller", "label", "tune", "parameters")
 
 
@@ -50,6 +51,9 @@ def read_method_section(draft: DraftConfig) -> None:
     controlled = any(isinstance(own, Map) and "controller" in own for own in (methods or {}).values())
     if methods is not None and not methods:
         draft.note(["methods"], "there must be at least one method")
+    if len(methods or {}) > MAX_METHODS:
+        draft.note(["methods"], f"there must be at most {MAX_METHODS:,} methods (got {len(methods):,})")
+        return
     for name, own in (methods or {}).items():
         path: list[str | int] = ["methods", name]
         if wrong_method(name):

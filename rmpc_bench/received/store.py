@@ -157,8 +157,11 @@ def _check_journal(path: Path) -> None:
     """Refuse the journal of a transaction over several databases: SQLite deletes the file that it names at its end.
 
     One that would make the file larger is refused, since no transaction of a store makes it smaller; and a symbolic
-    link, which SQLite cannot open.
+    link, which SQLite cannot open.  A store has no write-ahead log, which could make the file larger as well.
     """
+    log = path.with_name(f"{path.name}-wal")
+    if log.is_symlink() or log.exists() and (not log.is_file() or log.stat().st_size):
+        raise DamagedError(_unusable(path, f"a store has no {log.name}"))
     journal = path.with_name(f"{path.name}-journal")
     head = end = b""
     try:
@@ -171,7 +174,8 @@ def _check_journal(path: Path) -> None:
                 end = file.read()
     except FileNotFoundError:
         return
-    n_bytes = int.from_bytes(head[16:20], "big") * int.from_bytes(head[24:28], "big")
+    # Where the size of a page is 0, SQLite takes that of the file.
+    n_bytes = int.from_bytes(head[16:20], "big") * (int.from_bytes(head[24:28], "big") or 65536)
     grows = head.startswith(_JOURNAL_MAGIC) and n_bytes > path.stat().st_size
     if not is_journal or end == _JOURNAL_MAGIC or grows:
         raise DamagedError(_unusable(path, f"{journal.name} is not the journal of a store"))

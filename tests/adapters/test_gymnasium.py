@@ -181,6 +181,10 @@ def test_wrappers_of_a_registration_stay():
         ({"env": "Pendulumm-v1"}, "env", "Did you mean: `Pendulum`?"),
         ({"env": "Pendulum-v1", "options": {"gg": 1}}, "env", "unexpected keyword argument 'gg'"),
         ({"env": "no_such_package:Name-v0"}, "env", "no_such_package belongs to no installed distribution"),
+        *(
+            ({"env": "Pendulum-v1", "options": {"g": value}}, "options.g", "no_such_package belongs to no installed")
+            for value in ({"a": ["no_such_package:Name-v0"]}, {"no_such_package:Name-v0": 1}, ["no_such_package:N"])
+        ),
         ({"env": "CartPole-v1"}, "action", "2 discrete actions"),
         ({"env": "CartPole-v1", "action": [1.0]}, "action", "has 1 values; the environment has 2 actions"),
         ({"env": "Pendulum-v1", "parameters": {"mm": 1.0}}, "parameters.mm", "did you mean 'm'?"),

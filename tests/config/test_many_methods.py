@@ -3,11 +3,13 @@
 import cProfile
 
 import numpy as np
+import pytest
 from comparison_tables import table
 from small_experiment import write
 
 from rmpc_bench.analysis.comparison import comparisons
 from rmpc_bench.config.load import load_config
+from rmpc_bench.types import ConfigError
 
 
 def n_calls(work, *arguments):
@@ -35,3 +37,43 @@ def test_a_comparison():
     comparisons(tables[0])
     few, many = (n_calls(comparisons, each) for each in tables)
     assert many < 10 * few
+
+
+def test_methods_without_a_controller(tmp_path):
+    """Whether another method has one is one question to the configuration."""
+    found = []
+    for n in (2, 100, 800):
+        methods = ", ".join(f"m{i}: {{}}" for i in range(n))
+        path = write(tmp_path, file=f"{n}.yaml", methods=f"{{{methods}}}", controller=None)
+
+        def refused(path=path):
+            with pytest.raises(ConfigError):
+                load_config(path)
+
+        found.append(n_calls(refused))
+    _, few, many = found
+    assert many < 10 * few
+
+
+def test_most_methods(tmp_path):
+    """A check of each takes about a millisecond."""
+    methods = ", ".join(f"m{i}: {{}}" for i in range(5001))
+    with pytest.raises(ConfigError, match=r"methods: there must be at most 5,000 methods \(got 5,001\)"):
+        load_config(write(tmp_path, methods=f"{{{methods}}}"))
+
+
+def test_most_problems(tmp_path):
+    """A terminal shows the first, and how many more there are."""
+    keys = ", ".join(f"k{i}: 1" for i in range(70))
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, plant=f"{{kind: servo, {keys}}}"))
+    assert len(caught.value.problems) >= 70
+    assert str(caught.value).splitlines()[50:] == [f".. and {len(caught.value.problems) - 50} more"]
+
+
+def test_the_largest_file(tmp_path):
+    """PyYAML reads about 300 kB in a second."""
+    path = write(tmp_path)
+    path.write_text("# " + "x" * 1_000_000 + "\n" + path.read_text())
+    with pytest.raises(ConfigError, match="cannot be read: is larger than 1 MB"):
+        load_config(path)

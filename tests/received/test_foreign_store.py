@@ -251,3 +251,12 @@ def test_shards_that_lie_elsewhere(place, linked):
         result = cli(*command)
         assert result.exit_code == 2 and "is a symbolic link" in result.stderr and not result.stdout
     assert {path: path.read_bytes() for path in elsewhere.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("name", ["trials.csv", "report.html", "tables/summary.md"])
+def test_a_directory_in_place_of_a_file(place, name):
+    """Its name, and no error of writing."""
+    (place / name).unlink(missing_ok=True)
+    (place / name).mkdir(parents=True)
+    result = cli("report", place)
+    assert result.exit_code == 2 and f"{name}: is a directory; move it away" in result.stderr

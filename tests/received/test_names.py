@@ -1,11 +1,18 @@
 """Names of a configuration and of a stored layout follow the same rules."""
 
+import json
 import re
 
 import pytest
 from small_experiment import cli, write
 
-from rmpc_bench.received.names import wrong_experiment, wrong_method, wrong_metric, wrong_text
+from rmpc_bench.config.labels import LabelError, Parameter, fill
+from rmpc_bench.config.reader import parse
+from rmpc_bench.figures.labels import typeset
+from rmpc_bench.received.names import wrong_experiment, wrong_formula, wrong_method, wrong_metric, wrong_text
+from rmpc_bench.received.plain_files import MANIFEST, checked
+from rmpc_bench.report.mathml import FormulaError, mathml
+from rmpc_bench.types import ConfigError
 
 HIDDEN = ["\x1b", "\x07", "\x7f", "\x9b", "\u061c", "\u202e", "\u2066", "\ud800"]
 
@@ -49,3 +56,52 @@ def test_escapes_in_a_configuration(tmp_path, escape, keys):
         re.search(r"contains the (control|direction) character U\+", result.stderr)
         and result.stderr.replace("\n", "").isprintable()
     )
+
+
+DEEP = {
+    **{part: part * 11 + "x" + "}" * 11 for part in (r"\overline{", r"\frac{1}{", r"\sqrt{", "x^{", "{", r"\hat {")},
+    "parentheses": r"\left(" * 11 + "x" + r"\right)" * 11,
+    "brackets": r"\sqrt[" * 11 + "3" + "]{x}" * 11,
+    "accents": r"\hat" * 40 + " x",
+    "not closed": r"\sqrt {" * 300,
+}
+
+
+@pytest.mark.parametrize("kind", DEEP)
+def test_formulas_that_are_nested_too_deep(kind):
+    """They are refused where a configuration, a layout or a manifest is read: their readers call themselves."""
+    text = f"a {{b}} $x$, ${DEEP[kind]}$"
+    assert wrong_text(text) == wrong_formula(text) != ""
+    with pytest.raises(ConfigError, match=r"f:1:8: label: has a formula (that is nested|with more than 20 commands)"):
+        parse(f"label: '{text}'", "f")
+    for field, value in (("name", text), ("report", {"keys": {"title": text}})):
+        with pytest.raises(ValueError, match=f"{field}.*: has a formula "):
+            checked(json.dumps({field: value}).encode(), MANIFEST)
+
+
+def test_formulas_that_papers_have():
+    """Nothing without dollar signs is a formula."""
+    for text in (
+        r"$\frac{\sqrt[3]{x_{k+1}^{2}}}{\left(\hat{\theta}-\bar{\theta}\right)^{2}}$, $\alpha\beta\gamma\Delta$",
+        "{" * 50 + r"\a" * 50,
+        r"$\leftarrow\rightarrow$" * 30,
+        "$x_{1}$ " * 100,
+    ):
+        assert wrong_formula(text) == ""
+
+
+def test_readers_of_formulas_survive_any_depth():
+    """As texts of a library may have them."""
+    deep = r"\sqrt{" * 900 + "x" + "}" * 900
+    assert typeset(f"${deep}$") == rf"\${deep}\$"
+    with pytest.raises(FormulaError, match="deep"):
+        mathml("{" * 2000 + "x" + "}" * 2000)
+
+
+def test_a_label_that_becomes_deep():
+    """A template and the value in it are each as deep as allowed."""
+    half, end = r"\hat{" * 6, "}" * 6
+    values = [{"estimator.p": Parameter(f"{half}x{end}", False)}]
+    assert fill("$${p}$", "m", values) == f"${half}x{end}$"
+    with pytest.raises(LabelError, match="filled in, has a formula that is nested"):
+        fill(f"${half}${{p}}{end}$", "m", values)

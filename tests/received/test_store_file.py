@@ -56,11 +56,31 @@ def of_several_databases(path):
     path.with_name(f"{path.name}-journal").write_bytes(bytes.fromhex("d9d505f920a163d7") + bytes(2000) + end)
 
 
-def with_a_journal_that_grows(path):
+def with_a_log(path):
+    """Make a store beside a write-ahead log, which SQLite would copy into it."""
+    foreign(path.with_name("other"))
+    with closing(sqlite3.connect(path.with_name("other"))) as other:
+        other.execute("UPDATE meta SET value = 2")
+        other.commit()
+        log = path.with_name("other-wal").read_bytes()
+    path.with_name("other").unlink()
+    with Store(path.parent):
+        pass
+    path.with_name(f"{path.name}-wal").write_bytes(log)
+
+
+def with_a_directory_as_log(path):
+    """Make a store beside a directory, where SQLite would look for its log."""
+    with Store(path.parent):
+        pass
+    path.with_name(f"{path.name}-wal").mkdir()
+
+
+def with_a_journal_that_grows(path, page=4096):
     """Make a store with a journal that would restore it to 8.8 TB."""
     with Store(path.parent):
         pass
-    numbers = b"".join(number.to_bytes(4, "big") for number in (0, 0, 2**31, 512, 4096))
+    numbers = b"".join(number.to_bytes(4, "big") for number in (0, 0, 2**31, 512, page))
     path.with_name(f"{path.name}-journal").write_bytes((bytes.fromhex("d9d505f920a163d7") + numbers).ljust(1024, b"\0"))
 
 
@@ -79,6 +99,9 @@ DAMAGED = {
     "next format": of_next_format,
     "journal of several databases": of_several_databases,
     "journal that grows": with_a_journal_that_grows,
+    "journal without a page": lambda path: with_a_journal_that_grows(path, 0),
+    "log": with_a_log,
+    "directory as log": with_a_directory_as_log,
 }
 
 
