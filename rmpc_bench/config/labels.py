@@ -90,8 +90,7 @@ def fill(template: str, method: str, points: Sequence[Mapping[str, Parameter]]) 
     opened = re.search(r"\$\{[^}]*$", template)
     if opened is not None:
         raise LabelError(f"column {opened.start() + 1} of {template!r}: '${{' is not closed")
-    filled = _PARAMETER.sub(value, template)
-    if reason := wrong_formula(filled):
+    if reason := wrong_formula(filled := _PARAMETER.sub(value, template)):
         raise LabelError(f"{template!r}, filled in, {reason}")
     return filled
 

@@ -40,12 +40,7 @@ Source: Any = Literal[AS_PUBLISHED, DEFAULT] | TunedKeys
 
 
 def read_method_section(draft: DraftConfig) -> None:
-    """Read all methods; the draft gets their components and the errors.
-
-    Parameters
-    ----------
-    draft : the sections of one point, with the design model
-    """
+    """Read all methods of one point, whose design model is read; the draft gets their components and the errors."""
     methods = draft.values["methods"]
     # An experiment without any controller has u = 0.
     controlled = any(isinstance(own, Map) and "controller" in own for own in (methods or {}).values())

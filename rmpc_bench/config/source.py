@@ -30,32 +30,14 @@ class GivenConfig(NamedTuple):
     """Methods that are added to those of the file."""
 
     def options(self, runs: int | None, *, smoke: bool) -> tuple[str, ...]:
-        """Return the options of the command line that change the experiment against its file.
-
-        Parameters
-        ----------
-        runs : number of runs instead of the one in the file
-        smoke : whether the small size is taken
-        """
+        """Return the options of the command line that change the experiment, its runs or size, against its file."""
         found = [f"-s {shlex.quote(text)}" for text in self.texts if not text.startswith("execution.")]
         found += [f"--runs {runs}"] if runs is not None and (smoke or self.tree.get("runs") != runs) else []
         return (*found, *["--smoke"] * smoke)
 
 
 def read(path: str | Path, overrides: Sequence[str], add_methods: Sequence[str] = ()) -> GivenConfig:
-    """Read a file and the overrides.
-
-    Parameters
-    ----------
-    path : the YAML file
-    overrides : texts PATH=VALUE
-    add_methods : texts ``NAME: {..}``, each a method to add
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, is not valid YAML, or is not a mapping.
-    """
+    """Read a file, overrides PATH=VALUE and methods ``NAME: {..}``; `ConfigError` where the file is no mapping."""
     tree = read_extended(path)
     if not isinstance(tree, Map):
         raise ConfigError([Problem(str(path), 1, 1, "", f"must be a mapping (got {shown(tree)})")])

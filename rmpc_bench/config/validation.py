@@ -98,13 +98,7 @@ def _sections(
 
 
 def _shrink(draft: DraftConfig, first: Time | None) -> None:
-    """Take the size of a smoke run where it is smaller.
-
-    Parameters
-    ----------
-    draft : gets the smaller size
-    first : time of the first point; points with another step keep its duration
-    """
+    """Take the size of a smoke run where it is smaller; points with another step keep the duration of the first."""
     size, values = draft.values["smoke"], draft.values
     if size is not None and values["runs"] is not None and values["time"] is not None:
         time = values["time"]

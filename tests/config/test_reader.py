@@ -239,7 +239,7 @@ def test_load(tmp_path, monkeypatch):
 def test_unreadable_file(tmp_path, monkeypatch):
     """A refusal of the system is passed on in its words."""
 
-    def refuse(_):
+    def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("rmpc_bench.config.reader.content_of", refuse)
