@@ -24,7 +24,7 @@ from rmpc_bench.types import ConfigError, Problem
 from rmpc_bench.types.texts import refused_in_name, refused_in_text
 
 MAX_NODES = 100_000
-MAX_BYTES = 1_000_000
+MAX_BYTES = 3_000_000
 _CORE = "tag:yaml.org,2002:"
 _DELETE = "!delete"
 _BEHIND_DELETE = "\0 \t\r\n\x85\u2028\u2029,}]"

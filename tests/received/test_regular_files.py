@@ -59,7 +59,9 @@ def test_every_file_of_a_configuration(tmp_path, kind, name, key):
     result = cli("check", path)
     assert result.exit_code == 2, result.output
     assert name in result.stderr and "Traceback" not in result.stderr
-    assert any(text in result.stderr for text in ("regular file", "directory", "larger than 1")), result.stderr
+    assert any(
+        text in result.stderr for text in ("regular file", "directory", "larger than 10 MB", "larger than 3 MB")
+    ), result.stderr
 
 
 def test_a_pipe_beside_a_configuration(tmp_path):
