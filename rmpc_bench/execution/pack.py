@@ -178,7 +178,7 @@ def _data_files(config: ExperimentConfig, contents: Mapping[str, Path | bytes]) 
     names: dict[str, str] = {}
     base = config.own.access.base("")
     for number, text in enumerate(sorted(config.own.patterns)):
-        start, rest = _split_pattern(text)
+        start, rest = split_pattern(text)
         if text in contents:
             continue
         names[text] = f"{DATA}/{number}/{rest}"
@@ -193,12 +193,12 @@ def _data_files(config: ExperimentConfig, contents: Mapping[str, Path | bytes]) 
     return found
 
 
-def _split_pattern(text: str) -> tuple[str, str]:
+def split_pattern(text: str) -> tuple[str, str]:
     """Split a path or pattern into the directory before the first wildcard and the rest, which has a name.
 
     Examples
     --------
-    >>> _split_pattern("../logs/2024-*/run.csv"), _split_pattern("pump.csv")
+    >>> split_pattern("../logs/2024-*/run.csv"), split_pattern("pump.csv")
     (('../logs', '2024-*/run.csv'), ('', 'pump.csv'))
     """
     parts = Path(text).parts

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from itertools import pairwise
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import pandas as pd
@@ -22,7 +22,7 @@ from rmpc_bench.config.relocation import COPIES, in_directory, renamed
 from rmpc_bench.config.tree import plain
 from rmpc_bench.config.writer import dump
 from rmpc_bench.execution import manifest
-from rmpc_bench.execution.pack import DATA, FILES, NEEDED, SECONDS, facts_of
+from rmpc_bench.execution.pack import DATA, FILES, NEEDED, SECONDS, facts_of, split_pattern
 from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, UNSEEN, FileOutcome, compared, compared_text
 from rmpc_bench.execution.pack_metadata import CITATION, citation, crate, stated_by
 from rmpc_bench.execution.pack_rows import read_rows
@@ -55,16 +55,27 @@ class PackedFiles:
         self._directory, self._names, self._stated, self._path, self.exact = directory, names, stated, path, exact
         self._way: Mapping[str, Any] = stated.get("report", {})
         self._overrides = tuple(stated.get("modified", []))
+        self._loaded: ExperimentConfig | None = None
+        place = PurePosixPath(self._way.get("place", ""))
+        if place.is_absolute() or ".." in place.parts or str(place).startswith("-"):
+            raise ArchiveError(
+                f"{path}: manifest.json: report.place: must be a plain relative path (got {str(place)!r})"
+            )
 
     def as_stated(self, config: ExperimentConfig) -> ExperimentConfig:
-        """Return a resolved configuration with what it does not have: the options of the command, derived labels."""
-        labels = self._way.get("labels", {})
-        found = {name: labels.get(name, label) for name, label in config.labels.items()}
-        return replace(config, overrides=self._overrides, labels=found)
+        """Return a resolved configuration with what it does not have: options of the command, labels of the given one.
+
+        A stated label counts where the configuration as given has it, too; else the one that follows from this one.
+        """
+        given = {} if self._loaded is None else self._loaded.labels
+        stated = self._way.get("labels", {})
+        equal = {name: text for name, text in given.items() if name in config.labels and stated.get(name) == text}
+        return replace(config, overrides=self._overrides, labels={**config.labels, **equal})
 
     def prepare(self, place: Path) -> None:
         """Give the directory of the new computation what it cannot find again: earlier looks, and what tuning chose."""
         place.mkdir()
+        self._loaded = self._load(place.with_name("given"))
         (place / manifest.FILE).write_bytes(json_bytes({"looks": self._stated.get("looks", [])}))
         for name in (TUNING, SECONDS):
             if (self._directory / name).is_file():
@@ -82,7 +93,7 @@ class PackedFiles:
         found[TIMINGS] = _timings(timed.timings, results.timings)
         results = self._chosen(timed)
         if n_runs is None:
-            self._publish(results, computed, made)
+            self._publish(results, config, computed, made)
         else:
             write_tables_of_rows(results, made)
             found["trials.csv"] = FileOutcome("trials.csv", HASHED, f"rows of runs 0 to {n_runs - 1} are compared")
@@ -95,11 +106,11 @@ class PackedFiles:
         found |= {name: FileOutcome(name, DIFFERENT, "is missing") for name in {*here, *NEEDED} - {*self._names}}
         return [each for name, each in sorted(found.items()) if name in self._names or each.is_different]
 
-    def _publish(self, results: Results, computed: Mapping[str, Any], made: Path) -> None:
+    def _publish(self, results: Results, config: ExperimentConfig, computed: Mapping[str, Any], made: Path) -> None:
         """Write all files in the way that the archive states, for its machine and its times."""
         known = {name: self._stated[name] for name in STATED if name in self._stated}
         (results.directory / manifest.FILE).write_bytes(json_bytes({**computed, **known}))
-        self._name_files(results.directory / RESOLVED)
+        self._name_files(results.directory / RESOLVED, config.own.patterns)
         if not self._way.get("own_figures", True):
             results = replace(results, components={})
         publish(results, to=made, place=self._way.get("place", ""))
@@ -123,17 +134,10 @@ class PackedFiles:
 
     def _given(self, config: ExperimentConfig, place: Path) -> FileOutcome:
         """Check that the configuration as given resolves to the resolved one."""
+        given = self._loaded
         if any(name.startswith(f"{COPIES}/") for name in self._names):
             return FileOutcome(CONFIG, HASHED, "input: own code is loaded once only, for the resolved one")
-        # The configuration last, so that no data file takes its place.
-        parts = {name: name.split("/", 2) for name in self._names}
-        files = {name: each[2] for name, each in parts.items() if each[0] == DATA and len(each) > 2} | {CONFIG: CONFIG}
-        try:
-            for name, inside in files.items():
-                (place / inside).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(self._directory / name, place / inside)
-            given = load_config(place / CONFIG, **_options(self._overrides), add_methods=added_in(place / CONFIG))
-        except (ConfigError, ValueError, OSError):
+        if given is None:
             return FileOutcome(CONFIG, HASHED, "input: does not load from the archive alone")
         tree, packed = in_directory(given.resolved, place, given.own), plain(load(self._directory / RESOLVED))
         found = compared_text(CONFIG, _by_names(tree, given), _by_names(packed, config))
@@ -141,6 +145,21 @@ class PackedFiles:
         if given.hash != config.hash or (found.is_different and config.tuning is None):
             return FileOutcome(CONFIG, DIFFERENT, f"does not resolve to {RESOLVED}: {found.note or 'another hash'}")
         return FileOutcome(CONFIG, HASHED, f"input: resolves to {RESOLVED}")
+
+    def _load(self, place: Path) -> ExperimentConfig | None:
+        """Load the configuration as given; None where it has own code or does not load from the archive alone."""
+        if any(name.startswith(f"{COPIES}/") for name in self._names):
+            return None
+        # The configuration last, so that no data file takes its place.
+        parts = {name: name.split("/", 2) for name in self._names}
+        files = {name: each[2] for name, each in parts.items() if each[0] == DATA and len(each) > 2} | {CONFIG: CONFIG}
+        try:
+            for name, inside in files.items():
+                (place / inside).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(self._directory / name, place / inside)
+            return load_config(place / CONFIG, **_options(self._overrides), add_methods=added_in(place / CONFIG))
+        except (ConfigError, ValueError, OSError):
+            return None
 
     def _manifest(self, computed: Mapping[str, Any]) -> FileOutcome:
         """Compare the fields that follow from the configuration."""
@@ -172,10 +191,14 @@ class PackedFiles:
             raise ArchiveError(f"{self._path}: {TIMINGS} cannot be read ({error})") from None
         return replace(results, timings=timings, trials=trials)
 
-    def _name_files(self, resolved: Path) -> None:
+    def _name_files(self, resolved: Path, known: Collection[str]) -> None:
         """Write the configuration that the page shows, with data files as the packed directory named them."""
         shutil.copyfile(self._directory / RESOLVED, resolved)
         if names := {new: old for old, new in self._stated.get("files", {}).items()}:
+            for new, old in names.items():
+                if new not in known or not new.startswith(f"{DATA}/") or split_pattern(old)[1] != new.split("/", 2)[-1]:
+                    text = f"{ascii(old[:60])} and {ascii(new[:60])} are not the names of one data file"
+                    raise ArchiveError(f"{self._path}: manifest.json: files: {text}")
             resolved.write_bytes(dump(plain(renamed(plain(load(resolved)), names))).encode())
 
     def _metadata(self, results: Results) -> tuple[FileOutcome, FileOutcome]:

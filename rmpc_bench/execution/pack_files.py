@@ -6,6 +6,7 @@ import re
 import zlib
 from collections.abc import Iterator
 from itertools import zip_longest
+from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +23,10 @@ HASHED = "only hashed"
 UNSEEN = "not looked at"
 DIFFERENT = "different"
 _NUMBER = re.compile(r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)")
-_STREAM = re.compile(rb"stream\r?\n(.*?)\r?\nendstream", re.DOTALL)
+_LENGTH = re.compile(rb"(/Length |\bobj\n)(\d{1,12})(?= /| >>|\nendobj)")
+"""Where a PDF file states how long a stream is, before or after it."""
+_PLACE = re.compile(rb"(\n|startxref\n)(\d{1,12})(?= \d{5} [nf] \n|\n%%EOF)")
+"""Where a PDF file states at which byte an object begins."""
 _MOST_BYTES = 100_000_000
 """Length of a stream of a PDF file that is read."""
 _SHOWN = 50
@@ -54,6 +58,8 @@ class FileOutcome(NamedTuple):
 
 def compared(name: str, packed: Path, here: Path, *, exact: bool) -> FileOutcome:
     """Compare a file with the one that was made again; `exact` where nothing but equal bytes is equal."""
+    if packed.stat().st_size > _allowed(here.stat().st_size):
+        return FileOutcome(name, DIFFERENT, f"has {packed.stat().st_size} bytes, here {here.stat().st_size}")
     a, b = packed.read_bytes(), here.read_bytes()
     if a == b:
         return FileOutcome(name, BYTES)
@@ -62,6 +68,11 @@ def compared(name: str, packed: Path, here: Path, *, exact: bool) -> FileOutcome
     except (ValueError, KeyError, OSError, EOFError, MemoryError, zlib.error) as error:
         found = f"cannot be read ({error})"
     return FileOutcome(name, DIFFERENT, found) if found else FileOutcome(name, NUMBERS)
+
+
+def _allowed(size: int) -> int:
+    """Return the largest size of what may be equal to something of this size."""
+    return 4 * size + 100_000
 
 
 def compared_text(name: str, packed: str, here: str, *, exact: bool = True) -> FileOutcome:
@@ -93,7 +104,7 @@ def _other_value(name: str, packed: Path, here: Path) -> str:
         return _other_series(read_rows(packed), read_rows(here))
     a, b = packed.read_bytes(), here.read_bytes()
     if name.endswith(".pdf"):
-        pairs = zip_longest(_streams(a), _streams(b), fillvalue="")
+        pairs = zip_longest(_parts(a), _parts(b), fillvalue="")
         return next(filter(None, (_other_text(one, other) for one, other in pairs)), "")
     return _other_text(a.decode(), b.decode())
 
@@ -101,6 +112,8 @@ def _other_value(name: str, packed: Path, here: Path) -> str:
 def _other_text(a: str, b: str) -> str:
     """Compare two texts: words as they are, whole numbers exactly, other numbers up to the tolerance."""
     line = 1
+    if len(a) > _allowed(len(b)):
+        return f"has {len(a)} characters, here {len(b)}"
     for one, other in zip_longest(_NUMBER.split(a), _NUMBER.split(b), fillvalue=""):
         if not _same(one, other):
             return f"line {line}: packed {ascii(one[:_SHOWN])}, here {ascii(other[:_SHOWN])}"
@@ -114,16 +127,39 @@ def _same(one: str, other: str) -> bool:
     if not (_NUMBER.fullmatch(one) and _NUMBER.fullmatch(other)) or {*one, *other} <= {*"+-0123456789"}:
         return False
     x, y = float(one), float(other)
-    return abs(x - y) <= TOLERANCE * max(abs(x), abs(y))
+    # The difference of a finite number to an infinite one, such as 1e999, is no number to compare.
+    return isfinite(x) and isfinite(y) and abs(x - y) <= TOLERANCE * max(abs(x), abs(y))
 
 
-def _streams(content: bytes) -> Iterator[str]:
-    """Yield the content of the streams of a PDF file."""
-    for match in _STREAM.finditer(content):
-        try:
-            yield zlib.decompressobj().decompress(match[1], _MOST_BYTES).decode("latin-1")
-        except zlib.error:
-            yield match[1].decode("latin-1")
+def _parts(content: bytes) -> Iterator[str]:
+    """Yield what is outside and inside of the streams of a PDF file, with what stands at a place for its number."""
+    place, before = 0, 0
+    while (start := content.find(b"stream\n", place) + 7) > 6 and (end := content.find(b"\nendstream", start)) > 0:
+        yield _placed(content, place, start, (before, end - start))
+        yield _unpacked(content[start:end])
+        place, before = end + len("\nendstream"), end - start
+    yield _placed(content, place, len(content), (before, 0))
+
+
+def _placed(content: bytes, start: int, stop: int, sizes: tuple[int, int]) -> str:
+    """Return a part of a PDF file: a length is that of the next or the last stream or not, a place is its object."""
+
+    def size(found: re.Match[bytes]) -> bytes:
+        is_right = int(found[2]) == sizes[found[1] == b"/Length "]
+        return found[1] + (b"right" if is_right else found[2])
+
+    text = _LENGTH.sub(size, content[start:stop])
+    return _PLACE.sub(lambda found: found[1] + content[int(found[2]) : int(found[2]) + 8], text).decode("latin-1")
+
+
+def _unpacked(stream: bytes) -> str:
+    """Return the content of a stream of a PDF file, as it is where it is not compressed or something follows it."""
+    reader = zlib.decompressobj()
+    try:
+        found = reader.decompress(stream, _MOST_BYTES)
+    except zlib.error:
+        return stream.decode("latin-1")
+    return (found if reader.eof and not reader.unused_data else stream).decode("latin-1")
 
 
 def _other_series(packed: pd.DataFrame, here: pd.DataFrame) -> str:

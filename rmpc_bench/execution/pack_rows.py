@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import pandas as pd
 
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.received.arrays import check_width
-from rmpc_bench.types import Array
+from rmpc_bench.types import Array, Status
 
 TOLERANCE = 1e-9
 """Largest relative difference of equal values on two machines."""
@@ -22,15 +22,32 @@ _DIGITS = 5.1e-6
 _COUNTS = ("run", "k", "n", "calls", "held_steps", "failed_steps")
 
 
-def read_rows(path: Path) -> pd.DataFrame:
+def read_rows(path: Path, most: int = 1_000_000) -> pd.DataFrame:
     """Read a table: texts and the columns of a sweep, before `method`, as they are, every float as it was written."""
     check_width(path)
-    table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+    table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8", nrows=most + 1)
+    if len(table) > most:
+        raise ValueError(f"has more than {most} rows")
     texts = {*_TEXT, *table.columns[: list(table.columns).index("method")]}
     kinds = {name: np.int64 if name in _COUNTS else np.float64 for name in table if name not in texts}
     # Python reads every float as it was written; the readers of pandas differ between its versions.
     numbers = {name: np.array([float(text or "nan") for text in table[name]]) for name in kinds}
     return table.assign(**{name: values.astype(kinds[name]) for name, values in numbers.items()})
+
+
+def wrong_row(rows: pd.DataFrame, points: Sequence[tuple[Mapping[str, str], Collection[str]]], n_runs: int) -> str:
+    """Name the first row of no trial of these points with their methods, or of one that has a row; empty for none."""
+    paths = [*dict.fromkeys(path for point, _ in points for path in point)]
+    if [*rows.columns[: len(paths) + 1]] != [*paths, "method"]:
+        return f"the first columns must be {', '.join([*paths, 'method'])}"
+    known = np.zeros(len(rows), dtype=bool)
+    for point, methods in points:
+        known |= _at(rows, point) & rows["method"].isin(methods).to_numpy()
+    known &= rows["run"].between(0, n_runs - 1).to_numpy() & rows["status"].isin([each.word for each in Status])
+    twice = rows.duplicated([*paths, "method", "run"]).to_numpy()
+    for number in np.flatnonzero(~known | twice)[:1]:
+        return f"row {number + 1}: " + ("is given twice" if known[number] else "is of no trial of the configuration")
+    return ""
 
 
 def with_rows(trials: Trials, rows: pd.DataFrame) -> Trials:
@@ -59,52 +76,6 @@ def _with_rows(table: Trials, rows: pd.DataFrame) -> Trials:
     frame = rows[rows["method"].isin(methods)][columns]
     frame = frame.iloc[np.lexsort((frame["run"], frame["method"].map(order)))].reset_index(drop=True)
     return replace(table, methods=methods, metrics=metrics, frame=frame)
-
-
-def without_moved(packed: Trials, here: Trials, ends: Mapping[str, float]) -> tuple[Trials, dict[str, int]]:
-    """Replace the values of threshold metrics that have moved by one sample by those of the new computation.
-
-    Such a metric is a time at which a threshold is crossed, or a count of samples: a difference in the last digits of a
-    trajectory moves it by one sample.  `ends` is the length of a run at each point; the values are counted by metric.
-    """
-    moved: dict[str, int] = {}
-    others = {table.title: table for table in here.each}
-    tables = tuple(
-        _without_moved(table, others[table.title], ends.get(table.title, math.inf), moved)
-        if table.title in others
-        else table
-        for table in packed.each
-    )
-    return (replace(packed, points=tables) if packed.points else tables[0]), moved
-
-
-def _without_moved(packed: Trials, here: Trials, end: float, moved: dict[str, int]) -> Trials:
-    key = ["method", "run"]
-    other = packed.frame[key].merge(here.frame, on=key, how="left")
-    frame = packed.frame.copy()
-    for info in packed.metrics:
-        a = frame[info.name].to_numpy(dtype=float)
-        b = other[info.name].to_numpy(dtype=float) if info.name in other else np.full(len(a), math.nan)
-        step = _sample(info.may_not_occur, a, b, packed.Ts)
-        if step is None:
-            continue
-        # What did not occur may have occurred at the last sample.
-        late = [np.where(np.isposinf(each), end, each) for each in (a, b)]
-        apart = np.abs(late[0] - late[1])
-        close = (a != b) & (apart <= step * (1 + TOLERANCE)) & (apart > TOLERANCE * np.abs(late[0]))
-        close |= (a != b) & (np.isinf(a) != np.isinf(b)) & (apart <= step * (1 + TOLERANCE))
-        if close.any():
-            moved[info.name] = moved.get(info.name, 0) + int(close.sum())
-            frame[info.name] = np.where(close, b, a)
-    return replace(packed, frame=frame)
-
-
-def _sample(may_not_occur: bool, a: Array, b: Array, Ts: float) -> float | None:
-    """Return by how much one sample changes a metric; None for a metric without a threshold."""
-    if may_not_occur:
-        return Ts or 1.0
-    finite = np.concatenate([a[np.isfinite(a)], b[np.isfinite(b)]])
-    return 1.0 if len(finite) and np.all(finite == np.rint(finite)) else None
 
 
 def rows_against_summary(rows: pd.DataFrame, summary: pd.DataFrame) -> list[str]:
@@ -138,6 +109,7 @@ def _against_rows(rows: pd.DataFrame, line: pd.Series, paths: Sequence[str]) -> 
         computed |= {name: float(value) for name, value in numbers.items()}
     for what, found in computed.items():
         stated = float(line[what])
-        same = stated == found or abs(stated - found) <= _DIGITS * abs(found) + TOLERANCE * scale
-        if not (math.isnan(stated) or math.isnan(found) or same):
+        same = stated == found or not (math.isfinite(stated) or math.isfinite(found)) and math.isnan(stated + found)
+        same |= math.isfinite(found) and abs(stated - found) <= _DIGITS * abs(found) + TOLERANCE * scale
+        if not same:
             yield what, stated, found

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rmpc_bench.analysis.looks import number_of_look
-from rmpc_bench.analysis.trial_differences import TrialDifferences, trial_differences
+from rmpc_bench.analysis.trial_differences import RunsInOne, trial_differences
 from rmpc_bench.analysis.trials import Trials
 from rmpc_bench.claims.record import ClaimRecord
 from rmpc_bench.claims.table import claims_table
@@ -22,7 +22,7 @@ from rmpc_bench.execution.pack_again import PackedFiles
 from rmpc_bench.execution.pack_claim import only_claim
 from rmpc_bench.execution.pack_environment import environment, other_versions
 from rmpc_bench.execution.pack_files import DIFFERENT, HASHED, NUMBERS, FileOutcome, compared_text
-from rmpc_bench.execution.pack_rows import TOLERANCE, read_rows, rows_against_summary, with_rows, without_moved
+from rmpc_bench.execution.pack_rows import TOLERANCE, read_rows, rows_against_summary, with_rows, wrong_row
 from rmpc_bench.execution.results import Results, run
 from rmpc_bench.execution.runner import RESOLVED
 from rmpc_bench.execution.stored_stop import stop_of
@@ -125,7 +125,8 @@ class _Packed:
         self, runs: int | None, claim: str, temporary: Path, jobs: int | None, progress: Progress | None
     ) -> Verification:
         """Compute the packed runs again and compare them and what is made from them; see `verify`."""
-        stated, rows = load_config(self._directory / RESOLVED, lenient=True), self._rows()
+        stated = load_config(self._directory / RESOLVED, lenient=True)
+        rows = self._rows(stated)
         extent = _extent(stated, rows, runs, claim)
         files = PackedFiles(self._directory, self._names, self._manifest, self._path, exact=not self.versions)
         files.prepare(temporary / "again")
@@ -134,7 +135,7 @@ class _Packed:
             config, wanted = only_claim(config, claim, wanted)
         here = run(config, directory=temporary / "again", jobs=jobs, only=wanted, progress=progress)
         extent = extent._replace(complete=extent.complete and len(here.trials.runs) in (0, extent.n_packed))
-        found, packed = self._compared(config, here, rows[rows["run"] < extent.n_runs], complete=extent.complete)
+        found, packed = self._compared(here.trials, rows[rows["run"] < extent.n_runs], complete=extent.complete)
         if claim:
             both = (replace(here, trials=self._with_look(each, stated)) for each in (here.trials, packed))
             texts, n_claims = self._claim(*both, all_runs=extent.n_runs == extent.n_packed)
@@ -166,24 +167,22 @@ class _Packed:
         points = tuple(replace(table, look=look, confidence=level) for table in trials.points)
         return replace(trials, look=look, confidence=level, points=points)
 
-    def _rows(self) -> Any:
+    def _rows(self, config: ExperimentConfig) -> Any:
+        points, n_runs = [(each.coordinates, each.method_keys) for each in config.points], config.experiment.n_runs
         try:
-            return read_rows(self._directory / "trials.csv")
+            rows = read_rows(self._directory / "trials.csv", sum(len(methods) for _, methods in points) * n_runs)
+            if wrong := wrong_row(rows, points, n_runs):
+                raise ArchiveError(f"{self._path}: trials.csv: {wrong}; ask for the archive again")
+            return rows
         except (ValueError, KeyError, TypeError) as error:
             raise ArchiveError(f"{self._path}: trials.csv cannot be read ({error})") from None
 
-    def _compared(
-        self, config: ExperimentConfig, results: Results, rows: Any, *, complete: bool
-    ) -> tuple[Verification, Trials]:
+    def _compared(self, here: Trials, rows: Any, *, complete: bool) -> tuple[Verification, Trials]:
         """Compare rows with those of this computation, and return both the outcome and the packed trials."""
-        here = results.trials
-        packed, moved = with_rows(here, rows[rows["method"].isin(here.methods)]), dict[str, int]()
-        close = packed
-        if self.versions:
-            ends = {point.title: point.experiment.n_steps * (here.Ts or 1.0) for point in config.points}
-            close, moved = without_moved(packed, here, ends)
-        trials = trial_differences(close, here, TOLERANCE if self.versions else 0.0)
-        return Verification(trials=_of_packed(trials, complete=complete), moved=moved), packed
+        packed = with_rows(here, rows[rows["method"].isin(here.methods)])
+        trials = trial_differences(packed, here, TOLERANCE if self.versions else 0.0)
+        points = (trials.points[0], trials.points[1] if complete else ())
+        return Verification(trials=replace(trials, runs=tuple(_missing(packed, here)), points=points)), packed
 
     def _claim(self, here: Results, packed: Results, *, all_runs: bool) -> tuple[tuple[str, ...], int]:
         """Compare one claim with the packed one, or with that of the packed rows where not all runs are computed."""
@@ -250,16 +249,17 @@ def _of_rows(outcome: FileOutcome, found: Verification, *, exact: bool) -> FileO
     """Say of trials.csv what the comparison of its rows has found; on another machine it was made from them."""
     if outcome.name != "trials.csv" or exact or not outcome.is_compared:
         return outcome
-    if found.moved and not found.differences:
-        return FileOutcome(outcome.name, HASHED, "values that have moved by one sample; all others are equal to 1e-9")
     return FileOutcome(outcome.name, *((DIFFERENT, "see above") if found.differences else (NUMBERS, "")))
 
 
-def _of_packed(found: TrialDifferences, *, complete: bool) -> TrialDifferences:
-    """Leave out what was computed but not packed, or not meant to be compared."""
-    runs = tuple(replace(each, runs_b=()) for each in found.runs if each.runs_a)
-    points = (found.points[0], ()) if complete else ((), ())
-    return replace(found, runs=runs, methods=(found.methods[0], ()), points=points)
+def _missing(packed: Trials, here: Trials) -> Iterator[RunsInOne]:
+    """Yield the runs that were computed but have no row; a run that was packed has been computed."""
+    for table in here.each:
+        rows = next(each.frame for each in packed.each if each.point == table.point)
+        for name in table.methods:
+            runs = ({*frame["run"][frame["method"] == name].tolist()} for frame in (table.frame, rows))
+            if left := sorted(next(runs) - next(runs)):
+                yield RunsInOne(table.title, name, (), tuple(left))
 
 
 def _claims(results: Results) -> list[ClaimRecord]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,6 @@ class Verification:
     versions : what differs between the two environments; it is no difference of the results
     remarks : what a reader should know besides, such as how little was computed
     trials : differences of statuses and metrics; None where nothing was computed
-    moved : metric -> values that have moved by one sample; these count as equal
     digits : numbers of summary.csv that do not follow from the rows, where nothing was computed
     findings : differences of a claim that was computed alone
     files : what was found about every file
@@ -40,7 +39,6 @@ class Verification:
     versions: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     trials: TrialDifferences | None = None
-    moved: Mapping[str, int] = field(default_factory=dict)
     digits: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
     files: tuple[FileOutcome, ...] = ()
@@ -74,7 +72,6 @@ class Verification:
             "compared": counts | {"files": sum(each.is_compared for each in self.files)},
             "files": {each.name: str(each) for each in self.files},
             "largest_relative_difference": max(relative, default=None),
-            "moved_by_one_sample": dict(self.moved),
             "n_differences": len(self.differences),
             "differences": list(self.differences[:MOST_LINES]),
         }
@@ -90,7 +87,7 @@ class Verification:
         yield "files that differ", [f"{each.name}: {each.note}" for each in self.files if each.is_different]
 
     def __str__(self) -> str:
-        return "\n".join(self._lines())
+        return "\n".join(_printable(line) for line in self._lines())
 
     def _lines(self) -> Iterator[str]:
         yield f"{self.path}: {self.result}   {self.scope}"
@@ -113,15 +110,18 @@ class Verification:
             return "compared: the hash of every file, and summary.csv with the rows in trials.csv"
         parts = [f"{trials.n_trials} statuses", f"{trials.n_values} values of metrics ({_largest(trials)})"]
         parts += [f"{self.n_claims} claim{'' if self.n_claims == 1 else 's'}"] if self.n_claims else []
-        moved = [f"{n} of {metric}" for metric, n in self.moved.items()]
-        text = f"compared: {', '.join(parts)}"
-        return text + (f"; moved by one sample, which counts as equal: {', '.join(moved)}" if moved else "")
+        return f"compared: {', '.join(parts)}"
 
     def _counted(self) -> str:
         """Count the files by what was found about them."""
         counts = Counter(each.word for each in self.files)
         words = [BYTES, NUMBERS, *sorted({*counts} - {BYTES, NUMBERS})]
         return f"{len(self.files)} files: " + "; ".join(f"{counts[word]} {word}" for word in words if counts[word])
+
+
+def _printable(line: str) -> str:
+    """Write a line with escapes in place of what would end it or is not seen."""
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in line)
 
 
 def _largest(trials: TrialDifferences) -> str:
@@ -158,8 +158,8 @@ def _alone(trials: TrialDifferences) -> list[str]:
     found += [f"metric {name}: is computed only here" for name in trials.metrics[1]]
     found += [f"point {name}: is computed only here" for name in trials.points[1]]
     for each in trials.runs:
-        runs = ", ".join(map(str, each.runs_a[:MOST_LINES]))
-        found.append(f"{_where(each.point, each.method)}: {len(each.runs_a)} runs are packed only ({runs})")
+        runs = ", ".join(map(str, each.runs_b[:MOST_LINES]))
+        found.append(f"{_where(each.point, each.method)}: {len(each.runs_b)} runs are computed only here ({runs})")
     return found
 
 

@@ -6,6 +6,7 @@ Files have the names of experiments, papers, metrics and figures, and a terminal
 from __future__ import annotations
 
 import re
+import unicodedata
 
 EXPERIMENT = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
 """Name of an experiment or a paper, which is that of a directory."""
@@ -44,6 +45,15 @@ def wrong_formula(text: str) -> str:
         if depth > _DEEPEST:
             return f"has a formula that is nested more than {_DEEPEST} levels deep"
     return "has a formula with more than 20 commands in a row" if "$" in text and _IN_A_ROW.search(text) else ""
+
+
+def wrong_line(text: object) -> str:
+    """Say what is wrong with a text that is shown in one line; empty where nothing is."""
+    if isinstance(text, str) and not text.isprintable():
+        # The characters that `types.texts` refuses in a name.
+        unseen = [each for each in text if unicodedata.category(each) in ("Cc", "Cf", "Cs", "Zl", "Zp")]
+        return f"contains the control or invisible character U+{ord(unseen[0]):04X}" if unseen else wrong_text(text)
+    return wrong_text(text)
 
 
 def wrong_method(text: object) -> str:

@@ -11,6 +11,7 @@ import errno
 import json
 import os
 import re
+import shlex
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +21,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from rmpc_bench.received.names import HIDDEN, wrong_formula, wrong_text
+from rmpc_bench.received.names import HIDDEN, wrong_formula, wrong_line, wrong_text
 
 
 def wrong_time(text: object) -> str:
@@ -35,6 +36,29 @@ def wrong_time(text: object) -> str:
 def wrong_message(value: Any) -> str:
     """Say what is wrong with what another program has said, in any characters; empty where nothing is."""
     return "" if isinstance(value, str) else "must be text"
+
+
+def wrong_option(value: Any) -> str:
+    """Say what is wrong with an option of `run` that changes an experiment; empty where nothing is."""
+    found = re.fullmatch(r"--smoke|--runs \d{1,15}|(?:-s|--only|--add-method) (.+)", str(value), re.DOTALL)
+    given = found[1] if found and found[1] else "x"
+    try:
+        # What follows is one word for a shell.
+        good = (
+            isinstance(value, str)
+            and found
+            and [*map(shlex.quote, shlex.split(given))] == [given]
+            and not wrong_text(value)
+        )
+    except ValueError:
+        good = False
+    return "" if good else "must be an option that changes an experiment, such as --runs 4 or -s 'seed=2'"
+
+
+def wrong_commit(value: Any) -> str:
+    """Say what is wrong with the name of a commit of git; empty where nothing is."""
+    good = isinstance(value, str) and re.fullmatch("[0-9a-f]{40}|[0-9a-f]{64}|unknown", value)
+    return "" if good else "must have 40 hexadecimal digits, or be 'unknown'"
 
 
 def wrong_size(value: Any) -> str:
@@ -71,28 +95,34 @@ _WORDS = {
     type(None): "null",
 }
 MANIFEST: Any = {
-    "name?": str,
-    "experiment?": str,
+    "name?": wrong_line,
+    "experiment?": wrong_line,
     "seed?": range(2**63),
-    "modified?": [str],
-    "versions?": {str: str},
-    "libraries?": {str: str},
+    "modified?": [wrong_option],
+    "versions?": {wrong_line: wrong_line},
+    "libraries?": {wrong_line: wrong_line},
     "numerics?": COUNT,
-    "blas?": [{str: (str, int, None)}],
-    "git?": (None, {"commit": str, "dirty?": bool}),
-    "platform?": {"system?": str, "machine?": str, "cores?": (COUNT, None)},
+    "blas?": [{wrong_line: (wrong_line, int, None)}],
+    "git?": (None, {"commit": wrong_commit, "dirty?": bool}),
+    "platform?": {"system?": wrong_line, "machine?": wrong_line, "cores?": (COUNT, None)},
     "looks?": [COUNT],
-    "report?": {"place?": str, "keys?": dict, "labels?": {str: str}, "own_figures?": bool, "matplotlib?": str},
+    "report?": {
+        **{"place?": wrong_line, "keys?": dict, "labels?": {wrong_line: str}},
+        **{"own_figures?": bool, "matplotlib?": wrong_line},
+    },
     "files?": {str: str},
-    "sessions?": [{"start": wrong_time, "stop": (wrong_time, None), "why": str, "shard?": str}],
+    "sessions?": [{"start": wrong_time, "stop": (wrong_time, None), "why": wrong_line, "shard?": wrong_line}],
 }
-_MEAN = {"point": str, "method": str, "n": COUNT, "n_other": COUNT, "mean": (float, None), "m2": (wrong_size, None)}
+_MEAN = {
+    "point": wrong_line,
+    "method": wrong_line,
+    "n": COUNT,
+    "n_other": COUNT,
+    "mean": (float, None),
+    "m2": (wrong_size, None),
+}
 PROGRESS: Any = {
-    "name": str,
-    "metric": str,
-    "state": str,
-    "why": str,
-    "host": str,
+    **dict.fromkeys(("name", "metric", "state", "why", "host"), wrong_line),
     "pid": range(2**31),
     "updated": wrong_time,
     "every": wrong_size,
@@ -101,11 +131,11 @@ PROGRESS: Any = {
     "total": COUNT,
     "done": COUNT,
     "all_trials": COUNT,
-    "failed": {str: COUNT},
+    "failed": {wrong_line: COUNT},
     "rate": wrong_size,
     "left_seconds": (wrong_size, None),
-    "shard?": (str, None),
-    "stage?": str,
+    "shard?": (wrong_line, None),
+    "stage?": wrong_line,
     "means?": [_MEAN],
 }
 TUNING: Any = {"version": int, "searches": {str: dict}}
@@ -208,8 +238,9 @@ def checked(content: bytes, shape: Any, *, any_text: bool = False) -> Any:
     ----------
     content : the text
     shape : `int`, `float`, `str`, `bool`, `list`, `dict` or None; a range of integers; a function that says what is
-        wrong; ``[shape]`` for a list; ``{str: shape}`` for a mapping; ``{name: shape}`` for an object with these
-        entries, optional where the name ends with ``?``, and any others; a tuple of shapes, one of which it has
+        wrong; ``[shape]`` for a list; ``{str: shape}`` for a mapping, where a function may
+        stand for `str`; ``{name: shape}`` for an object with these entries, optional where the name ends with ``?``,
+        and any others; a tuple of shapes, one of which it has
     any_text : whether texts may have control characters, as messages of other programs do
     """
     _check_nesting(content)
@@ -294,9 +325,10 @@ def _check_entries(value: Any, shape: Any, field: str) -> None:
     if isinstance(shape, list):
         for number, each in enumerate(value):
             _check(each, shape[0], f"{field}[{number}]")
-    elif str in shape:
+    elif callable(rule := next(iter(shape))):
         for name, each in value.items():
-            _check(each, shape[str], f"{field}.{name}".lstrip("."))
+            _check(name, rule, f"{field}: the name")
+            _check(each, shape[rule], f"{field}.{name}".lstrip("."))
     else:
         for key, each in shape.items():
             name = key.rstrip("?")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
@@ -215,7 +216,7 @@ def trust_blocks(source: PageSource) -> list[Block]:
             (
                 f"{n_runs} runs per method{points} are stored, {trials.n_failed_trials} trials failed; "
                 "this page is made from them again without simulation.",
-                f"rmpc-bench report {source.place}",
+                shlex.join(["rmpc-bench", "report", source.place]),
             )
         )
         rows.append(
