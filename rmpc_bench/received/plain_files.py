@@ -40,7 +40,7 @@ def wrong_message(value: Any) -> str:
 
 def wrong_option(value: Any) -> str:
     """Say what is wrong with an option of `run` that changes an experiment; empty where nothing is."""
-    found = re.fullmatch(r"--smoke|--runs \d{1,15}|(?:-s|--only|--add-method) (.+)", str(value), re.DOTALL)
+    found = re.fullmatch(r"--smoke|--runs [0-9]{1,15}|(?:-s|--only|--add-method) (.+)", str(value), re.DOTALL)
     given = found[1] if found and found[1] else "x"
     try:
         # What follows is one word for a shell.
@@ -102,7 +102,7 @@ MANIFEST: Any = {
     "versions?": {wrong_line: wrong_line},
     "libraries?": {wrong_line: wrong_line},
     "numerics?": COUNT,
-    "blas?": [{wrong_line: (wrong_line, int, None)}],
+    "blas?": [{wrong_line: (int, None, wrong_line)}],
     "git?": (None, {"commit": wrong_commit, "dirty?": bool}),
     "platform?": {"system?": wrong_line, "machine?": wrong_line, "cores?": (COUNT, None)},
     "looks?": [COUNT],

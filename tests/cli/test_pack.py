@@ -160,8 +160,8 @@ def test_a_status_a_finding_a_printed_digit_and_a_series_are_found(archive, tmp_
         assert text in found.stdout, found.stdout
 
 
-def test_a_time_that_moved_by_one_sample_is_counted(here, archive, tmp_path):
-    """On another machine only, where the last digits differ; two samples are a difference."""
+def test_a_time_that_moved_by_one_sample_is_a_difference(here, archive, tmp_path):
+    """Also on another machine, where a threshold may be crossed one sample later: the metric and the run are named."""
     rows = (here / "out" / "trials.csv").read_text("utf-8").splitlines()
     line = next(row for row in rows[1:] if not row.endswith("inf"))
     value = float(line.split(",")[-1])
@@ -175,9 +175,7 @@ def test_a_time_that_moved_by_one_sample_is_counted(here, archive, tmp_path):
         return cli("verify", path, "-j", 1)
 
     elsewhere = {"manifest__json": lambda text: text.replace(f'"{platform.machine()}"'.encode(), b'"other"')}
-    found = verified(1, **elsewhere)
-    assert "counts as equal: 1 of settling_time" in found.stdout and "\nmetrics\n" not in found.stdout, found.stdout
-    for found in (verified(1), verified(2, **elsewhere)):
+    for found in (verified(1), verified(1, **elsewhere)):
         assert found.exit_code == 1 and "\nmetrics\n  S-MPC settling_time: 1 of 12 runs" in found.stdout, found.stdout
 
 

