@@ -65,12 +65,16 @@ class PackedFiles:
     def as_stated(self, config: ExperimentConfig) -> ExperimentConfig:
         """Return a resolved configuration with what it does not have: options of the command, labels of the given one.
 
-        A stated label counts where the configuration as given has it, too; else the one that follows from this one.
+        Where the given one is not loaded, a stated label counts that is the name of its method with parameters.
         """
-        given = {} if self._loaded is None else self._loaded.labels
-        stated = self._way.get("labels", {})
-        equal = {name: text for name, text in given.items() if name in config.labels and stated.get(name) == text}
-        return replace(config, overrides=self._overrides, labels={**config.labels, **equal})
+        given, stated = self._loaded, self._way.get("labels", {})
+        known = {
+            name: text
+            for name, text in stated.items()
+            if name in config.labels
+            and (text.startswith(f"{name}, ") if given is None else given.labels.get(name) == text)
+        }
+        return replace(config, overrides=self._overrides, labels={**config.labels, **known})
 
     def prepare(self, place: Path) -> None:
         """Give the directory of the new computation what it cannot find again: earlier looks, and what tuning chose."""

@@ -152,14 +152,14 @@ def test_an_infinite_number_equals_no_other(small, tmp_path, name):
     assert words(archive_with(small, tmp_path / "inf.zip", changes))[1][name] == "different"
 
 
-@pytest.mark.parametrize("number", ["inf", "nan"])
-def test_a_number_of_the_summary_that_is_none_does_not_follow_from_the_rows(small, tmp_path, number):
+@pytest.mark.parametrize(("name", "number"), [("mean", "inf"), ("median", "nan"), ("n_failed", "inf")])
+def test_a_number_of_the_summary_that_is_none_does_not_follow_from_the_rows(small, tmp_path, name, number):
     lines = packed.contents(small)["summary.csv"].decode().splitlines()
-    column = lines[0].split(",").index("mean")
+    column = lines[0].split(",").index(name)
     cells = lines[1].split(",")
     lines[1] = ",".join([*cells[:column], number, *cells[column + 1 :]])
     path = archive_with(small, tmp_path / "bad.zip", {"summary.csv": "\n".join(lines).encode()})
-    assert "mean: summary.csv" in str(words(path, simulate=False)[0])
+    assert f"{name}: summary.csv" in str(words(path, simulate=False)[0])
 
 
 def with_lines(path, to, change, **options):
