@@ -58,23 +58,17 @@ class PackedFiles:
         self._loaded: ExperimentConfig | None = None
         place = PurePosixPath(self._way.get("place", ""))
         if place.is_absolute() or ".." in place.parts or str(place).startswith("-"):
-            raise ArchiveError(
-                f"{path}: manifest.json: report.place: must be a plain relative path (got {str(place)!r})"
-            )
+            text = f"report.place: must be a plain relative path (got {str(place)!r})"
+            raise ArchiveError(f"{path}: manifest.json: {text}")
 
     def as_stated(self, config: ExperimentConfig) -> ExperimentConfig:
-        """Return a resolved configuration with what it does not have: options of the command, labels of the given one.
-
-        Where the given one is not loaded, a stated label counts that is the name of its method with parameters.
-        """
-        given, stated = self._loaded, self._way.get("labels", {})
-        known = {
-            name: text
-            for name, text in stated.items()
-            if name in config.labels
-            and (text.startswith(f"{name}, ") if given is None else given.labels.get(name) == text)
-        }
-        return replace(config, overrides=self._overrides, labels={**config.labels, **known})
+        """Return a resolved configuration with what it does not have: options of the command, labels of the given one."""
+        # Where that is not loaded, a stated label counts that is the name of its method with parameters.
+        labels = dict(config.labels)
+        for name, text in self._way.get("labels", {}).items():
+            given = text.startswith(f"{name}, ") if self._loaded is None else self._loaded.labels.get(name) == text
+            labels |= {name: text} if name in labels and given else {}
+        return replace(config, overrides=self._overrides, labels=labels)
 
     def prepare(self, place: Path) -> None:
         """Give the directory of the new computation what it cannot find again: earlier looks, and what tuning chose."""

@@ -50,7 +50,6 @@ def wrong_formula(text: str) -> str:
 def wrong_line(text: object) -> str:
     """Say what is wrong with a text that is shown in one line; empty where nothing is."""
     if isinstance(text, str) and not text.isprintable():
-        # The characters that `types.texts` refuses in a name.
         unseen = [each for each in text if unicodedata.category(each) in ("Cc", "Cf", "Cs", "Zl", "Zp")]
         return f"contains the control or invisible character U+{ord(unseen[0]):04X}" if unseen else wrong_text(text)
     return wrong_text(text)

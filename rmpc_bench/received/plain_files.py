@@ -41,15 +41,10 @@ def wrong_message(value: Any) -> str:
 def wrong_option(value: Any) -> str:
     """Say what is wrong with an option of `run` that changes an experiment; empty where nothing is."""
     found = re.fullmatch(r"--smoke|--runs [0-9]{1,15}|(?:-s|--only|--add-method) (.+)", str(value), re.DOTALL)
-    given = found[1] if found and found[1] else "x"
+    given = found[1] or "x" if found else ""
     try:
         # What follows is one word for a shell.
-        good = (
-            isinstance(value, str)
-            and found
-            and [*map(shlex.quote, shlex.split(given))] == [given]
-            and not wrong_text(value)
-        )
+        good = isinstance(value, str) and not wrong_text(value) and [*map(shlex.quote, shlex.split(given))] == [given]
     except ValueError:
         good = False
     return "" if good else "must be an option that changes an experiment, such as --runs 4 or -s 'seed=2'"
@@ -113,14 +108,8 @@ MANIFEST: Any = {
     "files?": {str: str},
     "sessions?": [{"start": wrong_time, "stop": (wrong_time, None), "why": wrong_line, "shard?": wrong_line}],
 }
-_MEAN = {
-    "point": wrong_line,
-    "method": wrong_line,
-    "n": COUNT,
-    "n_other": COUNT,
-    "mean": (float, None),
-    "m2": (wrong_size, None),
-}
+_MEAN: Any = {**dict.fromkeys(("point", "method"), wrong_line), **dict.fromkeys(("n", "n_other"), COUNT)}
+_MEAN |= {"mean": (float, None), "m2": (wrong_size, None)}
 PROGRESS: Any = {
     **dict.fromkeys(("name", "metric", "state", "why", "host"), wrong_line),
     "pid": range(2**31),

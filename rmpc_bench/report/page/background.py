@@ -21,12 +21,7 @@ MOST_LISTED = 6
 
 
 def method_blocks(source: PageSource) -> list[Block]:
-    """Return the keys in which the methods differ, what they share, and the assumptions.
-
-    Parameters
-    ----------
-    source : of the page
-    """
+    """Return the keys in which the methods differ, what they share, and the assumptions."""
     blocks: list[Block] = []
     differences = source.differences
     keys = [*dict.fromkeys(key for row in differences.values() for key in row)]
@@ -55,12 +50,7 @@ def _number(source: PageSource, name: str) -> int | None:
 
 
 def limitation_blocks(source: PageSource) -> list[Block]:
-    """Return the known limitations of the comparison.
-
-    Parameters
-    ----------
-    source : of the page
-    """
+    """Return the known limitations of the comparison."""
     return bullets([*_status_limits(source), *_comparison_limits(source), *_machine_limits(source)])
 
 
@@ -138,12 +128,7 @@ def _machine_limits(source: PageSource) -> list[Text]:
 
 
 def failure_blocks(source: PageSource) -> list[Block]:
-    """Return failed runs with the command that replays them, held and failed steps, warnings, and the time taken.
-
-    Parameters
-    ----------
-    source : of the page
-    """
+    """Return failed runs with the command that replays them, held and failed steps, warnings, and the time taken."""
     blocks: list[Block] = []
     for trials in source.trials.each:
         lines: list[Text] = [text.removeprefix("- ") for text in (*status_lines(trials), *declared_lines(trials))]
@@ -199,12 +184,7 @@ def _cell(value: Any) -> str:
 
 
 def trust_blocks(source: PageSource) -> list[Block]:
-    """Return the reasons to trust the numbers, each with the command that checks it.
-
-    Parameters
-    ----------
-    source : of the page
-    """
+    """Return the reasons to trust the numbers, each with the command that checks it."""
     trials, record = source.trials, source.record
     file = record["command"].split()[2]
     first = next((name for name in trials.methods), "")
