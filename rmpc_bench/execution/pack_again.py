@@ -63,7 +63,7 @@ class PackedFiles:
 
     def as_stated(self, config: ExperimentConfig) -> ExperimentConfig:
         """Return a resolved configuration with what it does not have: options of the command, given labels."""
-        # Where the configuration as given is not loaded, a stated label counts that is the name of its method with parameters.
+        # Where the given one is not loaded, a stated label counts that is the name of its method with parameters.
         labels = dict(config.labels)
         for name, text in self._way.get("labels", {}).items():
             given = text.startswith(f"{name}, ") if self._loaded is None else self._loaded.labels.get(name) == text
