@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+import shlex
 import stat
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -107,11 +108,12 @@ def pack(
     """
     place = Path(directory)
     results = load_results(place)
+    # First: a pipe in place of a file would never end.
+    contents: dict[str, Path | bytes] = dict(_files(place))
     _refuse_stale(results, place)
     config = load_config(place / RESOLVED, lenient=True)
     if config.hash != results.experiment.hash:
         raise ArchiveError(f"{place}: {RESOLVED} describes another experiment than the stored trials")
-    contents: dict[str, Path | bytes] = dict(_files(place))
     contents |= _data_files(config, contents)
     facts = facts_of(results, manifest.read(place), contents, authors, licence)
     contents[CITATION] = citation(facts).encode()
@@ -145,7 +147,7 @@ def facts_of(
 
 def _refuse_stale(results: Results, directory: Path) -> None:
     """Refuse a directory of which files are missing or belong to other trials than the stored ones."""
-    way_out = f"`rmpc-bench report {directory}` writes it again"
+    way_out = f"`rmpc-bench report {shlex.quote(str(directory))}` writes it again"
     for name in NEEDED:
         if not (directory / name).exists():
             raise ArchiveError(f"{directory}: there is no {name}; {way_out}")

@@ -30,6 +30,7 @@ from rmpc_bench.execution.verification import Verification
 from rmpc_bench.received.archive import Archive, ArchiveError, note_verification, open_archive
 from rmpc_bench.received.consent import reason_against_archive
 from rmpc_bench.received.plain_files import CLAIMS, DamagedError, json_of
+from rmpc_bench.types import ConfigError
 
 if TYPE_CHECKING:
     from rmpc_bench.config.experiment_config import ExperimentConfig
@@ -66,9 +67,8 @@ def verify(
     Raises
     ------
     ArchiveError
-        If the file is no archive of results, may not be taken out, or has Python files that are not allowed.
-    ConfigError
-        If its configuration does not load here.
+        If the file is no archive of results, may not be taken out, has code that is not allowed, or its configuration
+        does not load here.
 
     Examples
     --------
@@ -93,8 +93,16 @@ def verify(
         except DamagedError as error:
             text = re.sub(rf"{re.escape(temporary)}/\w+/", "", str(error)).rpartition(";")[0]
             raise ArchiveError(f"{archive.path}: {text}; ask for the archive again") from None
+        except ConfigError as error:
+            text = re.sub(rf"{re.escape(temporary)}/\w+/", f"{archive.path}: ", str(error))
+            raise ArchiveError(text) from None
         found = replace(found, path=archive.path, hashes=hashes, versions=packed.versions)
-    note_verification(archive.path, {**environment(), **found.record()})
+    try:
+        note_verification(archive.path, {**environment(), **found.record()})
+    except OSError as error:
+        return replace(
+            found, remarks=(*found.remarks, f"{archive.path} does not record this outcome: {error.strerror}")
+        )
     return found
 
 

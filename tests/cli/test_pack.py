@@ -5,6 +5,7 @@ import os
 import platform
 import shutil
 
+import forged_packs
 import packed
 import pytest
 from execution.test_own_experiment import written
@@ -254,3 +255,32 @@ def test_results_of_a_stopping_rule_are_reproduced(tmp_path, options):
     assert cli("pack", tmp_path / "out", "-o", tmp_path / "tiny.zip").exit_code == 0
     done = cli("verify", tmp_path / "tiny.zip", "-j", 1, *options)
     assert done.exit_code == 0, done.output
+
+
+def test_a_configuration_that_does_not_load_is_named_with_its_archive(here, tmp_path):
+    """Not with the directory into which it was taken out, which is gone."""
+    text = packed.contents(here / "tiny.zip")["config.resolved.yaml"].replace(b"kind: robust-kalman", b"kind: nothing")
+    file = forged_packs.archive_with(here / "tiny.zip", tmp_path / "x.zip", {"config.resolved.yaml": text})
+    result = cli("verify", file, "-j", 1)
+    assert result.exit_code == 2 and f"{file}: config.resolved.yaml:" in result.stderr
+    assert "packed/" not in result.stderr
+
+
+def test_an_outcome_that_cannot_be_noted_is_shown(here, tmp_path, monkeypatch):
+    """What was computed is not lost with the record in the archive."""
+    file = shutil.copy(here / "tiny.zip", tmp_path / "x.zip")
+
+    def refused(*given):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("rmpc_bench.execution.pack_verify.note_verification", refused)
+    result = cli("verify", file, "-j", 1, "--runs", 2)
+    assert result.exit_code == 0 and "does not record this outcome: Permission denied" in result.stdout
+
+
+def test_a_pipe_in_place_of_a_table_ends_pack(here, tmp_path):
+    out = shutil.copytree(here / "out", tmp_path / "out")
+    (out / "trials.csv").unlink()
+    os.mkfifo(out / "trials.csv")
+    result = cli("pack", out, "-o", tmp_path / "x.zip")
+    assert result.exit_code == 2 and "trials.csv" in result.stderr
