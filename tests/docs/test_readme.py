@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 
 import forked_commands
 import pandas as pd
@@ -73,11 +74,17 @@ def printed(out, method):
 
 def test_the_row_of_the_own_estimator():
     """What its command prints, without the time per step, which differs from machine to machine."""
-    run, added = (step for step in followed(README).steps if " run " in step.line)
+    _, added = (step for step in followed(README).steps if " run " in step.line)
     (row,) = (line for line in TEXT.splitlines() if line.startswith("| mine |"))
     assert [cell.strip() for cell in row.strip("|").split("|")] == printed(added.out, "mine")
-    change = re.search(r"also than R-MPC, which has (\S+ %)", WORDS)[1]
-    assert printed(run.out, "R-MPC")[3].startswith(change)
+    option, change = re.search(r"with `(.*?)` it is (\S+ % \[.*?\]) better than R-MPC", WORDS).groups()
+    place = followed(README).place
+    again = [*shlex.split(added.line)[1:], *shlex.split(option), "-o", "other", "--progress", "none"]
+    done = forked_commands.run(again, place)
+    assert done.returncode == 0, done.stderr
+    found = printed(done.stdout, "mine")[3]
+    ends = [each.strip("-+") for each in re.findall(r"[-+]?[\d.]+", found)]
+    assert [ends[0], *sorted(ends[1:])] == re.findall(r"[\d.]+", change) and found.startswith("-")
 
 
 def test_the_first_example_draws_two_parameters_and_no_noise(tmp_path):
