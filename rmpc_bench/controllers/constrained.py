@@ -1,11 +1,13 @@
 """Moves of a predictive controller under limits: one quadratic program per run and sample, skipped where no limit acts.
 
-Problem  minimise 1/2 V' H V + (F p)' V + cost of the slacks   over low <= A V + E p <= high, hard rows and soft ones.
-         V are the moves, p = [own; shared] the parameters: those of every run, such as x_hat and u(k-1), and those that
-         all runs share, such as the reference.  V = M p minimises the cost without rows.
-Skip     If low <= (A M + E) p <= high in every row, then V = M p with multipliers and slacks of 0 satisfies the
-         conditions of the minimum, so that it is the minimum, and no program is solved.  The test is exact: all moves
-         and all predicted samples count, without a tolerance.
+Problem  minimise |V|^2 + cost of the slacks   over low <= A V + E p <= high, hard rows and soft ones; the moves are
+         M p + L V.  p = [own; shared] are the parameters: those of every run, such as x_hat and u(k-1), and those that
+         all runs share, such as the reference.  M p minimises the cost without rows.
+Skip     If low <= E p <= high in every row, then V = 0 with multipliers and slacks of 0 satisfies the conditions of the
+         minimum, so that it is the minimum, and no program is solved.  The test is exact: all moves and all predicted
+         samples count, without a tolerance.
+Scale    With V / g as unknowns the longest row, in its unit, has the length 1: a violation of a tolerance of the solver
+         is then at most as large in units of the row, whatever the size of the cost is.
 Bits     All products are summed by einsum (`mv`), and every program starts cold: a run has the same bytes in any block.
 Missing  A parameter that is not a number makes every comparison false: the run is not skipped, and is not solved.
 Shared   By the controllers mpc, gpc and tube-mpc.
@@ -23,7 +25,7 @@ from jaxtyping import Bool, Float, Int8
 
 from rmpc_bench.controllers.limits import Fallback
 from rmpc_bench.numerics.linalg import mv
-from rmpc_bench.numerics.qp import QpStatus, QuadraticProgram
+from rmpc_bench.numerics.qp import MOST_ITERATIONS, QpStatus, QuadraticProgram
 from rmpc_bench.types import Array, Command, OptimisedStep, Status
 
 STEPS = {
@@ -89,33 +91,23 @@ class ConstrainedMoves:
 
     Parameters
     ----------
-    H : (n, n) positive definite matrix
-    F : (n, np) linear part of the cost for every parameter
-    M : (n, np) the minimum without rows: M = -H^-1 F
-    rows : the limits
-    size : (n,) unit of every move, for the solver, which has absolute tolerances
+    M : (n, np) moves of the minimum without rows
+    L : (n, unknowns) moves for the unknowns V
+    rows : the limits, whose A belongs to V
     n_own : number of parameters of every run; the other ones are shared by all runs
     skips : whether no program is solved where no limit acts; otherwise every program is
-    iteration_limit : largest number of iterations of the solver; its own default unless given
+    iteration_limit : largest number of iterations of the solver
     """
 
-    H: Float[Array, "n n"]
-    F: Float[Array, "n np"]
     M: Float[Array, "n np"]
+    L: Float[Array, "n unknowns"]
     rows: Rows
-    size: Float[Array, " n"]
     n_own: int
     skips: bool = True
-    iteration_limit: int | None = None
+    iteration_limit: int = MOST_ITERATIONS
 
     def moves(self, own: Float[Array, "runs own"], shared: Float[Array, " shared"]) -> Moves:
-        """Return the moves of a block of runs.
-
-        Parameters
-        ----------
-        own : parameters of every run
-        shared : parameters that all runs share
-        """
+        """Return the moves of a block of runs for the parameters of every run and those that all runs share."""
         own, shared, rows = np.ascontiguousarray(own), np.ascontiguousarray(shared)[None], self.rows
         of_own, of_shared = self._moves_and_rows
         found = mv(of_own, own) + mv(of_shared, shared)
@@ -126,51 +118,37 @@ class ConstrainedMoves:
         steps = np.zeros(len(own), dtype=np.int8)
         if not (self.skips and free.all()):
             acting = np.flatnonzero(~free) if self.skips else np.arange(len(own))
-            self._solve(acting, own[acting], shared, V, steps)
+            low, high = ((end - tested[acting]) / rows.unit for end in (rows.low, rows.high))
+            program, L = self._program
+            x, statuses = program.nearest(low, high)
+            steps[acting] = [STEPS[status] for status in statuses]
+            solved = [status.solved for status in statuses]
+            V[acting[solved]] += mv(L, x[solved])
         return Moves(V, steps)
-
-    def _solve(
-        self,
-        acting: Array,
-        own: Float[Array, "acting own"],
-        shared: Float[Array, "1 shared"],
-        V: Float[Array, "runs n"],
-        steps: Int8[Array, " runs"],
-    ) -> None:
-        """Solve the programs of some runs and write their moves and results."""
-        of_own, of_shared = self._cost_and_bounds
-        given = mv(of_own, own) + mv(of_shared, shared)
-        n = len(self.M)
-        f, moved = given[:, :n], given[:, n:]
-        low, high = self._scaled_bounds
-        x, statuses = self._program.solve_block(f, low - moved, high - moved)
-        steps[acting] = [STEPS[status] for status in statuses]
-        solved = [status.solved for status in statuses]
-        V[acting[solved]] = x[solved] * self.size
 
     @cached_property
     def _moves_and_rows(self) -> tuple[Array, Array]:
         """Gains of the moves without rows and, below them, of the rows, for the own and the shared parameters."""
-        return self._split(np.vstack([self.M, self.rows.A @ self.M + self.rows.E]))
-
-    @cached_property
-    def _cost_and_bounds(self) -> tuple[Array, Array]:
-        """Gains of the linear part of the cost and, below them, of the bounds, in the units of the solver."""
-        return self._split(np.vstack([self.size[:, None] * self.F, self.rows.E / self.rows.unit[:, None]]))
-
-    @cached_property
-    def _scaled_bounds(self) -> tuple[Array, Array]:
-        return self.rows.low / self.rows.unit, self.rows.high / self.rows.unit
-
-    def _split(self, gains: Float[Array, "n np"]) -> tuple[Array, Array]:
+        gains = np.vstack([self.M, self.rows.E])
         return np.ascontiguousarray(gains[:, : self.n_own]), np.ascontiguousarray(gains[:, self.n_own :])
 
     @cached_property
-    def _program(self) -> QuadraticProgram:
-        rows, size = self.rows, self.size
-        limit = {} if self.iteration_limit is None else {"iteration_limit": self.iteration_limit}
-        H, A = size[:, None] * self.H * size, rows.A * size / rows.unit[:, None]
-        return QuadraticProgram(H, A, rows.soft, rows.linear, rows.quadratic, **limit)
+    def _program(self) -> tuple[QuadraticProgram, Float[Array, "n unknowns"]]:
+        rows = self.rows
+        program, g = unit_program(
+            rows.A / rows.unit[:, None], rows.soft, rows.linear, rows.quadratic, self.iteration_limit
+        )
+        return program, np.ascontiguousarray(self.L / g)
+
+
+def unit_program(
+    A: Array, soft: Array, linear: Array, quadratic: Array, limit: int = MOST_ITERATIONS
+) -> tuple[QuadraticProgram, float]:
+    """Return the program of g V for rows in their units, and g."""
+    # Without an effect of the moves on any row, every unit will do.
+    g = float(np.sqrt((A * A).sum(axis=1).max(initial=0.0))) or 1.0
+    weights = 0.5 * g * g * linear, np.where(soft, 0.5 * g * g * quadratic, 1.0)
+    return QuadraticProgram(np.eye(A.shape[1]), A / g, soft, *weights, limit), g
 
 
 def with_fallback(

@@ -116,17 +116,17 @@ class Limited:
         """Which rows are soft."""
         return np.arange(len(self.unit)) >= len(self.hard.unit)
 
-    def weights(self, factor: float) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
-        """Return the linear and quadratic weights of the slacks in a cost multiplied by a factor; 0 and 1 if hard."""
+    @cached_property
+    def weights(self) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
+        """Linear and quadratic weights of the slacks; 0 and 1 if hard."""
         hard, signals = len(self.hard.unit), self.signals
-        linear = np.concatenate([np.zeros(hard), factor * signals.spread(signals.linear)])
-        return linear, np.concatenate([np.ones(hard), factor * signals.spread(signals.quadratic)])
+        linear = np.concatenate([np.zeros(hard), signals.spread(signals.linear)])
+        return linear, np.concatenate([np.ones(hard), signals.spread(signals.quadratic)])
 
-    def rows(self, Theta: Float[Array, "N nx N nu"]) -> Float[Array, "rows inputs"]:
-        """Return all rows as functions of the inputs of the horizon."""
-        N, _, _, nu = Theta.shape
-        z = np.einsum("im,jmnu->jinu", self.signals.Z, Theta).reshape(N, -1, N * nu)
-        return np.vstack([self.hard.a, z[self.signals.limited]])
+    def rows(self, U: Float[Array, "N nu columns"], X: Float[Array, "N nx columns"]) -> Float[Array, "rows columns"]:
+        """Return all rows, without constants and u(k-1), for inputs and states as functions of something."""
+        z = np.einsum("im,jmn->jin", self.signals.Z, X)
+        return np.vstack([self.hard.a @ U.reshape(-1, U.shape[2]), z[self.signals.limited]])
 
     def values(self, path: Path, u_previous: Float[Array, "runs nu"]) -> Float[Array, "runs rows"]:
         """Return all rows at given inputs and states."""

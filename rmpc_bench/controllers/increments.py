@@ -1,90 +1,74 @@
 """The quadratic program of predictive control in increments of the input.
 
-Model   The moves are V = [du(k); ..; du(k+Hu-1)], the parameters p = [x_hat; u(k-1); d_hat] of every run, d_hat only
-        with an estimated mean of the process noise, and [r(k+1); ..; r(k+Hp); 1], which all runs share.
-        Y = Psi x_hat + Upsilon u(k-1) + Phi d_hat + constant + Theta V, and the same for every limited signal.
+Model   The moves are [du(k); ..; du(k+Hu-1)], the parameters p = [x_hat; u(k-1); d_hat] of every run, d_hat only with
+        an estimated mean of the process noise, and [r(k+1); ..; r(k+Hp); 1], which all runs share.
+Form    Moves, inputs and limited signals are functions of p and of the unknowns V of tracking.py: those of the closed
+        loop without limits, in which V = 0, so that an unstable plant leaves no powers of A in the first Hu samples.
 Shared  By the controller mpc, which has the law without limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.constrained import ConstrainedMoves, Rows
-from rmpc_bench.controllers.limits import Bounds, SoftRows
-from rmpc_bench.controllers.prediction import predict_disturbance, predict_moves
+from rmpc_bench.controllers.limits import Bounds, SoftRows, key_of
 from rmpc_bench.models.linear import LinearModel
-from rmpc_bench.types import Array
+from rmpc_bench.numerics.tracking import Problem, Stage
+from rmpc_bench.types import Array, DesignError
 
-
-class IncrementCost(NamedTuple):
-    """Cost |root_Q (Y - r)|^2 + |root_R V|^2."""
-
-    Hp: int
-    Hu: int
-    root_Q: Float[Array, "rows rows"]
-    root_R: Float[Array, "moves moves"]
-    minimiser: Float[Array, "moves rows"]
-    """Moves without limits for the error of the outputs without moves: V = minimiser (r - Y)."""
-    scale: Float[Array, " nu"]
-    """Unit of every input."""
+DIGITS = 1e-9
+"""Largest relative rounding of a predicted signal."""
 
 
 def increment_program(
     model: LinearModel,
-    cost: IncrementCost,
-    u: Bounds,
-    du: Bounds,
+    problem: Problem,
+    stages: Sequence[Stage],
+    bounds: tuple[Bounds, Bounds],
+    scale: Float[Array, " nu"],
     soft: Mapping[str, SoftRows],
-    *,
-    uses_mean: bool,
 ) -> ConstrainedMoves:
-    """Return the program.
-
-    Parameters
-    ----------
-    model : prediction model
-    cost : horizons and weights
-    u, du : bounds of the input and of its increment; infinite where there are none
-    soft : name -> soft limit of a signal
-    uses_mean : whether the estimator estimates the mean of the process noise
-    """
-    Hp, Hu, nx, nu = cost.Hp, cost.Hu, model.nx, model.nu
-    free, Theta = _free(model, model.C, model.d0, Hp, Hu, uses_mean=uses_mean)
-    n_own, n_r = free.shape[1] - 1, Hp * model.ny
-    # The outputs without moves minus the reference, for the parameters [own; r; 1].
-    error = np.hstack([free[:, :n_own], -np.eye(n_r), free[:, n_own:]])
-    weighted = cost.root_Q @ Theta
-    H = 2.0 * (weighted.T @ weighted + cost.root_R.T @ cost.root_R)
-    F = 2.0 * weighted.T @ (cost.root_Q @ error)
-    scale = np.tile(cost.scale, Hu)
-    applied, nothing = np.zeros((Hu * nu, n_own + n_r + 1)), np.zeros((Hu * nu, n_own + n_r + 1))
-    applied[:, nx : nx + nu] = np.tile(np.eye(nu), (Hu, 1))
-    sums = np.kron(np.tril(np.ones((Hu, Hu))), np.eye(nu))
+    """Return the program with bounds of the input and of its increment, whose unit is `scale`, and soft limits."""
+    Hu, nx, nu, n_own = problem.moves, model.nx, model.nu, len(problem.A)
+    known = n_own + problem.N * model.ny + 1
+    U, X = problem.responses(stages)
+    for each in (U, X):  # The desired outputs are r - d0.
+        of_w = each[:, :, n_own : known - 1].reshape(*each.shape[:2], problem.N, model.ny)
+        each[:, :, known - 1] -= np.einsum("jiny,y->ji", of_w, model.d0)
     parts = [
-        Rows.hard(sums, applied, np.tile(u.low, Hu), np.tile(u.high, Hu), scale),
-        Rows.hard(np.eye(Hu * nu), nothing, np.tile(du.low, Hu), np.tile(du.high, Hu), scale),
+        _rows(answer, known, *(np.tile(each, Hu) for each in (*bound, scale)))
+        for answer, bound in zip((X[:Hu, nx : nx + nu], U), bounds, strict=True)
     ]
-    for limit in soft.values():
+    for name, limit in soft.items():
         (Z, constant), steps = limit.signal, limit.steps
-        ahead, A = _free(model, Z, constant, steps, Hu, uses_mean=uses_mean)
-        E = np.hstack([ahead[:, :n_own], np.zeros((len(ahead), n_r)), ahead[:, n_own:]])
-        every = np.ones(len(A))
-        low, high, unit = (np.tile(each, steps) for each in (*limit.bounds, limit.scale))
-        parts.append(Rows(A, E, low, high, unit, every > 0.0, limit.linear * every, limit.quadratic * every))
-    return ConstrainedMoves(H, F, -cost.minimiser @ error, Rows.stacked(parts), scale, n_own)
+        z = np.einsum("im,jmn->jin", Z, X[:steps, :nx])
+        z[:, :, known - 1] += constant
+        _refuse_lost_digits(name, problem, Z, X[Hu - 1], z)
+        row = _rows(z, known, *(np.tile(each, steps) for each in (*limit.bounds, limit.scale)))
+        every = np.ones(len(row.A))
+        parts.append(row._replace(soft=every > 0.0, linear=limit.linear * every, quadratic=limit.quadratic * every))
+    moves = U.reshape(Hu * nu, -1)
+    return ConstrainedMoves(moves[:, :known], moves[:, known:], Rows.stacked(parts), n_own)
 
 
-def _free(
-    model: LinearModel, Z: Float[Array, "nz nx"], constant: Float[Array, " nz"], Hp: int, Hu: int, *, uses_mean: bool
-) -> tuple[Float[Array, "rows own_and_1"], Float[Array, "rows moves"]]:
-    """Return what the parameters [own; 1] and the moves add to the predictions of z = Z x + constant."""
-    seen = LinearModel(model.A, model.B, Z, model.Q_w, np.eye(len(Z)), f0=model.f0, d0=constant)
-    Psi, Upsilon, Theta = predict_moves(seen, Hp, Hu)
-    Phi, rest = predict_disturbance(seen, Hp)
-    mean = (Phi,) if uses_mean else ()
-    return np.hstack([Psi, Upsilon, *mean, rest[:, None]]), Theta
+def _rows(answer: Float[Array, "samples n columns"], known: int, low: Array, high: Array, unit: Array) -> Rows:
+    """Return rows of parameters and unknowns as hard limits."""
+    rows = answer.reshape(len(unit), -1)
+    return Rows.hard(rows[:, known:], rows[:, :known], low, high, unit)
+
+
+def _refuse_lost_digits(name: str, problem: Problem, Z: Array, x: Array, z: Float[Array, "steps nz columns"]) -> None:
+    """Raise a DesignError where what the constant input after Hu makes of the rounding of x hides the signal."""
+    grown, lost = np.pad(Z, ((0, 0), (0, len(x) - Z.shape[1]))), np.finfo(float).eps * np.abs(x).max()
+    for j in range(problem.moves, len(z)):
+        grown = grown @ problem.A
+        if not lost * np.abs(grown).max() <= DIGITS * max(np.abs(z[j]).max(), 1.0 / DIGITS * np.finfo(float).tiny):
+            raise DesignError(
+                f"cannot be predicted over {j + 1} samples: the design model is unstable and the input constant after "
+                f"Hu = {problem.moves}, so that rounding errors grow; use at most {j} steps, or a larger Hu",
+                f"{key_of('soft', name)}.steps",
+            )

@@ -30,15 +30,15 @@ Fails   Design error if the moves are not determined (R = 0 and an input without
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.controllers.increments import IncrementCost, increment_program
+from rmpc_bench.controllers.increments import increment_program
 from rmpc_bench.controllers.limits import Limits, SoftLimit, bounds_of, one_for_all, refuse_unused, soft_rows
 from rmpc_bench.controllers.mpc_law import ConstrainedMpc, Mpc
-from rmpc_bench.controllers.prediction import predict_disturbance, predict_inputs, predict_moves
+from rmpc_bench.controllers.prediction import of_inputs, of_moves
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.numerics.linalg import as_covariance, as_vector, psd_sqrt
 from rmpc_bench.types import Array, DesignError, Estimator, Horizon, Matrix, Model, PlantInfo, Positive
@@ -106,60 +106,30 @@ def design(
     if limits.enforce == "qp" and law == "printed":
         raise DesignError("qp needs `law: increment`: the printed law does not depend on u(k-1)", "limits.enforce")
     u, du = bounds_of(limits.u, model.nu, "limits.u"), bounds_of(limits.du, model.nu, "limits.du")
-    root_Q = np.kron(np.eye(Hp), _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y")))
-    root_R = np.kron(np.eye(Hu), _scaled_root(R, scale.u, model.nu, ("R", "scale.u")))
-    first = (_first_printed if law == "printed" else _first_increment)(model, root_Q, root_R)
-    K_x, K_u, K_r = first.move @ first.Psi, first.K_u, first.move
-    Phi, constant = predict_disturbance(model, Hp)
+    root_Q = _scaled_root(Q, scale.y, model.ny, ("Q", "scale.y"))
+    root_R = _scaled_root(R, scale.u, model.nu, ("R", "scale.u"))
     uses_mean = estimator is not None and estimator.estimates_mean
-    u_0 = first.move @ constant + first.u_0 if constant.any() or first.u_0.any() else None
+    printed, (nx, nu) = law == "printed", model.B.shape
+    problem = (of_inputs if printed else of_moves)(model, root_Q, root_R, Hp, Hu, uses_mean=uses_mean)
+    try:
+        stages, _ = problem.stages()
+    except ValueError as error:
+        raise DesignError(_undetermined(model, str(error), root_R, Hp, Hu), "R") from None
+    K, K_r = stages[0].K_x, stages[0].K_w[:, :-1]
+    u_0 = K_r @ np.tile(model.d0, Hp) - stages[0].K_w[:, -1] - printed * model.u_op
     law_of_u: dict[str, Any] = {
         "preview": Hp + 1,
-        "K_d": first.move @ Phi if uses_mean else None,
-        "u_0": u_0,
+        "K_d": K[:, nx + nu :] if uses_mean else None,
+        "u_0": u_0 if u_0.any() else None,
         "u_op": None if model.operating_point is None else model.u_op,
         "du": None if limits.du is None else du,
     }
+    K_x, K_u = K[:, :nx], np.eye(nu) if printed else K[:, nx : nx + nu]
     if limits.enforce == "clip":
         return Mpc(K_x, K_u, K_r, *one_for_all(u), **law_of_u)
     rows = soft_rows(soft or {}, model, Hp, plant_info)
-    cost = IncrementCost(Hp, Hu, root_Q, root_R, first.moves @ root_Q, as_vector(scale.u, model.nu))
-    program = increment_program(model, cost, u, du, rows, uses_mean=uses_mean)
+    program = increment_program(model, problem, stages, (u, du), as_vector(scale.u, nu), rows)
     return ConstrainedMpc(K_x, K_u, K_r, *one_for_all(u), **law_of_u, program=program, fallback=limits.fallback)
-
-
-class FirstMove(NamedTuple):
-    """How the first move follows from what the predictions lack: move (r - Psi x) - K_u u(k-1) - u_0."""
-
-    moves: Float[Array, "all_moves outputs"]
-    """All moves of the horizon for errors times root_Q."""
-    move: Float[Array, "nu outputs"]
-    Psi: Float[Array, "outputs nx"]
-    K_u: Float[Array, "nu nu"]
-    u_0: Float[Array, " nu"]
-
-
-def _first_increment(
-    model: LinearModel, root_Q: Float[Array, "outputs outputs"], root_R: Float[Array, "all_moves all_moves"]
-) -> FirstMove:
-    """Return the first increment of the minimiser of (2)."""
-    Psi, Upsilon, Theta = predict_moves(model, len(root_Q) // model.ny, len(root_R) // model.nu)
-    moves = _moves(root_Q @ Theta, root_R)
-    move = moves[: model.nu] @ root_Q
-    return FirstMove(moves, move, Psi, move @ Upsilon, np.zeros(model.nu))
-
-
-def _first_printed(
-    model: LinearModel, root_Q: Float[Array, "outputs outputs"], root_R: Float[Array, "all_moves all_moves"]
-) -> FirstMove:
-    """Return the first input of the minimiser with |u - u_op|^2 in place of |du|^2, (4)."""
-    Hu = len(root_R) // model.nu
-    Psi, Theta = predict_inputs(model, len(root_Q) // model.ny, Hu)
-    moves = _moves(root_Q @ Theta, root_R)
-    move = moves[: model.nu] @ root_Q
-    # What u_op held over the horizon adds to the outputs, and u_op itself.
-    u_0 = move @ Theta @ np.tile(model.u_op, Hu) - model.u_op
-    return FirstMove(moves, move, Psi, np.eye(model.nu), u_0)
 
 
 def _constant(model: Model) -> LinearModel:
@@ -184,16 +154,12 @@ def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple
         raise DesignError(str(error), blamed) from None
 
 
-def _moves(weighted: Float[Array, "rows moves"], root_R: Float[Array, "moves moves"]) -> Float[Array, "moves rows"]:
-    """Return the columns of the pseudo-inverse for b in min |weighted dU - b|^2 + |root_R dU|^2.
-
-    QR factorisation of the stacked matrix, because the normal equations would square its condition number.
-    """
-    stacked = np.vstack([weighted, root_R])
-    orthogonal, upper = np.linalg.qr(stacked)
-    pivots = np.abs(np.diag(upper))
-    # A smaller pivot is rounding of the factorisation.
-    if pivots.min() <= 1e-13 * pivots.max():
-        raise DesignError("the cost does not determine the input moves; choose R > 0 or a smaller Hu", "R")
-    inverse: Array = np.linalg.solve(upper, orthogonal.T)[:, : len(weighted)]
-    return inverse
+def _undetermined(model: LinearModel, error: str, root_R: Array, Hp: int, Hu: int) -> str:
+    """Return the message for moves that the cost does not determine, with its cause."""
+    if not model.B.any():
+        return f"{error}: B of the design model is zero, so that no input has an effect"
+    if np.linalg.matrix_rank(root_R) < len(root_R):
+        return (
+            f"{error}: R is singular, and the outputs within Hp = {Hp} do not determine Hu = {Hu} moves; choose R > 0"
+        )
+    return f"{error}: R is lost beside the effect of the inputs within Hp = {Hp}; choose a larger R or Hu"

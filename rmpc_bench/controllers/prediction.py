@@ -1,4 +1,4 @@
-"""Condensed prediction: the outputs of a horizon as linear functions of the state and of the input moves."""
+"""Models of predictions that are constant over the horizon, and the tracking problems of `mpc`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,8 @@ from jaxtyping import Float
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import Affine
 from rmpc_bench.numerics.linalg import mv
+from rmpc_bench.numerics.tracking import Problem
 from rmpc_bench.types import Array
-
-
-class Prediction(NamedTuple):
-    """Y = Psi x + Upsilon u_previous + Theta dU for the stacked y(k+1)..y(k+Hp): Hp ny rows, Hu nu moves."""
-
-    Psi: Float[Array, "rows nx"]
-    Upsilon: Float[Array, "rows nu"]
-    Theta: Float[Array, "rows moves"]
 
 
 class Frozen(NamedTuple):
@@ -58,71 +51,26 @@ def with_output(now: Affine) -> Frozen:
     return Frozen(A, B, np.zeros(size), np.eye(ny, size, nx), np.zeros(ny))
 
 
-def predict_moves(model: LinearModel, Hp: int, Hu: int) -> Prediction:
-    """Stack the predictions for ``Hu`` input moves, after which the input is constant.
-
-    Parameters
-    ----------
-    model : prediction model
-    Hp, Hu : horizons of prediction and of control [samples], Hu <= Hp
-    """
-    free, step = _responses(model, Hp)
-    Theta = np.zeros((Hp * model.ny, Hu * model.nu))
-    for move in range(Hu):
-        _fill(Theta, move, step, model)
-    return Prediction(np.vstack(free[1:]), np.vstack(step[1:]), Theta)
+def of_moves(model: LinearModel, root_Q: Array, root_R: Array, Hp: int, Hu: int, *, uses_mean: bool) -> Problem:
+    """Return the problem of cost (2) of mpc.py: states [x; u(k-1); mean of the noise], inputs are the increments."""
+    A, B, f, C = _augmented(model, uses_mean=uses_mean)
+    return Problem(A, B, f, C, root_Q, root_R, Hp, Hu)
 
 
-def predict_inputs(model: LinearModel, Hp: int, Hu: int) -> tuple[Float[Array, "rows nx"], Float[Array, "rows inputs"]]:
-    """Stack the predictions Y = Psi x + Theta U for ``Hu`` inputs, the last of which is constant after Hu.
-
-    The columns of Theta are shifted impulse responses, CB, CAB, ..; the last ones are step responses.
-    """
-    free, step = _responses(model, Hp)
-    impulse = [np.zeros_like(step[0]), *(model.C @ power @ model.B for power in _powers(model, Hp)[:-1])]
-    Theta = np.zeros((Hp * model.ny, Hu * model.nu))
-    for move in range(Hu):
-        _fill(Theta, move, step if move == Hu - 1 else impulse, model)
-    return np.vstack(free[1:]), Theta
+def of_inputs(model: LinearModel, root_Q: Array, root_R: Array, Hp: int, Hu: int, *, uses_mean: bool) -> Problem:
+    """Return the same problem with |u - u_op|^2 in place of |du|^2: inputs are u - u_op, the last one is held."""
+    A, B, f, C = _augmented(model, uses_mean=uses_mean)
+    head, inputs = A.copy(), slice(model.nx, model.nx + model.nu)
+    head[:, inputs] = 0.0
+    return Problem(head, B, f + B @ model.u_op, C, root_Q, root_R, Hp, Hu, (A, f))
 
 
-def predict_disturbance(model: LinearModel, Hp: int) -> tuple[Float[Array, "rows nx"], Float[Array, " rows"]]:
-    """Stack what a constant disturbance d of x(k+1) and the constant parts f0 and d0 add to the predictions.
-
-    Parameters
-    ----------
-    model : prediction model
-    Hp : prediction horizon [samples]
-
-    Returns
-    -------
-    the gain of d, and the sum of what f0 and d0 add
-    """
-    held, Phi = np.zeros((model.nx, model.nx)), []
-    for _ in range(Hp):
-        held = model.A @ held + np.eye(model.nx)
-        Phi.append(model.C @ held)
-    gain = np.vstack(Phi)
-    return gain, gain @ model.f0 + np.tile(model.d0, Hp)
-
-
-def _powers(model: LinearModel, Hp: int) -> list[Array]:
-    powers = [np.eye(model.nx)]
-    for _ in range(Hp):
-        powers.append(model.A @ powers[-1])
-    return powers
-
-
-def _responses(model: LinearModel, Hp: int) -> tuple[list[Array], list[Array]]:
-    """Return the outputs after 0..Hp samples: responses to the initial state and to a unit step of the input."""
-    held = [np.zeros((model.nx, model.nu))]
-    for _ in range(Hp):
-        held.append(model.A @ held[-1] + model.B)
-    return [model.C @ power for power in _powers(model, Hp)], [model.C @ response for response in held]
-
-
-def _fill(Theta: Float[Array, "rows columns"], move: int, response: list[Array], model: LinearModel) -> None:
-    """Write the response to input number ``move`` into its columns."""
-    column = slice(move * model.nu, (move + 1) * model.nu)
-    for j in range(move, len(response) - 1):
-        Theta[j * model.ny : (j + 1) * model.ny, column] = response[j + 1 - move]
+def _augmented(model: LinearModel, *, uses_mean: bool) -> tuple[Array, Array, Array, Array]:
+    """Return A, B, f, C of [x; u; mean] for increments of u."""
+    (nx, nu), n = model.B.shape, model.nx + model.nu
+    A, B = np.eye(n + nx * uses_mean), np.zeros((n + nx * uses_mean, nu))
+    A[:nx, :nx], A[:nx, nx:n], A[:nx, n:] = model.A, model.B, np.eye(nx, nx * uses_mean)
+    B[:nx], B[nx:n] = model.B, np.eye(nu)
+    f, C = np.zeros(len(A)), np.zeros((model.ny, len(A)))
+    f[:nx], C[:, :nx] = model.f0, model.C
+    return A, B, f, C

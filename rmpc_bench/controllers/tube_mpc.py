@@ -114,8 +114,7 @@ class TubeMpc(Controller):
         """The quadratic programs of the samples: the point of a polytope, moved by x, that is closest to 0."""
         rows = self.plan.rows
         n, nx = rows.A.shape[1], rows.E.shape[1]
-        nothing = np.zeros((n, nx))
-        return ConstrainedMoves(np.eye(n), nothing, nothing, rows, np.ones(n), nx)
+        return ConstrainedMoves(np.zeros((n, nx)), np.eye(n), rows, nx)
 
     @cached_property
     def first(self) -> Float[Array, "nu unknowns"]:

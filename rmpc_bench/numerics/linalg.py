@@ -6,9 +6,12 @@ from math import ceil, log2
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from rmpc_bench.types import Array, Matrix
+
+SMALLEST = 1e-13
+"""Pivot relative to its rows that counts as 0, because of the rounding of a factorisation."""
 
 
 def symmetrise(P: Float[Array, "*k n n"]) -> Float[Array, "*k n n"]:
@@ -119,6 +122,37 @@ def nearly_equal(P: Float[Array, "*k n n"], other: Float[Array, "n n"], toleranc
     """
     size = np.sqrt(np.maximum(other.diagonal(), 0.0))
     return (np.abs(P - other) <= tolerance * np.outer(size, size)).all(axis=(-2, -1))
+
+
+def eliminated(
+    T: Float[Array, "rows columns"], n: int, sizes: Float[Array, " rows"] | None = None
+) -> tuple[Float[Array, "rows columns"], Int[Array, " n"]]:
+    """Return T rotated so that its first n columns have a triangle above zeros, and the order of these columns.
+
+    Reflections with interchanges of rows and columns keep the digits of every row, also if rows of the sizes 1e36 and 1
+    stand beside each other.  With the sizes of the rows, which are interchanged in place, dependent columns raise a
+    ValueError and the columns stay in the new order; without them the columns are returned in their old order.
+    """
+    T, order = T.copy(), np.arange(n)
+    for i in range(min(n, len(T))):
+        lengths = np.sqrt(np.einsum("ij,ij->j", T[i:, i:n], T[i:, i:n]))
+        pivot = i + int(np.argmax(lengths))
+        T[:, [i, pivot]], order[[i, pivot]] = T[:, [pivot, i]], order[[pivot, i]]
+        length, top = lengths[pivot - i], i + int(np.argmax(np.abs(T[i:, i])))
+        if sizes is not None and not length > SMALLEST * sizes[i:].max():
+            raise ValueError("the cost does not determine the inputs")
+        if length == 0.0:
+            break
+        T[[i, top]] = T[[top, i]]
+        if sizes is not None:
+            sizes[[i, top]] = sizes[[top, i]]
+        v = T[i:, i] / length
+        v[0] += np.copysign(1.0, v[0])
+        T[i:, i:] -= np.outer(v, (v @ T[i:, i:]) / abs(v[0]))
+        T[i + 1 :, i] = 0.0
+    if sizes is None:
+        T[:, order] = T[:, :n].copy()
+    return T, order
 
 
 def discretise(

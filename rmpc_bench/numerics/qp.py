@@ -9,6 +9,9 @@ Solver   DAQP, a dual active-set method (Arnstrom, Bemporad, Axehill 2022).  Eve
 Scale    DAQP has absolute tolerances: unknowns, rows and slacks should be of size 1.  The size of the cost does not
          matter.  DAQP treats the matrix of a small cost (1e-12) as 0 and reports a wrong point as optimal.  H, f and
          the weights of the slacks are therefore divided by a power of 4, so that H is of size 1.
+Check    Stationarity, feasibility of point and multipliers, and complementarity of every answer are checked in the
+         units of the problem, each one relative to its largest term.  DAQP takes nearly dependent rows for
+         dependent ones: where an answer fails, or there is none, qp_refined.py solves the problem again.
 Traps    DAQP reads the memory of an array that is not contiguous as if it were, and reports a problem as optimal
          that has an entry that is not a number, or a lower bound above the upper one.  `solve` copies every array and
          checks for both.
@@ -24,11 +27,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array
 
 PRIMAL_TOL = 1e-10
 """Largest violation of a hard row, in units of the row."""
 MOST_ITERATIONS = 1000
+KKT = 1e-9
+"""Largest residual of a condition of the minimum, relative to its largest term."""
+TINY = float(np.finfo(float).tiny)
 SOFT = 8
 """Mark of a soft row for DAQP."""
 
@@ -123,55 +130,111 @@ class QuadraticProgram:
         f : (n,) linear part of the cost
         low, high : (rows,) bounds of the rows; infinite where there is none
         """
-        f, low, high = (np.array(each, dtype=float) for each in (f, low, high))
-        size = self._cost_size
-        if not np.isfinite(f).all() or np.isnan(low).any() or np.isnan(high).any():
-            return self._failed(QpStatus.FAILED)
-        # DAQP reports such a problem as optimal, too.
-        if ((low > high) & (self._marks != SOFT)).any():
-            return self._failed(QpStatus.INFEASIBLE)
-        # The marks are given again, which starts the solver cold.
-        self._solver.update(f=f / size, bupper=high, blower=low, sense=self._marks.copy())
-        x, value, flag, info = self._solver.solve()
-        status = FLAGS.get(int(flag), QpStatus.FAILED)
-        if not status.solved:
-            return self._failed(status)
-        return QpSolution(status, np.array(x), float(value) * size, np.array(info["lam"]) * size)
+        f, low, high = (np.array(each, dtype=float)[None] for each in (f, low, high))
+        (x,), (lam,), (status,) = self._solved(f, low, high)
+        eps = self._slacks(x[None], low, high)[0]
+        linear, quadratic = self._weights
+        value = 0.5 * x @ self.H @ x + f[0] @ x + linear @ eps + 0.5 * quadratic @ eps**2
+        return QpSolution(status, x, float(value), lam)
 
     def solve_block(
         self, f: Float[Array, "problems n"], low: Float[Array, "problems rows"], high: Float[Array, "problems rows"]
     ) -> tuple[Float[Array, "problems n"], list[QpStatus]]:
-        """Solve many problems, each from a cold start; return their minima, NaN unless solved, and their statuses.
+        """Solve many problems, each from a cold start; return their minima, NaN unless solved, and their statuses."""
+        x, _, statuses = self._solved(f, low, high)
+        return x, statuses
 
-        The numbers are those of `solve`; the arrays are checked and copied once.
+    def nearest(
+        self, low: Float[Array, "problems rows"], high: Float[Array, "problems rows"]
+    ) -> tuple[Float[Array, "problems n"], list[QpStatus]]:
+        """Solve many problems with f = 0; without soft rows they are divided by their largest violation."""
+        unit = np.ones((len(low), 1))
+        if not self._marks.any():
+            largest = np.maximum(np.maximum(low, -high), 1.0).max(axis=1, initial=1.0)
+            # A power of 2 changes no digits.
+            unit = np.exp2(np.round(np.log2(largest)))[:, None]
+        x, _, statuses = self._solved(np.zeros((len(low), len(self.H))), low / unit, high / unit)
+        return unit * x, statuses
 
-        Parameters
-        ----------
-        f, low, high : as in `solve`, one row per problem
-        """
+    def _solved(self, f: Any, low: Any, high: Any) -> tuple[Array, Array, list[QpStatus]]:
+        """Return minima, multipliers and statuses; the arrays are checked and copied once."""
         f, low, high = (np.array(each, dtype=float, order="C") for each in (f, low, high))
         missing = np.asarray(~np.isfinite(f).all(axis=1) | np.isnan(low).any(axis=1) | np.isnan(high).any(axis=1))
+        # DAQP reports such a problem as optimal, too.
         empty = ((low > high) & (self._marks != SOFT)).any(axis=1)
-        # The solver may write into its marks: every problem has its own.
+        # The solver may write into its marks: every problem has its own, which starts it cold.
         marks = np.tile(self._marks, (len(f), 1))
-        x, statuses = np.full(f.shape, np.nan), []
-        f /= self._cost_size
+        x, lam, statuses = np.full(f.shape, np.nan), np.full(low.shape, np.nan), []
+        scaled = f / self._cost_size
         update, solve = self._solver.update, self._solver.solve
         for i, wrong in enumerate((missing | empty).tolist()):
             if wrong:
                 statuses.append(QpStatus.FAILED if missing[i] else QpStatus.INFEASIBLE)
                 continue
-            update(f=f[i], bupper=high[i], blower=low[i], sense=marks[i])
-            found, _, flag, _ = solve()
+            update(f=scaled[i], bupper=high[i], blower=low[i], sense=marks[i])
+            found, _, flag, info = solve()
             status = FLAGS.get(flag, QpStatus.FAILED)
             statuses.append(status)
             if status.solved:
-                x[i] = found
-        return x, statuses
+                x[i], lam[i] = found, info["lam"]
+        lam *= self._cost_size
+        sound = self._kkt(f, low, high, x, lam) <= KKT
+        for i in np.flatnonzero(~sound & ~missing & ~empty).tolist():
+            if statuses[i] is not QpStatus.ITERATION_LIMIT:
+                statuses[i] = self._again(f[i], low[i], high[i], x[i], lam[i])
+        return x, lam, statuses
 
-    def _failed(self, status: QpStatus) -> QpSolution:
-        rows, n = self.A.shape
-        return QpSolution(status, np.full(n, np.nan), float("nan"), np.full(rows, np.nan))
+    def _again(self, f: Array, low: Array, high: Array, x: Array, lam: Array) -> QpStatus:
+        """Solve a problem by the other method, write its minimum and multipliers, NaN unless solved; its status."""
+        from rmpc_bench.numerics.qp_refined import refined
+
+        x[:], lam[:] = np.nan, np.nan
+        try:
+            found = refined(self.H, self.A, self._marks == SOFT, self._weights, f, low, high)
+        except (ValueError, np.linalg.LinAlgError):
+            return QpStatus.FAILED
+        if found is None:
+            return QpStatus.INFEASIBLE
+        if not self._kkt(*(each[None] for each in (f, low, high, *found)))[0] <= KKT:
+            return QpStatus.FAILED
+        x[:], lam[:] = found
+        used = (self._slacks(x[None], low[None], high[None]) > 0.0).any()
+        return QpStatus.SOFTENED if used else QpStatus.OPTIMAL
+
+    def _slacks(self, x: Array, low: Array, high: Array) -> Float[Array, "problems rows"]:
+        """Return the slacks of soft rows at points; 0 for hard rows."""
+        z = mv(self._matrices[1], x)
+        slacks: Array = np.where(self._marks == SOFT, np.maximum(np.maximum(low - z, z - high), 0.0), 0.0)
+        return slacks
+
+    def _kkt(self, f: Array, low: Array, high: Array, x: Array, lam: Array) -> Float[Array, " problems"]:
+        """Return the largest residual of a condition of the minimum, relative to its largest term; NaN if unsolved."""
+        H, A = self.H, self._matrices[1]
+        size, z, eps = np.abs(x), mv(A, x), self._slacks(x, low, high)
+        terms = np.maximum(np.abs(f), mv(np.abs(H), size) + mv(np.abs(A.T), np.abs(lam)))
+        parts = [_relative(mv(H, x) + f + mv(A.T, lam), terms)]
+        end = np.where(lam > 0.0, high, low)
+        bound, row = np.where(np.isfinite(end), np.abs(end), 0.0), mv(np.abs(A), size)
+        outside = np.maximum(np.maximum(low - eps - z, z - eps - high), 0.0)
+        parts.append(_relative(outside, np.maximum(row, np.where(z > high, np.abs(high), np.abs(low)))))
+        # Zero multiplier or zero distance, each relative to its own size.
+        distance = np.abs(z - end - np.copysign(eps, lam)) / np.maximum(np.maximum(bound, row), TINY)
+        share = np.abs(lam) / np.maximum(np.abs(lam).max(axis=1, keepdims=True, initial=0.0), TINY)
+        parts.append(np.where(share > 0.0, np.minimum(distance, share), 0.0))
+        linear, quadratic = self._weights
+        beyond = np.abs(lam) - linear - quadratic * eps
+        beyond = np.where(eps > KKT * np.maximum(bound, row), np.abs(beyond), np.maximum(beyond, 0.0))
+        parts.append(np.where(self._marks == SOFT, _relative(beyond, np.maximum(np.abs(lam), linear)), 0.0))
+        largest: Array = np.concatenate(parts, axis=1).max(axis=1, initial=0.0)
+        return largest
+
+    @cached_property
+    def _weights(self) -> tuple[Array, Array]:
+        """Weights of the slacks; 0 and 1 in hard rows."""
+        if self.linear is None or self.quadratic is None:
+            return np.zeros(len(self.A)), np.ones(len(self.A))
+        soft = self._marks == SOFT
+        return np.where(soft, self.linear, 0.0), np.where(soft, self.quadratic, 1.0)
 
     @cached_property
     def _marks(self) -> Array:
@@ -201,18 +264,21 @@ class QuadraticProgram:
         H, A = self._matrices
         model.setup(H, np.zeros(n), A, wide, -wide, self._marks.copy())
         model.settings = {**model.settings, "primal_tol": PRIMAL_TOL, "iter_limit": self.iteration_limit}
-        if self.soft is not None and self.soft.any():
-            assert self.linear is not None and self.quadratic is not None
-            size = self._cost_size
-            inverse = np.where(self.soft, size / np.where(self.soft, self.quadratic, 1.0), 1.0)
-            weights = np.where(self.soft, self.linear / size, 0.0)
+        if self._marks.any():
+            (linear, quadratic), size = self._weights, self._cost_size
+            inverse, weights = size / quadratic, linear / size
             model.soft_weights(rho_l=inverse, rho_u=inverse.copy(), w_l=weights, w_u=weights.copy())
         return model
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the solver out, which cannot be copied to another process."""
-        made = ("_solver", "_marks", "_matrices", "_cost_size")
+        made = ("_solver", "_marks", "_matrices", "_cost_size", "_weights")
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+
+
+def _relative(residual: Array, size: Array) -> Array:
+    """Return a residual relative to the largest term of its condition; 0 where all are 0."""
+    return np.abs(residual) / np.maximum(size, TINY)

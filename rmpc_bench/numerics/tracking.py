@@ -7,22 +7,27 @@ Solution Stacked over the horizon this is an over-determined system in all input
          constant.  Each stage reduces [S, s] and Q_yw [C, w(j)] to as many rows as states, inserts
          x(j) = A x + B u + f, and eliminates u from [Q_u, 0, 0; S B, S A, s - S f].  It uses Householder reflections
          only, so that condition numbers are not squared.
+Unknowns The pivot rows are L^-1 u(j) = g - G x(j) with the minimum cost; with V(j) added, the cost is the minimal one
+         plus |V|^2.  As functions of V the inputs and states are those of the closed loop: no power of A appears, and
+         the Hessian is the identity.
+Unstable An input that stays constant after the first ones leaves powers of A in S, of sizes such as 1e36 beside 1.
+         Reflections with interchanges of rows and columns keep the digits of every row (Cox and Higham 1998).
 Source   belda2017, (10)-(15); the order of elimination is an addition.
 Cost     Linear in N: about 1200 multiplications per stage for six states, four inputs and three outputs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.numerics.linalg import as_compiled
+from rmpc_bench.numerics.linalg import SMALLEST, as_compiled, eliminated
 from rmpc_bench.types import Array
 
-SMALLEST = 1e-13
-"""Pivot relative to the largest of its stage that counts as 0, because of the rounding of the factorisation."""
+__all__ = ["SMALLEST", "Path", "Problem", "Stage", "TrackingLaw", "gains", "moved_by", "paths", "track"]
 
 
 class Path(NamedTuple):
@@ -34,6 +39,8 @@ class Path(NamedTuple):
     """States x(1)..x(N)."""
     loss: Float[Array, " runs"]
     """Minimal costs."""
+    laws: Float[Array, "runs N nu columns"]
+    """Rows [R, G, g] of R u(j) = g - G x(j) + V(j) of every stage; of the first one R only, as x(0) is given."""
 
 
 class TrackingLaw(NamedTuple):
@@ -48,6 +55,79 @@ class TrackingLaw(NamedTuple):
     e_0: Float[Array, " lost"]
 
 
+class Stage(NamedTuple):
+    """An input as a function of state, known part and an unknown V: u = K_w [w; 1] - K_x x + L V."""
+
+    K_x: Float[Array, "nu nx"]
+    K_w: Float[Array, "nu known"]
+    L: Float[Array, "nu nu"]
+
+
+class Problem(NamedTuple):
+    """A tracking problem of a constant model whose inputs act at the first ``moves`` samples only."""
+
+    A: Float[Array, "nx nx"]
+    B: Float[Array, "nx nu"]
+    f: Float[Array, " nx"]
+    C: Float[Array, "ny nx"]
+    Q_yw: Float[Array, "ny ny"]
+    Q_u: Float[Array, "nu nu"]
+    N: int
+    moves: int
+    after: tuple[Float[Array, "nx nx"], Float[Array, " nx"]] | None = None
+    """A and f of the samples without input; those of the others if not given."""
+
+    def stages(self) -> tuple[list[Stage], Float[Array, "lost columns"]]:
+        """Return the inputs, first one first, and the rows [E_x, e] of the minimal cost |e - E_x x|^2.
+
+        A ValueError says that the cost does not determine the inputs.
+        """
+        (nx, nu), ny = self.B.shape, len(self.C)
+        known = self.N * ny + 1
+        S, lost, found = np.zeros((0, nx + known)), [], []
+        for j in range(self.N, 0, -1):
+            acts = j <= self.moves
+            A, f = (self.A, self.f) if acts or self.after is None else self.after
+            S = np.vstack([S, self.Q_yw @ np.hstack([self.C, np.eye(ny, known, (j - 1) * ny)])])
+            if len(S) > nx:
+                S = eliminated(S, nx)[0]
+                lost.append(S[nx:])
+                S = S[:nx]
+            of_x = S[:, :nx]
+            S = np.hstack([of_x @ A, S[:, nx:]])
+            S[:, -1] -= of_x @ f
+            if acts:
+                stack = np.block([[of_x @ self.B, S], [self.Q_u, np.zeros((nu, nx + known))]])
+                T, order = eliminated(stack, nu, np.abs(stack[:, :nu]).max(axis=1))
+                row = np.empty((nu, nu + nx + known))
+                row[order] = np.linalg.solve(T[:nu, :nu], np.hstack([np.eye(nu), T[:nu, nu:]]))
+                found.append(Stage(row[:, nu : nu + nx], row[:, nu + nx :], row[:, :nu]))
+                S = T[nu:, nu:]
+        return found[::-1], np.vstack([S, *lost])
+
+    def responses(
+        self, stages: Sequence[Stage]
+    ) -> tuple[Float[Array, "moves nu columns"], Float[Array, "N nx columns"]]:
+        """Return inputs and states x(1)..x(N) as functions of [x(0); w; 1; V(0); ..]."""
+        nx, nu = self.B.shape
+        known = stages[0].K_w.shape[1]
+        columns = nx + known + self.moves * nu
+        X, U, x = np.empty((self.N, nx, columns)), np.empty((self.moves, nu, columns)), np.eye(nx, columns)
+        for j in range(self.N):
+            A, f = (self.A, self.f) if j < self.moves or self.after is None else self.after
+            moved = A @ x
+            if j < self.moves:
+                K_x, K_w, L = stages[j]
+                U[j] = -K_x @ x
+                U[j, :, nx : nx + known] += K_w
+                first = nx + known + j * nu
+                U[j, :, first : first + nu] += L
+                moved += self.B @ U[j]
+            moved[:, nx + known - 1] += f
+            X[j] = x = moved
+        return U, X
+
+
 def gains(
     A: Float[Array, "nx nx"],
     B: Float[Array, "nx nu"],
@@ -57,36 +137,10 @@ def gains(
     Q_u: Float[Array, "nu nu"],
     N: int,
 ) -> TrackingLaw:
-    """Solve for every state and every reference at once, for a constant model and constant weights.
-
-    Parameters
-    ----------
-    A, B, f, C : model
-    Q_yw, Q_u : roots of the weights
-    N : horizon [samples]
-
-    Raises
-    ------
-    ValueError
-        If the cost does not determine the inputs.
-    """
-    (nx, nu), ny = B.shape, len(C)
-    known = N * ny + 1  # w and 1
-    S, s, lost = np.zeros((0, nx)), np.zeros((0, known)), []
-    for j in range(N, 0, -1):
-        w = np.eye(ny, known, (j - 1) * ny)
-        S, s = np.vstack([Q_yw @ C, S]), np.vstack([Q_yw @ w, s])
-        s[:, -1] -= S @ f
-        stack = np.block([[Q_u, np.zeros((nu, nx + known))], [S @ B, S @ A, s]])
-        R = np.linalg.qr(stack)[1]  # (14), one stage of it
-        pivots = np.abs(np.diag(R[:nu]))
-        if not pivots.min() > SMALLEST * pivots.max():
-            raise ValueError("the cost does not determine the inputs")
-        S, s = R[nu : nu + nx, nu : nu + nx], R[nu : nu + nx, nu + nx :]
-        lost.append(R[nu + nx :, nu + nx :])
-    first = np.linalg.solve(R[:nu, :nu], R[:nu, nu:])
-    E_x, e = np.vstack([S, *(np.zeros((len(part), nx)) for part in lost)]), np.vstack([s, *lost])
-    return TrackingLaw(first[:, :nx], first[:, nx:-1], first[:, -1], E_x, e[:, :-1], e[:, -1])
+    """Solve for every state and every reference at once; a ValueError if the cost does not determine the inputs."""
+    nx = len(A)
+    (first, *_), E = Problem(A, B, f, C, Q_yw, Q_u, N, N).stages()
+    return TrackingLaw(first.K_x, first.K_w[:, :-1], first.K_w[:, -1], E[:, :nx], E[:, nx:-1], E[:, -1])
 
 
 def track(
@@ -133,6 +187,22 @@ def paths(
 
     A, B, f, C, Q_yw, R_u, w, x = (as_compiled(each) for each in (A, B, f, C, Q_yw, R_u, w, x))
     n_runs, N, (nx, nu) = len(x), len(w), B.shape[1:]
-    path = Path(np.empty((n_runs, N, nu)), np.empty((n_runs, N, nx)), np.empty(n_runs))
+    laws = np.empty((n_runs, N, nu, nu + nx + 1))
+    path = Path(np.empty((n_runs, N, nu)), np.empty((n_runs, N, nx)), np.empty(n_runs), laws)
     path_kernel(A, B, f, C, Q_yw, R_u, w, x, *path)
     return path
+
+
+def moved_by(
+    laws: Float[Array, "N nu columns"], A: Float[Array, "nx nx"], B: Float[Array, "nx nu"]
+) -> tuple[Float[Array, "N nu unknowns"], Float[Array, "N nx unknowns"]]:
+    """Return how the unknowns V(0..N-1) move inputs and states of one run with the rows `laws` of its path."""
+    (N, nu, _), nx = laws.shape, len(A)
+    U, X, x = np.zeros((N, nu, N * nu)), np.empty((N, nx, N * nu)), np.zeros((nx, N * nu))
+    inverse = np.linalg.inv(laws[:, :, :nu])
+    for j in range(N):
+        if j > 0:
+            U[j] = -(inverse[j] @ laws[j, :, nu : nu + nx]) @ x
+        U[j, :, j * nu : (j + 1) * nu] += inverse[j]
+        X[j] = x = A @ x + B @ U[j]
+    return U, X

@@ -110,7 +110,7 @@ def _track(
 ) -> float:  # pragma: no cover
     """Solve one problem: write its first input, NaN where it is not determined, and return the least cost.
 
-    ``laws`` gets the rows of the inputs of the stages 1, 2, .., unless it is empty.
+    ``laws`` gets the rows of the inputs of all stages, unless it is empty; those of stage 0 without the state.
     """
     nx, nu = B.shape
     rows, loss, determined = 0, 0.0, True
@@ -129,6 +129,8 @@ def _track(
             total -= T[i, nu + m] * x[m]
         T[i, nu] = total
     determined = _eliminate(T, nu, rows, nu + 1, dots) and determined
+    if len(laws) > 0:
+        laws[0] = T[:nu]
     for i in range(nu, nu + rows):
         loss += T[i, nu] * T[i, nu]
     for i in range(nu - 1, -1, -1):
@@ -179,13 +181,12 @@ def _forwards(A: Any, B: Any, f: Any, x: Any, laws: Any, U: Any, X: Any) -> None
 
 @compiled(error_model="numpy")
 def path_kernel(
-    A: Any, B: Any, f: Any, C: Any, Q_yw: Any, R_u: Any, w: Any, x: Any, U: Any, X: Any, loss: Any
+    A: Any, B: Any, f: Any, C: Any, Q_yw: Any, R_u: Any, w: Any, x: Any, U: Any, X: Any, loss: Any, laws: Any
 ) -> None:  # pragma: no cover
     """Write all inputs, the states that they lead to and the least costs of all rows of x; otherwise as above."""
     nx, nu, ny = B.shape[1], B.shape[2], C.shape[0]
     S, T, dots = np.empty((nx + ny, nx + 1)), np.empty((nu + nx, nu + nx + 1)), np.empty(nu + nx + 1)
-    laws = np.empty((len(w), nu, nu + nx + 1))
     for row in range(len(x)):
         a, q = (row if len(A) > 1 else 0), (row if len(Q_yw) > 1 else 0)
-        loss[row] = _track(A[a], B[a], f, C, Q_yw[q], R_u, w, x[row], U[row, 0], S, T, dots, laws)
-        _forwards(A[a], B[a], f, x[row], laws, U[row], X[row])
+        loss[row] = _track(A[a], B[a], f, C, Q_yw[q], R_u, w, x[row], U[row, 0], S, T, dots, laws[row])
+        _forwards(A[a], B[a], f, x[row], laws[row], U[row], X[row])

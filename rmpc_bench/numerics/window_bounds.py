@@ -180,8 +180,5 @@ class WindowProgram:
         """Solve the programs; return the changes of the last states."""
         free = self.size > 0.0
         low, high = ((end - value) / self.size[free] for end in self.interval.chosen(free))
-        largest = np.maximum(np.maximum(low, 0.0).max(axis=1), np.maximum(-high, 0.0).max(axis=1))
-        # A power of 2 changes no digits.
-        unit = np.exp2(np.round(np.log2(np.maximum(largest, 1.0))))[:, None]
-        zeta, status = self.program.solve_block(np.zeros((len(value), len(self.program.H))), low / unit, high / unit)
-        return mv(self.x_map, unit * zeta), status
+        zeta, status = self.program.nearest(low, high)
+        return mv(self.x_map, zeta), status

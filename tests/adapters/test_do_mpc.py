@@ -7,11 +7,11 @@ import pytest
 import small_experiment
 from adapters.do_mpc_laws import small_mpc
 from components.one_run import MODEL, TS, designed, experiment, simulated
+from controllers.predictions import predict_moves
 from scipy.optimize import lsq_linear
 
 from rmpc_bench import load_config
 from rmpc_bench.components import by_kind
-from rmpc_bench.controllers.prediction import predict_moves
 from rmpc_bench.extras import is_installed
 from rmpc_bench.simulation.closed_loop import simulate_block
 from rmpc_bench.types import Status

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from components.one_run import MODEL, designed, experiment, simulated
 from conftest import EXACT
+from controllers.predictions import predict_moves
 from scipy.optimize import lsq_linear
 
 from rmpc_bench import SolverError
 from rmpc_bench.adapters.explicit_mpc import explicit_controller, stacked
 from rmpc_bench.components import by_kind
-from rmpc_bench.controllers.prediction import predict_moves
 from rmpc_bench.types import Status
 
 HP, R = 3, 0.5

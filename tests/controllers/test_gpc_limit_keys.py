@@ -42,9 +42,9 @@ def test_every_status_and_its_fallback(name, fallback, rng):
 
 def test_a_solver_that_uses_up_its_iterations_is_not_converged(monkeypatch, rng):
     """Oracle: the limit of the solver, set to one iteration."""
-    from rmpc_bench.controllers import gpc_programs
+    from rmpc_bench.controllers import constrained
 
-    monkeypatch.setattr(gpc_programs, "QuadraticProgram", lambda *given: QuadraticProgram(*given, iteration_limit=1))
+    monkeypatch.setattr(constrained, "QuadraticProgram", lambda *given: QuadraticProgram(*given[:-1], 1))
     controller = design(models(rng)["state"], **KEYS, limits=HARD)
     codes = step(controller, rng.standard_normal((9, 3)), 9.0 * np.ones((NP + 1, 2)), np.zeros((9, 2))).info["qp"]
     assert OptimisedStep.NOT_CONVERGED in codes

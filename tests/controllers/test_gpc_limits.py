@@ -13,7 +13,6 @@ from controllers.gpc_twin import Swing, Varying, estimate_of
 from rmpc_bench.controllers.gpc import design
 from rmpc_bench.controllers.limits import Limits, SoftLimit
 from rmpc_bench.controllers.noise_tuning import LpNoise
-from rmpc_bench.controllers.prediction import Frozen
 from rmpc_bench.models.linear import LinearModel
 from rmpc_bench.models.state_dependent import Pair, StateDependentModel
 from rmpc_bench.numerics.tracking import paths
@@ -38,12 +37,12 @@ def whole(controller, p, k):
     """All inputs of the program of one run, by the functions that `control` uses."""
     limits = controller.limits
     if controller.gains is not None:
-        V = limits.program.moves.moves(np.concatenate([p.x, p.before])[None], np.append(p.w.ravel(), 1.0)).V[0]
-        return (limits.program.matrix @ V).reshape(NP, 2)
+        own, shared = np.concatenate([p.x, p.before])[None], np.append(p.w.ravel(), 1.0)
+        return limits.program.moves.moves(own, shared).V[0].reshape(NP, 2)
     limited = limits.horizon.at(k)
     path = paths(p.A[None], p.B[None], p.f, p.C, p.Q_yw[None], controller.R_u, p.w, p.x[None])
     values = limited.values(path, p.before[None])[0]
-    moved, _ = limits.program.moved(Frozen(p.A, p.B, p.f, p.C, np.zeros(2)), p.Q_yw, limited, values)
+    moved, _ = limits.program.moved(p.A, p.B, path.laws[0], limited, values)
     return path.U[0] + moved.reshape(NP, 2)
 
 

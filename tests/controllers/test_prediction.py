@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from conftest import random_model
-
-from rmpc_bench.controllers.prediction import predict_inputs, predict_moves
+from controllers.predictions import predict_inputs, predict_moves
 
 
 @pytest.mark.parametrize(("Hp", "Hu"), [(1, 1), (5, 2), (4, 4)])
