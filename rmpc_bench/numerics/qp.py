@@ -132,7 +132,7 @@ class QuadraticProgram:
         """
         f, low, high = (np.array(each, dtype=float)[None] for each in (f, low, high))
         (x,), (lam,), (status,) = self._solved(f, low, high)
-        eps = self._slacks(x[None], low, high)[0]
+        eps = self._slacks(mv(self._matrices[1], x[None]), low, high)[0]
         linear, quadratic = self._weights
         value = 0.5 * x @ self.H @ x + f[0] @ x + linear @ eps + 0.5 * quadratic @ eps**2
         return QpSolution(status, x, float(value), lam)
@@ -198,35 +198,44 @@ class QuadraticProgram:
         if not self._kkt(*(each[None] for each in (f, low, high, *found)))[0] <= KKT:
             return QpStatus.FAILED
         x[:], lam[:] = found
-        used = (self._slacks(x[None], low[None], high[None]) > 0.0).any()
+        used = (self._slacks(mv(self._matrices[1], x[None]), low, high) > 0.0).any()
         return QpStatus.SOFTENED if used else QpStatus.OPTIMAL
 
-    def _slacks(self, x: Array, low: Array, high: Array) -> Float[Array, "problems rows"]:
-        """Return the slacks of soft rows at points; 0 for hard rows."""
-        z = mv(self._matrices[1], x)
+    def _slacks(self, z: Array, low: Array, high: Array) -> Float[Array, "problems rows"]:
+        """Return the slacks of soft rows with the values z; 0 for hard rows."""
         slacks: Array = np.where(self._marks == SOFT, np.maximum(np.maximum(low - z, z - high), 0.0), 0.0)
         return slacks
 
     def _kkt(self, f: Array, low: Array, high: Array, x: Array, lam: Array) -> Float[Array, " problems"]:
         """Return the largest residual of a condition of the minimum, relative to its largest term; NaN if unsolved."""
-        H, A = self.H, self._matrices[1]
-        size, z, eps = np.abs(x), mv(A, x), self._slacks(x, low, high)
-        terms = np.maximum(np.abs(f), mv(np.abs(H), size) + mv(np.abs(A.T), np.abs(lam)))
-        parts = [_relative(mv(H, x) + f + mv(A.T, lam), terms)]
-        end = np.where(lam > 0.0, high, low)
-        bound, row = np.where(np.isfinite(end), np.abs(end), 0.0), mv(np.abs(A), size)
-        outside = np.maximum(np.maximum(low - eps - z, z - eps - high), 0.0)
-        parts.append(_relative(outside, np.maximum(row, np.where(z > high, np.abs(high), np.abs(low)))))
-        # Zero multiplier or zero distance, each relative to its own size.
-        distance = np.abs(z - end - np.copysign(eps, lam)) / np.maximum(np.maximum(bound, row), TINY)
-        share = np.abs(lam) / np.maximum(np.abs(lam).max(axis=1, keepdims=True, initial=0.0), TINY)
-        parts.append(np.where(share > 0.0, np.minimum(distance, share), 0.0))
-        linear, quadratic = self._weights
-        beyond = np.abs(lam) - linear - quadratic * eps
-        beyond = np.where(eps > KKT * np.maximum(bound, row), np.abs(beyond), np.maximum(beyond, 0.0))
-        parts.append(np.where(self._marks == SOFT, _relative(beyond, np.maximum(np.abs(lam), linear)), 0.0))
-        largest: Array = np.concatenate(parts, axis=1).max(axis=1, initial=0.0)
+        rows, gradient, all_terms = self._conditions
+        n, both = x.shape[1], np.concatenate([x, lam], axis=1)
+        sizes, z = np.abs(both), mv(rows, x)
+        terms = mv(all_terms, sizes)
+        # Stationarity, then the rows: largest term of each, and the end that its multiplier belongs to.
+        slope = np.abs(mv(gradient, both) + f) / np.maximum(np.maximum(terms[:, :n], np.abs(f)), TINY)
+        size = np.maximum(terms[:, n:], np.maximum(np.minimum(np.abs(low), np.abs(high)), TINY))
+        end, worst = np.where(lam > 0.0, high, low), [slope]
+        distance, share = z - end, sizes[:, n:] / np.maximum(sizes[:, n:].max(axis=1, initial=TINY), TINY)[:, None]
+        outside = np.maximum(low - z, z - high)
+        if self._marks.any():
+            (linear, quadratic), soft, eps = self._weights, self._marks == SOFT, self._slacks(z, low, high)
+            outside, distance = outside - eps, distance - np.copysign(eps, lam)
+            price = sizes[:, n:] - linear - quadratic * eps
+            price = np.where(eps > KKT * size, np.abs(price), price) / np.maximum(
+                np.maximum(sizes[:, n:], linear), TINY
+            )
+            worst.append(np.where(soft, price, 0.0))
+        worst += [outside / size, np.minimum(np.abs(distance) / size, share)]
+        largest: Array = np.concatenate(worst, axis=1).max(axis=1, initial=0.0)
         return largest
+
+    @cached_property
+    def _conditions(self) -> tuple[Array, Array, Array]:
+        """A, the matrix [H A'] of the gradient, and the sizes of what x and multipliers add to gradient and rows."""
+        H, A = np.array(self.H, dtype=float), self._matrices[1]
+        gradient = np.hstack([H, A.T])
+        return A, gradient, np.abs(np.vstack([gradient, np.pad(A, ((0, 0), (0, len(A))))]))
 
     @cached_property
     def _weights(self) -> tuple[Array, Array]:
@@ -272,13 +281,8 @@ class QuadraticProgram:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the solver out, which cannot be copied to another process."""
-        made = ("_solver", "_marks", "_matrices", "_cost_size", "_weights")
+        made = ("_solver", "_marks", "_matrices", "_cost_size", "_weights", "_conditions")
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-
-
-def _relative(residual: Array, size: Array) -> Array:
-    """Return a residual relative to the largest term of its condition; 0 where all are 0."""
-    return np.abs(residual) / np.maximum(size, TINY)
