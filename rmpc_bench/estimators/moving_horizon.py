@@ -46,7 +46,7 @@ from rmpc_bench.numerics.linalg import at_sample, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
 from rmpc_bench.numerics.window_bounds import WindowBounds, WindowFit, WindowProgram
-from rmpc_bench.numerics.window_posterior import range_root, window_posterior
+from rmpc_bench.numerics.window_posterior import WindowPosterior, range_root
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
 
 STATUS = {each: Status.OK if each.solved else Status.NOT_CONVERGED for each in QpStatus}
@@ -138,11 +138,10 @@ class MovingHorizon(Estimator):
         y = y - at_sample(self.model.d0, k)
         own = state.own | np.isnan(y).any(axis=1)
         state = state._replace(y=np.concatenate([state.y, y[:, None]], axis=1), own=own)
-        x_bar, r = self._without_noise(k, state)
-        fit = self._fit(self.programs[k], x_bar, r)
+        fit = self._fit(k, self.programs[k], state)
         P: Array = at_sample(self._P, k)
         if own.any():
-            fit, P, P_next = self._of_own_runs(k, state, x_bar, r, fit)
+            fit, P, P_next = self._of_own_runs(k, state, fit)
             state = state._replace(P_next=P_next)
         status = np.array([STATUS[each] for each in fit.status], dtype=np.int8)
         e = y - mv(at_sample(self.model.C, k), state.x_pred[:, -1])
@@ -185,29 +184,32 @@ class MovingHorizon(Estimator):
         P_pred: Array = self.kalman.extra["P_pred"]
         return P_pred
 
-    def _without_noise(self, k: int, state: HorizonState) -> tuple[Array, Array]:
-        """Return the states of the window without noise, from its first prediction, and the residuals of y."""
-        x = self.model.motion(k - state.c.shape[1], state.x_pred[:, 0], state.c, self._motion_map)
-        residuals = state.y - self.model.outputs(k, x)
-        return x, np.where(np.isnan(state.y), 0.0, residuals)
+    def _fit(self, k: int, program: WindowProgram, state: HorizonState, shared: bool = True) -> WindowFit:
+        """Fit the windows that end at k, by predictions and innovations of a filter that starts with them."""
+        (runs, points, ny), nx = state.y.shape, state.x_hat.shape[1]
+        x = state.x_pred[:, 0]
+        if shared and program is self.programs[-1] and len(self.model.A) == len(self.model.C) == 1:
+            y = np.where(np.isnan(state.y), 0.0, state.y)
+            found = mv(self._filter_map, np.hstack([x, state.c.reshape(runs, -1), y.reshape(runs, -1)]))
+            x_bar, e = found[:, : points * nx].reshape(runs, points, nx), found[:, points * nx :].reshape(state.y.shape)
+        else:
+            x_bar, e = self.model.filtered(k + 1 - points, x, state.c, state.y, program.L)
+        return program.fit(x_bar[:, -1], e.reshape(runs, points * ny), self.bounds.base(x_bar, e))
 
     @cached_property
-    def _motion_map(self) -> Array | None:
-        return self.model.motion_map(self.window)
+    def _filter_map(self) -> Array:
+        """Predictions and innovations of the last program, which nearly all samples have."""
+        return np.ascontiguousarray(self.model.filter_map(self.programs[-1].L))
 
-    def _fit(self, program: WindowProgram, x_bar: Array, r: Array) -> WindowFit:
-        return program.fit(x_bar[:, -1], r.reshape(len(r), -1), self.bounds.base(x_bar, r))
-
-    def _of_own_runs(
-        self, k: int, state: HorizonState, x_bar: Array, r: Array, fit: WindowFit
-    ) -> tuple[WindowFit, Array, Array]:
+    def _of_own_runs(self, k: int, state: HorizonState, fit: WindowFit) -> tuple[WindowFit, Array, Array]:
         """Fit the windows of runs with missing measurements; return all fits, P and the next P_pred."""
-        P, P_next = np.tile(at_sample(self._P, k), (len(r), 1, 1)), state.P_next.copy()
+        P, P_next = np.tile(at_sample(self._P, k), (len(state.y), 1, 1)), state.P_next.copy()
         x, solved, status = fit.x.copy(), fit.solved.copy(), list(fit.status)
         A, C, Q_w, R_v = (at_sample(getattr(self.model, name), k) for name in ("A", "C", "Q_w", "R_v"))
         for i in np.flatnonzero(state.own):
             measured = ~np.isnan(state.y[i])
-            one = self._fit(self._program(k, state.P_pred[i, 0], measured), x_bar[i : i + 1], r[i : i + 1])
+            alone = HorizonState(*(each[i : i + 1] for each in state))
+            one = self._fit(k, self._program(k, state.P_pred[i, 0], measured), alone, shared=False)
             x[i], solved[i], status[i] = one.x[0], one.solved[0], one.status[0]
             there = measured[-1]
             counts = k > 0 or self.use_y0
@@ -223,24 +225,32 @@ class MovingHorizon(Estimator):
         """Prepare the problem of the window that ends at k."""
         first = k + 1 - len(measured)
         measured = measured & (self.use_y0 | (np.arange(first, k + 1) > 0))[:, None]
-        posterior = window_posterior(self.model.stages(first, k), range_root(P_bar), measured)
-        return WindowProgram.of(
-            posterior, self.bounds.values(posterior, self.model.between("W_root", first, k), measured)
-        )
+        law = self.bounds.law(self.model.stages(first, k), range_root(P_bar), measured)
+        return WindowProgram.of(law, self.bounds.interval(measured))
 
     def _programs(self) -> Iterator[WindowProgram]:
+        """Prepare the problems; while the window grows, each one continues the one before."""
         ny, N = self.model.C.shape[1], self.window
-        program, made_for = None, 0
+        program, made_for, law = None, 0, WindowPosterior.begun(range_root(self._covariances[0]), ny)
         for k in range(len(self._covariances)):
             first = max(k - N, 0)
             P_bar, before = self._covariances[first], self._covariances[made_for]
             close = bool(nearly_equal(P_bar, before, SETTLED))
             shared = k > N and close and len(self.model.A) == 1 and (made_for > 0 or self.use_y0)
-            if program is None or not shared:
-                try:
-                    program, made_for = self._program(k, P_bar, np.ones((k - first + 1, ny), dtype=bool)), first
-                except np.linalg.LinAlgError:
-                    raise singular_innovation(k) from None
+            if program is not None and shared:
+                yield program
+                continue
+            measured = np.ones((k - first + 1, ny), dtype=bool)
+            try:
+                if first == 0:
+                    measured[0] = self.use_y0
+                    law = self.bounds.extended(law, self.model.stages(0, k), k, measured[-1])
+                    program = WindowProgram.of(law, self.bounds.interval(measured))
+                else:
+                    program = self._program(k, P_bar, measured)
+            except np.linalg.LinAlgError:
+                raise singular_innovation(k) from None
+            made_for = first
             yield program
 
 

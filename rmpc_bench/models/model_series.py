@@ -44,51 +44,36 @@ class ModelSeries(NamedTuple):
         """Return the matrices of the window first..last."""
         A, G, W_root = (self.between(name, first, last) for name in ("A", "G", "W_root"))
         C, R_v = (self.between(name, first, last + 1) for name in ("C", "R_v"))
-        return WindowStages(A, G @ W_root, C, R_v)
+        return WindowStages(A, W_root, G @ W_root, C, R_v)
 
-    def motion_map(self, window: int) -> Float[Array, "n n"] | None:
-        """Return the map from [x; c] to the states of a window in `motion`; None for a model that varies.
+    def filtered(
+        self,
+        first: int,
+        x: Float[Array, "runs nx"],
+        c: Float[Array, "runs moves nx"],
+        y: Float[Array, "runs points ny"],
+        L: Float[Array, "points nx ny"],
+    ) -> tuple[Float[Array, "runs points nx"], Float[Array, "runs points ny"]]:
+        """Return predictions and innovations of a filter with the gains L that starts with x at a sample.
 
-        Parameters
-        ----------
-        window : number of steps; the map of a shorter window is the upper left part
+        Between the samples x(j+1) = A_j x(j) + c_j; the innovation of a missing y is 0.
         """
-        if len(self.A) > 1:
-            return None
-        nx = self.A.shape[1]
-        found = np.zeros(((window + 1) * nx, (window + 1) * nx))
-        column = np.vstack([np.linalg.matrix_power(self.A[0], j) for j in range(window + 1)])
-        for j in range(window + 1):
-            found[j * nx :, j * nx : (j + 1) * nx] = column[: (window + 1 - j) * nx]
-        return found
+        A, C = self.between("A", first, first + len(L) - 1), self.between("C", first, first + len(L))
+        states, innovations = [x], []
+        for j in range(len(L)):
+            e = y[:, j] - mv(C[j], states[-1])
+            innovations.append(np.where(np.isnan(y[:, j]), 0.0, e))
+            if j < c.shape[1]:
+                states.append(mv(A[j], states[-1] + mv(L[j], innovations[-1])) + c[:, j])
+        return np.stack(states, axis=1), np.stack(innovations, axis=1)
 
-    def motion(
-        self, first: int, x: Float[Array, "runs nx"], c: Float[Array, "runs moves nx"], full: Array | None
-    ) -> Float[Array, "runs points nx"]:
-        """Return the states without noise from a sample on: x(j+1) = A_j x(j) + c_j.
-
-        Parameters
-        ----------
-        first : the sample of `x`
-        x : first states
-        c : what is added in every step
-        full : `motion_map` of this number of steps or more
-        """
-        runs, moves, nx = c.shape
-        if full is not None:
-            data = np.concatenate([x, c.reshape(runs, -1)], axis=1)
-            return mv(full[: data.shape[1], : data.shape[1]], data).reshape(runs, moves + 1, nx)
-        states = [x]
-        for j in range(moves):
-            states.append(mv(self.A[first + j], states[-1]) + c[:, j])
-        return np.stack(states, axis=1)
-
-    def outputs(self, last: int, x: Float[Array, "runs points nx"]) -> Float[Array, "runs points ny"]:
-        """Return C_j x(j) of samples that end with a given one."""
-        runs, points, nx = x.shape
-        if len(self.C) == 1:
-            return mv(self.C[0], x.reshape(-1, nx)).reshape(runs, points, -1)
-        return np.stack([mv(self.C[last + 1 - points + j], x[:, j]) for j in range(points)], axis=1)
+    def filter_map(self, L: Float[Array, "points nx ny"]) -> Float[Array, "answers data"]:
+        """Return `filtered` of a constant model as a matrix: [x; c; y] -> [predictions; innovations]."""
+        points, nx, ny = L.shape
+        data = np.eye(nx * points + ny * points)
+        x, c, y = data[:, :nx], data[:, nx : nx * points], data[:, nx * points :]
+        found = self.filtered(0, x, c.reshape(len(data), -1, nx), y.reshape(len(data), -1, ny), L)
+        return np.hstack([each.reshape(len(data), -1) for each in found]).T
 
 
 def model_series(model: Model, n_steps: int, *, in_states: bool) -> ModelSeries:

@@ -153,7 +153,7 @@ class QuadraticProgram:
             largest = np.maximum(np.maximum(low, -high), 1.0).max(axis=1, initial=1.0)
             # A power of 2 changes no digits.
             unit = np.exp2(np.round(np.log2(largest)))[:, None]
-        x, _, statuses = self._solved(np.zeros((len(low), len(self.H))), low / unit, high / unit)
+        x, statuses = self.solve_block(np.zeros((len(low), len(self.H))), low / unit, high / unit)
         return unit * x, statuses
 
     def _solved(self, f: Any, low: Any, high: Any) -> tuple[Array, Array, list[QpStatus]]:

@@ -1,8 +1,8 @@
 """Most probable states of a window under bounds of noises and states, as a least-distance problem.
 
-Problem  Minimise |zeta|^2 over low <= value + E zeta <= high, where xi = mean + root zeta is the window of
-         `window_posterior`.  This is the problem in xi, in coordinates in which its minimum without bounds is zeta = 0
-         and its Hessian the identity.  If no bound is active the solution is therefore known and exact.
+Problem  Minimise |zeta|^2 over low <= value + rows zeta <= high, in the unknowns of window_posterior.py, in which the
+         minimum without bounds is zeta = 0 and the Hessian the identity.
+         If no bound is active the solution is therefore known and exact.
 Scale    Every row is divided by the standard deviation of its value.  The problem is homogeneous: it is divided by its
          largest violation, so that the solver gets numbers of size 1.  Only the part of the unknowns that the rows
          depend on is left; the rest of the minimum is 0.
@@ -22,20 +22,13 @@ from jaxtyping import Bool, Float
 from rmpc_bench.numerics.intervals import Interval
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.qp import QpStatus, QuadraticProgram
-from rmpc_bench.numerics.window_posterior import WindowPosterior
+from rmpc_bench.numerics.window_posterior import WindowPosterior, WindowStages
 from rmpc_bench.types import Array
 
 FREEDOM = 1e-13
 """A smaller standard deviation after the measurements, in units of that before them, is a rounding of 0."""
 ROUNDING = 1e-12
 """Allowed violation of the bounds of a fixed value, in units of the largest number of the window."""
-
-
-class BoundedValues(NamedTuple):
-    """Values with bounds: value = base + E xi."""
-
-    E: Float[Array, "values n"]
-    interval: Interval
 
 
 class WindowBounds(NamedTuple):
@@ -45,40 +38,41 @@ class WindowBounds(NamedTuple):
     x: Interval
     v: Interval
 
-    def values(
-        self, posterior: WindowPosterior, W_root: Float[Array, "m nw nr"], measured: Bool[Array, "points ny"]
-    ) -> BoundedValues:
-        """Return the noises and states that have bounds: w of all steps, then x, then v of all samples.
+    def law(
+        self, stages: WindowStages, P_root: Float[Array, "nx n0"], measured: Bool[Array, "points ny"]
+    ) -> WindowPosterior:
+        """Return the law of a window with the values that have bounds."""
+        found = WindowPosterior.begun(P_root, measured.shape[1])
+        for j, there in enumerate(measured):
+            found = self.extended(found, stages, j, there)
+        return found
 
-        Parameters
-        ----------
-        posterior : law of the window
-        W_root : roots of the process noise in its own coordinates
-        measured : which outputs are there; v of the others has no bound
-        """
-        m, n = len(W_root), posterior.states.shape[2]
-        w, x, v = (each.bounded for each in self)
-        nr = W_root.shape[2]
-        noises = np.zeros((m, int(w.sum()), n))
-        for j in range(m):
-            begin = n - (m - j) * nr
-            noises[j, :, begin : begin + nr] = W_root[j, w]
-        parts = (noises, posterior.states[:, x], -posterior.outputs[:, v])
-        ends = [[np.tile(end, len(each)) for end in interval.chosen(some)] for each, interval, some in
-                zip(parts, self, (w, x, v), strict=True)]  # fmt: skip
-        there = measured[:, v].ravel()
+    def extended(
+        self, law: WindowPosterior, stages: WindowStages, j: int, there: Bool[Array, " ny"]
+    ) -> WindowPosterior:
+        """Return the law with one more sample, number j of the stages."""
+        if len(law.L):
+            law = law.moved(stages.A[j - 1], stages.G[j - 1], stages.W[j - 1, self.w.bounded])
+        return law.measured(stages.C[j], stages.R_v[j], there, (self.x.bounded, self.v.bounded))
+
+    def interval(self, measured: Bool[Array, "points ny"]) -> Interval:
+        """Return the bounds of the values: w of all steps, then x, then v of all samples, if it is measured."""
+        points = len(measured)
+        ends = [
+            [np.tile(end, n) for end in each.chosen(each.bounded)]
+            for each, n in zip(self, (points - 1, points, points), strict=True)
+        ]
+        there = measured[:, self.v.bounded].ravel()
         ends[2] = [np.where(there, ends[2][0], -np.inf), np.where(there, ends[2][1], np.inf)]
         low, high = (np.concatenate([each[i] for each in ends]) for i in range(2))
-        return BoundedValues(
-            np.concatenate([each.reshape(len(each) * each.shape[1], n) for each in parts]), Interval(low, high)
-        )
+        return Interval(low, high)
 
     def base(
-        self, x_bar: Float[Array, "runs points nx"], r: Float[Array, "runs points ny"]
+        self, x_bar: Float[Array, "runs points nx"], e: Float[Array, "runs points ny"]
     ) -> Float[Array, "runs values"]:
-        """Return the same values in the window without noise."""
+        """Return the values before the measurement of their sample, for predictions and innovations."""
         runs, points = x_bar.shape[:2]
-        states, outputs = x_bar[:, :, self.x.bounded], r[:, :, self.v.bounded]
+        states, outputs = x_bar[:, :, self.x.bounded], e[:, :, self.v.bounded]
         w = np.zeros((runs, (points - 1) * int(self.w.bounded.sum())))
         return np.concatenate([w, states.reshape(runs, -1), outputs.reshape(runs, -1)], axis=1)
 
@@ -100,15 +94,15 @@ class WindowProgram:
 
     Parameters
     ----------
-    x_gain : (nx, p) last state from the residuals, without bounds
-    value_gain : (values, p) values with bounds from the residuals, without bounds
+    L : (points, nx, ny) gains of the Kalman filter of the window
+    value_gain : (values, p) values with bounds from the innovations, without bounds
     interval : bounds of the values
     size : (values,) standard deviations of the values; 0 of a fixed one
     x_map : (nx, s) last state from the unknowns of the program
     program : the program of the values that are not fixed
     """
 
-    x_gain: Float[Array, "nx p"]
+    L: Float[Array, "points nx ny"]
     value_gain: Float[Array, "values p"]
     interval: Interval
     size: Float[Array, " values"]
@@ -121,22 +115,16 @@ class WindowProgram:
         return max(float(np.abs(end[np.isfinite(end)]).max(initial=0.0)) for end in self.interval)
 
     @classmethod
-    def of(cls, posterior: WindowPosterior, values: BoundedValues) -> WindowProgram:
-        """Prepare the problems.
-
-        Parameters
-        ----------
-        posterior : law of the window
-        values : values with bounds
-        """
-        last, E, root = posterior.states[-1], values.E, posterior.root
-        rows = E @ root
-        after, before = np.linalg.norm(rows, axis=1), np.linalg.norm(E, axis=1)
-        size = np.where(after > FREEDOM * before, after, 0.0)
+    def of(cls, law: WindowPosterior, interval: Interval) -> WindowProgram:
+        """Prepare the problems of a law with the bounds of its values."""
+        order = np.argsort(law.kind, kind="stable")
+        rows = law.rows[order]
+        after = np.linalg.norm(rows, axis=1)
+        size = np.where(after > FREEDOM * law.before[order], after, 0.0)
         free = size > 0.0
         Q, R = np.linalg.qr((rows[free] / size[free, None]).T)
         program = QuadraticProgram(np.eye(len(R)), np.ascontiguousarray(R.T))
-        return cls(last @ posterior.gain, E @ posterior.gain, values.interval, size, last @ root @ Q, program)
+        return cls(law.L, law.gain[order], interval, size, law.X @ Q, program)
 
     def fit(
         self, x_bar: Float[Array, "runs nx"], r: Float[Array, "runs p"], base: Float[Array, "runs values"]
@@ -145,11 +133,12 @@ class WindowProgram:
 
         Parameters
         ----------
-        x_bar : last state without noise
-        r : residuals of the measurements, 0 where one is missing
-        base : values with bounds without noise
+        x_bar : prediction of the last state
+        r : innovations, 0 where a measurement is missing
+        base : values with bounds before the measurement of their sample
         """
-        x, status = x_bar + mv(self.x_gain, r), [QpStatus.OPTIMAL] * len(r)
+        x = x_bar + mv(self.L[-1], r[:, -self.L.shape[2] :])
+        status = [QpStatus.OPTIMAL] * len(r)
         if not len(self.size):
             return WindowFit(x, np.zeros(len(r), dtype=bool), status)
         value = base + mv(self.value_gain, r)

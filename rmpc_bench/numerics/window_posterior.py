@@ -1,11 +1,11 @@
 """States and noises of a window of samples, given its measurements: the normal law of all of them at once.
 
 Model   x(j+1) = A_j x(j) + .. + G_j xi_{j+1},  y(j) = C_j x(j) + R_j^(1/2) eta_j,  x of the first sample has the
-        covariance P P' with the root P.  xi = [xi_0, xi_1 .. xi_m] and eta are independent, N(0, I).  x = x_bar +
-        Psi xi, where x_bar is the window without noise.
-Method  The posterior of xi has the mean gain r, with r = y - C x_bar, and the covariance root root'.  Both follow from
-        an orthogonal triangularisation of [R^(1/2) Phi; 0 I], Phi = C Psi.  Nothing is inverted but the root of the
-        covariance of r: P, G and R may be singular.
+        covariance P P' with the root P.  xi = [xi_0, xi_1 .. xi_m] and eta are independent, N(0, I).
+Method  Sample by sample: given y up to a sample, state and values are a mean plus a root times zeta, N(0, I).
+        A measurement rotates zeta so that only its first coordinates act on y.  What y says of every value is then its
+        gain on the innovation e(j) of a Kalman filter that starts with the window.  Everything is a response of the
+        error of this filter, which is stable: no power of A appears, also for a plant that is unstable.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from rmpc_bench.numerics.linalg import psd_sqrt, symmetrise
+from rmpc_bench.numerics.linalg import eliminated, psd_sqrt, symmetrise
 from rmpc_bench.types import Array
 
 RANK = 1e-14
@@ -26,23 +26,79 @@ class WindowStages(NamedTuple):
     """Matrices of the samples j = 0..m of a window."""
 
     A: Float[Array, "m nx nx"]
+    W: Float[Array, "m nw nr"]
+    """Roots of the process noise in its own coordinates."""
     G: Float[Array, "m nx nr"]
-    """Roots of the process noise: its covariance is G G'."""
+    """Roots of the process noise in the state: its covariance is G G'."""
     C: Float[Array, "points ny nx"]
     R_v: Float[Array, "points ny ny"]
 
 
 class WindowPosterior(NamedTuple):
-    """The unknowns xi of a window and their law, given the residuals r of its measurements."""
+    """The last state and chosen values of a window, given its measurements."""
 
-    states: Float[Array, "points nx n"]
-    """Psi: states from xi."""
-    outputs: Float[Array, "points ny n"]
-    """Phi: outputs from xi; zero for a missing output."""
-    gain: Float[Array, "n p"]
-    """Mean of xi from the residuals of all samples, p = points ny."""
-    root: Float[Array, "n n"]
-    """Root of the covariance of xi."""
+    X: Float[Array, "nx n"]
+    """Root of the covariance of the last state."""
+    rows: Float[Array, "values n"]
+    """Root of the covariance of the values, in the same unknowns."""
+    gain: Float[Array, "values p"]
+    """Mean of the values from the innovations of all samples."""
+    before: Float[Array, " values"]
+    """Standard deviations of the values before the measurement of their sample."""
+    kind: Int[Array, " values"]
+    """0 for w, 1 for x, 2 for v of a sample."""
+    L: Float[Array, "points nx ny"]
+    """Gains of the last state of every sample on its innovation."""
+
+    @classmethod
+    def begun(cls, P_root: Float[Array, "nx n0"], ny: int) -> WindowPosterior:
+        """Return the law of the first state before its measurement."""
+        none, n = np.zeros(0), P_root.shape[1]
+        rows, gain = np.zeros((0, n)), np.zeros((0, 0))
+        return cls(P_root, rows, gain, none, none.astype(int), np.zeros((0, len(P_root), ny)))
+
+    def moved(self, A: Float[Array, "nx nx"], G: Float[Array, "nx nr"], w: Float[Array, "nw nr"]) -> WindowPosterior:
+        """Return the law after a step without its measurement; w are the rows of the noises that are values."""
+        rows = np.hstack([self.rows, np.zeros((len(self.rows), G.shape[1]))])
+        law = self._replace(X=np.hstack([A @ self.X, G]), rows=rows)
+        return law._with(np.hstack([np.zeros((len(w), self.X.shape[1])), w]), np.zeros(len(w), dtype=int))
+
+    def measured(
+        self,
+        C: Float[Array, "ny nx"],
+        R_v: Float[Array, "ny ny"],
+        there: Bool[Array, " ny"],
+        chosen: tuple[Bool[Array, " nx"], Bool[Array, " ny"]],
+    ) -> WindowPosterior:
+        """Return the law after the outputs that are there, with the chosen x and v as values.
+
+        A missing output becomes noise alone.  A LinAlgError says that the covariance of the innovation is singular.
+        """
+        ny, nx = C.shape
+        C, R_v = np.where(there[:, None], C, 0.0), np.where(there[:, None] & there, R_v, np.eye(ny))
+        outputs = C @ self.X
+        rows = np.vstack([self.X[chosen[0]], -outputs[chosen[1]]])
+        law = self._with(rows, np.repeat([1, 2], [each.sum() for each in chosen]))
+        stack = np.vstack([law.X, law.rows])
+        array = np.zeros((ny + stack.shape[1], ny + len(stack)))
+        array[:ny, :ny], array[ny:, :ny], array[ny:, ny:] = psd_sqrt(R_v), outputs.T, stack.T
+        turned = eliminated(array, ny)[0]
+        gain = np.linalg.solve(turned[:ny, :ny], turned[:ny, ny:]).T * there
+        return law._replace(
+            X=turned[ny:, ny : ny + nx].T,
+            rows=turned[ny:, ny + nx :].T,
+            gain=np.hstack([law.gain, gain[nx:]]),
+            L=np.concatenate([law.L, gain[None, :nx]]),
+        )
+
+    def _with(self, rows: Float[Array, "more n"], kind: Int[Array, " more"]) -> WindowPosterior:
+        """Return the law with further values, which nothing has been measured of."""
+        return self._replace(
+            rows=np.vstack([self.rows, rows]),
+            gain=np.vstack([self.gain, np.zeros((len(rows), self.gain.shape[1]))]),
+            before=np.concatenate([self.before, np.sqrt((rows * rows).sum(axis=1))]),
+            kind=np.concatenate([self.kind, kind]),
+        )
 
 
 def range_root(Q: Float[Array, "n n"]) -> Float[Array, "n rank"]:
@@ -56,39 +112,3 @@ def range_root(Q: Float[Array, "n n"]) -> Float[Array, "n rank"]:
     kept = lam > RANK
     root: Array = unit[:, None] * U[:, kept] * np.sqrt(lam[kept])
     return root
-
-
-def window_posterior(
-    stages: WindowStages, P_root: Float[Array, "nx n0"], measured: Bool[Array, "points ny"]
-) -> WindowPosterior:
-    """Return the law of xi.
-
-    Parameters
-    ----------
-    stages : matrices of the window
-    P_root : root of the covariance of the first state
-    measured : which outputs are there; a missing one becomes noise alone
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the covariance of the residuals is singular.
-    """
-    (points, ny), (nx, n0), nr = measured.shape, P_root.shape, stages.G.shape[2]
-    n, p = n0 + (points - 1) * nr, points * ny
-    states = np.zeros((points, nx, n))
-    states[0, :, :n0] = P_root
-    for j in range(points - 1):
-        states[j + 1] = stages.A[j] @ states[j]
-        states[j + 1, :, n0 + j * nr : n0 + (j + 1) * nr] = stages.G[j]
-    outputs = np.where(measured[:, :, None], stages.C @ states, 0.0)
-    both = measured[:, :, None] & measured[:, None, :]
-    roots = psd_sqrt(np.where(both, stages.R_v, np.eye(ny)))
-    array = np.zeros((p + n, p + n))
-    for j in range(points):
-        array[j * ny : (j + 1) * ny, j * ny : (j + 1) * ny] = roots[j]
-    array[:p, p:] = outputs.reshape(p, n)
-    array[p:, p:] = np.eye(n)
-    lower = np.asarray(np.linalg.qr(array.T, mode="r")).T
-    gain = np.linalg.solve(lower[:p, :p].T, lower[p:, :p].T).T
-    return WindowPosterior(states, outputs, gain, lower[p:, p:])
