@@ -23,6 +23,7 @@ from jaxtyping import Float
 
 from rmpc_bench.controllers.state_feedback import Lqr, refuse_mean, stages_of
 from rmpc_bench.estimators.gain_schedule import Form, GainScheduleFilter
+from rmpc_bench.estimators.kalman_predictor import STABLE
 from rmpc_bench.estimators.stationary import stationary_filter
 from rmpc_bench.extras import library
 from rmpc_bench.types import Array, DesignError, Estimator, Matrix, Model
@@ -40,6 +41,7 @@ def lqe(model: Model, n_steps: int, *, x0: Float[Array, " nx"], form: Form = "fi
     """
     now, solve = model.at(0), library("control").dlqe
     K, P_pred, _ = _solved(lambda: solve(now.A, np.eye(now.nx), now.C, now.Q_w, now.R_v, method="scipy"))
+    _refuse_unstable(now.A - K @ now.C, "A - K C", "use kalman")
     return stationary_filter(model, x0, K, P_pred, form)
 
 
@@ -61,6 +63,7 @@ def lqr(model: Model, n_steps: int, estimator: Estimator, *, Q_x: Matrix, R_u: M
     refuse_mean(of_x, estimator, stages)
     A, B, Q, R = (matrices[0] for matrices in stages)
     K, P, _ = _solved(lambda: solve(A, B, Q, R, method="scipy"))
+    _refuse_unstable(A - B @ K, "A - B K", "use lqr, or weigh every mode that is not stable in Q_x")
     if model.n_disturbances:
         B_d = model.at(0).A[: of_x.nx, of_x.nx :]
         K = np.hstack([K, _held(A, B, R, K, P) @ B_d])
@@ -76,6 +79,14 @@ def _held(A: Array, B: Array, R: Array, K: Array, P: Array) -> Float[Array, "nu 
     held = np.linalg.solve(np.eye(len(A)) - (A - B @ K).T, P)
     gain: Array = np.linalg.solve(R + B.T @ P @ B, B.T @ held)
     return gain
+
+
+def _refuse_unstable(closed: Float[Array, "nx nx"], name: str, way_out: str) -> None:
+    """Raise a DesignError if a gain is not that of the stabilising solution."""
+    radius = float(np.abs(np.linalg.eigvals(closed)).max())
+    if not radius < STABLE:
+        why = f"the spectral radius of {name} is {radius:.9g}"
+        raise DesignError(f"the Riccati equation has no stabilising solution: {why}; {way_out}")
 
 
 def _solved(call: Callable[[], Any]) -> Any:

@@ -40,7 +40,7 @@ from jaxtyping import Float
 from rmpc_bench.controllers.gpc_law import Gpc, TunedGpc
 from rmpc_bench.controllers.gpc_limits import GpcLimits, limits_of
 from rmpc_bench.controllers.gpc_programs import VaryingProgram, constant_program
-from rmpc_bench.controllers.limits import Limits, SoftLimit
+from rmpc_bench.controllers.limits import Limits, SoftLimit, require_effect
 from rmpc_bench.controllers.noise_tuning import ConstantTuning, LpNoise, NoiseTuning
 from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean
 from rmpc_bench.models.linear import LinearModel
@@ -93,6 +93,8 @@ def design(
     if uses_mean and isinstance(model, StateDependentModel):
         raise DesignError("does not support an estimated mean of the process noise with a state-dependent model")
     now = model if isinstance(model, StateDependentModel) else model.at(0)
+    if isinstance(now, LinearModel):
+        require_effect(now.B)
     outputs, inputs = _root("Q_yw", Q_yw, now.ny), _root("Q_u", Q_u, now.nu)
     R_u, extended = np.linalg.qr(inputs)[1], _extended_states(model, uses_mean=uses_mean)
     limited = limits_of(limits, soft, model, extended, Np, plant_info)

@@ -18,13 +18,13 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.gpc_limits import GpcLimits
-from rmpc_bench.controllers.limits import Bounds, one_for_all
+from rmpc_bench.controllers.limits import Bounds, one_for_all, without_effect
 from rmpc_bench.controllers.noise_tuning import NoiseTuning, TuningData
 from rmpc_bench.controllers.prediction import Frozen, frozen, with_mean, with_output
 from rmpc_bench.models.state_dependent import StateDependentModel
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.tracking import TrackingLaw, track
-from rmpc_bench.types import Array, Command, Controller, Estimate, Status
+from rmpc_bench.types import Array, Command, Controller, Estimate, LinearLaw, Status
 
 OK = np.int8(Status.OK)
 
@@ -97,6 +97,18 @@ class Gpc(Controller):
             return None
         low, high = self.limits.inputs.u
         return one_for_all(Bounds(low + self.model.u_op, high + self.model.u_op))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Say which inputs a constant law cannot use."""
+        return () if self.gains is None else without_effect(self.gains.K_w, self.Np, "Np")
+
+    def linear_law(self) -> LinearLaw | None:
+        """Return the gains of a constant law without limits; None if it uses an estimated mean."""
+        if self.gains is None or self.uses_mean:
+            return None
+        affine = bool(self.gains.u_0.any() or self.model.operating_point is not None or self.model.d0.any())
+        return LinearLaw(self.gains.K_x, np.eye(len(self.R_u)), self.gains.K_w, affine=affine)
 
     def init(self, n_runs: int) -> GpcState | TunedState:
         """Start with a previous estimate of 0, which the law does not use at k = 0."""

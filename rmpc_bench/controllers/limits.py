@@ -131,6 +131,19 @@ def one_for_all(u: Bounds) -> tuple[float, float] | Bounds:
     return (float(low[0]), float(high[0])) if same else u
 
 
+def require_effect(B: Float[Array, "nx nu"]) -> None:
+    """Raise a DesignError if no input acts on the design model."""
+    if not B.any():
+        raise DesignError("B of the design model is zero, so that no input has an effect; give the model its B")
+
+
+def without_effect(K_r: Float[Array, "nu rows"], horizon: int, key: str) -> tuple[str, ...]:
+    """Return a remark on inputs that do not depend on the outputs of the horizon."""
+    idle = ", ".join(map(str, np.flatnonzero(~K_r.any(axis=1))))
+    text = f"the input has no effect within {key} = {horizon} on an output with weight (input {idle}): choose a longer"
+    return (f"{text} {key}",) if idle else ()
+
+
 def key_of(section: str, name: str) -> str:
     """Return the key of a signal, for messages: a name with a dot is quoted."""
     return f'{section}."{name}"' if "." in name else f"{section}.{name}"

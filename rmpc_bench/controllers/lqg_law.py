@@ -91,11 +91,12 @@ class Lqg(Controller):
         return error
 
     def linear_law(self) -> LinearLaw | None:
-        """Return the gains without limits; None with an operating point or further terms, which make it affine."""
-        if self.point is not None or self.K_d is not None or self.u_0.any() or (self.d0 is not None and self.d0.any()):
+        """Return the gains without limits; None if the law uses an estimated mean."""
+        if self.K_d is not None:
             return None
+        affine = self.point is not None or bool(self.u_0.any() or (self.d0 is not None and self.d0.any()))
         (nu, nx), nq = self.K_x.shape, self.K_q.shape[1]
-        law = LinearLaw(self.K_x, np.eye(nu), np.zeros((nu, 0)))
+        law = LinearLaw(self.K_x, np.eye(nu), np.zeros((nu, 0)), affine=affine)
         if nq == 0:
             return law
         of_y = self.rows if self.C is None else np.zeros(self.rows.shape)

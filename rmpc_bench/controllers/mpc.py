@@ -36,7 +36,15 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.increments import increment_program
-from rmpc_bench.controllers.limits import Limits, SoftLimit, bounds_of, one_for_all, refuse_unused, soft_rows
+from rmpc_bench.controllers.limits import (
+    Limits,
+    SoftLimit,
+    bounds_of,
+    one_for_all,
+    refuse_unused,
+    require_effect,
+    soft_rows,
+)
 from rmpc_bench.controllers.mpc_law import ConstrainedMpc, Mpc
 from rmpc_bench.controllers.prediction import of_inputs, of_moves
 from rmpc_bench.models.linear import LinearModel
@@ -100,6 +108,7 @@ def design(
     if Hu > Hp:
         raise DesignError(f"must be at most Hp = {Hp} (got {Hu})", "Hu")
     model = _constant(model)
+    require_effect(model.B)
     if limits is not None or soft:
         refuse_unused(limits or Limits(), soft)
     limits = Limits() if limits is None else limits
@@ -114,7 +123,7 @@ def design(
     try:
         stages, _ = problem.stages()
     except ValueError as error:
-        raise DesignError(_undetermined(model, str(error), root_R, Hp, Hu), "R") from None
+        raise DesignError(_undetermined(str(error), root_R, Hp, Hu), "R") from None
     K, K_r = stages[0].K_x, stages[0].K_w[:, :-1]
     u_0 = K_r @ np.tile(model.d0, Hp) - stages[0].K_w[:, -1] - printed * model.u_op
     law_of_u: dict[str, Any] = {
@@ -154,10 +163,8 @@ def _scaled_root(weight: Matrix, span: float | list[float], n: int, names: tuple
         raise DesignError(str(error), blamed) from None
 
 
-def _undetermined(model: LinearModel, error: str, root_R: Array, Hp: int, Hu: int) -> str:
+def _undetermined(error: str, root_R: Array, Hp: int, Hu: int) -> str:
     """Return the message for moves that the cost does not determine, with its cause."""
-    if not model.B.any():
-        return f"{error}: B of the design model is zero, so that no input has an effect"
     if np.linalg.matrix_rank(root_R) < len(root_R):
         return (
             f"{error}: R is singular, and the outputs within Hp = {Hp} do not determine Hu = {Hu} moves; choose R > 0"

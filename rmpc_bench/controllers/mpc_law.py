@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from rmpc_bench.controllers.constrained import ConstrainedMoves, with_fallback
-from rmpc_bench.controllers.limits import Bounds, Fallback
+from rmpc_bench.controllers.limits import Bounds, Fallback, without_effect
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.types import Array, Command, CompiledLaw, Controller, Estimate, LinearLaw, OptimisedStep, Status
 
@@ -101,10 +101,14 @@ class Mpc(Controller):
         return np.clip(u, self.low, self.high)
 
     def linear_law(self) -> LinearLaw | None:
-        """Return the gains; the law is linear as long as no input is clipped, and affine with constant parts."""
-        if self.u_0 is not None or self.K_d is not None:
-            return None
-        return LinearLaw(self.K_x, self.K_u, self.K_r)
+        """Return the gains as long as no input is clipped; None if the law uses an estimated mean."""
+        affine = self.u_0 is not None or self.u_op is not None
+        return None if self.K_d is not None else LinearLaw(self.K_x, self.K_u, self.K_r, affine=affine)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Say which inputs the cost cannot use."""
+        return without_effect(self.K_r, self.preview - 1, "Hp")
 
 
 @dataclass(frozen=True, eq=False)

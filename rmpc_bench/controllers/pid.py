@@ -150,21 +150,20 @@ class Pid(Controller):
             return integral - np.where(step * cut < 0.0, step, 0.0)
         return integral
 
-    def linear_law(self) -> LinearLaw | None:
-        """Return the gains without limits; None with an operating point or a constant part, which make it affine."""
-        if self.point is not None or (self.d0 is not None and self.d0.any()):
-            return None
+    def linear_law(self) -> LinearLaw:
+        """Return the gains without limits."""
+        affine = self.point is not None or bool(self.d0 is not None and self.d0.any())
         nu = len(self.Kp)
         K_s, K, A_s, B = _as_state(self)
         nothing = np.zeros((nu, 0))
         if self.C is None:
             unused, nx = np.zeros((len(A_s), self.nx)), self.nx
             state = LawState(K_s, K @ self.rows, A_s, unused, B @ self.rows)
-            return LinearLaw(np.zeros((nu, nx)), np.eye(nu), nothing, state)
+            return LinearLaw(np.zeros((nu, nx)), np.eye(nu), nothing, state, affine)
         rows = self.rows @ self.C
         unused_y = np.zeros((len(A_s), self.rows.shape[1]))
         state = LawState(K_s, np.zeros(self.rows.shape), A_s, B @ rows, unused_y)
-        return LinearLaw(-K @ rows, np.eye(nu), nothing, state)
+        return LinearLaw(-K @ rows, np.eye(nu), nothing, state, affine)
 
 
 def _as_state(pid: Pid) -> tuple[Array, Array, Array, Array]:

@@ -40,6 +40,7 @@ from rmpc_bench.types import (
     Estimate,
     Estimator,
     Horizon,
+    LinearLaw,
     Matrix,
     Model,
     OperatingPoint,
@@ -135,6 +136,11 @@ class Lqr(Regulator):
     def compiled_form(self, r: Float[Array, "known ny"], n_steps: int, runs: Sequence[int]) -> CompiledLaw:
         """Return the gains."""
         return CompiledLaw(np.zeros((1, 1, self.u_0.shape[1])), self.K, u_0=self.u_0, point=self.point)
+
+    def linear_law(self) -> LinearLaw | None:
+        """Return the last gain without limits; None if the law uses an estimated mean."""
+        nu, affine = self.K.shape[1], self.point is not None or bool(self.u_0.any())
+        return None if self.K_d is not None else LinearLaw(self.K[-1], np.eye(nu), np.zeros((nu, 0)), affine=affine)
 
     def series(self) -> dict[str, Array]:
         """Gains over k."""

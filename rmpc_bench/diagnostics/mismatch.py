@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rmpc_bench.diagnostics.stability import LinearPair, linear_pair, spectral_radius
+from rmpc_bench.diagnostics.stability import LinearPair, constant_model, design_radius, linear_pair, spectral_radius
 from rmpc_bench.diagnostics.tolerance import DesignModel, divergence_over_time
 from rmpc_bench.noise.gaussian import Gaussian
 from rmpc_bench.simulation.open_loop import OpenLoop
@@ -151,9 +151,10 @@ def _redesigned(
     """Design model without disturbances, P0 of x, and estimator from plain data, for some number of steps."""
     plant = experiment.plant
     model = build("models", data.get("model"), Ts=plant.Ts, n_steps=n_steps, plant=plant, x_hat=data["x_hat"])
-    if model is None or not model.is_linear_model:
+    of_x = constant_model(model)
+    if of_x is None:
         return None
-    n, of_x = model.undisturbed.nx, model.undisturbed
+    n = of_x.nx
     try:
         x0 = initial_state(data["x_hat"], n)
         P0 = of_x.Q_w if isinstance(data["P"], str) else initial_covariance(data["P"], n)
@@ -202,7 +203,13 @@ def _noise_scale(scenario: Scenario, model: DesignModel | None) -> NoiseScale:
 
 
 def _without_law(each: _MethodModel) -> str:
-    return "no controller" if isinstance(each.method.controller, Rest | OpenLoop) else "no linear law with known gains"
+    if isinstance(each.method.controller, Rest | OpenLoop):
+        return "no controller"
+    if each.method.controller.linear_law() is None:
+        return "no linear law with known gains"
+    if each.method.estimator.gain_schedule is None:
+        return "gains of the estimator depend on the data"
+    return "no constant linear design model"
 
 
 def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[LinearPlant]) -> MeanDivergence | str:
@@ -211,6 +218,8 @@ def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[Lin
         return _without_law(each)
     if each.pair.law.state is not None:
         return "a law with a state of its own"
+    if each.pair.law.affine:
+        return "a law with constant terms"
     if not plants:
         return "no linear plant"
     stacked = LinearPlant(*(np.stack(matrices) for matrices in zip(*plants, strict=True)))
@@ -230,9 +239,8 @@ def _radii(each: _MethodModel, plants: Sequence[LinearPlant]) -> tuple[float | N
     """Spectral radii of the loop with the model and with the plants."""
     if each.pair is None or each.model is None:
         return None, np.empty(0)
-    model = LinearPlant(each.model.A, each.model.B, each.model.C, np.eye(len(each.model.A)))
     fitting = [plant for plant in plants if len(plant.C) == len(each.model.C)]
-    return spectral_radius(model, each.pair), np.array([spectral_radius(plant, each.pair) for plant in fitting])
+    return design_radius(each.model, each.pair), np.array([spectral_radius(plant, each.pair) for plant in fitting])
 
 
 def _gain(

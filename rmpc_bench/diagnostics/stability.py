@@ -8,12 +8,22 @@ Input   the `gain_schedule` of the estimator and the `linear_law` of the control
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.types import Array, Controller, Estimator, GainSchedule, LawState, LinearLaw, LinearPlant
+from rmpc_bench.types import (
+    Array,
+    Controller,
+    DesignError,
+    Estimator,
+    GainSchedule,
+    LawState,
+    LinearLaw,
+    LinearPlant,
+    Model,
+)
 
 
 class LoopGains(NamedTuple):
@@ -50,6 +60,21 @@ def linear_pair(estimator: Estimator, controller: Controller) -> LinearPair | No
     """Write a pair with gains; None where the filter is no gain schedule or the law is not linear."""
     schedule, law = estimator.gain_schedule, controller.linear_law()
     return None if schedule is None or law is None else LinearPair(schedule, law)
+
+
+def constant_model(model: Model | None) -> Any:
+    """Return the linear model of x at all k, without disturbances; None of a model that varies or follows the state."""
+    if model is None or model.varies:
+        return None
+    try:
+        return model.undisturbed.at(0)
+    except DesignError:
+        return None
+
+
+def design_radius(model: Any, pair: LinearPair) -> float:
+    """Spectral radius of the loop with a constant design model in place of the plant."""
+    return spectral_radius(LinearPlant(model.A, model.B, model.C, np.eye(len(model.A))), pair)
 
 
 def spectral_radius(plant: LinearPlant, pair: LinearPair) -> float:

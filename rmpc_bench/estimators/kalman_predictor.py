@@ -24,7 +24,7 @@ from rmpc_bench.numerics.riccati import predictor_step
 from rmpc_bench.types import Array, DesignError, Matrix, Model
 
 # The pencil gives an eigenvalue on the unit circle with an error of about the square root of the rounding unit.
-_STABLE = 1.0 - 1e-7
+STABLE = 1.0 - 1e-7
 
 
 def design(
@@ -105,7 +105,7 @@ def _steady(models: list[LinearModel], R: Array | None) -> tuple[Array, Array]:
         raise _no_steady_gain("") from None
     K = predictor_step(M, J, P).K
     radius = float(np.abs(np.linalg.eigvals(M[:nx] - K.dot(M[nx:]))).max())
-    if not radius < _STABLE:
+    if not radius < STABLE:
         raise _no_steady_gain(f": the spectral radius of A - K C is {radius:.9g}")
     return K, P
 

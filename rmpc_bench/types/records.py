@@ -182,3 +182,5 @@ class LinearLaw(NamedTuple):
     K_r: Float[Array, "nu rows"]
     state: LawState | None = None
     """State of the law besides u(k-1); None for a law that has none and does not use y(k)."""
+    affine: bool = False
+    """Whether the law has constant terms too, such as those of an operating point."""
