@@ -90,6 +90,7 @@ MAY_IMPORT = {
         "expressions",
         "claims",
         "simulation",
+        "diagnostics",  # whether the loop of a method is stable
         "noise",
         "models",  # the key `disturbance` of every model
         "types",

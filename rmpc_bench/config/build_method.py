@@ -10,6 +10,7 @@ from rmpc_bench.config.component import Component
 from rmpc_bench.config.draft import DraftConfig, MethodComponents
 from rmpc_bench.config.identity import nominal_plant
 from rmpc_bench.config.recorded_data import refuse_other_sizes, refuse_runs_of_input
+from rmpc_bench.diagnostics.stability import loop_remarks
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import initial_covariance, initial_state
@@ -149,11 +150,10 @@ class MethodBuilder:
             return None
         else:
             controller = components.controller.build(problems, **common, estimator=estimator)
-        return (
-            None
-            if estimator is None or controller is None
-            else Method(name, estimator, controller, model.n_disturbances)
-        )
+        if estimator is None or controller is None:
+            return None
+        remarks = () if isinstance(controller, Rest | OpenLoop) else loop_remarks(model, estimator, controller)
+        return Method(name, estimator, controller, model.n_disturbances, remarks)
 
     def _open_loop(self, name: str, model: Any, plant: Plant | None) -> Any:
         """Return what stands for a controller where there is none; None where the input is invalid."""

@@ -205,11 +205,9 @@ def _noise_scale(scenario: Scenario, model: DesignModel | None) -> NoiseScale:
 def _without_law(each: _MethodModel) -> str:
     if isinstance(each.method.controller, Rest | OpenLoop):
         return "no controller"
-    if each.method.controller.linear_law() is None:
-        return "no linear law with known gains"
     if each.method.estimator.gain_schedule is None:
-        return "gains of the estimator depend on the data"
-    return "no constant linear design model"
+        return "the gains of the estimator depend on the data"
+    return "no constant linear design model" if each.model is None else "no linear law with known gains"
 
 
 def _divergence(experiment: Experiment, each: _MethodModel, plants: Sequence[LinearPlant]) -> MeanDivergence | str:

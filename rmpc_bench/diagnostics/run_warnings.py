@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from rmpc_bench.diagnostics.stability import constant_model, design_radius, linear_pair
 from rmpc_bench.simulation.open_loop import OpenLoop
 from rmpc_bench.simulation.rest import Rest
 from rmpc_bench.simulation.scenario import Experiment
@@ -28,8 +27,6 @@ Build = Callable[..., Any]
 
 STABLE = 1.0 + 1e-9
 """Spectral radius up to which a system counts as stable: that of an integrator is 1 up to rounding."""
-UNSTABLE = 1.0 - 1e-9
-"""Spectral radius from which on a loop counts as not stable."""
 SMALL_GROWTH = 10.0
 """Growth over the run up to which an unstable system is no reason for a warning."""
 SATURATED = 0.95
@@ -45,26 +42,22 @@ def run_warnings(experiment: Experiment, methods: Mapping[str, Mapping[str, Any]
     methods : method name -> plain data from which its designs were made
     build : designs a component once more
     """
-    checks = {
-        "plant": _uncontrolled,
-        "estimator": _not_quadratically_stable,
-        "controller.limits": _saturated,
-        "controller": _loop,
-    }
+    checks = {"plant": _uncontrolled, "estimator": _not_quadratically_stable, "controller.limits": _saturated}
     known, found = dict[str, str | None](), dict[tuple[str, str], list[str]]()
     for method in experiment.methods:
         model = _DesignModel(experiment, methods[method.name], build)
         for part, check in checks.items():
             # Methods with equal data share one answer.
             is_open = isinstance(method.controller, Rest | OpenLoop)
-            parts = ("estimator", "controller", "x_hat", "P") if part == "controller" else (part.split(".")[0],)
-            key = f"{part} {is_open if part == 'plant' else model.key(*parts)}"
+            key = f"{part} {is_open if part == 'plant' else model.key(part.split('.')[0])}"
             if key not in known:
                 with np.errstate(all="ignore"):
                     known[key] = check(experiment, method, model)
             text = known[key]
             if text is not None:
                 found.setdefault((part, text), []).append(method.name)
+        for text in method.remarks:
+            found.setdefault(("controller", text), []).append(method.name)
     n_methods = len(experiment.methods)
     return [f"{_place(part, names, n_methods)}: {text}" for (part, text), names in found.items()]
 
@@ -83,9 +76,9 @@ class _DesignModel:
     def __init__(self, experiment: Experiment, data: Mapping[str, Any], build: Build) -> None:
         self.experiment, self.data, self.build = experiment, data, build
 
-    def key(self, *names: str) -> str:
-        """Return text that is equal for methods with the same model and components."""
-        return json.dumps([self.data.get(name) for name in ("model", *names)], sort_keys=True)
+    def key(self, name: str) -> str:
+        """Return text that is equal for methods with the same model and component."""
+        return json.dumps([self.data.get("model"), self.data.get(name)], sort_keys=True)
 
     def get(self) -> Any:
         """Return the design model, None where it cannot be built."""
@@ -139,22 +132,6 @@ def _not_quadratically_stable(experiment: Experiment, method: Method, model: _De
         return None
     way_out = f"or take less than {1.0 / norm:.3g} times the uncertainty (H_A)"
     return f"{says} (H-infinity norm of G_x (zI - A)^-1 H_A {norm:.4g}, must be below 1): {means}, {way_out}"
-
-
-def _loop(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:
-    """Describe a linear law that leaves the design model unstable."""
-    is_open = isinstance(method.controller, Rest | OpenLoop)
-    pair = None if is_open else linear_pair(method.estimator, method.controller)
-    of_x = None if pair is None else constant_model(model.get())
-    if pair is None or of_x is None:
-        return None
-    radius = design_radius(of_x, pair)
-    if radius < UNSTABLE:
-        return None
-    return (
-        f"the closed loop with the design model, without limits, is not stable: its spectral radius is {radius:.9g} "
-        "and must be below 1, although outputs may look well for a time; choose other weights or a longer horizon"
-    )
 
 
 def _saturated(experiment: Experiment, method: Method, model: _DesignModel) -> str | None:

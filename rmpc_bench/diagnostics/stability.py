@@ -25,6 +25,9 @@ from rmpc_bench.types import (
     Model,
 )
 
+UNSTABLE = 1.0 - 1e-9
+"""Spectral radius from which on a loop counts as not stable."""
+
 
 class LoopGains(NamedTuple):
     """The matrices of filter and law at one k."""
@@ -75,6 +78,19 @@ def constant_model(model: Model | None) -> Any:
 def design_radius(model: Any, pair: LinearPair) -> float:
     """Spectral radius of the loop with a constant design model in place of the plant."""
     return spectral_radius(LinearPlant(model.A, model.B, model.C, np.eye(len(model.A))), pair)
+
+
+def loop_remarks(model: Model, estimator: Estimator, controller: Controller) -> tuple[str, ...]:
+    """Return a remark on a linear pair that leaves the design model unstable."""
+    pair = linear_pair(estimator, controller)
+    of_x = None if pair is None else constant_model(model)
+    radius = 0.0 if pair is None or of_x is None else design_radius(of_x, pair)
+    if radius < UNSTABLE:
+        return ()
+    return (
+        f"the closed loop with the design model, without limits, is not stable: its spectral radius is {radius:.9g} "
+        "and must be below 1, although outputs may look well for a time; choose other weights or a longer horizon",
+    )
 
 
 def spectral_radius(plant: LinearPlant, pair: LinearPair) -> float:

@@ -17,6 +17,8 @@ class Method(NamedTuple):
     controller: Controller
     n_disturbances: int = 0
     """Number of disturbances that the design model has as its last states; see `types.estimate_of_x`."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about the pair, which warnings and tables show."""
 
     @property
     def reports(self) -> dict[str, tuple[int, ...]]:

@@ -73,7 +73,7 @@ class Constrained(Controller):
     """A controller with the gains of its unconstrained optimum as attributes; its law is not linear."""
 
     def __init__(self, law):
-        self.K_x, self.K_u, self.K_r, _ = law
+        self.K_x, self.K_u, self.K_r, *_ = law
 
 
 def test_a_linear_law_is_declared():

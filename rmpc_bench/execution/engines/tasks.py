@@ -70,7 +70,7 @@ def work(experiments: Sequence[Experiment], task: Task, watch: Watch = NO_WATCH)
             names = [each.text for recipe in parts for each in inside([recipe.code, recipe.parameters])]
             raise CodeError(f"{text}, by {' or '.join(names) or 'a registered component'}")
         counts[text] += len(task.runs)
-    block.journal.warnings.update(counts)
+    block.journal.warnings.update(counts + Counter(dict.fromkeys(method.remarks, len(task.runs))))
     return Done(task, block, values, time.monotonic() - started)
 
 
