@@ -11,7 +11,7 @@ Scale    DAQP has absolute tolerances: unknowns, rows and slacks should be of si
          the weights of the slacks are therefore divided by a power of 4, so that H is of size 1.
 Check    Stationarity, feasibility of point and multipliers, and complementarity of every answer are checked in the
          units of the problem, each one relative to its largest term.  DAQP takes nearly dependent rows for
-         dependent ones: where an answer fails, or there is none, qp_refined.py solves the problem again.
+         dependent ones: where an answer fails, or rows are so, qp_refined.py solves the problem again.
 Traps    DAQP reads the memory of an array that is not contiguous as if it were, and reports a problem as optimal
          that has an entry that is not a number, or a lower bound above the upper one.  `solve` copies every array and
          checks for both.
@@ -35,6 +35,8 @@ PRIMAL_TOL = 1e-10
 MOST_ITERATIONS = 1000
 KKT = 1e-9
 """Largest residual of a condition of the minimum, relative to its largest term."""
+DEPENDENT = 1e-4
+"""Ratio of singular values of the rows below which DAQP's word for an infeasible problem is checked."""
 TINY = float(np.finfo(float).tiny)
 SOFT = 8
 """Mark of a soft row for DAQP."""
@@ -180,7 +182,8 @@ class QuadraticProgram:
         lam *= self._cost_size
         sound = self._kkt(f, low, high, x, lam) <= KKT
         for i in np.flatnonzero(~sound & ~missing & ~empty).tolist():
-            if statuses[i] is not QpStatus.ITERATION_LIMIT:
+            believed = statuses[i] is QpStatus.INFEASIBLE and not self._nearly_dependent
+            if statuses[i] is not QpStatus.ITERATION_LIMIT and not believed:
                 statuses[i] = self._again(f[i], low[i], high[i], x[i], lam[i])
         return x, lam, statuses
 
@@ -238,6 +241,12 @@ class QuadraticProgram:
         return A, gradient, np.abs(np.vstack([gradient, np.pad(A, ((0, 0), (0, len(A))))]))
 
     @cached_property
+    def _nearly_dependent(self) -> bool:
+        """Whether rows may differ in a direction so short that DAQP takes them for contradictory."""
+        sizes = np.linalg.svd(self._matrices[1], compute_uv=False)
+        return bool(sizes.min(initial=np.inf) < DEPENDENT * sizes.max(initial=0.0))
+
+    @cached_property
     def _weights(self) -> tuple[Array, Array]:
         """Weights of the slacks; 0 and 1 in hard rows."""
         if self.linear is None or self.quadratic is None:
@@ -281,7 +290,7 @@ class QuadraticProgram:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the solver out, which cannot be copied to another process."""
-        made = ("_solver", "_marks", "_matrices", "_cost_size", "_weights", "_conditions")
+        made = ("_solver", "_marks", "_matrices", "_cost_size", "_weights", "_conditions", "_nearly_dependent")
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
