@@ -85,7 +85,9 @@ def loop_remarks(model: Model, estimator: Estimator, controller: Controller) -> 
     pair = linear_pair(estimator, controller)
     of_x = None if pair is None else constant_model(model)
     radius = 0.0 if pair is None or of_x is None else design_radius(of_x, pair)
-    if radius < UNSTABLE:
+    # A law without any effect on outputs keeps its input; the remark of the controller names the cause.
+    idle = pair is not None and pair.law.K_r.size > 0 and not pair.law.K_r.any()
+    if radius < UNSTABLE or idle:
         return ()
     return (
         f"the closed loop with the design model, without limits, is not stable: its spectral radius is {radius:.9g} "

@@ -28,8 +28,7 @@ Fails   Design error: a covariance of an innovation is singular, or bounds that 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,12 +45,14 @@ from rmpc_bench.numerics.linalg import at_sample, mv, nearly_equal
 from rmpc_bench.numerics.qp import QpStatus
 from rmpc_bench.numerics.riccati import filter_step, unmeasured_step
 from rmpc_bench.numerics.window_bounds import WindowBounds, WindowFit, WindowProgram
-from rmpc_bench.numerics.window_posterior import WindowPosterior, range_root
+from rmpc_bench.numerics.window_posterior import range_root
 from rmpc_bench.types import Array, Count, DesignError, Estimate, Estimator, Model, Status
 
 STATUS = {each: Status.OK if each.solved else Status.NOT_CONVERGED for each in QpStatus}
 STATUS |= {QpStatus.INFEASIBLE: Status.INFEASIBLE}
 """What a run becomes by the result of its quadratic program."""
+SHORT = 32
+"""Points of a window up to which a matrix is faster than a filter sample by sample."""
 SETTLED = 1e-13
 """Windows whose covariances differ by less, relative to the standard deviations, share their matrices."""
 
@@ -184,22 +185,15 @@ class MovingHorizon(Estimator):
         P_pred: Array = self.kalman.extra["P_pred"]
         return P_pred
 
-    def _fit(self, k: int, program: WindowProgram, state: HorizonState, shared: bool = True) -> WindowFit:
+    def _fit(self, k: int, program: WindowProgram, state: HorizonState) -> WindowFit:
         """Fit the windows that end at k, by predictions and innovations of a filter that starts with them."""
-        (runs, points, ny), nx = state.y.shape, state.x_hat.shape[1]
-        x = state.x_pred[:, 0]
-        if shared and program is self.programs[-1] and len(self.model.A) == len(self.model.C) == 1:
-            y = np.where(np.isnan(state.y), 0.0, state.y)
-            found = mv(self._filter_map, np.hstack([x, state.c.reshape(runs, -1), y.reshape(runs, -1)]))
-            x_bar, e = found[:, : points * nx].reshape(runs, points, nx), found[:, points * nx :].reshape(state.y.shape)
-        else:
+        (runs, points, ny), nx, x = state.y.shape, state.x_hat.shape[1], state.x_pred[:, 0]
+        if program.filter_map is None:
             x_bar, e = self.model.filtered(k + 1 - points, x, state.c, state.y, program.L)
+        else:
+            found = mv(program.filter_map, np.hstack([x, state.c.reshape(runs, -1), state.y.reshape(runs, -1)]))
+            x_bar, e = found[:, : points * nx].reshape(runs, points, nx), found[:, points * nx :].reshape(state.y.shape)
         return program.fit(x_bar[:, -1], e.reshape(runs, points * ny), self.bounds.base(x_bar, e))
-
-    @cached_property
-    def _filter_map(self) -> Array:
-        """Predictions and innovations of the last program, which nearly all samples have."""
-        return np.ascontiguousarray(self.model.filter_map(self.programs[-1].L))
 
     def _of_own_runs(self, k: int, state: HorizonState, fit: WindowFit) -> tuple[WindowFit, Array, Array]:
         """Fit the windows of runs with missing measurements; return all fits, P and the next P_pred."""
@@ -209,7 +203,7 @@ class MovingHorizon(Estimator):
         for i in np.flatnonzero(state.own):
             measured = ~np.isnan(state.y[i])
             alone = HorizonState(*(each[i : i + 1] for each in state))
-            one = self._fit(k, self._program(k, state.P_pred[i, 0], measured), alone, shared=False)
+            one = self._fit(k, self._program(k, state.P_pred[i, 0], measured), alone)
             x[i], solved[i], status[i] = one.x[0], one.solved[0], one.status[0]
             there = measured[-1]
             counts = k > 0 or self.use_y0
@@ -225,32 +219,32 @@ class MovingHorizon(Estimator):
         """Prepare the problem of the window that ends at k."""
         first = k + 1 - len(measured)
         measured = measured & (self.use_y0 | (np.arange(first, k + 1) > 0))[:, None]
-        law = self.bounds.law(self.model.stages(first, k), range_root(P_bar), measured)
+        *_, law = self.bounds.laws(self.model.stages(first, k), range_root(P_bar), measured)
         return WindowProgram.of(law, self.bounds.interval(measured))
 
     def _programs(self) -> Iterator[WindowProgram]:
         """Prepare the problems; while the window grows, each one continues the one before."""
-        ny, N = self.model.C.shape[1], self.window
-        program, made_for, law = None, 0, WindowPosterior.begun(range_root(self._covariances[0]), ny)
-        for k in range(len(self._covariances)):
+        n, ny, N = len(self._covariances), self.model.C.shape[1], self.window
+        program, made_for, last = None, 0, min(N, n - 1)
+        every, constant = np.ones((last + 1, ny), dtype=bool), len(self.model.A) == len(self.model.C) == 1
+        every[0] = self.use_y0
+        growing = self.bounds.laws(self.model.stages(0, last), range_root(self._covariances[0]), every)
+        for k in range(n):
             first = max(k - N, 0)
             P_bar, before = self._covariances[first], self._covariances[made_for]
             close = bool(nearly_equal(P_bar, before, SETTLED))
             shared = k > N and close and len(self.model.A) == 1 and (made_for > 0 or self.use_y0)
-            if program is not None and shared:
-                yield program
-                continue
-            measured = np.ones((k - first + 1, ny), dtype=bool)
-            try:
-                if first == 0:
-                    measured[0] = self.use_y0
-                    law = self.bounds.extended(law, self.model.stages(0, k), k, measured[-1])
-                    program = WindowProgram.of(law, self.bounds.interval(measured))
-                else:
-                    program = self._program(k, P_bar, measured)
-            except np.linalg.LinAlgError:
-                raise singular_innovation(k) from None
-            made_for = first
+            if program is None or not shared:
+                try:
+                    if first == 0:
+                        program = WindowProgram.of(next(growing), self.bounds.interval(every[: k + 1]))
+                    else:
+                        program = self._program(k, P_bar, np.ones((N + 1, ny), dtype=bool))
+                except np.linalg.LinAlgError:
+                    raise singular_innovation(k) from None
+                if constant and len(program.L) <= SHORT:
+                    program = replace(program, filter_map=self.model.filter_map(program.L))
+                made_for = first
             yield program
 
 

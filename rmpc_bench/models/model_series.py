@@ -73,7 +73,7 @@ class ModelSeries(NamedTuple):
         data = np.eye(nx * points + ny * points)
         x, c, y = data[:, :nx], data[:, nx : nx * points], data[:, nx * points :]
         found = self.filtered(0, x, c.reshape(len(data), -1, nx), y.reshape(len(data), -1, ny), L)
-        return np.hstack([each.reshape(len(data), -1) for each in found]).T
+        return np.ascontiguousarray(np.hstack([each.reshape(len(data), -1) for each in found]).T)
 
 
 def model_series(model: Model, n_steps: int, *, in_states: bool) -> ModelSeries:

@@ -12,6 +12,7 @@ Fixed    A value without a standard deviation (no noise, or an exactly known sta
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -22,7 +23,7 @@ from jaxtyping import Bool, Float
 from rmpc_bench.numerics.intervals import Interval
 from rmpc_bench.numerics.linalg import mv
 from rmpc_bench.numerics.qp import QpStatus, QuadraticProgram
-from rmpc_bench.numerics.window_posterior import WindowPosterior, WindowStages
+from rmpc_bench.numerics.window_posterior import Chosen, WindowPosterior, WindowStages, window_laws
 from rmpc_bench.types import Array
 
 FREEDOM = 1e-13
@@ -38,22 +39,11 @@ class WindowBounds(NamedTuple):
     x: Interval
     v: Interval
 
-    def law(
+    def laws(
         self, stages: WindowStages, P_root: Float[Array, "nx n0"], measured: Bool[Array, "points ny"]
-    ) -> WindowPosterior:
-        """Return the law of a window with the values that have bounds."""
-        found = WindowPosterior.begun(P_root, measured.shape[1])
-        for j, there in enumerate(measured):
-            found = self.extended(found, stages, j, there)
-        return found
-
-    def extended(
-        self, law: WindowPosterior, stages: WindowStages, j: int, there: Bool[Array, " ny"]
-    ) -> WindowPosterior:
-        """Return the law with one more sample, number j of the stages."""
-        if len(law.L):
-            law = law.moved(stages.A[j - 1], stages.G[j - 1], stages.W[j - 1, self.w.bounded])
-        return law.measured(stages.C[j], stages.R_v[j], there, (self.x.bounded, self.v.bounded))
+    ) -> Iterator[WindowPosterior]:
+        """Yield the laws of the windows of 1, 2, .. samples with the values that have bounds, as `window_laws`."""
+        return window_laws(stages, P_root, measured, Chosen(*(each.bounded for each in self)))
 
     def interval(self, measured: Bool[Array, "points ny"]) -> Interval:
         """Return the bounds of the values: w of all steps, then x, then v of all samples, if it is measured."""
@@ -100,6 +90,7 @@ class WindowProgram:
     size : (values,) standard deviations of the values; 0 of a fixed one
     x_map : (nx, s) last state from the unknowns of the program
     program : the program of the values that are not fixed
+    filter_map : predictions and innovations from the data, for short windows; see `ModelSeries.filter_map`
     """
 
     L: Float[Array, "points nx ny"]
@@ -108,6 +99,7 @@ class WindowProgram:
     size: Float[Array, " values"]
     x_map: Float[Array, "nx s"]
     program: QuadraticProgram
+    filter_map: Float[Array, "answers data"] | None = None
 
     @cached_property
     def _largest_bound(self) -> float:
@@ -124,7 +116,7 @@ class WindowProgram:
         free = size > 0.0
         Q, R = np.linalg.qr((rows[free] / size[free, None]).T)
         program = QuadraticProgram(np.eye(len(R)), np.ascontiguousarray(R.T))
-        return cls(law.L, law.gain[order], interval, size, law.X @ Q, program)
+        return cls(law.L.copy(), law.gain[order], interval, size, law.X @ Q, program)
 
     def fit(
         self, x_bar: Float[Array, "runs nx"], r: Float[Array, "runs p"], base: Float[Array, "runs values"]

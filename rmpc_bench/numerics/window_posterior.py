@@ -10,6 +10,7 @@ Method  Sample by sample: given y up to a sample, state and values are a mean pl
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -50,55 +51,59 @@ class WindowPosterior(NamedTuple):
     L: Float[Array, "points nx ny"]
     """Gains of the last state of every sample on its innovation."""
 
-    @classmethod
-    def begun(cls, P_root: Float[Array, "nx n0"], ny: int) -> WindowPosterior:
-        """Return the law of the first state before its measurement."""
-        none, n = np.zeros(0), P_root.shape[1]
-        rows, gain = np.zeros((0, n)), np.zeros((0, 0))
-        return cls(P_root, rows, gain, none, none.astype(int), np.zeros((0, len(P_root), ny)))
 
-    def moved(self, A: Float[Array, "nx nx"], G: Float[Array, "nx nr"], w: Float[Array, "nw nr"]) -> WindowPosterior:
-        """Return the law after a step without its measurement; w are the rows of the noises that are values."""
-        rows = np.hstack([self.rows, np.zeros((len(self.rows), G.shape[1]))])
-        law = self._replace(X=np.hstack([A @ self.X, G]), rows=rows)
-        return law._with(np.hstack([np.zeros((len(w), self.X.shape[1])), w]), np.zeros(len(w), dtype=int))
+class Chosen(NamedTuple):
+    """Which coordinates of every sample are values."""
 
-    def measured(
-        self,
-        C: Float[Array, "ny nx"],
-        R_v: Float[Array, "ny ny"],
-        there: Bool[Array, " ny"],
-        chosen: tuple[Bool[Array, " nx"], Bool[Array, " ny"]],
-    ) -> WindowPosterior:
-        """Return the law after the outputs that are there, with the chosen x and v as values.
+    w: Bool[Array, " nw"]
+    x: Bool[Array, " nx"]
+    v: Bool[Array, " ny"]
 
-        A missing output becomes noise alone.  A LinAlgError says that the covariance of the innovation is singular.
-        """
-        ny, nx = C.shape
-        C, R_v = np.where(there[:, None], C, 0.0), np.where(there[:, None] & there, R_v, np.eye(ny))
-        outputs = C @ self.X
-        rows = np.vstack([self.X[chosen[0]], -outputs[chosen[1]]])
-        law = self._with(rows, np.repeat([1, 2], [each.sum() for each in chosen]))
-        stack = np.vstack([law.X, law.rows])
-        array = np.zeros((ny + stack.shape[1], ny + len(stack)))
-        array[:ny, :ny], array[ny:, :ny], array[ny:, ny:] = psd_sqrt(R_v), outputs.T, stack.T
+
+def window_laws(
+    stages: WindowStages, P_root: Float[Array, "nx n0"], measured: Bool[Array, "points ny"], chosen: Chosen
+) -> Iterator[WindowPosterior]:
+    """Yield the laws of the windows of 1, 2, .. samples; each one is valid until the next one is asked for.
+
+    A missing output becomes noise alone.  A LinAlgError says that the covariance of an innovation is singular.
+    """
+    (points, ny), (nx, n), (nr, sizes) = (
+        measured.shape,
+        P_root.shape,
+        (stages.G.shape[2], [each.sum() for each in chosen]),
+    )
+    there = measured[:, :, None] & measured[:, None, :]
+    roots, C = psd_sqrt(np.where(there, stages.R_v, np.eye(ny))), np.where(measured[:, :, None], stages.C, 0.0)
+    # Transposed: a row per unknown, the first ny of them for the noise of the outputs; a column per state and value.
+    total, m = nx + points * sum(sizes) - sizes[0], nx
+    S, gain, L = (
+        np.zeros((ny + n + (points - 1) * nr, total)),
+        np.zeros((total, points * ny)),
+        np.zeros((points, nx, ny)),
+    )
+    before, kind = np.zeros(total), np.zeros(total, dtype=int)
+    S[ny : ny + n, :nx] = P_root.T
+    for j in range(points):
+        old, x = m, S[ny : ny + n, :nx]
+        if j > 0:
+            x[:] = x @ stages.A[j - 1].T
+            new, n, m = slice(ny + n, ny + n + nr), n + nr, m + sizes[0]
+            S[new, :nx], S[new, old:m] = stages.G[j - 1].T, stages.W[j - 1, chosen.w].T
+            x = S[ny : ny + n, :nx]
+        outputs, first = x @ C[j].T, m
+        m += sizes[1] + sizes[2]
+        S[ny : ny + n, first : first + sizes[1]], kind[first:m] = x[:, chosen.x], 1
+        S[ny : ny + n, first + sizes[1] : m], kind[first + sizes[1] : m] = -outputs[:, chosen.v], 2
+        before[old:m] = np.sqrt(np.einsum("ij,ij->j", S[: ny + n, old:m], S[: ny + n, old:m]))
+        array = np.empty((ny + n, ny + m))
+        array[:ny, :ny], array[ny:, :ny], array[:, ny:] = roots[j], outputs, S[: ny + n, :m]
+        array[:ny, ny:] = 0.0
         turned = eliminated(array, ny)[0]
-        gain = np.linalg.solve(turned[:ny, :ny], turned[:ny, ny:]).T * there
-        return law._replace(
-            X=turned[ny:, ny : ny + nx].T,
-            rows=turned[ny:, ny + nx :].T,
-            gain=np.hstack([law.gain, gain[nx:]]),
-            L=np.concatenate([law.L, gain[None, :nx]]),
-        )
-
-    def _with(self, rows: Float[Array, "more n"], kind: Int[Array, " more"]) -> WindowPosterior:
-        """Return the law with further values, which nothing has been measured of."""
-        return self._replace(
-            rows=np.vstack([self.rows, rows]),
-            gain=np.vstack([self.gain, np.zeros((len(rows), self.gain.shape[1]))]),
-            before=np.concatenate([self.before, np.sqrt((rows * rows).sum(axis=1))]),
-            kind=np.concatenate([self.kind, kind]),
-        )
+        S[ny : ny + n, :m], now = turned[ny:, ny:], slice(j * ny, (j + 1) * ny)
+        gain[:m, now] = np.linalg.solve(turned[:ny, :ny], turned[:ny, ny:]).T * measured[j]
+        L[j] = gain[:nx, now]
+        root, every = S[ny : ny + n, :m].T, slice(nx, m)
+        yield WindowPosterior(root[:nx], root[nx:], gain[every, : now.stop], before[every], kind[every], L[: j + 1])
 
 
 def range_root(Q: Float[Array, "n n"]) -> Float[Array, "n rank"]:

@@ -71,7 +71,7 @@ def test_law_of_a_window(rank, R_v, rng):
     given, P_root = stages(rng, rank, R_v)
     measured = np.ones((STEPS + 1, NY), dtype=bool)
     measured[2, 0] = measured[4, 1] = False
-    found, there, full = EVERY.law(given, P_root, measured), measured.ravel(), dense(given, P_root, measured)
+    (*_, found), there, full = EVERY.laws(given, P_root, measured), measured.ravel(), dense(given, P_root, measured)
     Phi, E, order = full.outputs[measured], full.values(), np.argsort(found.kind, kind="stable")
     noise = np.kron(np.eye(STEPS + 1), given.R_v[0])[np.ix_(there, there)]
     with mp.workdps(60):  # the covariance of the outputs has conditions up to 1e14
@@ -109,7 +109,8 @@ def problem(rng, w=(-0.3, 0.4), x=(-0.5, 0.5), v=(-1.0, 1.0)):
     given, P_root = stages(rng)
     bounds = WindowBounds(interval_of(w, NX, "w"), interval_of(x, NX, "x"), interval_of(v, NY, "v"))
     measured = np.ones((STEPS + 1, NY), dtype=bool)
-    program = WindowProgram.of(bounds.law(given, P_root, measured), bounds.interval(measured))
+    *_, law = bounds.laws(given, P_root, measured)
+    program = WindowProgram.of(law, bounds.interval(measured))
     data = 0.1 * rng.standard_normal((6, NX)), rng.standard_normal((6, STEPS + 1, NY))
     return program, bounds, (given, P_root, measured), data
 
