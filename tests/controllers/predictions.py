@@ -47,26 +47,6 @@ def predict_inputs(model: LinearModel, Hp: int, Hu: int) -> tuple[Float[Array, "
     return np.vstack(free[1:]), Theta
 
 
-def predict_disturbance(model: LinearModel, Hp: int) -> tuple[Float[Array, "rows nx"], Float[Array, " rows"]]:
-    """Stack what a constant disturbance d of x(k+1) and the constant parts f0 and d0 add to the predictions.
-
-    Parameters
-    ----------
-    model : prediction model
-    Hp : prediction horizon [samples]
-
-    Returns
-    -------
-    the gain of d, and the sum of what f0 and d0 add
-    """
-    held, Phi = np.zeros((model.nx, model.nx)), []
-    for _ in range(Hp):
-        held = model.A @ held + np.eye(model.nx)
-        Phi.append(model.C @ held)
-    gain = np.vstack(Phi)
-    return gain, gain @ model.f0 + np.tile(model.d0, Hp)
-
-
 def _powers(model: LinearModel, Hp: int) -> list[Array]:
     powers = [np.eye(model.nx)]
     for _ in range(Hp):

@@ -82,10 +82,10 @@ def test_mpc_predicts_with_the_means(nx, nu, ny, law, estimated, rng):
 
 
 def test_the_law_of_mpc_is_linear_without_constant_parts_only(rng):
-    """Oracle: the definition of `LinearLaw`, which has no constant term."""
+    """Oracle: the definition of `LinearLaw`, which has no constant term but says so."""
     m, keys = random_model(rng, 2, 1, 1), {"Hp": 4, "Hu": 2, "Q": 1.0, "R": 0.1}
-    assert mpc.design(m, Estimator(), **keys).linear_law() is not None
-    assert mpc.design(with_parts(rng, 2, 1, 1), Estimator(), **keys).linear_law() is None
+    assert not mpc.design(m, Estimator(), **keys).linear_law().affine
+    assert mpc.design(with_parts(rng, 2, 1, 1), Estimator(), **keys).linear_law().affine
     assert mpc.design(m, EstimatesMean(), **keys).linear_law() is None
 
 
