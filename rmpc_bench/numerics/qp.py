@@ -19,6 +19,7 @@ Traps    DAQP reads the memory of an array that is not contiguous as if it were,
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -34,7 +35,9 @@ PRIMAL_TOL = 1e-10
 """Largest violation of a hard row, in units of the row."""
 MOST_ITERATIONS = 1000
 KKT = 1e-9
-"""Largest residual of a condition of the minimum, relative to its largest term."""
+"""Residual of a condition of the minimum, relative to its largest term, above which a problem is solved again."""
+ACCEPTED = 1e-7
+"""Largest residual of an answer: large weights of slacks beside larger multipliers leave no better one."""
 DEPENDENT = 1e-4
 """Ratio of singular values of the rows below which DAQP's word for an infeasible problem is checked."""
 TINY = float(np.finfo(float).tiny)
@@ -180,26 +183,31 @@ class QuadraticProgram:
             if status.solved:
                 x[i], lam[i] = found, info["lam"]
         lam *= self._cost_size
-        sound = self._kkt(f, low, high, x, lam) <= KKT
+        sound = self._kkt(f, low, high, x, lam, KKT) <= KKT
         for i in np.flatnonzero(~sound & ~missing & ~empty).tolist():
-            believed = statuses[i] is QpStatus.INFEASIBLE and not self._nearly_dependent
+            # Hard rows only leave no point; DAQP says so of soft rows in small units, too.
+            unsure = self._nearly_dependent or self._marks.any()
+            believed = statuses[i] is QpStatus.INFEASIBLE and not unsure
             if statuses[i] is not QpStatus.ITERATION_LIMIT and not believed:
                 statuses[i] = self._again(f[i], low[i], high[i], x[i], lam[i])
         return x, lam, statuses
 
     def _again(self, f: Array, low: Array, high: Array, x: Array, lam: Array) -> QpStatus:
-        """Solve a problem by the other method, write its minimum and multipliers, NaN unless solved; its status."""
+        """Solve a problem by the other method, and write the better one of both answers, NaN unless it is solved."""
         from rmpc_bench.numerics.qp_refined import refined
 
+        answers = [(x.copy(), lam.copy())]
         x[:], lam[:] = np.nan, np.nan
-        try:
+        with suppress(ValueError, np.linalg.LinAlgError):
             found = refined(self.H, self.A, self._marks == SOFT, self._weights, f, low, high)
-        except (ValueError, np.linalg.LinAlgError):
+            if found is None:
+                return QpStatus.INFEASIBLE
+            answers.append(found)
+        points, multipliers = (np.array(each) for each in zip(*answers, strict=True))
+        residuals = self._kkt(f[None], low[None], high[None], points, multipliers, ACCEPTED)
+        if not np.nanmin(np.append(residuals, np.inf)) <= ACCEPTED:
             return QpStatus.FAILED
-        if found is None:
-            return QpStatus.INFEASIBLE
-        if not self._kkt(*(each[None] for each in (f, low, high, *found)))[0] <= KKT:
-            return QpStatus.FAILED
+        found = answers[int(np.nanargmin(residuals))]
         x[:], lam[:] = found
         used = (self._slacks(mv(self._matrices[1], x[None]), low, high) > 0.0).any()
         return QpStatus.SOFTENED if used else QpStatus.OPTIMAL
@@ -209,8 +217,13 @@ class QuadraticProgram:
         slacks: Array = np.where(self._marks == SOFT, np.maximum(np.maximum(low - z, z - high), 0.0), 0.0)
         return slacks
 
-    def _kkt(self, f: Array, low: Array, high: Array, x: Array, lam: Array) -> Float[Array, " problems"]:
-        """Return the largest residual of a condition of the minimum, relative to its largest term; NaN if unsolved."""
+    def _kkt(
+        self, f: Array, low: Array, high: Array, x: Array, lam: Array, rounding: float
+    ) -> Float[Array, " problems"]:
+        """Return the largest residual of a condition of the minimum, relative to its largest term; NaN if unsolved.
+
+        A soft row that is violated by less than `rounding`, relative to its size, is not taken for one that gives way.
+        """
         rows, gradient, all_terms = self._conditions
         n, both = x.shape[1], np.concatenate([x, lam], axis=1)
         sizes, z = np.abs(both), mv(rows, x)
@@ -225,7 +238,7 @@ class QuadraticProgram:
             (linear, quadratic), soft, eps = self._weights, self._marks == SOFT, self._slacks(z, low, high)
             outside, distance = outside - eps, distance - np.copysign(eps, lam)
             price = sizes[:, n:] - linear - quadratic * eps
-            price = np.where(eps > KKT * size, np.abs(price), price) / np.maximum(
+            price = np.where(eps > rounding * size, np.abs(price), price) / np.maximum(
                 np.maximum(sizes[:, n:], linear), TINY
             )
             worst.append(np.where(soft, price, 0.0))

@@ -195,3 +195,32 @@ def test_laws_with_constant_terms_have_gains(rng):
     filter_ = kalman.design(moved, 3, x0=np.zeros(2), P0=np.eye(2))
     assert lqg.design(moved, 0.1, filter_, Q_x=1.0, Q_i=0.0, R_u=1.0).linear_law().affine
     assert pid.design(model, 0.1, Kp=1.0).linear_law().affine is False
+
+
+@pytest.mark.parametrize("linear", [1e2, 1e5, 1e6, 1e7, 1e8])
+def test_large_weights_of_slacks_are_solved(linear):
+    """Oracle: the limit of a weight without end, where the least violation decides: u = 1, by an interior-point method
+    in 700 bits.
+    """
+    model = model_of([[0.9, -0.1], [0.8, 0.1]], [[-0.3], [1.0]], [[1.0, 0.0]])
+    soft = {"s": SoftLimit((-0.3, 0.3), linear, 1.0, of=[[-0.2, -1.3]])}
+    law = mpc.design(model, Hp=8, Hu=3, Q=1.0, R=0.1, limits=Limits(u=(-1.0, 1.0), enforce="qp"), soft=soft)
+    _, command = law.control(
+        0, MpcState(np.zeros((1, 1))), np.zeros((1, 1)), estimate_of(np.array([[1.9, 0.7]])), np.ones((9, 1))
+    )
+    assert command.info["qp"][0] == OptimisedStep.SOFTENED
+    np.testing.assert_allclose(command.u[0], [1.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("x", [[1.0, 0.2], [5.0, 1.0]])
+@pytest.mark.parametrize("gap", [1e-2, 3e-6, 1e-7])
+def test_soft_limits_in_small_units_are_never_infeasible(gap, x):
+    """Oracle: an input within its limits is a point of the program; u = -1 by an interior-point method in 700 bits."""
+    model = model_of([[1.2, 0.1], [0.0, 0.9]], [[1.0], [0.1]], [[1.0, 0.0]])
+    soft = {"x.0": SoftLimit((0.2, 0.2 + gap), 1.0, None)}
+    law = mpc.design(model, Hp=5, Hu=3, Q=1.0, R=0.1, limits=Limits(u=(-1.0, 1.0), enforce="qp"), soft=soft)
+    _, command = law.control(
+        0, MpcState(np.zeros((1, 1))), np.zeros((1, 1)), estimate_of(np.array([x])), np.ones((6, 1))
+    )
+    assert command.info["qp"][0] == OptimisedStep.SOFTENED
+    np.testing.assert_allclose(command.u[0], [-1.0], atol=1e-6)
