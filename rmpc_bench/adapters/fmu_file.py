@@ -72,6 +72,8 @@ def described(files: Sequence[Any], signals: Signals, p: Sequence[str], named: M
     if len(files) != 1:
         raise DesignError(f"must be one file (got {len(files)})", "fmu")
     path, fmpy = str(files[0]), library("fmu")
+    if reason := refused(path):
+        raise DesignError(reason, "fmu")
     try:
         found = fmpy.read_model_description(path)
     except Exception as error:

@@ -10,7 +10,7 @@ from shlex import quote
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from rmpc_bench.config.code_version import code_version
 from rmpc_bench.config.relocation import COPIES, check_copies
@@ -23,6 +23,7 @@ from rmpc_bench.execution.shard_rows import LIBRARIES, join_libraries, readable_
 from rmpc_bench.execution.shards import FOLDER, Shard, shards_in
 from rmpc_bench.execution.store import Store
 from rmpc_bench.execution.stored_experiment import PointMethod, StoredExperiment, read_experiment, write_experiment
+from rmpc_bench.received.plain_files import DamagedError
 from rmpc_bench.replaced_file import inside, refuse_outside, replaced
 from rmpc_bench.types import Array
 
@@ -40,6 +41,16 @@ class Merged(NamedTuple):
     shards: tuple[Shard, ...]
     missing: tuple[str, ...]
     """Which runs are missing, in words; empty when the experiment is complete."""
+
+
+class _Missing(NamedTuple):
+    """Trials that no store has."""
+
+    names: tuple[str, ...]
+    """Of the methods."""
+    runs: Bool[Array, " runs"]
+    """Whether a run is missing of any of them."""
+    n: int
 
 
 class _ShardRecord(NamedTuple):
@@ -92,13 +103,16 @@ def merge(directory: str | Path, *, partial: bool = False, say: Callable[[str], 
             f"{place}: there are no shards; `rmpc-bench run CONFIG --shard I/N -o {quote(str(place))}` computes one"
         )
     _check(place, parts)
-    experiment = _joined([part.experiment for part in parts])
-    missing = _missing(experiment, finished)
-    if missing and not partial:
+    try:
+        experiment = _joined([part.experiment for part in parts])
+        missing = _missing(experiment, finished)
+    except (KeyError, IndexError, ValueError):
+        raise DamagedError(f"{place}: the layouts of the shards differ, compute the shards again") from None
+    if missing.n and not partial:
         raise StoreError("\n".join([f"{place}: the shards are incomplete", *_said(place, missing), _ways_out(place)]))
     with inside(place), Store(place) as store:
         _copy(place, store, experiment, parts, say=say, partial=partial)
-        with _progress(place, store, experiment, sum(map(len, missing.values()))):
+        with _progress(place, store, experiment, missing.n):
             pass
     return Merged(tuple(part.shard for part in parts), tuple(_said(place, missing)))
 
@@ -202,26 +216,27 @@ def _has_series(method: PointMethod) -> bool:
     return bool(method.series) or method.moments is not None
 
 
-def _missing(experiment: StoredExperiment, finished: _Finished) -> _Finished:
-    """Return (point, method) -> the runs that no store has; trials that points of a sweep share count once."""
-    found: _Finished = {}
+def _missing(experiment: StoredExperiment, finished: _Finished) -> _Missing:
+    """Find the trials that no store has; trials that points of a sweep share count once."""
+    names, anywhere, count = dict[str, None](), np.zeros(experiment.n_runs, dtype=bool), 0
     seen = set[str]()
     for (number, name), runs in finished.items() if experiment.has_runs else ():
         key = experiment.points[number].methods[name].key
-        missing = np.setdiff1d(np.arange(experiment.n_runs), runs)
-        if key not in seen and len(missing):
-            found[number, name] = missing
+        lacks = np.ones(experiment.n_runs, dtype=bool)
+        lacks[runs] = False
+        if key not in seen and lacks.any():
+            names[name], count = None, count + int(lacks.sum())
+            anywhere |= lacks
         seen.add(key)
-    return found
+    return _Missing(tuple(names), anywhere, count)
 
 
-def _said(directory: Path, missing: _Finished) -> list[str]:
+def _said(directory: Path, missing: _Missing) -> list[str]:
     """Say which runs are missing: of every shard where there is one division into shards, else of all."""
-    if not missing:
+    if not missing.n:
         return []
-    runs = np.unique(np.concatenate([*missing.values()])).tolist()
-    names = ", ".join(dict.fromkeys(name for _, name in missing))
-    return [f"  runs {said_runs(runs)} are missing ({names})", *_lost(directory)]
+    runs = said_runs(np.flatnonzero(missing.runs))
+    return [f"  runs {runs} are missing ({', '.join(missing.names)})", *_lost(directory)]
 
 
 def _lost(directory: Path) -> list[str]:

@@ -171,6 +171,8 @@ def _files(directory: Path) -> Iterator[tuple[str, Path]]:
     for path in named:
         if not stat.S_ISREG(path.lstat().st_mode):
             raise ArchiveError(f"{path}: is no regular file")
+        if not path.resolve().is_relative_to(directory.resolve()):
+            raise ArchiveError(f"{path}: lies outside of {directory}, through a symbolic link")
         yield path.relative_to(directory).as_posix(), path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -197,7 +198,8 @@ class _Packed:
         file = json_of(self._directory / "claims.json", CLAIMS, "") or {"claims": []}
         stated = file["claims"] if all_runs else _claims(packed)
         before = {claim["statement"]: claim for claim in stated}
-        found = []
+        counts = Counter(claim["statement"] for claim in stated)
+        found = [f"claims.json: {text[:60]!r} is given {n} times" for text, n in counts.items() if n > 1]
         for claim in _claims(here):
             texts = (json.dumps(each, indent=1) for each in (before.get(claim["statement"]), claim))
             outcome = compared_text(claim["id"] or claim["statement"], *texts, exact=not self.versions)

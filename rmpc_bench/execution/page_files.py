@@ -149,8 +149,13 @@ def place_of(directory: Path) -> str:
 
 
 def _configuration(directory: Path) -> tuple[str, Mapping[str, Any]]:
-    """Return the configuration with every default as text and as data; both empty if it is not there."""
+    """Return the configuration with every default as text and as data; both empty if it is not there.
+
+    A symbolic link in a directory of somebody else could lead to a private file.
+    """
     file = directory / CONFIGURATION
+    if file.is_symlink():
+        return "", {}
     try:
         data = plain(load(file))
         return text_of(file), data if isinstance(data, dict) else {}

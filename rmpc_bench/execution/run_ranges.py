@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from jaxtyping import Int
+
 from rmpc_bench.execution.chunks import ranges
+from rmpc_bench.types import Array
 
 MOST = 5
 """Ranges that are named."""
 
 
-def said_runs(runs: Sequence[int]) -> str:
+def said_runs(runs: Sequence[int] | Int[Array, " runs"]) -> str:
     """Return sorted runs as ranges, such as ``0 to 28, 57``; of many ranges the first ones.
 
     Examples

@@ -31,7 +31,6 @@ NO_CODE = "RMPC_BENCH_NO_CODE"
 ENDINGS = (".py", ".pyc", ".pyw", ".pyd", ".so", ".dll", ".dylib", ".pth", ".fmu")
 _STARTS = (b"\x7fELF", b"MZ", b"#!", b"\xca\xfe\xba\xbe", b"\xfe\xed\xfa", b"\xce\xfa\xed\xfe", b"\xcf\xfa\xed\xfe")
 """First bytes of programs and libraries of Linux, Windows and macOS, and of scripts."""
-_OF_FMU = "modeldescription.xml"
 VERIFIED = "verified_on.json"
 """The file to which every verification of an archive appends a record; its directory came from elsewhere."""
 UNKNOWN = {"commit": "unknown"}
@@ -44,7 +43,10 @@ accepted: set[Path] = set()
 
 
 def is_code(path: Path) -> bool:
-    """Whether a file can execute: by its ending, its first bytes, or as a zip archive that is an FMU."""
+    """Whether a file can execute: by its ending, its first bytes, or as a zip archive of anything but arrays.
+
+    A file may be an archive and text at once, and an FMU is taken out whatever its ending and its entries are.
+    """
     if path.suffix.lower() in ENDINGS:
         return True
     try:
@@ -52,9 +54,11 @@ def is_code(path: Path) -> bool:
             if file.read(4).startswith(_STARTS):
                 return True
         with zipfile.ZipFile(path) as archive:
-            return any(name.lower() == _OF_FMU for name in archive.namelist())
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+            return not all(name.endswith(".npy") for name in archive.namelist())
+    except (OSError, zipfile.BadZipFile):
         return False
+    except (ValueError, NotImplementedError):
+        return True
 
 
 def refused(name: str) -> str:

@@ -284,3 +284,28 @@ def test_a_pipe_in_place_of_a_table_ends_pack(here, tmp_path):
     os.mkfifo(out / "trials.csv")
     result = cli("pack", out, "-o", tmp_path / "x.zip")
     assert result.exit_code == 2 and "trials.csv" in result.stderr
+
+
+def test_statements_of_claims_that_are_given_twice(here, tmp_path):
+    """The last one would hide the first."""
+    data = json.loads(packed.contents(here / "tiny.zip")["claims.json"])
+    data["claims"].insert(0, data["claims"][0] | {"finding": "not confirmed"})
+    file = forged_packs.archive_with(here / "tiny.zip", tmp_path / "x.zip", {"claims.json": json.dumps(data).encode()})
+    result = cli("verify", file, "-j", 1, "--claim", "better")
+    assert result.exit_code == 1 and "is given 2 times" in result.stdout
+
+
+def test_files_behind_a_link_are_neither_packed_nor_shown(here, tmp_path):
+    """A directory of somebody else may have links to private files."""
+    (tmp_path / "private").write_text("secret: 1\n", encoding="utf-8")
+    out = shutil.copytree(here / "out", tmp_path / "out")
+    (out / "config.resolved.yaml").unlink()
+    (out / "config.resolved.yaml").symlink_to(tmp_path / "private")
+    assert cli("report", out, "--to", tmp_path / "to").exit_code == 0
+    assert "secret" not in (tmp_path / "to" / "report.html").read_text(encoding="utf-8")
+    (tmp_path / "tuning").mkdir()
+    (tmp_path / "tuning" / "seconds.json").write_text("{}", encoding="utf-8")
+    out = shutil.copytree(here / "out", tmp_path / "other")
+    (out / "tuning").symlink_to(tmp_path / "tuning")
+    found = cli("pack", out, "-o", tmp_path / "x.zip")
+    assert found.exit_code == 2 and "through a symbolic link" in found.stderr

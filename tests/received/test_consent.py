@@ -52,6 +52,8 @@ def unit(prefix=b"", name="modelDescription.xml"):
         ("A.PY", b"", True),
         ("a.pth", b"import os", True),
         ("run.csv", b"t,y\n0,1\n", False),
+        ("x.xml", unit(b"<a><!--", name="binaries/linux64/x.so"), True),
+        ("x.csv", unit(b"t,y\n0,1\n", name="y.txt"), True),
         ("run.npz", unit(name="y.npy"), False),
         ("run.csv", b"PK\x03\x04", False),
         ("empty.csv", b"", False),

@@ -260,3 +260,21 @@ def test_a_directory_in_place_of_a_file(place, name):
     (place / name).mkdir(parents=True)
     result = cli("report", place)
     assert result.exit_code == 2 and f"{name}: is a directory; move it away" in result.stderr
+
+
+@pytest.mark.parametrize("change", ["point", "method"])
+def test_shards_with_other_layouts(tmp_path, change):
+    """The hash of the experiment is theirs, the layout is not."""
+    path = write(tmp_path)
+    for shard in ("1/2", "2/2"):
+        assert cli("run", path, "-o", tmp_path / "out", "-j", 1, "--shard", shard, "--progress", "none").exit_code == 0
+    with closing(sqlite3.connect(tmp_path / "out" / "shards" / "2-of-2" / FILE)) as connection, connection:
+        [(text,)] = connection.execute("SELECT value FROM meta WHERE key = 'layout'").fetchall()
+        layout = json.loads(text)
+        if change == "point":
+            layout["points"] *= 2
+        text = json.dumps(layout)
+        text = text.replace("R-MPC", "X-MPC") if change == "method" else text
+        connection.execute("UPDATE meta SET value = ? WHERE key = 'layout'", (text,))
+    result = cli("merge", tmp_path / "out")
+    assert result.exit_code in (2, 5) and "Traceback" not in result.stderr and "shards" in result.stderr
