@@ -9,7 +9,6 @@ else and name a directory of compiled code.  Variables such as NUMBA_CACHE_DIR, 
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from contextlib import chdir
@@ -20,7 +19,7 @@ from typing import Any, TypeVar, cast
 from rmpc_bench.numerics.code_cache import WITHOUT_FILE
 
 if "numba" not in sys.modules:
-    with chdir(os.path.dirname(__file__)):
+    with chdir(sys.prefix):
         import_module("numba").core.config._config_fname = ""
 numba: Any = import_module("numba")
 
