@@ -97,7 +97,7 @@ def _message(entry: Any, kind: Any, steps: Sequence[str | int], further: Sequenc
         return f"{text} (got {shown(entry['input'])}); {row_by_row(entry['input'])}"
     if entry["type"] == "value_error" and _is_flat(entry["input"]) and steps:
         if isinstance(steps[-1], int):
-            return f"must be one number, not a list (got {entry['input']}); a matrix is given as `cov`"
+            return f"must be one number, not a list (got {entry['input']})"
         return f"must be one value (got {entry['input']}); several values are compared by `sweep`"
     return text if entry["type"] == "value_error" else f"{text} (got {shown(entry['input'])})"
 

@@ -103,7 +103,7 @@ ERRORS = {
     ),
     "a matrix of standard deviations": (
         linear(noise="{process: {gaussian: {std: [[0.1, 0], 0.1]}}}"), "noise.process.gaussian.std.0", "[0.1, 0]",
-        "must be one number, not a list (got [0.1, 0]); a matrix is given as `cov`",
+        "must be one number, not a list (got [0.1, 0])",
     ),
     "the noise of a common model where each method has its own": (
         linear(model=None, methods=f"{{K: {{estimator: {{kind: kalman}}, model: {OWN}}}}}", noise="same"),

@@ -119,7 +119,7 @@ def test_values_that_are_accepted(annotation, yaml, value):
             "[[1]]",
             "1:5",
             "a.0",
-            "must be one value (got [1]); several values are compared by `sweep`",
+            "must be one number, not a list (got [1])",
         ),
         (float, "true", "1:4", "a", "expected a number or arithmetic such as '2*pi' (got True)"),
         (float, ".nan", "1:4", "a", "nan is not a quantity; numbers here are finite"),

@@ -28,6 +28,8 @@ def made(tmp_path_factory):
         connection.execute("INSERT INTO held VALUES (1, 0, 3)")
         connection.execute("INSERT INTO warnings VALUES (1, 0, 6, 'slow', 2)")
         connection.execute("INSERT INTO failed_steps VALUES (1, 0, 3, 1)")
+        # Durations of a block in which something was compiled are not stored.
+        connection.execute("INSERT OR REPLACE INTO durations VALUES (1, 0, 6, 'step', 1e-3, '[[5, 6]]')")
         failure = {"run": 0, "status": 3, "component": "plant", "k": 1, "message": "\u001b[31mred"}
         connection.execute("INSERT INTO failures VALUES (1, 0, ?)", (json.dumps(failure),))
     assert load_results(place / "out").trials.notes["S-MPC"]

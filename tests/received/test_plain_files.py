@@ -108,7 +108,7 @@ def test_status_of_wrong_fields(made, tmp_path, seed):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[" * 200_000, "more lists and objects"),
+        ("[" * 200_000, "too many lists and objects"),
         ("[" * 5_000, "levels deep"),
         ('{"looks": {"a": 1}, "versions": [1]}', "versions: must be an object"),
         ('{"seed": 1, "seed": 2}', "'seed' is given twice"),
