@@ -13,7 +13,7 @@ from rmpc_bench.cli.typed_files import TypedPath
 
 @click.command()
 @click.argument("directory", type=TypedPath(exists=True, file_okay=False))
-@click.option("-o", "--output", type=TypedPath(dir_okay=False), help="The archive.  [default: NAME.zip, here]")
+@click.option("-o", "--output", type=TypedPath(dir_okay=False), help="The archive.  [default: NAME.zip]")
 @click.option("--author", "authors", multiple=True, metavar="NAME", help="Name of an author; may be repeated.")
 @click.option("--licence", default="", metavar="SPDX", help="Licence of the results, such as CC-BY-4.0.")
 @exits.guarded

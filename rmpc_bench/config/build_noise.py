@@ -48,9 +48,7 @@ class NoiseLaws:
                 self.draft.problems.append(law.law.problem(reason, key))
             return () if reason else (made,)
         path: list[str | int] = ["initial", "x"] if channel == "initial" else ["noise"]
-        if self.draft.model is None and "model" not in self.draft.tree:
-            self.draft.note(path, "'same' is the law of the common design model: 'model' is missing")
-        model = self.model()
+        model = self._common_model(path)
         if model is None:
             return ()
         mean, cov, shape = _model_law(model, n, channel)
@@ -65,6 +63,12 @@ class NoiseLaws:
         same = law.same or SameLaw()
         first = same.noise(mean, cov)
         return (first, ellipsoid(n, shape=shape, scale=same.scale)) if np.any(shape) else (first,)
+
+    def _common_model(self, path: list[str | int]) -> Any:
+        """Return the design model of all methods; None, with an error at the path, where there is none."""
+        if "model" not in self.draft.tree:
+            self.draft.note(path, "'same' is the law of the common design model: 'model' is missing")
+        return self.model()
 
     def refuse_names(self, scenario: Scenario) -> None:
         """Refuse uncertain quantities with the name of a quantity of random bursts: both are columns of one table."""
@@ -82,9 +86,7 @@ class NoiseLaws:
         """
         cross = self.draft.cross
         if cross == "same":
-            if self.draft.model is None and "model" not in self.draft.tree:
-                self.draft.note(["noise"], "'same' is the law of the common design model: 'model' is missing")
-            model = self.model()
+            model = self._common_model(["noise"])
             cross = None if model is None else model.S
         if cross is None or not np.any(cross):
             return scenario

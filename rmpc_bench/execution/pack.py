@@ -117,7 +117,8 @@ def pack(
     contents |= _data_files(config, contents)
     facts = facts_of(results, manifest.read(place), contents, authors, licence)
     contents[CITATION] = citation(facts).encode()
-    facts = facts_of(results, manifest.read(place), contents, authors, licence)
+    hashes = {**facts.hashes, CITATION: _hash_and_size(contents[CITATION])}
+    facts = facts._replace(hashes=dict(sorted(hashes.items())))
     contents |= {VERIFIED: json_bytes([]), METADATA: json_bytes(crate(facts))}
     target = Path(to)
     write_archive(target, contents)
