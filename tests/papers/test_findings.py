@@ -1,21 +1,56 @@
-"""Every configuration of a paper, and every benchmark system, at full size: each recorded finding is found again."""
+"""Every configuration at full size: its recorded findings are found again, its kept results are what is written."""
 
+import itertools
+import subprocess
 from pathlib import Path
 
 import pytest
 
+from rmpc_bench import publish
 from rmpc_bench.claims.verdict import judge
 
-pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[2]
+CONFIGS = sorted(f"{path.parent.name}/{path.stem}" for path in (ROOT / "configs").glob("*/*.yaml"))
+QUICK = ("estimators/bounds", "souto2011/table")
+"""Configurations that take less than 5 s on one core; the default tests compute them, too."""
+SLOW = [name for name in CONFIGS if name not in QUICK]
 
-ROOT = Path(__file__).parents[2] / "configs"
-CONFIGS = sorted(f"{path.parent.name}/{path.stem}" for path in ROOT.glob("*/*.yaml"))
+
+def kept_files(name):
+    """Return the files below results/ that are kept of a configuration, relative to its directory."""
+    directory = ROOT / "results" / name
+    listed = subprocess.run(["git", "ls-files", "."], cwd=directory, capture_output=True, text=True, check=False)
+    return [directory / file for file in listed.stdout.split()]
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+def of_all(names, quick):
+    """Return the names as parameters; all but the quick ones are slow tests."""
+    return [pytest.param(name, marks=[] if name in quick else pytest.mark.slow) for name in names]
+
+
+@pytest.mark.parametrize("name", of_all(CONFIGS, QUICK))
 def test_every_finding_is_the_recorded_one(trials_of, name):
     """What the configuration records is what its trials and moments say."""
     config, trials = trials_of(name)
     found = {claim.says: (judge(claim, trials).finding, claim.finding) for claim in config.claims}
     assert {says: now for says, (now, _) in found.items()} == {says: recorded for says, (_, recorded) in found.items()}
     assert (trials.frame["status"] != "ok").sum() <= config.execution.max_failures
+
+
+@pytest.mark.parametrize("name", of_all((n for n in CONFIGS if (ROOT / "results" / n).is_dir()), QUICK))
+def test_kept_results_are_what_is_written(results_of, name):
+    """Every file that is kept has the bytes that the present code writes."""
+    kept = kept_files(name)
+    if not kept:
+        pytest.skip("nothing of it is kept, or this is no clone")
+    _, results = results_of(name)
+    directory = publish(results, place=f"results/{name}").directory
+    for path in kept:
+        written = directory / path.relative_to(ROOT / "results" / name)
+        assert written.exists(), f"{path.relative_to(ROOT)} is no longer written"
+        if written.read_bytes() != path.read_bytes():
+            pairs = itertools.zip_longest(*(each.read_text("utf-8").splitlines() for each in (path, written)))
+            changed = [f"kept    {old}\nwritten {new}" for old, new in pairs if old != new]
+            pytest.fail(
+                f"{path.relative_to(ROOT)} is stale: rmpc-bench run configs/{name}.yaml\n" + "\n".join(changed[:3])
+            )
